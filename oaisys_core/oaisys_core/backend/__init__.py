@@ -1,0 +1,26 @@
+"""Backends by name; each is imported only when it is chosen."""
+
+from __future__ import annotations
+
+from oaisys_core.backend.base import Backend
+from oaisys_core.errors import InvalidInputError
+
+BACKENDS = ("blender", "analytic")
+
+
+def make_backend(name: str) -> Backend:
+    """Return a new backend.
+
+    Raises:
+        InvalidInputError: There is no backend of that name.
+        BackendUnavailableError: It cannot run here, for instance without ``bpy``.
+    """
+    if name == "blender":
+        from oaisys_core.backend.blender import BlenderBackend
+
+        return BlenderBackend()
+    if name == "analytic":
+        from oaisys_core.backend.analytic import AnalyticBackend
+
+        return AnalyticBackend()
+    raise InvalidInputError("backend", name, f"one of {', '.join(BACKENDS)}")

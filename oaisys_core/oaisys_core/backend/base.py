@@ -1,0 +1,81 @@
+"""What a backend must do: make a scene so, and see it from cameras."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from oaisys_core.scene import PlacedCamera, Scene, Sky
+from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh
+
+ProgressCallback = Callable[[Progress], None]
+"""Called between steps of long work; it may raise `CancelledError` to stop it."""
+
+
+@dataclass(frozen=True)
+class RenderSettings:
+    """How one sample's colour is rendered; depth and labels do not depend on it.
+
+    Attributes:
+        quality: Name of the preset, for provenance.
+        samples: Light samples per pixel.
+        max_bounces: Light bounces.
+        denoise: Whether the denoiser runs after sampling.
+        exposure_ev: Exposure in stops, applied before the view transform.
+        seed: Seed of the light sampling.
+    """
+
+    quality: str
+    samples: int
+    max_bounces: int
+    denoise: bool
+    exposure_ev: float
+    seed: int
+
+
+class Backend(ABC):
+    """Renders `Scene`s; one instance lives as long as the simulation and keeps what it can.
+
+    Every method may raise `RenderError`; none of them draws a random number.
+    """
+
+    name: str
+    """``blender`` or ``analytic``."""
+
+    @property
+    @abstractmethod
+    def version(self) -> str:
+        """Version of what renders, for provenance."""
+
+    @abstractmethod
+    def build(self, scene: Scene, progress: ProgressCallback) -> None:
+        """Replace the world by ``scene``; an unchanged ``stage_hash`` may keep the ground."""
+
+    @abstractmethod
+    def set_sky(self, sky: Sky) -> None:
+        """Change sun and sky of the built world."""
+
+    @abstractmethod
+    def render(
+        self,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback,
+    ) -> tuple[Frame, ...]:
+        """Return one frame per camera and modality, in the cameras' order.
+
+        Depth is planar z at pixel centres, float32, ``+inf`` where nothing was hit; ids are exact
+        and never mixed.
+        """
+
+    @abstractmethod
+    def ground_truth_mesh(self) -> TriangleMesh:
+        """Return the world's surface as rendered, in ``map``, with ids per triangle."""
+
+    @abstractmethod
+    def surface_height_m(self, xy_m: FloatArray) -> FloatArray:
+        """Return (N,) heights of the topmost surface (ground or object) at (N, 2); NaN off it."""
+
+    def close(self) -> None:
+        """Release what the backend holds; nothing may be called afterwards."""

@@ -1,0 +1,65 @@
+"""The world that stands now, and how it is handed to another process."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from oaisys_core.module import World
+from oaisys_core.types import ModuleMetadata, Pose
+
+
+@dataclass
+class Batch:
+    """One world, and what was set since it was built.
+
+    Attributes:
+        seed: What its random draws come from.
+        stage_seed: What its ground and materials were drawn from; differs on a reused stage.
+        metadata: All metadata since the batch began, merged.
+        sample_id: The last sample's; 0 before the first.
+    """
+
+    id: int
+    seed: int
+    stage_seed: int
+    world: World = field(default_factory=World)
+    metadata: ModuleMetadata = field(default_factory=ModuleMetadata)
+    sample_id: int = 0
+
+    def to_state(self, rig_pose: Pose) -> dict[str, Any]:
+        """Return JSON-able data from which `from_state` makes an equal batch, its world unbuilt."""
+        return {
+            "id": self.id,
+            "seed": self.seed,
+            "stage_seed": self.stage_seed,
+            "sample_id": self.sample_id,
+            "pose": {
+                "position_m": list(rig_pose.position_m),
+                "quat_xyzw": list(rig_pose.quat_xyzw),
+            },
+            "environment": dict(self.metadata.environment or {}),
+            "asset": dict(self.metadata.asset or {}),
+            "render": dict(self.metadata.render or {}),
+            "custom": dict(self.metadata.custom),
+        }
+
+    @classmethod
+    def from_state(cls, state: Mapping[str, Any]) -> Batch:
+        """Return the batch of a state, with an empty world; inverse: `to_state`."""
+        pose = state["pose"]
+        metadata = ModuleMetadata(
+            sensor={"pose": Pose(tuple(pose["position_m"]), tuple(pose["quat_xyzw"]))},
+            environment=state["environment"],
+            asset=state["asset"],
+            render=state["render"],
+            custom=state["custom"],
+        )
+        return cls(
+            id=int(state["id"]),
+            seed=int(state["seed"]),
+            stage_seed=int(state["stage_seed"]),
+            metadata=metadata,
+            sample_id=int(state["sample_id"]),
+        )

@@ -1,0 +1,113 @@
+"""YAML files and mappings to a checked `SimulationConfig`, with faults told by path and line."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from oaisys_core.config.model import SimulationConfig
+from oaisys_core.errors import ConfigError
+
+
+def load_config(path: Path) -> SimulationConfig:
+    """Return the configuration in a YAML file; an empty file is the default world.
+
+    Relative folders in it are taken from the file's own folder.
+
+    Raises:
+        ConfigError: With one line per fault: file, line, path, value received, what was expected.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    try:
+        root = yaml.compose(text, Loader=yaml.SafeLoader)
+        data = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: is not YAML: {error}") from error
+    if data is None:
+        data = {}
+    if not isinstance(data, dict):
+        raise ConfigError(f"{path}: received a {type(data).__name__}, expected a mapping")
+    return _checked(data, base=path.parent, source=str(path), root=root)
+
+
+def config_from_mapping(data: Mapping[str, Any], base: Path = Path()) -> SimulationConfig:
+    """Return the configuration given by a plain mapping.
+
+    Raises:
+        ConfigError: With one line per fault.
+    """
+    return _checked(data, base=base, source="config", root=None)
+
+
+def config_sha256(config: SimulationConfig) -> str:
+    """Return the hash of a configuration's canonical JSON form."""
+    canonical = json.dumps(config.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def _checked(
+    data: Mapping[str, Any], base: Path, source: str, root: yaml.Node | None
+) -> SimulationConfig:
+    try:
+        config = SimulationConfig.model_validate(data)
+    except ValidationError as error:
+        lines = (_fault(detail, source, root) for detail in error.errors())
+        raise ConfigError("\n".join(lines)) from error
+    return _with_absolute_folders(config, base)
+
+
+def _with_absolute_folders(config: SimulationConfig, base: Path) -> SimulationConfig:
+    layers = []
+    for index, layer in enumerate(config.materials.layers):
+        folder = layer.folder
+        if folder is not None:
+            folder = (base / folder.expanduser()).resolve()
+            if not folder.is_dir():
+                raise ConfigError(
+                    f"materials.layers.{index}.folder: received {str(layer.folder)!r},"
+                    " expected an existing folder of texture maps"
+                )
+        layers.append(layer.model_copy(update={"folder": folder}))
+    materials = config.materials.model_copy(update={"layers": tuple(layers)})
+    return config.model_copy(update={"materials": materials})
+
+
+def _fault(detail: ErrorDetails, source: str, root: yaml.Node | None) -> str:
+    path = ".".join(str(part) for part in detail["loc"]) or "(whole file)"
+    line = _line_of(root, detail["loc"])
+    where = source if line is None else f"{source}:{line}"
+    if detail["type"] == "extra_forbidden":
+        return f"{where}: {path}: unknown key"
+    received = "" if detail["type"] == "missing" else f" received {_short(detail['input'])},"
+    return f"{where}: {path}:{received} {detail['msg']}"
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 80 else text[:77] + "..."
+
+
+def _line_of(node: yaml.Node | None, loc: Iterable[int | str]) -> int | None:
+    """Return the line (from 1) of the deepest node on a path that the file has."""
+    if node is None:
+        return None
+    for part in loc:
+        child: yaml.Node | None = None
+        if isinstance(node, yaml.MappingNode):
+            child = next((v for k, v in node.value if k.value == part), None)
+        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int):
+            child = node.value[part] if part < len(node.value) else None
+        if child is None:
+            break
+        node = child
+    return node.start_mark.line + 1

@@ -1,0 +1,17 @@
+"""What to build: one module per aspect of the world. None of them knows Blender."""
+
+from oaisys_core.modules.assets import AssetsModule
+from oaisys_core.modules.environment import EnvironmentModule
+from oaisys_core.modules.materials import MaterialsModule
+from oaisys_core.modules.render import RenderModule
+from oaisys_core.modules.sensors import SensorsModule
+from oaisys_core.modules.stage import StageModule
+
+__all__ = [
+    "AssetsModule",
+    "EnvironmentModule",
+    "MaterialsModule",
+    "RenderModule",
+    "SensorsModule",
+    "StageModule",
+]

@@ -1,0 +1,275 @@
+"""What a batch's world *is*: plain typed data that modules draw and backends make so.
+
+Everything is in ``map`` (metres, z up). Nothing here draws random numbers or renders.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+
+
+@dataclass(frozen=True)
+class HeightField:
+    """The ground as a regular grid of elevations, triangulated along one diagonal.
+
+    The surface *is* the triangulation: every backend, label and query uses the same one.
+
+    Attributes:
+        elevation_m: (rows, cols) float32; row i lies at y = origin + i * spacing, column j at
+            x = origin + j * spacing.
+        origin_xy_m: (x, y) of elevation[0, 0].
+        spacing_m: Distance of neighbouring grid points.
+    """
+
+    elevation_m: NDArray[np.float32]
+    origin_xy_m: tuple[float, float]
+    spacing_m: float
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """(min_x, min_y, max_x, max_y) of the ground."""
+        rows, cols = self.elevation_m.shape
+        x0, y0 = self.origin_xy_m
+        return (x0, y0, x0 + (cols - 1) * self.spacing_m, y0 + (rows - 1) * self.spacing_m)
+
+    def vertices_m(self) -> NDArray[np.float32]:
+        """Return (rows * cols, 3) float32 vertices, row by row."""
+        rows, cols = self.elevation_m.shape
+        x0, y0, x1, y1 = self.extent_m
+        vertices = np.empty((rows, cols, 3), dtype=np.float32)
+        vertices[..., 0] = np.linspace(x0, x1, cols)[None, :]
+        vertices[..., 1] = np.linspace(y0, y1, rows)[:, None]
+        vertices[..., 2] = self.elevation_m
+        return vertices.reshape(-1, 3)
+
+    def triangles(self) -> NDArray[np.int32]:
+        """Return (2 * (rows - 1) * (cols - 1), 3) int32 indices, counter-clockwise from above.
+
+        Each cell is cut from its (row, col) corner to its (row + 1, col + 1) corner; the lower
+        triangle (towards +x) comes first.
+        """
+        rows, cols = self.elevation_m.shape
+        index = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
+        a, b = index[:-1, :-1], index[:-1, 1:]
+        c, d = index[1:, 1:], index[1:, :-1]
+        return np.asarray(np.stack((a, b, c, a, c, d), axis=-1).reshape(-1, 3), dtype=np.int32)
+
+    def height_at(self, xy_m: ArrayLike) -> FloatArray:
+        """Return (N,) elevations of the triangulated surface at (N, 2) points; NaN off it."""
+        xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
+        rows, cols = self.elevation_m.shape
+        grid = (xy - np.asarray(self.origin_xy_m)) / self.spacing_m
+        inside = ((grid >= 0) & (grid <= (cols - 1, rows - 1))).all(axis=1)
+        safe = np.where(inside[:, None], grid, 0.0)
+        cell = np.minimum(np.floor(safe), (cols - 2, rows - 2)).astype(np.intp)
+        s, t = (safe - cell).T
+        z = self.elevation_m.astype(np.float64, copy=False)
+        z00, z10 = z[cell[:, 1], cell[:, 0]], z[cell[:, 1], cell[:, 0] + 1]
+        z01, z11 = z[cell[:, 1] + 1, cell[:, 0]], z[cell[:, 1] + 1, cell[:, 0] + 1]
+        lower = z00 + s * (z10 - z00) + t * (z11 - z10)
+        upper = z00 + t * (z01 - z00) + s * (z11 - z01)
+        return np.where(inside, np.where(s >= t, lower, upper), np.nan)
+
+
+@dataclass(frozen=True)
+class PbrMaps:
+    """One tileable texture set, all maps square and of one size.
+
+    Attributes:
+        name: For messages and caches.
+        color_srgb: (N, N, 3) uint8, sRGB-encoded albedo; row 0 is the top of the image.
+        height: (N, N) float32, 0 to 1.
+        normal_gl: (N, N, 3) uint8, tangent-space normals in OpenGL's convention (green up).
+        roughness: (N, N) uint8, linear.
+        tile_m: Edge length of one tile in metres.
+    """
+
+    name: str
+    color_srgb: NDArray[np.uint8]
+    height: NDArray[np.float32]
+    normal_gl: NDArray[np.uint8]
+    roughness: NDArray[np.uint8]
+    tile_m: float
+
+
+@dataclass(frozen=True)
+class TerrainLayer:
+    """A texture set on the ground together with the label its surface carries."""
+
+    label: str
+    semantic_id: int
+    maps: PbrMaps
+
+
+@dataclass(frozen=True)
+class TerrainMaterial:
+    """Layers of the ground, blended by one weight mask per layer.
+
+    Attributes:
+        layers: At least one.
+        masks: (L, M, M) float32 weights over the extent, texels at the centres of an M x M grid;
+            row 0 at min_y, column 0 at min_x. They sum to 1.
+        extent_m: (min_x, min_y, max_x, max_y) the masks cover.
+    """
+
+    layers: tuple[TerrainLayer, ...]
+    masks: NDArray[np.float32]
+    extent_m: tuple[float, float, float, float]
+
+    def weights_at(self, xy_m: ArrayLike) -> FloatArray:
+        """Return (N, L) bilinearly interpolated weights at (N, 2) points, clamped at the border."""
+        xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
+        x0, y0, x1, y1 = self.extent_m
+        size = self.masks.shape[1]
+        texel = (xy - (x0, y0)) / (x1 - x0, y1 - y0) * size - 0.5
+        texel = np.clip(texel, 0, size - 1)
+        low = np.minimum(np.floor(texel), size - 2).astype(np.intp)
+        s, t = (texel - low).T
+        m = self.masks.astype(np.float64, copy=False)
+        col, row = low.T
+        return np.asarray(
+            (m[:, row, col] * (1 - s) + m[:, row, col + 1] * s) * (1 - t)
+            + (m[:, row + 1, col] * (1 - s) + m[:, row + 1, col + 1] * s) * t
+        ).T
+
+    def winning_layer(self, xy_m: ArrayLike) -> NDArray[np.intp]:
+        """Return (N,) index of the heaviest layer at (N, 2) points; the first one wins a tie."""
+        return np.asarray(np.argmax(self.weights_at(xy_m), axis=1), dtype=np.intp)
+
+    def semantic_ids_at(self, xy_m: ArrayLike) -> NDArray[np.uint16]:
+        """Return (N,) uint16 label ids at (N, 2) points: those of the winning layers."""
+        ids = np.array([layer.semantic_id for layer in self.layers], dtype=np.uint16)
+        return np.asarray(ids[self.winning_layer(xy_m)])
+
+
+@dataclass(frozen=True)
+class MeshPrototype:
+    """A mesh that stands in the world many times.
+
+    Attributes:
+        vertices_m: (V, 3) float32 in the object's own frame, origin at its base's centre.
+        triangles: (T, 3) int32, counter-clockwise from outside.
+        maps: Surface texture, projected from three sides (triplanar), or None for ``color_srgb``.
+        color_srgb: Plain colour where there are no maps.
+    """
+
+    name: str
+    vertices_m: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    maps: PbrMaps | None = None
+    color_srgb: tuple[float, float, float] = (0.5, 0.5, 0.5)
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where one prototype stands.
+
+    Attributes:
+        prototype: Index into `Scene.prototypes`.
+        T_map_object: (N, 4, 4) float64, rotation times uniform scale, and translation.
+        instance_ids: (N,) uint32, unique in the scene, from 1.
+    """
+
+    prototype: int
+    semantic_id: int
+    T_map_object: FloatArray
+    instance_ids: NDArray[np.uint32]
+
+
+@dataclass(frozen=True)
+class Primitive:
+    """An exact solid, for tests and calibration targets.
+
+    Attributes:
+        shape: ``sphere`` (of radius size_m[0]) or ``box`` (edge lengths size_m).
+        T_map_object: (4, 4) rigid pose of its centre.
+    """
+
+    shape: str
+    size_m: tuple[float, float, float]
+    T_map_object: FloatArray
+    instance_id: int
+    semantic_id: int
+    color_srgb: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Sky:
+    """Sun and sky.
+
+    Attributes:
+        sun_elevation_rad: Above the horizon.
+        sun_azimuth_rad: From +x (east) counter-clockwise towards +y (north), as in ``map``.
+        sun_strength_w_m2: Irradiance of the sun on a surface facing it.
+        sun_angular_diameter_rad: Sets how soft shadows are.
+        sky_strength: Factor on the sky's radiance.
+        air, dust, ozone: Densities of the atmosphere, 1 is Earth's on a clear day.
+        semantic_id: Label of pixels that hit nothing.
+    """
+
+    sun_elevation_rad: float
+    sun_azimuth_rad: float
+    sun_strength_w_m2: float
+    sun_angular_diameter_rad: float
+    sky_strength: float
+    air: float
+    dust: float
+    ozone: float
+    semantic_id: int = 0
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One batch's world.
+
+    Attributes:
+        stage_hash: Content hash of the ground, so that a backend can keep what did not change.
+        semantic_labels: Name by id of everything in it.
+    """
+
+    ground: HeightField
+    material: TerrainMaterial
+    prototypes: tuple[MeshPrototype, ...]
+    placements: tuple[Placement, ...]
+    primitives: tuple[Primitive, ...]
+    sky: Sky
+    semantic_labels: Mapping[int, str]
+    stage_hash: str = ""
+    custom: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PlacedCamera:
+    """A camera at the moment of a sample.
+
+    Attributes:
+        T_map_camera: (4, 4) pose of its optical frame.
+        modalities: What to render.
+    """
+
+    name: str
+    intrinsics: PinholeIntrinsics
+    T_map_camera: FloatArray
+    modalities: tuple[str, ...]
+
+
+def merge_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:
+    """Return one mesh of several; ids must be present in all of them or in none."""
+    offsets = np.cumsum([0] + [len(m.vertices_m) for m in meshes[:-1]])
+    semantic = [m.semantic_ids for m in meshes if m.semantic_ids is not None]
+    instance = [m.instance_ids for m in meshes if m.instance_ids is not None]
+    return TriangleMesh(
+        vertices_m=np.concatenate([m.vertices_m for m in meshes]),
+        triangles=np.concatenate(
+            [m.triangles + np.int32(o) for m, o in zip(meshes, offsets, strict=True)]
+        ),
+        semantic_ids=np.concatenate(semantic) if semantic else None,
+        instance_ids=np.concatenate(instance) if instance else None,
+    )

@@ -1,0 +1,276 @@
+"""The simulator: two verbs, `Simulation.step_batch` and `Simulation.step_sample`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from oaisys_core import randomness
+from oaisys_core.backend import make_backend
+from oaisys_core.backend.base import Backend, ProgressCallback
+from oaisys_core.batch import Batch
+from oaisys_core.config import SimulationConfig, config_sha256
+from oaisys_core.errors import InvalidInputError, NotReadyError
+from oaisys_core.module import Module, World, drawn
+from oaisys_core.modules import (
+    AssetsModule,
+    EnvironmentModule,
+    MaterialsModule,
+    RenderModule,
+    SensorsModule,
+    StageModule,
+)
+from oaisys_core.modules.sensors import select
+from oaisys_core.types import (
+    RGB,
+    FloatArray,
+    HeightQuery,
+    ModuleMetadata,
+    Progress,
+    Provenance,
+    Sample,
+    SimulatorInfo,
+    TriangleMesh,
+)
+
+DRAW_SHARE = 0.5
+"""Share of a batch's progress until the backend begins to build."""
+
+
+def ignore_progress(progress: Progress) -> None:
+    """Do nothing with it."""
+
+
+class Simulation:
+    """Draws worlds from a configuration's seed and renders them sample by sample."""
+
+    def __init__(self, config: SimulationConfig, backend: Backend | None = None) -> None:
+        """Set all modules up; nothing is rendered yet.
+
+        Raises:
+            ConfigError: The configuration names something that does not exist.
+            BackendUnavailableError: The backend cannot run here.
+        """
+        self._config = config
+        self._config_sha256 = config_sha256(config)
+        self._sensors = SensorsModule(config.sensors)
+        materials = config.materials
+        self._modules: tuple[Module, ...] = (
+            StageModule(config.stage),
+            MaterialsModule(materials),
+            AssetsModule(config.assets, materials.texture_size_px, materials.texture_seed),
+            EnvironmentModule(config.environment),
+            self._sensors,
+            RenderModule(config.render),
+        )
+        self._backend = backend if backend is not None else make_backend(config.backend)
+        self._batch: Batch | None = None
+        self._last_batch_id = 0
+        for module in self._modules:
+            module.setup()
+
+    def step_batch(
+        self,
+        metadata: ModuleMetadata | None = None,
+        *,
+        seed: int | None = None,
+        reuse_stage: bool = False,
+        progress: ProgressCallback = ignore_progress,
+    ) -> int:
+        """Build a new world and return its batch id.
+
+        Args:
+            metadata: Parts for the modules; an absent part leaves a module its configuration.
+            seed: Seed of this world; None derives it from the root seed and the batch id.
+            reuse_stage: Keep the ground and its material, draw all else anew.
+            progress: Told how far it is; may raise `CancelledError`.
+
+        Raises:
+            InvalidInputError: The metadata cannot be applied; the old world still stands.
+            NotReadyError: ``reuse_stage`` before any batch.
+            RenderError: The backend failed; there is no world until the next batch.
+        """
+        metadata = metadata or ModuleMetadata()
+        batch_id = self._last_batch_id + 1
+        if seed is None:
+            seed = randomness.batch_seed(self._config.seed, batch_id)
+        if not 0 <= seed < 2**63:
+            raise InvalidInputError("seed", seed, "a whole number from 0 to 2**63 - 1")
+        stage_seed = self._current().stage_seed if reuse_stage else seed
+        self._check(metadata)
+        self._build(batch_id, seed, stage_seed, metadata, progress)
+        return batch_id
+
+    def step_sample(
+        self,
+        metadata: ModuleMetadata | None = None,
+        *,
+        modalities: Sequence[str] = (),
+        sensors: Sequence[str] = (),
+        progress: ProgressCallback = ignore_progress,
+    ) -> Sample:
+        """Move sensors and light as the metadata says, render, and return the frames.
+
+        Args:
+            metadata: What changes from here on; ``sensor["pose"]`` moves the rig.
+            modalities: Which of them to render; none named: all of each sensor.
+            sensors: Which of them to render; none named: all.
+
+        Raises:
+            NotReadyError: Before the first batch.
+            InvalidInputError: Metadata, pose, modality or sensor are refused; nothing changed.
+        """
+        started_s = time.perf_counter()
+        batch = self._current()
+        metadata = metadata or ModuleMetadata()
+        self._check(metadata)
+        if metadata.asset:
+            raise InvalidInputError("metadata.asset", dict(metadata.asset), "none at a sample step")
+        select(batch.world.cameras, modalities, sensors)
+        metadata = self._with_admitted_pose(batch, metadata)
+        self._apply(batch, metadata)
+        cameras = select(batch.world.cameras, modalities, sensors)
+        frames = self._backend.render(cameras, drawn(batch.world.render), progress)
+        batch.sample_id += 1
+        has_rgb = any(RGB in camera.modalities for camera in cameras)
+        return Sample(
+            batch_id=batch.id,
+            sample_id=batch.sample_id,
+            rig_pose=drawn(self._sensors.rig_pose),
+            frames=frames,
+            render_time_s=time.perf_counter() - started_s,
+            provenance=self._provenance(batch, has_rgb),
+        )
+
+    def info(self) -> SimulatorInfo:
+        """Return what this simulator is and where it stands."""
+        batch = self._batch
+        ground = batch.world.ground if batch else None
+        render = batch.world.render if batch else None
+        return SimulatorInfo(
+            backend=self._backend.name,
+            backend_version=self._backend.version,
+            seed=self._config.seed,
+            config_sha256=self._config_sha256,
+            quality=render.quality if render else self._config.render.quality,
+            sensors=self._sensors.sensors,
+            semantic_labels=dict(batch.world.semantic_labels) if batch else {},
+            batch_id=batch.id if batch else 0,
+            sample_id=batch.sample_id if batch else 0,
+            stage_extent_m=ground.extent_m if ground else None,
+        )
+
+    def ground_truth_mesh(self) -> TriangleMesh:
+        """Return the surface of the world as rendered, in ``map``."""
+        self._current()
+        return self._backend.ground_truth_mesh()
+
+    def query_height(self, points_m: ArrayLike) -> HeightQuery:
+        """Return the heights under (N, 3) points in ``map``; NaN off the stage.
+
+        Raises:
+            InvalidInputError: The points have another shape or are not finite.
+        """
+        points = np.asarray(points_m, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
+            raise InvalidInputError("points_m", points.shape, "(N, 3) finite coordinates")
+        ground_m = drawn(self._current().world.ground).height_at(points[:, :2])
+        surface_m: FloatArray = np.full(len(points), np.nan)
+        inside = np.isfinite(ground_m)
+        if inside.any():
+            surface_m[inside] = self._backend.surface_height_m(points[inside, :2])
+        return HeightQuery(ground_m, surface_m, points[:, 2] - surface_m)
+
+    def state(self) -> dict[str, Any]:
+        """Return, as JSON-able data, all that another process needs to go on from here."""
+        pose = self._sensors.rig_pose
+        standing = None if self._batch is None or pose is None else self._batch.to_state(pose)
+        return {"last_batch_id": self._last_batch_id, "batch": standing}
+
+    def restore(
+        self, state: Mapping[str, Any], progress: ProgressCallback = ignore_progress
+    ) -> None:
+        """Build the world of a `state` again; what follows is what would have followed there."""
+        self._batch = None
+        standing = state["batch"]
+        if standing is not None:
+            wanted = Batch.from_state(standing)
+            self._build(wanted.id, wanted.seed, wanted.stage_seed, wanted.metadata, progress)
+            self._current().sample_id = wanted.sample_id
+        self._last_batch_id = int(state["last_batch_id"])
+
+    def close(self) -> None:
+        """Release the backend; the simulation cannot be used afterwards."""
+        self._batch = None
+        self._backend.close()
+
+    def _current(self) -> Batch:
+        if self._batch is None:
+            raise NotReadyError("there is no world yet: step a batch first (StepBatch)")
+        return self._batch
+
+    def _check(self, metadata: ModuleMetadata) -> None:
+        known = {module.metadata_part for module in self._modules}
+        for name, value in metadata.custom.items():
+            if name not in known:
+                raise InvalidInputError(f"metadata.custom.{name}", value, "the name of a module")
+        for module in self._modules:
+            module.check(metadata.part(module.metadata_part))
+
+    def _build(
+        self,
+        batch_id: int,
+        seed: int,
+        stage_seed: int,
+        metadata: ModuleMetadata,
+        progress: ProgressCallback,
+    ) -> None:
+        """Draw a world and have the backend build it; on failure there is no world at all."""
+        kept, self._batch = self._batch, None
+        world = World()
+        for index, module in enumerate(self._modules):
+            progress(Progress(module.name, DRAW_SHARE * index / len(self._modules)))
+            of_stage = isinstance(module, StageModule | MaterialsModule)
+            if of_stage and kept is not None and kept.stage_seed == stage_seed:
+                world.keep_stage(kept.world)
+                continue
+            rng = randomness.stream(stage_seed if of_stage else seed, module.name)
+            module.step_batch(world, metadata.part(module.metadata_part), rng)
+        self._backend.build(
+            world.scene(),
+            lambda p: progress(replace(p, fraction=DRAW_SHARE + (1 - DRAW_SHARE) * p.fraction)),
+        )
+        self._batch = Batch(batch_id, seed, stage_seed, world, metadata)
+        self._last_batch_id = batch_id
+
+    def _with_admitted_pose(self, batch: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
+        pose = (metadata.sensor or {}).get("pose") or drawn(self._sensors.rig_pose)
+        extent_m = drawn(batch.world.ground).extent_m
+        admitted = self._sensors.admit(pose, self.query_height, extent_m)
+        return replace(metadata, sensor={"pose": admitted})
+
+    def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:
+        sky_before = batch.world.sky
+        for module in self._modules:
+            rng = randomness.stream(batch.seed, module.name, batch.sample_id + 1)
+            module.step_sample(batch.world, metadata.part(module.metadata_part), rng)
+        if batch.world.sky is not None and batch.world.sky != sky_before:
+            self._backend.set_sky(batch.world.sky)
+        batch.metadata = batch.metadata.updated(metadata)
+
+    def _provenance(self, batch: Batch, has_rgb: bool) -> Provenance:
+        render = drawn(batch.world.render)
+        return Provenance(
+            seed=self._config.seed,
+            batch_seed=batch.seed,
+            config_sha256=self._config_sha256,
+            backend=self._backend.name,
+            backend_version=self._backend.version,
+            quality=render.quality,
+            render_samples=render.samples if has_rgb else 0,
+        )
