@@ -61,8 +61,8 @@ def _checked(
     try:
         config = SimulationConfig.model_validate(data)
     except ValidationError as error:
-        lines = (_fault(detail, source, root) for detail in error.errors())
-        raise ConfigError("\n".join(lines)) from error
+        faults = _root_causes(error.errors())
+        raise ConfigError("\n".join(_fault(fault, source, root) for fault in faults)) from error
     return _with_absolute_folders(config, base)
 
 
@@ -80,6 +80,15 @@ def _with_absolute_folders(config: SimulationConfig, base: Path) -> SimulationCo
         layers.append(layer.model_copy(update={"folder": folder}))
     materials = config.materials.model_copy(update={"layers": tuple(layers)})
     return config.model_copy(update={"materials": materials})
+
+
+def _root_causes(details: list[ErrorDetails]) -> list[ErrorDetails]:
+    """Return the faults without those that only say that something inside them is at fault."""
+
+    def inside(loc: tuple[int | str, ...]) -> bool:
+        return any(len(d["loc"]) > len(loc) and d["loc"][: len(loc)] == loc for d in details)
+
+    return [detail for detail in details if not inside(detail["loc"])]
 
 
 def _fault(detail: ErrorDetails, source: str, root: yaml.Node | None) -> str:

@@ -1,0 +1,101 @@
+"""The ``oaisys`` command: finds its sub-commands among the installed packages.
+
+A package adds a sub-command through the entry point group ``oaisys.commands``: a function with typer
+annotations, or a `typer.Typer` with sub-commands of its own. A function ends normally (exit 0),
+raises an `OaisysError`, or raises `typer.Exit`.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+from importlib.metadata import EntryPoint, entry_points, version
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
+
+COMMAND_GROUP = "oaisys.commands"
+EXIT_FAILED = 1
+EXIT_INVALID_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+
+class _InstalledCommands(TyperGroup):
+    """Loads a sub-command's module only when that command is asked for."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return sorted(entry_points(group=COMMAND_GROUP).names)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        found = entry_points(group=COMMAND_GROUP, name=cmd_name)
+        return _load(next(iter(found))) if found else None
+
+
+def _load(entry: EntryPoint) -> Any:
+    """Return the entry's typer command; one that says why where it cannot be imported."""
+    try:
+        target = entry.load()
+    except (ImportError, AttributeError) as error:
+        target = _unavailable(entry, error)
+    if not isinstance(target, typer.Typer):
+        app = typer.Typer(add_completion=False)
+        app.command(entry.name)(target)
+        target = app
+    command = typer.main.get_command(target)
+    command.name = entry.name
+    return command
+
+
+def _unavailable(entry: EntryPoint, error: Exception) -> typer.Typer:
+    app = typer.Typer(add_completion=False)
+    context = {"ignore_unknown_options": True, "allow_extra_args": True}
+
+    @app.command(entry.name, context_settings=context, help=f"(not available: {error})")
+    def explain() -> None:
+        raise OaisysError(f"the command '{entry.name}' is not available: {error}")
+
+    return app
+
+
+app = typer.Typer(cls=_InstalledCommands, add_completion=False)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"oaisys {version('oaisys_core')}")
+        raise typer.Exit
+
+
+@app.callback(no_args_is_help=True)
+def _configure(
+    verbose: Annotated[
+        int, typer.Option("--verbose", "-v", count=True, help="Log progress; twice: details too.")
+    ] = 0,
+    _version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show it.")
+    ] = False,
+) -> None:
+    """Interactive OAISYS: photorealistic terrain for planners, one sample at a time."""
+    level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    logging.basicConfig(level=level, format="%(levelname)s %(name)s: %(message)s")
+
+
+def main() -> None:
+    """Run the command line and exit: 0 done, 1 the job failed, 2 the input was wrong."""
+    try:
+        typer.main.get_command(app).main(prog_name="oaisys")
+    except (InvalidInputError, ConfigError) as error:
+        sys.exit(_report(error, EXIT_INVALID_INPUT))
+    except OaisysError as error:
+        sys.exit(_report(error, EXIT_FAILED))
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
+
+
+def _report(error: OaisysError, exit_code: int) -> int:
+    logging.getLogger(__name__).debug("", exc_info=error)
+    typer.echo(f"oaisys: {error}", err=True)
+    return exit_code

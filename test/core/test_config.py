@@ -1,0 +1,84 @@
+"""Configuration files: faults are told by line, path and value; defaults are the paper's."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from oaisys_core.config import (
+    SimulationConfig,
+    config_from_mapping,
+    config_sha256,
+    load_config,
+)
+from oaisys_core.errors import ConfigError
+from oaisys_core.modules import SensorsModule
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "world.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_an_empty_file_is_the_default_world(tmp_path: Path) -> None:
+    assert load_config(write(tmp_path, "")) == SimulationConfig()
+
+
+def test_the_default_camera_is_the_papers() -> None:
+    (sensor,) = SensorsModule(SimulationConfig().sensors).sensors
+    K = sensor.intrinsics.K
+    assert (sensor.intrinsics.width_px, sensor.intrinsics.height_px) == (640, 480)
+    assert np.array_equal(K, [[541.14, 0, 319.5], [0, 541.14, 239.5], [0, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("stage:\n  extend_m: 4\n", (":2: ", "stage.extend_m", "unknown key")),
+        ("seed: -3\n", (":1: ", "seed", "-3")),
+        ("sensors:\n  cameras:\n  - width_px: 100000\n", (":3: ", "cameras.0.width_px", "100000")),
+        ("sensors:\n  cameras:\n  - {fx_px: .nan}\n", ("fx_px", "finite")),
+        ("sensors:\n  cameras: [{name: a}, {name: a}]\n", ("cameras", "differ")),
+        ("assets:\n  rocks:\n  - size_m: [2, 1]\n", ("rocks.0.size_m", "[2, 1]")),
+        ("materials:\n  layers: []\n", ("materials.layers",)),
+        ("materials:\n  layers: [{label: a, semantic_id: 10}]\n", ("called both", "'a'", "'rock'")),
+        ("materials:\n  layers: [{label: a, semantic_id: 70000}]\n", ("semantic_id", "70000")),
+        ("materials:\n  layers: [{label: a, semantic_id: 1, folder: none}]\n", ("folder", "none")),
+        ("- a\n", ("list", "mapping")),
+        ("a: [\n", ("not YAML",)),
+    ],
+)
+def test_faults_name_line_path_and_value(tmp_path: Path, text: str, parts: tuple[str]) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, text))
+    assert all(part in str(caught.value) for part in parts), str(caught.value)
+
+
+def test_every_fault_is_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as caught:
+        load_config(write(tmp_path, "seed: x\nbackend: unreal\nstage: {resolution_px: 0}\n"))
+    assert len(str(caught.value).splitlines()) == 3
+
+
+def test_a_missing_file_is_a_config_error(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot be read"):
+        load_config(tmp_path / "nowhere.yaml")
+
+
+def test_texture_folders_are_relative_to_the_file(tmp_path: Path) -> None:
+    (tmp_path / "maps").mkdir()
+    layer = "materials:\n  layers: [{label: a, semantic_id: 1, folder: maps}]\n"
+    config = load_config(write(tmp_path, layer))
+    assert config.materials.layers[0].folder == (tmp_path / "maps").resolve()
+
+
+def test_the_hash_depends_on_values_alone() -> None:
+    plain = config_sha256(SimulationConfig())
+    assert plain == config_sha256(config_from_mapping({"seed": 1, "backend": "blender"}))
+    assert plain != config_sha256(config_from_mapping({"seed": 2}))
+
+
+def test_a_sphere_may_be_given_by_its_radius() -> None:
+    sphere = {"shape": "sphere", "radius_m": 2.0, "position_m": [0, 0, 3]}
+    config = config_from_mapping({"assets": {"primitives": [sphere]}})
+    assert config.assets.primitives[0].size_m == (2.0, 2.0, 2.0)

@@ -1,0 +1,106 @@
+"""Frames and projections against closed forms and OpenCV."""
+
+import cv2
+import numpy as np
+import pytest
+from oaisys_core import geometry
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import PinholeIntrinsics, Pose
+from scipy.spatial.transform import Rotation
+
+INTRINSICS = PinholeIntrinsics(640, 480, 541.14, 530.0, 300.25, 251.5)
+
+
+def random_poses(count: int) -> list[Pose]:
+    rng = np.random.default_rng(7)
+    positions_m = rng.uniform(-50, 50, (count, 3))
+    quats = Rotation.random(count, random_state=7).as_quat()
+    return [geometry.checked_pose(p, q) for p, q in zip(positions_m, quats, strict=True)]
+
+
+@pytest.mark.parametrize("pose", random_poses(20))
+def test_pose_matrix_round_trip(pose: Pose) -> None:
+    back = geometry.pose_from_matrix(geometry.pose_to_matrix(pose))
+    assert np.allclose(back.position_m, pose.position_m, atol=1e-12)
+    assert abs(np.dot(back.quat_xyzw, pose.quat_xyzw)) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("pose", random_poses(5))
+def test_inverse(pose: Pose) -> None:
+    T = geometry.pose_to_matrix(pose)
+    assert np.allclose(geometry.invert(T) @ T, np.eye(4), atol=1e-12)
+
+
+def test_optical_axes_are_those_of_rep_103() -> None:
+    link_from_optical = geometry.R_LINK_OPTICAL
+    assert (link_from_optical @ (0, 0, 1) == (1, 0, 0)).all(), "optical z is the link's x"
+    assert (link_from_optical @ (1, 0, 0) == (0, -1, 0)).all(), "optical x is the link's -y"
+    assert (link_from_optical @ (0, 1, 0) == (0, 0, -1)).all(), "optical y is the link's -z"
+
+
+@pytest.mark.parametrize("pose", random_poses(20))
+def test_projection_agrees_with_opencv(pose: Pose) -> None:
+    T_map_camera = geometry.pose_to_matrix(pose) @ geometry.T_LINK_OPTICAL
+    rng = np.random.default_rng(3)
+    points_camera_m = rng.uniform((-3, -3, 2), (3, 3, 12), (50, 3))
+    points_map_m = points_camera_m @ T_map_camera[:3, :3].T + T_map_camera[:3, 3]
+    T_camera_map = geometry.invert(T_map_camera)
+    rvec, _ = cv2.Rodrigues(T_camera_map[:3, :3])
+    expected, _ = cv2.projectPoints(
+        points_map_m, rvec, T_camera_map[:3, 3], INTRINSICS.K, np.zeros(5)
+    )
+    assert np.allclose(geometry.project(points_camera_m, INTRINSICS), expected[:, 0], atol=1e-6)
+
+
+def test_unproject_inverts_project() -> None:
+    points_m = np.random.default_rng(5).uniform((-3, -3, 1), (3, 3, 9), (100, 3))
+    pixels = geometry.project(points_m, INTRINSICS)
+    assert np.allclose(geometry.unproject(pixels, points_m[:, 2], INTRINSICS), points_m)
+
+
+def test_depth_to_points_agrees_with_pixel_rays() -> None:
+    depth_m = np.random.default_rng(1).uniform(1, 20, (480, 640)).astype(np.float32)
+    depth_m[0, 0] = np.inf
+    points_m = geometry.depth_to_points(depth_m, INTRINSICS)
+    expected_m = geometry.pixel_rays(INTRINSICS) * depth_m[..., None]
+    assert not np.isfinite(points_m[0, 0]).all()
+    finite = np.isfinite(depth_m)
+    assert np.allclose(points_m[finite], expected_m[finite], rtol=1e-6, atol=1e-6)
+
+
+def test_looking_down_has_the_upper_edge_along_x() -> None:
+    T = geometry.pose_to_matrix(geometry.pose_looking_down(1, 2, 30)) @ geometry.T_LINK_OPTICAL
+    assert np.allclose(T[:3, 2], (0, 0, -1)), "the camera looks down"
+    assert np.allclose(T[:3, 1], (-1, 0, 0)), "the image's lower edge is towards -x"
+
+
+def test_looking_at_points_at_the_target_without_roll() -> None:
+    pose = geometry.pose_looking_at((1, 2, 3), (4, -2, 1))
+    R = geometry.pose_to_matrix(pose)[:3, :3]
+    direction = np.array((3, -4, -2)) / np.sqrt(29)
+    assert np.allclose(R[:, 0], direction)
+    assert R[2, 1] == pytest.approx(0), "the body's y stays level"
+    with pytest.raises(InvalidInputError):
+        geometry.pose_looking_at((0, 0, 5), (0, 0, 1))
+
+
+@pytest.mark.parametrize(
+    ("position_m", "quat_xyzw", "field"),
+    [
+        ((np.nan, 0, 0), (0, 0, 0, 1), "pose.position"),
+        ((0, np.inf, 0), (0, 0, 0, 1), "pose.position"),
+        ((0, 0), (0, 0, 0, 1), "pose.position"),
+        ((0, 0, 0), (0, 0, 0, 0), "pose.orientation"),
+        ((0, 0, 0), (0, 0, 0, 1.01), "pose.orientation"),
+        ((0, 0, 0), (0, np.nan, 0, 1), "pose.orientation"),
+    ],
+)
+def test_bad_poses_are_refused_by_field(position_m, quat_xyzw, field) -> None:
+    with pytest.raises(InvalidInputError) as caught:
+        geometry.checked_pose(position_m, quat_xyzw)
+    assert caught.value.field == field
+
+
+def test_a_nearly_unit_quaternion_is_normalised() -> None:
+    pose = geometry.checked_pose((0, 0, 0), (0, 0, 0, 1.0009))
+    assert pose.quat_xyzw == (0, 0, 0, 1)
