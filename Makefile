@@ -1,0 +1,41 @@
+# Every target does its own set-up; `make help` lists them.
+#   VENV=DIR      the virtual environment (default .venv)
+#   PYTHON=EXE    the interpreter to make it with (default: the first usable of 3.11 and 3.13)
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint format clean
+
+VENV ?= .venv
+PYTHON ?=
+DEMO_ARGS ?= --out out/survey
+PYTEST_ARGS ?=
+
+IN_ENV := source '$(abspath $(VENV))/oaisys_env.sh' &&
+TYPED := oaisys_core oaisys_grpc oaisys_mapping oaisys_ros_bridge
+
+help: ## Show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: ## Make the virtual environment and build what the project needs
+	@VENV='$(VENV)' PYTHON='$(PYTHON)' tools/setup.sh
+
+demo: setup ## Survey a rocky terrain from 30 viewpoints and rebuild it: out/survey/report.html
+	@$(IN_ENV) oaisys survey $(DEMO_ARGS)
+
+test: setup ## Run every test
+	@$(IN_ENV) pytest $(PYTEST_ARGS)
+
+lint: setup ## Check style, formatting and types
+	@$(IN_ENV) ruff check .
+	@$(IN_ENV) ruff format --check .
+	@$(IN_ENV) mypy $(foreach package,$(TYPED),-p $(package)) -p tools
+	@$(IN_ENV) mypy test
+
+format: setup ## Rewrite the code in the project's format
+	@$(IN_ENV) ruff check --fix .
+	@$(IN_ENV) ruff format .
+
+clean: ## Remove the virtual environment and everything generated
+	@rm -rf '$(VENV)' '$(VENV).lock' oaisys_grpc/oaisys_grpc/pb out

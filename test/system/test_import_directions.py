@@ -1,0 +1,104 @@
+"""The borders between the packages, read from the source: who may import what."""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[2]
+PACKAGES = ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
+
+BLENDER = {"bpy", "bmesh", "mathutils", "bpy_extras", "gpu", "idprop"}
+PLAIN_CORE = {"oaisys_core.types", "oaisys_core.geometry", "oaisys_core.errors"}
+COMMAND_LINE = {"rich", "typer"}
+CORE_LIBRARIES = {"cv2", "numpy", "open3d", "pydantic", "scipy", "yaml", "h5py"}
+GRPC_LIBRARIES = {"google", "grpc", "grpc_health", "grpc_reflection", "grpc_status", "numpy", "yaml"}
+MAPPING_LIBRARIES = {"numpy", "open3d", "scipy"}
+BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "yaml"}
+ROS = {
+    "action_msgs", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
+    "nav_msgs", "oaisys_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs", "sensor_msgs",
+    "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs", "visualization_msgs",
+}  # fmt: skip
+CLIENT_SIDE = ("oaisys_grpc.client", "oaisys_grpc.conversions", "oaisys_grpc.errors")
+
+
+def modules() -> Iterator[tuple[str, Path]]:
+    for package in PACKAGES:
+        root = REPOSITORY / package
+        for file in sorted((root / package).rglob("*.py")):
+            parts = file.relative_to(root).with_suffix("").parts
+            if "pb" in parts:
+                continue  # generated
+            yield ".".join(parts[:-1] if parts[-1] == "__init__" else parts), file
+
+
+def imports(module: str, file: Path) -> set[str]:
+    """Every module that ``file`` names, at the top or inside a function, as an absolute name."""
+    package = module.split(".") if file.name == "__init__.py" else module.split(".")[:-1]
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(file.read_text(), str(file))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            base = package[: len(package) - node.level + 1] if node.level else []
+            prefix = ".".join([*base, *(node.module or "").split(".")]).strip(".")
+            found |= {
+                f"{prefix}.{alias.name}" if is_module(f"{prefix}.{alias.name}") else prefix
+                for alias in node.names
+            }
+    return found
+
+
+def is_module(name: str) -> bool:
+    path = REPOSITORY.joinpath(name.split(".")[0], *name.split("."))
+    return path.is_dir() or path.with_suffix(".py").is_file()
+
+
+def is_below(name: str, allowed: set[str]) -> bool:
+    return any(name == prefix or name.startswith(f"{prefix}.") for prefix in allowed)
+
+
+def allowed_for(module: str) -> set[str]:
+    """What ``module`` may import besides the standard library and its own package."""
+    package = module.split(".")[0]
+    if package == "oaisys_core":
+        blender = is_below(module, {"oaisys_core.backend.blender"})
+        return CORE_LIBRARIES | COMMAND_LINE | (BLENDER if blender else set())
+    if package == "oaisys_mapping":
+        return MAPPING_LIBRARIES | COMMAND_LINE | PLAIN_CORE
+    if package == "oaisys_ros_bridge":
+        client = {"oaisys_grpc.client", "oaisys_mapping"}
+        return BRIDGE_LIBRARIES | COMMAND_LINE | ROS | PLAIN_CORE | client
+    if module.startswith(CLIENT_SIDE):
+        return GRPC_LIBRARIES | PLAIN_CORE
+    return GRPC_LIBRARIES | COMMAND_LINE | {"oaisys_core", "psutil"}
+
+
+@pytest.mark.parametrize(("module", "file"), [pytest.param(*m, id=m[0]) for m in modules()])
+def test_module_imports_only_what_its_side_may(module: str, file: Path) -> None:
+    own = {module.split(".")[0]}
+    forbidden = {
+        name
+        for name in imports(module, file)
+        if name.split(".")[0] not in sys.stdlib_module_names
+        and not is_below(name, own | allowed_for(module))
+    }
+    assert not forbidden, f"{module} must not import {sorted(forbidden)}"
+
+
+@pytest.mark.parametrize(("module", "file"), [pytest.param(*m, id=m[0]) for m in modules()])
+def test_client_side_stays_apart_from_server_side(module: str, file: Path) -> None:
+    if not module.startswith(CLIENT_SIDE):
+        pytest.skip("not on the client's side")
+    own = {name for name in imports(module, file) if is_below(name, {"oaisys_grpc"})}
+    allowed = {*CLIENT_SIDE, "oaisys_grpc.pb"}
+    assert all(is_below(name, allowed) for name in own), sorted(own)
+
+
+def test_walk_finds_modules_of_every_package() -> None:
+    assert {module.split(".")[0] for module, _ in modules()} == set(PACKAGES)

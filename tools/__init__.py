@@ -1,0 +1,1 @@
+"""What the project needs around itself: set-up of a machine without ROS."""

@@ -1,0 +1,100 @@
+"""Set the project up: `make setup` ends here, on the interpreter that `tools/setup.sh` found."""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tools.setup.errors import SetupError
+from tools.setup.interfaces import build_interfaces
+from tools.setup.libraries import check_libraries
+from tools.setup.packages import install_packages, install_requirements
+from tools.setup.paths import (
+    INTERPRETER,
+    OAISYS_MSGS,
+    PYTHON_PACKAGES,
+    REPOSITORY,
+    REQUIREMENTS,
+    TF2_MSGS,
+    Environment,
+)
+from tools.setup.steps import Step, digest, run_steps
+from tools.setup.variables import process_environment
+
+_PROJECT_FILES = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml")
+
+
+def _steps(environment: Environment) -> list[Step]:
+    requirements = digest(REQUIREMENTS, INTERPRETER, str(environment.root))
+    interfaces = digest(requirements, OAISYS_MSGS, TF2_MSGS)
+    project = [package / name for package in PYTHON_PACKAGES for name in _PROJECT_FILES]
+    packages = digest(requirements, *(file for file in project if file.is_file()))
+    return [
+        Step(
+            "requirements",
+            "installing the pinned packages (3 GB, some minutes)",
+            requirements,
+            lambda done_before: install_requirements(environment, keep=done_before),
+        ),
+        Step(
+            "interfaces",
+            "building the ROS interfaces",
+            interfaces,
+            lambda _: build_interfaces(environment),
+        ),
+        Step(
+            "libraries",
+            "checking that everything loads",
+            interfaces,
+            lambda _: check_libraries(environment),
+        ),
+        Step(
+            "packages",
+            "installing the project's packages",
+            packages,
+            lambda _: install_packages(environment),
+        ),
+    ]
+
+
+def _generate_protos(environment: Environment) -> None:
+    script = REPOSITORY / "oaisys_grpc" / "generate_protos.py"
+    variables = process_environment(environment)
+    if subprocess.run([environment.python, script], env=variables, check=False).returncode:
+        raise SetupError("generating the gRPC code failed")
+
+
+@contextmanager
+def _alone(environment: Environment) -> Iterator[None]:
+    """Hold the environment's lock, so that two `make` at once do not both install."""
+    environment.root.parent.mkdir(parents=True, exist_ok=True)
+    with environment.root.with_name(f"{environment.root.name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def main() -> int:
+    """Do what is not done yet; return the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m tools.setup", description=__doc__)
+    parser.add_argument("--venv", type=Path, default=Path(".venv"))
+    environment = Environment(parser.parse_args().venv.absolute())
+    try:
+        with _alone(environment):
+            run_steps(_steps(environment), environment.state / "stamps")
+            _generate_protos(environment)
+    except SetupError as error:
+        print(f"setup: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("setup: interrupted; the next run goes on from here", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,52 @@
+"""The ROS interfaces that no wheel brings: built by colcon into the virtual environment."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from tools.setup.errors import SetupError
+from tools.setup.paths import OAISYS_MSGS, TF2_MSGS, Environment
+from tools.setup.variables import process_environment
+
+
+def build_interfaces(environment: Environment) -> None:
+    """Build ``oaisys_msgs``, and ``tf2_msgs`` where the wheels have none.
+
+    Raises:
+        SetupError: The build failed; its output was shown.
+    """
+    build = environment.state / "build"
+    _remove_installed(build)
+    sources = [OAISYS_MSGS]
+    if not (environment.root / "share" / "tf2_msgs" / "package.xml").is_file():
+        sources.append(TF2_MSGS)
+    python = environment.python
+    command = [environment.root / "bin" / "colcon"]
+    command += ["--log-base", environment.state / "log", "build", "--merge-install"]
+    command += ["--build-base", build, "--install-base", environment.root]
+    command += ["--base-paths", *sources, "--metas", environment.state]
+    command += ["--event-handlers", "console_cohesion-", "console_package_list-"]
+    command += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF"]
+    command += [f"-DPython3_EXECUTABLE={python}", f"-DPYTHON_EXECUTABLE={python}", "-Wno-dev"]
+    result = subprocess.run(
+        [str(part) for part in command],
+        env=process_environment(environment),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
+    if result.returncode:
+        sys.stderr.write(result.stdout)
+        raise SetupError("building the ROS interfaces failed")
+
+
+def _remove_installed(build: Path) -> None:
+    """Remove what earlier builds installed, so that a renamed message leaves nothing behind."""
+    for manifest in build.glob("*/install_manifest.txt"):
+        for file in manifest.read_text().splitlines():
+            Path(file).unlink(missing_ok=True)
+    shutil.rmtree(build, ignore_errors=True)

@@ -1,0 +1,49 @@
+"""Where set-up finds and puts things."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+INTERPRETER = f"{Path(sys.executable).resolve()} {sys.version}"
+PYTHON_VERSION = f"{sys.version_info.major}.{sys.version_info.minor}"
+REQUIREMENTS = REPOSITORY / "requirements" / f"py{PYTHON_VERSION.replace('.', '')}.txt"
+PYTHON_PACKAGES = tuple(
+    REPOSITORY / name
+    for name in ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
+)
+TF2_MSGS = REPOSITORY / "tools" / "underlay" / "tf2_msgs"
+OAISYS_MSGS = REPOSITORY / "oaisys_msgs"
+
+
+@dataclass(frozen=True)
+class Environment:
+    """The virtual environment that is being made, which is also a ROS prefix.
+
+    Attributes:
+        root: Its absolute path.
+    """
+
+    root: Path
+
+    @property
+    def python(self) -> Path:
+        """The environment's interpreter."""
+        return self.root / "bin" / "python"
+
+    @property
+    def site_packages(self) -> Path:
+        """Where pip puts pure and compiled packages."""
+        return self.root / "lib" / f"python{PYTHON_VERSION}" / "site-packages"
+
+    @property
+    def state(self) -> Path:
+        """Set-up's own folder: stamps, temporary files, build trees."""
+        return self.root / "oaisys"
+
+    @property
+    def script(self) -> Path:
+        """The script that a shell sources."""
+        return self.root / "oaisys_env.sh"

@@ -1,0 +1,66 @@
+"""Steps that are done once, and again when what they were made from has changed."""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Step:
+    """One piece of set-up.
+
+    Attributes:
+        name: Of its stamp file.
+        does: What the user reads while it runs.
+        key: Hash of everything the result depends on.
+        run: Does the work; raises `SetupError`. Given whether it was ever completed before.
+    """
+
+    name: str
+    does: str
+    key: str
+    run: Callable[[bool], None]
+
+
+def digest(*parts: str | Path) -> str:
+    """Hash strings and the contents of files; a folder counts with every file below it."""
+    state = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, str):
+            state.update(f"text {part}\n".encode())
+            continue
+        for file in _files(part):
+            state.update(f"file {file.relative_to(part.parent)}\n".encode())
+            state.update(hashlib.sha256(file.read_bytes()).digest())
+    return state.hexdigest()
+
+
+def _files(path: Path) -> Iterable[Path]:
+    if path.is_file():
+        return [path]
+    return sorted(file for file in path.rglob("*") if file.is_file())
+
+
+def run_steps(steps: Sequence[Step], stamps: Path) -> None:
+    """Run the steps whose key is not the one stamped, in order; a stamp is written last.
+
+    An interrupted step has no stamp, so the next set-up does it again from the start.
+    """
+    for step in steps:
+        stamp = stamps / step.name
+        old_key = stamp.read_text() if stamp.is_file() else None
+        if old_key == step.key:
+            continue
+        print(f"setup: {step.does} ...", file=sys.stderr, flush=True)
+        stamp.unlink(missing_ok=True)
+        started_s = time.monotonic()
+        step.run(old_key is not None)
+        stamps.mkdir(parents=True, exist_ok=True)
+        stamp.write_text(step.key)
+        elapsed_s = time.monotonic() - started_s
+        print(f"setup: {step.does}: done in {elapsed_s:.0f} s", file=sys.stderr, flush=True)
