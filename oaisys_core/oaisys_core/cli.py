@@ -1,8 +1,8 @@
 """The ``oaisys`` command: finds its sub-commands among the installed packages.
 
-A package adds a sub-command through the entry point group ``oaisys.commands``: a function with typer
-annotations, or a `typer.Typer` with sub-commands of its own. A function ends normally (exit 0),
-raises an `OaisysError`, or raises `typer.Exit`.
+A package adds a sub-command through the entry point group ``oaisys.commands``: a function with
+typer annotations, or a `typer.Typer` with sub-commands of its own. A function ends normally
+(exit 0), raises an `OaisysError`, or raises `typer.Exit`.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ NEEDED_DISK_GB = 5.0
 """Measured: 3 GB when done, and 1.2 GB of wheels beside it while they are unpacked."""
 
 _TRIAL_SOURCES = {
-    "trial.c": "#include <stdio.h>\nint main(void) { return puts(\"\") < 0; }\n",
-    "trial.cpp": "#include <string>\nint main() { return std::string(\"\").size(); }\n",
+    "trial.c": '#include <stdio.h>\nint main(void) { return puts("") < 0; }\n',
+    "trial.cpp": '#include <string>\nint main() { return std::string("").size(); }\n',
 }
 
 
@@ -26,8 +26,7 @@ def check_disk(folder: Path, needed_gb: float = NEEDED_DISK_GB) -> None:
     free_gb = shutil.disk_usage(existing).free / 1e9
     if free_gb < needed_gb:
         raise SetupError(
-            f"not enough disk space for {folder}: "
-            f"{free_gb:.1f} GB free, {needed_gb:.0f} GB needed"
+            f"not enough disk space for {folder}: {free_gb:.1f} GB free, {needed_gb:.0f} GB needed"
         )
 
 
@@ -56,7 +55,5 @@ def _compile(language: str, chosen: str | None, usual: tuple[str, ...], source: 
             check=False,
         )
     if result.returncode:
-        fault = next(
-            (line for line in result.stderr.splitlines() if "error" in line), "no message"
-        )
+        fault = next((line for line in result.stderr.splitlines() if "error" in line), "no message")
         raise SetupError(f"the {language} compiler {found[0]} does not work: {fault.strip()}")

@@ -24,15 +24,15 @@ def build_interfaces(environment: Environment) -> None:
     if not (environment.root / "share" / "tf2_msgs" / "package.xml").is_file():
         sources.append(TF2_MSGS)
     python = environment.python
-    command = [environment.root / "bin" / "colcon"]
+    command: list[str | Path] = [environment.root / "bin" / "colcon"]
     command += ["--log-base", environment.state / "log", "build", "--merge-install"]
     command += ["--build-base", build, "--install-base", environment.root]
-    command += ["--base-paths", *sources, "--metas", environment.state]
+    command += ["--base-paths", *sources]
     command += ["--event-handlers", "console_cohesion-", "console_package_list-"]
     command += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF"]
     command += [f"-DPython3_EXECUTABLE={python}", f"-DPYTHON_EXECUTABLE={python}", "-Wno-dev"]
     result = subprocess.run(
-        [str(part) for part in command],
+        command,
         env=process_environment(environment),
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

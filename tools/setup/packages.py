@@ -59,15 +59,13 @@ def _pip(environment: Environment, *arguments: str) -> None:
     # Some machines keep /tmp in memory: the wheels are unpacked on the environment's own disk.
     temporary = environment.state / "tmp"
     temporary.mkdir(parents=True, exist_ok=True)
-    command = [environment.python, "-m", "pip", "install", "--no-deps", "--no-input"]
-    quiet = ["--quiet", "--disable-pip-version-check", "--no-warn-script-location"]
+    command = [str(environment.python), "-m", "pip", "install", "--no-deps", "--no-input"]
+    command += ["--quiet", "--disable-pip-version-check", "--no-warn-script-location", *arguments]
     variables = process_environment(environment) | {"TMPDIR": str(temporary)}
     # pip complains once per package about every index it was configured with and cannot reach.
     log = environment.state / "pip.log"
     with log.open("w") as output:
-        result = subprocess.run(
-            [*command, *quiet, *arguments], env=variables, stdout=output, stderr=output, check=False
-        )
+        result = subprocess.run(command, env=variables, stdout=output, stderr=output, check=False)
     shutil.rmtree(temporary, ignore_errors=True)
     if result.returncode:
         errors = [line for line in log.read_text().splitlines() if not line.startswith("WARNING")]
@@ -83,7 +81,9 @@ def _lend_libusb(environment: Environment) -> None:
 
 
 def _include_folders(environment: Environment) -> tuple[Path, Path]:
-    code = "import numpy, sysconfig; print(sysconfig.get_path('include')); print(numpy.get_include())"
+    code = (
+        "import numpy, sysconfig; print(sysconfig.get_path('include')); print(numpy.get_include())"
+    )
     result = subprocess.run(
         [environment.python, "-c", code],
         env=process_environment(environment),

@@ -1,4 +1,4 @@
-"""Makes the ROS wheels' files point at this environment instead of at the one they were built in."""
+"""Makes the ROS wheels' files point at this environment, not at the one they were built in."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def relocate(prefix: Path, python_include: Path, numpy_include: Path) -> int:
         The number of files that were rewritten.
     """
     replacements = (
-        (_PYTHON_INCLUDE, bytes(python_include)),
-        (_NUMPY_INCLUDE, bytes(numpy_include)),
-        (_PREFIX, bytes(prefix)),
+        (_PYTHON_INCLUDE, _literal(python_include)),
+        (_NUMPY_INCLUDE, _literal(numpy_include)),
+        (_PREFIX, _literal(prefix)),
     )
     rewritten = 0
     for file in sorted((prefix / "share").rglob("*")):
@@ -40,7 +40,12 @@ def relocate(prefix: Path, python_include: Path, numpy_include: Path) -> int:
             continue
         new = old
         for pattern, path in replacements:
-            new = pattern.sub(lambda _, path=path: path, new)
+            new = pattern.sub(path, new)
         file.write_bytes(new)
         rewritten += 1
     return rewritten
+
+
+def _literal(path: Path) -> bytes:
+    """Return ``path`` as a replacement in which nothing is special."""
+    return bytes(path).replace(b"\\", rb"\\")
