@@ -1,8 +1,8 @@
 """Exact views of triangle meshes: which triangle each ray meets first, and where.
 
 Embree (through Open3D) finds the triangle in float32; where the ray meets that triangle's plane
-is then computed in float64, so that accuracy does not depend on how far from the origin, or in
-which bounding volumes, a triangle lies.
+is then computed in float64, so that accuracy does not depend on how far away, or in which
+bounding volumes, a triangle lies.
 
 Where ``bpy`` is used in the same process it must have been imported first: both bring a library
 of the same name, and Blender's is the newer one. Open3D is imported when it is first needed.
@@ -24,20 +24,20 @@ NO_TRIANGLE = -1
 """Triangle id of a ray that meets nothing."""
 
 PLANE_TOLERANCE = 1e-3
-"""Relative distance by which the plane's intersection may differ from Embree's; beyond it the
-triangle is seen edge-on or has no area, and Embree's distance stands."""
+"""Relative difference of the plane's distance from Embree's beyond which Embree's stands: the
+triangle is then seen edge-on, or has no area."""
 
 
 @dataclass(frozen=True)
 class CameraHits:
-    """What each pixel of a camera sees, at the pixel's centre.
+    """What each pixel of a camera sees at its centre.
 
     Attributes:
         depth_m: (H, W) float32 planar z, ``+inf`` where nothing was hit.
         triangle_ids: (H, W) int64 index over all meshes in their order, `NO_TRIANGLE` for none.
         semantic_ids: (H, W) uint16 of the triangle, 0 for none.
         instance_ids: (H, W) uint32 of the triangle, 0 for none.
-        points_m: (H, W, 3) float64 in ``map``; not finite where nothing was hit.
+        points_m: (H, W, 3) float64 in ``map``, NaN where nothing was hit.
     """
 
     depth_m: NDArray[np.float32]
@@ -51,43 +51,146 @@ class RayCaster:
     """Casts rays at a fixed set of triangle meshes."""
 
     def __init__(self, meshes: Sequence[TriangleMesh]) -> None:
-        """Build the search structure over all triangles of ``meshes`` (coordinates in ``map``).
-
-        Ids that a mesh does not have count as 0.
-        """
+        """Build the search structure over ``meshes``; ids that a mesh lacks count as 0."""
+        meshes = [mesh for mesh in meshes if len(mesh.triangles)]
         counts = [len(mesh.triangles) for mesh in meshes]
-        self._semantic_ids = _per_triangle([m.semantic_ids for m in meshes], counts, np.uint16)
-        self._instance_ids = _per_triangle([m.instance_ids for m in meshes], counts, np.uint32)
-        points = [m.vertices_m for m in meshes if len(m.vertices_m)]
-        low = np.min([p.min(axis=0) for p in points], axis=0) if points else np.zeros(3)
-        high = np.max([p.max(axis=0) for p in points], axis=0) if points else np.zeros(3)
-        self._origin_m: FloatArray = np.asarray((low + high) / 2, dtype=np.float64)
-        self._top_m = float(high[2])
+        self._first = np.cumsum([0, *counts])[:-1]
+        self._semantic_ids = _ids([m.semantic_ids for m in meshes], counts, np.uint16)
+        self._instance_ids = _ids([m.instance_ids for m in meshes], counts, np.uint32)
+        self._origin_m, self._top_m = _centre_and_top(meshes)
         self._normals: FloatArray = np.empty((sum(counts), 3))
-        self._embree: Any = _new_scene() if sum(counts) else None
-        first = 0
-        for mesh, count in zip(meshes, counts, strict=True):
-            if count:
-                self._add(mesh, self._normals[first : first + count])
-            first += count
-
-    def _add(self, mesh: TriangleMesh, normals: FloatArray) -> None:
-        import open3d as o3d
-
-        local = np.subtract(mesh.vertices_m, self._origin_m, dtype=np.float64)
-        self._embree.add_triangles(
-            o3d.core.Tensor(np.ascontiguousarray(local, dtype=np.float32)),
-            o3d.core.Tensor(np.ascontiguousarray(mesh.triangles, dtype=np.uint32)),
-        )
+        self._offsets: FloatArray = np.empty(sum(counts))
+        self._embree: Any = None
+        for first, mesh in zip(self._first, meshes, strict=True):
+            self._add(mesh, slice(first, first + len(mesh.triangles)))
 
     def cast(self, T_map_camera: FloatArray, intrinsics: PinholeIntrinsics) -> CameraHits:
-        """Return what a camera at ``T_map_camera`` (optical frame) sees at its pixel centres."""
+        """Return what a camera with its optical frame at ``T_map_camera`` sees."""
         directions = pixel_rays(intrinsics) @ T_map_camera[:3, :3].T
         depth_m, triangle_ids = self.intersect(T_map_camera[:3, 3], directions)
+        with np.errstate(invalid="ignore"):
+            points_m = T_map_camera[:3, 3] + depth_m[..., None] * directions
+        points_m[triangle_ids == NO_TRIANGLE] = np.nan
         return CameraHits(
             depth_m=depth_m.astype(np.float32),
             triangle_ids=triangle_ids,
             semantic_ids=self.semantic_ids_of(triangle_ids),
             instance_ids=self.instance_ids_of(triangle_ids),
-            points_m=T_map_camera[:3, 3] + depth_m[..., None] * directions,
+            points_m=points_m,
         )
+
+    def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
+        """Return the (N,) topmost heights at (N, 2) points, NaN where there is no triangle."""
+        xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
+        above_m = self._top_m + 1.0
+        origins = np.column_stack((xy, np.full(len(xy), above_m)))
+        down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
+        distance_m, _ = self.intersect(origins, down)
+        return np.where(np.isfinite(distance_m), above_m - distance_m, np.nan)
+
+    def intersect(
+        self, origins_m: FloatArray, directions: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        """Return how many ``directions`` each ray goes to its first triangle, and which that is.
+
+        Args:
+            origins_m: (..., 3) in ``map``, or (3,) for all rays.
+            directions: (..., 3) of any length.
+
+        Returns:
+            (...) float64 distances in units of the directions' lengths, ``+inf`` for none, and
+            (...) int64 triangle ids, `NO_TRIANGLE` for none.
+        """
+        if self._embree is None:
+            shape = directions.shape[:-1]
+            return np.full(shape, np.inf), np.full(shape, NO_TRIANGLE, dtype=np.int64)
+        import open3d as o3d
+
+        local_m = np.asarray(origins_m, dtype=np.float64) - self._origin_m
+        rays = np.empty((*directions.shape[:-1], 6), dtype=np.float32)
+        rays[..., :3] = local_m
+        rays[..., 3:] = directions
+        found = self._embree.cast_rays(o3d.core.Tensor(rays))
+        distances = found["t_hit"].numpy().astype(np.float64)
+        mesh_ids = found["geometry_ids"].numpy()
+        hit = np.isfinite(distances)
+        triangle_ids = np.full(distances.shape, NO_TRIANGLE, dtype=np.int64)
+        triangle_ids[hit] = self._first[mesh_ids[hit]] + found["primitive_ids"].numpy()[hit]
+        self._refine(distances, triangle_ids, hit, local_m, directions)
+        return distances, triangle_ids
+
+    def semantic_ids_of(self, triangle_ids: NDArray[np.int64]) -> NDArray[np.uint16]:
+        """Return the label of each triangle id, 0 for `NO_TRIANGLE`."""
+        return _looked_up(self._semantic_ids, triangle_ids)
+
+    def instance_ids_of(self, triangle_ids: NDArray[np.int64]) -> NDArray[np.uint32]:
+        """Return the instance of each triangle id, 0 for `NO_TRIANGLE`."""
+        return _looked_up(self._instance_ids, triangle_ids)
+
+    def normals_of(self, triangle_ids: NDArray[np.int64]) -> FloatArray:
+        """Return the (..., 3) unit normals of triangle ids, none of which is `NO_TRIANGLE`."""
+        return np.asarray(self._normals[triangle_ids])
+
+    def _add(self, mesh: TriangleMesh, rows: slice) -> None:
+        """Hand a mesh to Embree, and keep the planes ``normal · x = offset`` of its triangles."""
+        import open3d as o3d
+
+        if self._embree is None:
+            self._embree = o3d.t.geometry.RaycastingScene()
+        local_m = mesh.vertices_m - self._origin_m
+        self._embree.add_triangles(
+            o3d.core.Tensor(np.ascontiguousarray(local_m, dtype=np.float32)),
+            o3d.core.Tensor(np.ascontiguousarray(mesh.triangles, dtype=np.uint32)),
+        )
+        a = local_m[mesh.triangles[:, 0]]
+        normals = np.cross(local_m[mesh.triangles[:, 1]] - a, local_m[mesh.triangles[:, 2]] - a)
+        lengths = np.linalg.norm(normals, axis=1)
+        normals /= np.where(lengths > 0, lengths, 1.0)[:, None]
+        self._normals[rows] = normals
+        self._offsets[rows] = np.einsum("ij,ij->i", normals, a)
+
+    def _refine(
+        self,
+        distances: FloatArray,
+        triangle_ids: NDArray[np.int64],
+        hit: NDArray[np.bool_],
+        local_m: FloatArray,
+        directions: FloatArray,
+    ) -> None:
+        """Replace Embree's float32 distances by those to the triangles' planes."""
+        ids = triangle_ids[hit]
+        normals = self._normals[ids]
+        origins = local_m if local_m.ndim == 1 else local_m[hit]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            to_plane = (self._offsets[ids] - (normals * origins).sum(axis=-1)) / np.einsum(
+                "ij,ij->i", normals, directions[hit]
+            )
+            coarse = distances[hit]
+            trusted = np.abs(to_plane - coarse) <= PLANE_TOLERANCE * coarse
+        distances[hit] = np.where(trusted, to_plane, coarse)
+
+
+def _ids(
+    per_mesh: Sequence[NDArray[Any] | None], counts: Sequence[int], dtype: type[np.generic]
+) -> NDArray[Any]:
+    parts = [
+        np.zeros(count, dtype) if ids is None else np.asarray(ids, dtype)
+        for ids, count in zip(per_mesh, counts, strict=True)
+    ]
+    return np.concatenate(parts) if parts else np.empty(0, dtype)
+
+
+def _looked_up(ids: NDArray[Any], triangle_ids: NDArray[np.int64]) -> NDArray[Any]:
+    hit = triangle_ids != NO_TRIANGLE
+    found = np.zeros(triangle_ids.shape, dtype=ids.dtype)
+    found[hit] = ids[triangle_ids[hit]]
+    return found
+
+
+def _centre_and_top(meshes: Sequence[TriangleMesh]) -> tuple[FloatArray, float]:
+    """Return the centre of the meshes' bounding box, and the height of its top."""
+    if not meshes:
+        return np.zeros(3), 0.0
+    low = np.min([mesh.vertices_m.min(axis=0) for mesh in meshes], axis=0)
+    high = np.max([mesh.vertices_m.max(axis=0) for mesh in meshes], axis=0)
+    return np.asarray((low + high) / 2, dtype=np.float64), float(high[2])
