@@ -1,4 +1,4 @@
-"""Registers the package in the ament index; everything else is in pyproject.toml."""
+"""Registers the package in the ament index; everything else is in setup.cfg."""
 
 from setuptools import setup
 
