@@ -4,7 +4,7 @@ from pathlib import Path
 
 from setuptools import setup
 
-HERE = Path(__file__).parent
+HERE = Path(__file__).absolute().parent
 
 
 def shared(folder: str) -> list[tuple[str, list[str]]]:
