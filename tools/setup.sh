@@ -17,9 +17,10 @@ fault_of() {
 import pathlib, sys, sysconfig
 version = "%d.%d" % sys.version_info[:2]
 if version not in ("3.11", "3.13"):
-    sys.exit(f"is {version}; Blender needs 3.11 or 3.13")
+    sys.exit(f"is {version}")
 try:
-    import ensurepip, venv
+    import venv
+    from ensurepip import version as _
 except ImportError:
     sys.exit(f"has no venv module: apt install python{version}-venv")
 if not pathlib.Path(sysconfig.get_path("include"), "Python.h").is_file():
@@ -44,7 +45,7 @@ try() {
 
 if [ -n "${PYTHON:-}" ]; then
     try "$PYTHON"
-    echo "setup: cannot use PYTHON: ${rejected[0]}" >&2
+    echo "setup: PYTHON must be a usable CPython 3.11 or 3.13: ${rejected[0]}" >&2
     exit 1
 fi
 
@@ -58,11 +59,15 @@ while read -r candidate; do
 done < <(type -aP python3 python3.13 python3.11 || true)
 
 if command -v uv >/dev/null; then
-    candidate=$(uv python find --managed-python 3.13 2>/dev/null) || {
-        uv python install 3.13 && candidate=$(uv python find --managed-python 3.13)
-    } || candidate="uv's python3.13"
-    try "$candidate"
+    if candidate=$(uv python find --no-project 3.13 2>/dev/null) ||
+        { uv python install 3.13 && candidate=$(uv python find --no-project 3.13); }; then
+        try "$candidate"
+    else
+        rejected+=("uv could not bring one")
+    fi
 fi
 
-echo "setup: no usable CPython 3.11 or 3.13 found$(printf '; %s' "${rejected[@]}")" >&2
+faults=$(printf '%s, ' "${rejected[@]:-nothing called python3 on PATH}")
+echo "setup: no usable CPython 3.11 or 3.13: ${faults%, };" \
+    "install one with its venv and dev packages, or uv" >&2
 exit 1

@@ -13,7 +13,7 @@ from pathlib import Path
 from tools.setup.errors import SetupError
 from tools.setup.interfaces import build_interfaces
 from tools.setup.libraries import check_libraries
-from tools.setup.packages import install_packages, install_requirements
+from tools.setup.packages import check_machine, install_packages, install_requirements
 from tools.setup.paths import (
     INTERPRETER,
     OAISYS_MSGS,
@@ -40,6 +40,7 @@ def _steps(environment: Environment) -> list[Step]:
             "installing the pinned packages (3 GB, some minutes)",
             requirements,
             lambda done_before: install_requirements(environment, keep=done_before),
+            lambda done_before: check_machine(environment, keep=done_before),
         ),
         Step(
             "interfaces",

@@ -20,7 +20,7 @@ _TRIAL_SOURCES = {
 }
 
 
-def check_disk(folder: Path, needed_gb: float = NEEDED_DISK_GB) -> None:
+def check_disk(folder: Path, needed_gb: float) -> None:
     """Raise `SetupError` where the file system of ``folder`` has less than ``needed_gb`` free."""
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     free_gb = shutil.disk_usage(existing).free / 1e9

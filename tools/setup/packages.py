@@ -9,11 +9,23 @@ import sys
 import venv
 from pathlib import Path
 
-from tools.setup.checks import check_compiler, check_disk
+from tools.setup.checks import NEEDED_DISK_GB, check_compiler, check_disk
 from tools.setup.errors import SetupError
 from tools.setup.paths import INTERPRETER, PYTHON_PACKAGES, REQUIREMENTS, Environment
 from tools.setup.relocation import relocate
 from tools.setup.variables import process_environment, write_script
+
+
+def check_machine(environment: Environment, *, keep: bool) -> None:
+    """Raise `SetupError` where `install_requirements` cannot succeed."""
+    root = environment.root
+    check_compiler()
+    if _is_kept(environment, keep=keep):
+        return
+    if root.exists() and any(root.iterdir()) and not (root / "pyvenv.cfg").is_file():
+        raise SetupError(f"{root} exists and is no virtual environment: choose another VENV")
+    reclaimed_gb = sum(file.lstat().st_size for file in root.rglob("*")) / 1e9
+    check_disk(root, NEEDED_DISK_GB - reclaimed_gb)
 
 
 def install_requirements(environment: Environment, *, keep: bool) -> None:
@@ -24,13 +36,13 @@ def install_requirements(environment: Environment, *, keep: bool) -> None:
         keep: Add to a completed environment instead of starting from an empty one.
 
     Raises:
-        SetupError: There is no compiler or too little disk space, or pip failed.
+        SetupError: pip failed.
     """
-    check_compiler()
-    made_with = environment.state / "interpreter"
-    if not (keep and made_with.is_file() and made_with.read_text() == INTERPRETER):
-        _create(environment)
-        made_with.write_text(INTERPRETER)
+    if not _is_kept(environment, keep=keep):
+        shutil.rmtree(environment.root, ignore_errors=True)
+        venv.create(environment.root, with_pip=True)
+        environment.state.mkdir()
+        _interpreter_note(environment).write_text(INTERPRETER)
     _pip(environment, "--requirement", str(REQUIREMENTS))
     _lend_libusb(environment)
     include, numpy_include = _include_folders(environment)
@@ -38,21 +50,19 @@ def install_requirements(environment: Environment, *, keep: bool) -> None:
     write_script(environment)
 
 
+def _is_kept(environment: Environment, *, keep: bool) -> bool:
+    note = _interpreter_note(environment)
+    return keep and note.is_file() and note.read_text() == INTERPRETER
+
+
+def _interpreter_note(environment: Environment) -> Path:
+    return environment.state / "interpreter"
+
+
 def install_packages(environment: Environment) -> None:
     """Install the project's own packages so that edits take effect without installing again."""
     editable = [part for package in PYTHON_PACKAGES for part in ("--editable", str(package))]
     _pip(environment, "--no-build-isolation", *editable)
-
-
-def _create(environment: Environment) -> None:
-    root = environment.root
-    if root.exists():
-        if any(root.iterdir()) and not (root / "pyvenv.cfg").is_file():
-            raise SetupError(f"{root} exists and is no virtual environment: choose another VENV")
-        shutil.rmtree(root)
-    check_disk(root)
-    venv.create(root, with_pip=True)
-    environment.state.mkdir()
 
 
 def _pip(environment: Environment, *arguments: str) -> None:

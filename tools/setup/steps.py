@@ -19,12 +19,14 @@ class Step:
         does: What the user reads while it runs.
         key: Hash of everything the result depends on.
         run: Does the work; raises `SetupError`. Given whether it was ever completed before.
+        check: Raises `SetupError` where the work cannot succeed, before anything is said or done.
     """
 
     name: str
     does: str
     key: str
     run: Callable[[bool], None]
+    check: Callable[[bool], None] = lambda _: None
 
 
 def digest(*parts: str | Path) -> str:
@@ -56,6 +58,7 @@ def run_steps(steps: Sequence[Step], stamps: Path) -> None:
         old_key = stamp.read_text() if stamp.is_file() else None
         if old_key == step.key:
             continue
+        step.check(old_key is not None)
         print(f"setup: {step.does} ...", file=sys.stderr, flush=True)
         stamp.unlink(missing_ok=True)
         started_s = time.monotonic()
