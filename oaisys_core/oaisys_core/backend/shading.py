@@ -96,4 +96,4 @@ def encoded(linear_color: FloatArray) -> NDArray[np.uint8]:
     """Return sRGB bytes of linear values, clipped to 0 to 1; inverse: `linear`."""
     c = np.clip(linear_color, 0.0, 1.0)
     srgb = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
-    return np.rint(srgb * 255).astype(np.uint8)
+    return np.asarray(np.rint(srgb * 255), dtype=np.uint8)

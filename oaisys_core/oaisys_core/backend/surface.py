@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -136,14 +136,13 @@ class Surface:
         return height_m
 
     def mesh(self) -> TriangleMesh:
-        """Return all triangles with ids: solids are tessellated, the ground labelled at centroids."""
+        """Return all triangles with ids: solids tessellated, the ground labelled by centroids."""
         ground = self._ground or ground_mesh(self._scene)
         centres_m = ground.vertices_m[ground.triangles, :2].mean(axis=1)
-        labelled = TriangleMesh(
-            ground.vertices_m,
-            ground.triangles,
-            self._scene.material.semantic_ids_at(centres_m),
-            np.zeros(len(ground.triangles), dtype=np.uint32),
+        labelled = replace(
+            ground,
+            semantic_ids=self._scene.material.semantic_ids_at(centres_m),
+            instance_ids=np.zeros(len(ground.triangles), dtype=np.uint32),
         )
         solids = [
             placed(tessellated(p), p.T_map_object[None], p.semantic_id, np.array([p.instance_id]))

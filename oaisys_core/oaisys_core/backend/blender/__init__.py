@@ -1,0 +1,26 @@
+"""The Blender backend, the only place where ``bpy`` is imported.
+
+Raises:
+    BackendUnavailableError: ``bpy`` cannot be imported here.
+"""
+
+from __future__ import annotations
+
+import sys
+
+from oaisys_core.errors import BackendUnavailableError
+
+try:
+    import bpy as _bpy  # noqa: F401
+except ImportError as error:
+    hint = (
+        "open3d was imported before it in this process, which bpy does not survive"
+        if "open3d" in sys.modules
+        else "install bpy 4.5 (Python 3.11) or 5.2 (Python 3.13), or name an interpreter that has "
+        "it (--worker-python), or choose the analytic backend"
+    )
+    raise BackendUnavailableError(f"bpy cannot be imported ({error}): {hint}") from error
+
+from oaisys_core.backend.blender.renderer import BlenderBackend
+
+__all__ = ["BlenderBackend"]

@@ -1,0 +1,84 @@
+"""Cycles: how colour is rendered, and the pixels."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import bpy
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.backend.base import RenderSettings
+from oaisys_core.errors import RenderError
+
+VIEW_TRANSFORM = "AgX"
+
+
+class Cycles:
+    """Renders colour on the CPU with all cores, keeping the scene between views.
+
+    Colours go through Blender's AgX view transform, which rolls bright parts off as film does,
+    to sRGB. Pixels come out through an uncompressed file in a folder of its own: Blender gives
+    no other access to the transformed image without a window.
+    """
+
+    def __init__(self) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="oaisys-")
+        self._file = Path(self._folder.name) / "color.bmp"
+        self._settings: RenderSettings | None = None
+        scene = bpy.context.scene
+        render = scene.render
+        render.engine = "CYCLES"
+        render.use_persistent_data = True
+        render.use_compositing = render.use_sequencer = False
+        render.dither_intensity = 0.0
+        render.image_settings.file_format = "BMP"
+        render.image_settings.color_mode = "RGB"
+        render.threads_mode = "AUTO"
+        scene.view_settings.view_transform = VIEW_TRANSFORM
+        cycles = scene.cycles
+        cycles.device = "CPU"
+        cycles.use_adaptive_sampling = False
+        cycles.sample_clamp_indirect = 10.0
+        cycles.caustics_reflective = cycles.caustics_refractive = False
+        cycles.denoiser = "OPENIMAGEDENOISE"
+        cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
+        cycles.denoising_prefilter = "FAST"
+
+    def set(self, settings: RenderSettings) -> None:
+        """Change quality, exposure and seed."""
+        if settings == self._settings:
+            return
+        scene = bpy.context.scene
+        cycles: Any = scene.cycles
+        cycles.samples = settings.samples
+        cycles.seed = settings.seed
+        cycles.use_denoising = settings.denoise
+        cycles.denoising_quality = "FAST" if settings.samples <= 1 else "BALANCED"
+        for kind in ("max", "diffuse", "glossy", "transmission", "transparent_max"):
+            setattr(cycles, f"{kind}_bounces", settings.max_bounces)
+        scene.view_settings.exposure = settings.exposure_ev
+        # Persistent data keeps the old number of samples unless the scene is marked as changed.
+        scene.update_tag()
+        self._settings = settings
+
+    def render(self) -> NDArray[np.uint8]:
+        """Return the (H, W, 3) sRGB image of the scene's camera.
+
+        Raises:
+            RenderError: Blender rendered nothing.
+        """
+        self._file.unlink(missing_ok=True)
+        bpy.ops.render.render()
+        bpy.data.images["Render Result"].save_render(str(self._file))
+        image = cv2.imread(str(self._file), cv2.IMREAD_COLOR)
+        if image is None:
+            raise RenderError("Blender wrote no image")
+        return np.ascontiguousarray(image[..., ::-1])
+
+    def close(self) -> None:
+        """Remove the folder of its images."""
+        self._folder.cleanup()

@@ -1,0 +1,64 @@
+"""Images in Blender from numpy arrays, without files."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.scene import PbrMaps
+
+
+class ImageStore:
+    """Blender's images of texture sets; a map is converted when it is first asked for."""
+
+    def __init__(self) -> None:
+        self._images: dict[tuple[int, str], tuple[PbrMaps, Any]] = {}
+
+    def color(self, maps: PbrMaps) -> Any:
+        """Return the albedo."""
+        return self._stored(maps, "color", maps.color_srgb, alpha=255, is_color=True)
+
+    def normal_roughness(self, maps: PbrMaps) -> Any:
+        """Return the normal with the roughness in alpha: one lookup for both."""
+        return self._stored(maps, "normal", maps.normal_gl, alpha=maps.roughness)
+
+    def height(self, maps: PbrMaps) -> Any:
+        """Return the height, 0 to 1."""
+        return self._stored(maps, "height", maps.height[..., None] * np.float32(255), alpha=255)
+
+    def forget_unused(self) -> None:
+        """Let go of what no material uses, so that it can be purged."""
+        self._images = {key: kept for key, kept in self._images.items() if kept[1].users > 0}
+
+    def _stored(
+        self,
+        maps: PbrMaps,
+        kind: str,
+        rgb: NDArray[Any],
+        *,
+        alpha: Any,
+        is_color: bool = False,
+    ) -> Any:
+        key = (id(maps), kind)
+        if key not in self._images:
+            pixels = np.empty((*rgb.shape[:2], 4), dtype=np.float32)
+            pixels[..., :3] = rgb[::-1]
+            pixels[..., 3] = alpha[::-1] if isinstance(alpha, np.ndarray) else alpha
+            pixels /= 255
+            image = new_image(f"{maps.name}_{kind}", pixels, is_float=False, is_color=is_color)
+            self._images[key] = (maps, image)
+        return self._images[key][1]
+
+
+def new_image(name: str, pixels: NDArray[np.float32], *, is_float: bool, is_color: bool) -> Any:
+    """Return an image of (rows, cols, 4) float32 pixels, whose first row is the bottom one."""
+    rows, cols, _ = pixels.shape
+    image = bpy.data.images.new(name, cols, rows, alpha=True, float_buffer=is_float)
+    image.colorspace_settings.name = "sRGB" if is_color else "Non-Color"
+    image.alpha_mode = "CHANNEL_PACKED"
+    image.pixels.foreach_set(np.ascontiguousarray(pixels, dtype=np.float32).ravel())
+    image.update()
+    return image

@@ -1,0 +1,94 @@
+"""Sun and sky."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from oaisys_core.backend.blender.compat import node_tree_of, set_up_sky_node
+from oaisys_core.backend.blender.nodes import NodeTree
+from oaisys_core.scene import Sky
+
+SKY_SCALE = 0.1
+"""Factor on the sky model's radiance that puts it beside a sun of about 4 W/m²."""
+
+PLAIN_ALBEDO = np.array((0.26, 0.22, 0.18))
+"""Linear colour of the far plain that is seen below the horizon, beyond the stage."""
+
+SKY_IRRADIANCE_W_M2 = 1.0
+"""Of the sky on level ground at a strength of 1, roughly: it only lights the far plain."""
+
+_COLOR_A, _COLOR_B, _COLOR_RESULT = 6, 7, 2
+"""Sockets of a mix node that hold colours; they share their names with those for numbers."""
+
+RAYLEIGH_OPTICAL_DEPTH = np.array((0.040, 0.097, 0.242))
+"""Of the whole atmosphere towards the zenith at 680, 550 and 440 nm."""
+
+
+class Lights:
+    """A sun lamp, whose disc casts the shadows, and a sky without the disc.
+
+    Light from a lamp converges with far fewer samples than from a bright spot in the sky.
+    """
+
+    def __init__(self) -> None:
+        lamp = bpy.data.lights.new("sun", "SUN")
+        self._sun = bpy.data.objects.new("sun", lamp)
+        bpy.context.scene.collection.objects.link(self._sun)
+        world = bpy.data.worlds.new("world")
+        bpy.context.scene.world = world
+        tree = NodeTree(node_tree_of(world))
+        self._sky_node = tree.add("TexSky")
+        ray = tree.add("SeparateXYZ", {0: tree.add("TexCoord").outputs["Generated"]})
+        self._sky = tree.add("VectorMath", {0: self._sky_node.outputs[0]}, operation="SCALE")
+        self._seen = tree.add(
+            "Mix",
+            {
+                "Factor": tree.math("LESS_THAN", ray.outputs["Z"], 0.0),
+                _COLOR_A: self._sky.outputs[0],
+            },
+            data_type="RGBA",
+        )
+        self._background = tree.add("Background", {"Color": self._seen.outputs[_COLOR_RESULT]})
+        tree.add("OutputWorld", {"Surface": self._background.outputs[0]})
+
+    def set(self, sky: Sky) -> None:
+        """Make light and sky so."""
+        elevation, azimuth = sky.sun_elevation_rad, sky.sun_azimuth_rad
+        to_sun = Vector(
+            (cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation))
+        )
+        self._sun.rotation_mode = "QUATERNION"
+        self._sun.rotation_quaternion = to_sun.to_track_quat("Z", "Y")
+        lamp: Any = self._sun.data
+        lamp.energy = sky.sun_strength_w_m2 if elevation > 0 else 0.0
+        lamp.angle = sky.sun_angular_diameter_rad
+        lamp.color = sun_color(sky)
+        set_up_sky_node(self._sky_node, sky.air, sky.dust, sky.ozone)
+        self._sky_node.sun_elevation = elevation
+        self._sky_node.sun_rotation = pi / 2 - azimuth
+        self._sky.inputs["Scale"].default_value = SKY_SCALE * sky.sky_strength
+        self._seen.inputs[_COLOR_B].default_value = (*plain_radiance(sky), 1.0)
+
+
+def sun_color(sky: Sky) -> tuple[float, float, float]:
+    """Return the colour of direct sunlight: white less what the air scatters out of its path.
+
+    Air mass by Kasten and Young (1989).
+    """
+    degrees = max(np.degrees(sky.sun_elevation_rad), 0.0)
+    air_mass = 1.0 / (np.sin(np.radians(degrees)) + 0.50572 * (degrees + 6.07995) ** -1.6364)
+    red, green, blue = np.exp(-RAYLEIGH_OPTICAL_DEPTH * sky.air * air_mass)
+    return (1.0, float(green / red), float(blue / red))
+
+
+def plain_radiance(sky: Sky) -> tuple[float, float, float]:
+    """Return the radiance of a dull level plain under sun and sky (Lambert)."""
+    sun_w_m2 = sky.sun_strength_w_m2 * max(sin(sky.sun_elevation_rad), 0.0)
+    irradiance = sun_w_m2 * np.array(sun_color(sky)) + SKY_IRRADIANCE_W_M2 * sky.sky_strength
+    red, green, blue = (PLAIN_ALBEDO * irradiance / pi).tolist()
+    return (red, green, blue)

@@ -1,0 +1,57 @@
+"""Meshes into Blender, and back out as it will render them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+from numpy.typing import ArrayLike
+
+from oaisys_core.types import FloatArray, TriangleMesh
+
+
+def new_mesh(name: str, vertices_m: ArrayLike, triangles: ArrayLike, *, smooth: bool) -> Any:
+    """Return a Blender mesh of (V, 3) vertices and (T, 3) triangles."""
+    vertices = np.ascontiguousarray(vertices_m, dtype=np.float32)
+    corners = np.ascontiguousarray(triangles, dtype=np.int32)
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(vertices))
+    mesh.vertices.foreach_set("co", vertices.ravel())
+    mesh.loops.add(corners.size)
+    mesh.loops.foreach_set("vertex_index", corners.ravel())
+    mesh.polygons.add(len(corners))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, corners.size, 3, dtype=np.int32))
+    mesh.update(calc_edges=True)
+    if smooth:
+        mesh.shade_smooth()
+    else:
+        mesh.shade_flat()
+    return mesh
+
+
+def new_object(name: str, mesh: Any, T_map_object: FloatArray) -> Any:
+    """Return an object in the scene that shows ``mesh`` at a (4, 4) pose, which may scale."""
+    thing = bpy.data.objects.new(name, mesh)
+    thing.matrix_world = Matrix(T_map_object)
+    bpy.context.scene.collection.objects.link(thing)
+    return thing
+
+
+def evaluated_mesh(thing: Any) -> TriangleMesh:
+    """Return an object's triangles in its own frame, as the renderer gets them."""
+    mesh = thing.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    vertices = np.empty(len(mesh.vertices) * 3, dtype=np.float32)
+    mesh.vertices.foreach_get("co", vertices)
+    mesh.calc_loop_triangles()
+    corners = np.empty(len(mesh.loop_triangles) * 3, dtype=np.int32)
+    mesh.loop_triangles.foreach_get("vertices", corners)
+    return TriangleMesh(vertices.reshape(-1, 3).astype(np.float64), corners.reshape(-1, 3))
+
+
+def evaluated_poses(things: list[Any]) -> FloatArray:
+    """Return the (N, 4, 4) poses of objects, as the renderer gets them."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    poses = [thing.evaluated_get(depsgraph).matrix_world for thing in things]
+    return np.array(poses, dtype=np.float64).reshape(-1, 4, 4)

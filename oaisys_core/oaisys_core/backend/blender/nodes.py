@@ -1,0 +1,50 @@
+"""Short notation for Blender's shader node trees."""
+
+from __future__ import annotations
+
+from typing import Any
+
+Socket = Any
+"""An output socket of a node."""
+
+
+class NodeTree:
+    """Adds nodes to a tree and connects them in the same breath."""
+
+    def __init__(self, tree: Any) -> None:
+        self._tree = tree
+
+    def add(self, kind: str, inputs: dict[str | int, Any] | None = None, **settings: Any) -> Any:
+        """Return a new node.
+
+        Args:
+            kind: Its type without the prefix ``ShaderNode``.
+            inputs: By name or index: an output socket to connect, or a value.
+            settings: Properties of the node.
+        """
+        node = self._tree.nodes.new(f"ShaderNode{kind}")
+        for name, value in settings.items():
+            setattr(node, name, value)
+        for key, value in (inputs or {}).items():
+            if hasattr(value, "is_output"):
+                self._tree.links.new(value, node.inputs[key])
+            else:
+                node.inputs[key].default_value = value
+        return node
+
+    def math(self, operation: str, *operands: Any) -> Socket:
+        """Return the result of a scalar operation."""
+        return self.add("Math", dict(enumerate(operands)), operation=operation).outputs[0]
+
+    def vector(self, operation: str, *operands: Any) -> Socket:
+        """Return the vector that a vector operation gives; scalars among the operands spread."""
+        inputs: dict[str | int, Any] = {
+            index: (value,) * 3 if isinstance(value, float | int) else value
+            for index, value in enumerate(operands)
+        }
+        return self.add("VectorMath", inputs, operation=operation).outputs[0]
+
+    def scaled(self, vector: Any, factor: Any) -> Socket:
+        """Return a vector times a scalar."""
+        node = self.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE")
+        return node.outputs[0]

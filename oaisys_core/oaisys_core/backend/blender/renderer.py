@@ -1,0 +1,102 @@
+"""The backend that renders with Blender's Cycles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import bpy
+
+from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
+from oaisys_core.backend.blender.camera import new_camera, place, set_intrinsics
+from oaisys_core.backend.blender.cycles import Cycles
+from oaisys_core.backend.blender.lights import Lights
+from oaisys_core.backend.blender.world import World
+from oaisys_core.backend.surface import Surface, frame_of, geometry_frames
+from oaisys_core.errors import NotReadyError
+from oaisys_core.scene import PlacedCamera, Scene, Sky
+from oaisys_core.types import RGB, FloatArray, Frame, Progress, TriangleMesh
+
+
+class BlenderBackend(Backend):
+    """Photorealistic colour from Cycles; depth and labels from rays cast at the same triangles.
+
+    Blender holds one scene per process: there may be one such backend in a process at a time,
+    used from the main thread. Depth and labels are cast at the meshes read back from Blender as
+    it renders them, without any mixing of pixels; spheres and boxes are cast in closed form,
+    and their colour is rendered from a tessellation.
+    """
+
+    name = "blender"
+
+    def __init__(self) -> None:
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+        self._cycles = Cycles()
+        self._world = World()
+        self._lights = Lights()
+        self._camera = new_camera()
+        self._surface: Surface | None = None
+        self._sky: Sky | None = None
+
+    @property
+    def version(self) -> str:
+        """Blender's version, such as ``5.2.3``."""
+        return ".".join(str(part) for part in bpy.app.version)
+
+    def build(self, scene: Scene, progress: ProgressCallback) -> None:
+        """Replace the world by ``scene``; a ground of the same hash and material stays."""
+        self._surface = None
+        progress(Progress("clear", 0.0))
+        self._world.clear(scene)
+        progress(Progress("ground", 0.05))
+        self._world.build_ground(scene)
+        progress(Progress("objects", 0.5))
+        self._world.build_objects(scene)
+        self.set_sky(scene.sky)
+        progress(Progress("surface", 0.7))
+        self._surface = Surface(scene, self._world.ground_mesh(), self._world.object_meshes())
+
+    def set_sky(self, sky: Sky) -> None:
+        """Change sun and sky."""
+        self._sky = sky
+        self._lights.set(sky)
+
+    def render(
+        self,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback,
+    ) -> tuple[Frame, ...]:
+        """See `Backend.render`."""
+        surface, sky = self._built()
+        self._cycles.set(settings)
+        frames: list[Frame] = []
+        for index, camera in enumerate(cameras):
+            progress(Progress("geometry", index / len(cameras)))
+            view = surface.view(camera)
+            by_modality = geometry_frames(surface, view, camera, sky.semantic_id)
+            if RGB in camera.modalities:
+                progress(Progress("color", (index + 0.2) / len(cameras)))
+                place(self._camera, camera.T_map_camera)
+                set_intrinsics(self._camera, camera.intrinsics)
+                by_modality[RGB] = frame_of(camera, RGB, self._cycles.render())
+            frames.extend(by_modality[modality] for modality in camera.modalities)
+        return tuple(frames)
+
+    def ground_truth_mesh(self) -> TriangleMesh:
+        """Return ground, objects and tessellated solids with ids per triangle."""
+        return self._built()[0].mesh()
+
+    def surface_height_m(self, xy_m: FloatArray) -> FloatArray:
+        """See `Backend.surface_height_m`."""
+        return self._built()[0].height_m(xy_m)
+
+    def close(self) -> None:
+        """Empty Blender."""
+        self._surface = None
+        self._cycles.close()
+        bpy.ops.wm.read_factory_settings(use_empty=True)
+
+    def _built(self) -> tuple[Surface, Sky]:
+        if self._surface is None or self._sky is None:
+            raise NotReadyError("Blender has no scene: build one first")
+        return self._surface, self._sky
