@@ -59,8 +59,8 @@ while read -r candidate; do
 done < <(type -aP python3 python3.13 python3.11 || true)
 
 if command -v uv >/dev/null; then
-    if candidate=$(uv python find --no-project 3.13 2>/dev/null) ||
-        { uv python install 3.13 && candidate=$(uv python find --no-project 3.13); }; then
+    if candidate=$(uv python find --system --no-project 3.13 2>/dev/null) ||
+        { uv python install 3.13 && candidate=$(uv python find --system --no-project 3.13); }; then
         try "$candidate"
     else
         rejected+=("uv could not bring one")

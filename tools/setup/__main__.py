@@ -20,6 +20,7 @@ from tools.setup.paths import (
     PYTHON_PACKAGES,
     REPOSITORY,
     REQUIREMENTS,
+    SETUP,
     TF2_MSGS,
     Environment,
 )
@@ -30,7 +31,7 @@ _PROJECT_FILES = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml")
 
 
 def _steps(environment: Environment) -> list[Step]:
-    requirements = digest(REQUIREMENTS, INTERPRETER, str(environment.root))
+    requirements = digest(REQUIREMENTS, SETUP, INTERPRETER, str(environment.root))
     interfaces = digest(requirements, OAISYS_MSGS, TF2_MSGS)
     project = [package / name for package in PYTHON_PACKAGES for name in _PROJECT_FILES]
     packages = digest(requirements, *(file for file in project if file.is_file()))
@@ -92,7 +93,7 @@ def main() -> int:
         print(f"setup: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("setup: interrupted; the next run goes on from here", file=sys.stderr)
+        print("setup: interrupted; run it again", file=sys.stderr)
         return 130
     return 0
 

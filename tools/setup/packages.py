@@ -61,8 +61,11 @@ def _interpreter_note(environment: Environment) -> Path:
 
 def install_packages(environment: Environment) -> None:
     """Install the project's own packages so that edits take effect without installing again."""
+    # Paths instead of import hooks: from the repository's root the folders would hide the packages.
     editable = [part for package in PYTHON_PACKAGES for part in ("--editable", str(package))]
-    _pip(environment, "--no-build-isolation", *editable)
+    _pip(
+        environment, "--no-build-isolation", "--config-settings", "editable_mode=compat", *editable
+    )
 
 
 def _pip(environment: Environment, *arguments: str) -> None:

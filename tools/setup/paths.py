@@ -14,6 +14,7 @@ PYTHON_PACKAGES = tuple(
     REPOSITORY / name
     for name in ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
 )
+SETUP = Path(__file__).resolve().parent
 TF2_MSGS = REPOSITORY / "tools" / "underlay" / "tf2_msgs"
 OAISYS_MSGS = REPOSITORY / "oaisys_msgs"
 

@@ -45,7 +45,8 @@ def digest(*parts: str | Path) -> str:
 def _files(path: Path) -> Iterable[Path]:
     if path.is_file():
         return [path]
-    return sorted(file for file in path.rglob("*") if file.is_file())
+    files = (file for file in path.rglob("*") if file.is_file())
+    return sorted(file for file in files if file.parent.name != "__pycache__")
 
 
 def run_steps(steps: Sequence[Step], stamps: Path) -> None:
