@@ -1,0 +1,1 @@
+"""Rocks made by code, and where they lie."""

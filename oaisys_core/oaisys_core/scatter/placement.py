@@ -1,0 +1,132 @@
+"""Random places on the ground: spaced apart, not too steep, and sunk in so that nothing floats."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from oaisys_core.scene import HeightField
+from oaisys_core.types import FloatArray
+
+ROUNDS = 12
+"""How often places that were refused are drawn anew before fewer are accepted."""
+
+
+def power_law_sizes(
+    count: int, size_range_m: tuple[float, float], exponent: float, rng: np.random.Generator
+) -> FloatArray:
+    """Return (count,) sizes whose number above D goes as D**-exponent, within the range.
+
+    Inverse transform of the truncated Pareto distribution; rock abundance on Mars and the Moon is
+    commonly described so (Golombek and Rapp, JGR 102(E2), 1997).
+    """
+    low, high = size_range_m
+    u = rng.uniform(size=count)
+    tail = (low / high) ** exponent
+    return np.asarray(low * (1 - u * (1 - tail)) ** (-1 / exponent))
+
+
+def scatter_on(
+    ground: HeightField,
+    count: int,
+    size_range_m: tuple[float, float],
+    rng: np.random.Generator,
+    *,
+    size_exponent: float = 1.8,
+    min_spacing: float = 0.5,
+    sink: tuple[float, float] = (0.15, 0.4),
+    max_slope_deg: float = 40.0,
+    max_tilt_deg: float = 25.0,
+) -> tuple[FloatArray, FloatArray]:
+    """Return poses of up to ``count`` things on the ground.
+
+    Args:
+        ground: Where they lie.
+        count: How many are wanted; fewer where there is no room for them.
+        size_range_m: Smallest and largest longest axis.
+        rng: Gives places, sizes and orientations.
+        size_exponent: Of the power law of sizes.
+        min_spacing: Least distance of two things, in units of their mean size.
+        sink: Least and most share of its size that a thing is in the ground.
+        max_slope_deg: Steepest ground.
+        max_tilt_deg: Most that a thing leans out of the vertical.
+
+    Returns:
+        (N, 4, 4) rotation times uniform scale with translation, and (N,) sizes in metres, largest
+        first.
+    """
+    sizes_m = np.sort(power_law_sizes(count, size_range_m, size_exponent, rng))[::-1]
+    xy = np.zeros((0, 2))
+    for _ in range(ROUNDS):
+        missing = count - len(xy)
+        if missing == 0:
+            break
+        drawn = _random_places(ground, missing, sizes_m[0], rng)
+        drawn = drawn[_slope_deg(ground, drawn) <= max_slope_deg]
+        xy = _spaced(np.vstack((xy, drawn)), sizes_m, min_spacing)
+    sizes_m = sizes_m[: len(xy)]
+    return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg), sizes_m
+
+
+def _random_places(
+    ground: HeightField, count: int, margin_m: float, rng: np.random.Generator
+) -> FloatArray:
+    x0, y0, x1, y1 = ground.extent_m
+    margin_m = min(margin_m, (x1 - x0) / 4, (y1 - y0) / 4)
+    return rng.uniform((x0 + margin_m, y0 + margin_m), (x1 - margin_m, y1 - margin_m), (count, 2))
+
+
+def _slope_deg(ground: HeightField, xy: FloatArray) -> FloatArray:
+    step_m = ground.spacing_m
+    dx = ground.height_at(xy + (step_m, 0)) - ground.height_at(xy - (step_m, 0))
+    dy = ground.height_at(xy + (0, step_m)) - ground.height_at(xy - (0, step_m))
+    slope = np.degrees(np.arctan(np.hypot(dx, dy) / (2 * step_m)))
+    return np.nan_to_num(slope, nan=90.0)
+
+
+def _spaced(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArray:
+    """Return the places without those too near to an earlier one, in order."""
+    if len(xy) < 2:
+        return xy
+    radius_m = min_spacing * float(sizes_m[0])
+    pairs = cKDTree(xy).query_pairs(radius_m, output_type="ndarray")
+    first, second = pairs.min(axis=1), pairs.max(axis=1)
+    least_m = min_spacing * (sizes_m[first] + sizes_m[second]) / 2
+    too_near = np.linalg.norm(xy[first] - xy[second], axis=1) < least_m
+    keep = np.ones(len(xy), bool)
+    order = np.argsort(second[too_near], kind="stable")
+    for a, b in zip(first[too_near][order], second[too_near][order], strict=True):
+        if keep[a]:
+            keep[b] = False
+    return xy[keep]
+
+
+def _poses(
+    ground: HeightField,
+    xy: FloatArray,
+    sizes_m: FloatArray,
+    rng: np.random.Generator,
+    sink: tuple[float, float],
+    max_tilt_deg: float,
+) -> FloatArray:
+    count = len(xy)
+    yaw_rad = rng.uniform(-np.pi, np.pi, count)
+    tilt_rad = np.radians(max_tilt_deg) * rng.uniform(-1, 1, (count, 2))
+    depth_m = rng.uniform(*sink, count) * sizes_m * 0.6
+    T_map_object = np.tile(np.eye(4), (count, 1, 1))
+    if count:
+        rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
+        T_map_object[:, :3, :3] = rotation.as_matrix() * sizes_m[:, None, None]
+        T_map_object[:, :2, 3] = xy
+        T_map_object[:, 2, 3] = _lowest_under(ground, xy, sizes_m / 3) - depth_m
+    return T_map_object
+
+
+def _lowest_under(ground: HeightField, xy: FloatArray, radius_m: FloatArray) -> FloatArray:
+    """Return the (N,) lowest ground on a circle of each radius, and at its centre."""
+    angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+    offsets = np.vstack((np.zeros((1, 2)), np.column_stack((np.cos(angles), np.sin(angles)))))
+    around = xy[:, None] + radius_m[:, None, None] * offsets
+    heights_m = ground.height_at(around.reshape(-1, 2)).reshape(len(xy), -1)
+    return np.asarray(np.nanmin(heights_m, axis=1))

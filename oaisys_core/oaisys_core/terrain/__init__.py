@@ -1,0 +1,1 @@
+"""Grounds made by code: noise, presets and blend masks."""

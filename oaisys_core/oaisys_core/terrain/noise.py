@@ -1,0 +1,103 @@
+"""Noise fields on square grids, drawn from a generator that is passed in.
+
+All fields are gradient noise after Perlin, "Improving noise", SIGGRAPH 2002: random gradients on
+an integer lattice, blended with the quintic 6t^5 - 15t^4 + 10t^3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.types import FloatArray
+
+Field = NDArray[np.float32]
+
+LATTICE = 256
+"""Cells after which noise repeats that need not tile: more than any ground has."""
+
+
+def gradient_noise(
+    x: FloatArray, y: FloatArray, rng: np.random.Generator, period: int = LATTICE
+) -> Field:
+    """Return noise of about -1 to 1 at lattice coordinates; it repeats after ``period`` cells.
+
+    Args:
+        x, y: Coordinates of one shape; one lattice cell is 1 wide.
+        rng: Gives the gradients.
+        period: Lattice size; a field over 0..period is tileable.
+    """
+    angle = rng.uniform(0, 2 * np.pi, (period, period))
+    gx, gy = np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
+    column, row = np.floor(x), np.floor(y)
+    s, t = (x - column).astype(np.float32), (y - row).astype(np.float32)
+    c0 = column.astype(np.int64) % period
+    r0 = row.astype(np.int64) % period
+    c1, r1 = (c0 + 1) % period, (r0 + 1) % period
+
+    def corner(r: NDArray[np.int64], c: NDArray[np.int64], ds: Field, dt: Field) -> Field:
+        flat = r * period + c
+        return gx.ravel()[flat] * ds + gy.ravel()[flat] * dt
+
+    u, v = _fade(s), _fade(t)
+    low = corner(r0, c0, s, t)
+    low += u * (corner(r0, c1, s - 1, t) - low)
+    high = corner(r1, c0, s, t - 1)
+    high += u * (corner(r1, c1, s - 1, t - 1) - high)
+    low += v * (high - low)
+    return low * np.float32(np.sqrt(2))
+
+
+def _fade(t: Field) -> Field:
+    return t * t * t * (t * (t * 6 - 15) + 10)
+
+
+def fractal(
+    x: FloatArray,
+    y: FloatArray,
+    rng: np.random.Generator,
+    *,
+    octaves: int,
+    gain: float = 0.5,
+    kind: str = "fbm",
+    period: int | None = None,
+) -> Field:
+    """Return the sum of octaves of noise, each of twice the frequency and ``gain`` the height.
+
+    Args:
+        x, y: Lattice coordinates of the first octave.
+        rng: Gives the gradients of every octave.
+        octaves: How many.
+        gain: Height of each octave relative to the one before.
+        kind: ``fbm`` (-1 to 1), ``billow`` (rounded lumps, 0 to 1) or ``ridged`` (crests, 0 to 1).
+        period: Cells of the first octave after which the field repeats; None: it need not.
+    """
+    total = np.zeros(np.broadcast(x, y).shape, np.float32)
+    amplitude, norm = 1.0, 0.0
+    for octave in range(octaves):
+        scale = 2**octave
+        noise = gradient_noise(x * scale, y * scale, rng, period * scale if period else LATTICE)
+        if kind == "billow":
+            noise = np.abs(noise)
+        elif kind == "ridged":
+            noise = np.square(1 - np.minimum(np.abs(noise), 1))
+        total += np.float32(amplitude) * noise
+        norm += amplitude
+        amplitude *= gain
+    return total / np.float32(norm)
+
+
+def warped(
+    x: FloatArray, y: FloatArray, rng: np.random.Generator, strength: float, octaves: int = 3
+) -> tuple[FloatArray, FloatArray]:
+    """Return coordinates displaced by noise (domain warping), by up to about ``strength`` cells."""
+    dx = fractal(x, y, rng, octaves=octaves)
+    dy = fractal(x, y, rng, octaves=octaves)
+    return x + strength * dx, y + strength * dy
+
+
+def grid(extent: float, size: int, cell: float) -> tuple[FloatArray, FloatArray]:
+    """Return (size, size) lattice coordinates of a square of ``extent``, cells ``cell`` wide."""
+    axis = np.linspace(0.0, extent / cell, size)
+    x, y = np.meshgrid(axis, axis)
+    return x, y

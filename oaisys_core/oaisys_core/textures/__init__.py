@@ -1,0 +1,6 @@
+"""Tileable PBR texture sets: made by code from a seed, or read from a folder of maps."""
+
+from oaisys_core.textures.folder import load_texture_folder
+from oaisys_core.textures.library import TEXTURES, default_cache_dir, texture_set
+
+__all__ = ["TEXTURES", "default_cache_dir", "load_texture_folder", "texture_set"]
