@@ -1,0 +1,131 @@
+"""Pure conversions of clouds and meshes to ROS messages and back."""
+
+from __future__ import annotations
+
+import numpy as np
+from geometry_msgs.msg import Point, Vector3
+from numpy.typing import NDArray
+from sensor_msgs.msg import PointCloud2, PointField
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import depth_to_points
+from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_ros_bridge.conversions import buffer_of, checked_type
+
+CLOUD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
+"""A point of a cloud; the colour is declared float32, as PCL does, and holds 0x00RRGGBB."""
+
+
+def cloud_to_msg(
+    points_m: NDArray[np.float32], rgb: NDArray[np.uint8] | None, header: Header
+) -> PointCloud2:
+    """Return an organised cloud; inverse: `cloud_from_msg`.
+
+    Args:
+        points_m: (H, W, 3) in ``header``'s frame; a point that is not finite becomes NaN.
+        rgb: (H, W, 3), or None for black.
+        header: Stamp and frame.
+    """
+    checked_type(points_m, np.ndarray, "cloud.points_m")
+    if points_m.ndim != 3 or points_m.shape[2] != 3:
+        raise InvalidInputError("cloud.points_m", points_m.shape, "(H, W, 3)")
+    if rgb is not None and rgb.shape != points_m.shape:
+        raise InvalidInputError("cloud.rgb", rgb.shape, f"{points_m.shape}, as the points")
+    height, width = points_m.shape[:2]
+    cloud = np.zeros((height, width), dtype=CLOUD_POINT)
+    missing = ~np.isfinite(points_m).all(axis=-1)
+    for axis, name in enumerate("xyz"):
+        cloud[name] = points_m[..., axis]
+        cloud[name][missing] = np.nan
+    if rgb is not None:
+        cloud["rgb"] = _packed(rgb)
+    fields = [
+        PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+        for i, name in enumerate(("x", "y", "z", "rgb"))
+    ]
+    return PointCloud2(
+        header=header,
+        height=height,
+        width=width,
+        fields=fields,
+        is_bigendian=False,
+        point_step=CLOUD_POINT.itemsize,
+        row_step=CLOUD_POINT.itemsize * width,
+        data=buffer_of(cloud),
+        is_dense=False,
+    )
+
+
+def depth_to_cloud_msg(
+    depth_m: NDArray[np.float32],
+    rgb: NDArray[np.uint8] | None,
+    intrinsics: PinholeIntrinsics,
+    header: Header,
+) -> PointCloud2:
+    """Return the cloud of an (H, W) planar depth image, in the optical frame."""
+    return cloud_to_msg(depth_to_points(depth_m, intrinsics), rgb, header)
+
+
+def cloud_from_msg(msg: PointCloud2) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
+    """Return points (H, W, 3) float32 and colours (H, W, 3) uint8 of `cloud_to_msg`'s clouds.
+
+    Raises:
+        TypeError: ``msg`` is no ``sensor_msgs/PointCloud2``.
+        InvalidInputError: Another layout.
+    """
+    checked_type(msg, PointCloud2, "cloud")
+    layout = [(f.name, f.offset, f.datatype, f.count) for f in msg.fields]
+    expected = [(n, 4 * i, PointField.FLOAT32, 1) for i, n in enumerate(("x", "y", "z", "rgb"))]
+    if layout != expected or msg.is_bigendian or msg.point_step != CLOUD_POINT.itemsize:
+        raise InvalidInputError("cloud.fields", layout, f"little-endian {expected}")
+    if len(msg.data) != CLOUD_POINT.itemsize * msg.width * msg.height:
+        raise InvalidInputError("cloud.data", len(msg.data), f"16 x {msg.width} x {msg.height}")
+    cloud = np.frombuffer(msg.data, dtype=CLOUD_POINT).reshape(msg.height, msg.width)
+    points_m = np.stack([cloud[name] for name in "xyz"], axis=-1)
+    rgb = np.stack([cloud["rgb"] >> shift & 0xFF for shift in (16, 8, 0)], axis=-1)
+    return points_m, rgb.astype(np.uint8)
+
+
+def _packed(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
+    """Return 0x00RRGGBB of (..., 3) colours."""
+    red, green, blue = (rgb[..., channel].astype(np.uint32) for channel in range(3))
+    return red << 16 | green << 8 | blue
+
+
+def mesh_to_marker(
+    vertices_m: FloatArray,
+    triangles: NDArray[np.int32],
+    colors_rgb: NDArray[np.uint8],
+    header: Header,
+) -> Marker:
+    """Return a triangle list with a colour per corner; inverse: `mesh_from_marker`.
+
+    Args:
+        vertices_m: (V, 3) in ``header``'s frame.
+        triangles: (T, 3) vertex indices.
+        colors_rgb: (V, 3).
+        header: Stamp and frame.
+    """
+    points = [Point(x=x, y=y, z=z) for x, y, z in vertices_m.tolist()]
+    shares = (colors_rgb / 255.0).tolist()
+    colors = [ColorRGBA(r=r, g=g, b=b, a=1.0) for r, g, b in shares]
+    marker = Marker(header=header, ns="mesh", type=Marker.TRIANGLE_LIST, action=Marker.ADD)
+    marker.pose.orientation.w = 1.0
+    marker.scale = Vector3(x=1.0, y=1.0, z=1.0)
+    marker.color = ColorRGBA(r=1.0, g=1.0, b=1.0, a=1.0)
+    corners = triangles.ravel().tolist()
+    marker.points = [points[corner] for corner in corners]
+    marker.colors = [colors[corner] for corner in corners]
+    return marker
+
+
+def mesh_from_marker(msg: Marker) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """Return corners (T, 3, 3) float64 and their colours (T, 3, 3) uint8 of a triangle list."""
+    if checked_type(msg, Marker, "marker").type != Marker.TRIANGLE_LIST:
+        raise InvalidInputError("marker.type", msg.type, f"TRIANGLE_LIST ({Marker.TRIANGLE_LIST})")
+    corners_m = np.array([(p.x, p.y, p.z) for p in msg.points], dtype=np.float64)
+    shares = np.array([(c.r, c.g, c.b) for c in msg.colors], dtype=np.float64)
+    rgb = np.rint(shares * 255.0).astype(np.uint8)
+    return corners_m.reshape(-1, 3, 3), rgb.reshape(-1, 3, 3)
