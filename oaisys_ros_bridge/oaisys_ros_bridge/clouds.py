@@ -91,7 +91,8 @@ def cloud_from_msg(msg: PointCloud2) -> tuple[NDArray[np.float32], NDArray[np.ui
 def _packed(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:
     """Return 0x00RRGGBB of (..., 3) colours."""
     red, green, blue = (rgb[..., channel].astype(np.uint32) for channel in range(3))
-    return red << 16 | green << 8 | blue
+    packed: NDArray[np.uint32] = red << np.uint32(16) | green << np.uint32(8) | blue
+    return packed
 
 
 def mesh_to_marker(

@@ -24,7 +24,7 @@ from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
 
 T = TypeVar("T")
 
-DTYPES_BY_ENCODING = {
+DTYPES_BY_ENCODING: dict[str, np.dtype[Any]] = {
     "rgb8": np.dtype(np.uint8),
     "32FC1": np.dtype(np.float32),
     "16UC1": np.dtype(np.uint16),

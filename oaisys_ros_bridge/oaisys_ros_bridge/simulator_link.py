@@ -1,0 +1,189 @@
+"""The bridge's connection to the simulator: found in the background, lost and found again."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
+from oaisys_core.types import ModuleMetadata, Pose, Sample, SimulatorInfo
+from oaisys_grpc.client import SimulatorClient
+
+R = TypeVar("R")
+
+CHECK_PERIOD_S = 2.0
+"""Between two looks at a server that answers."""
+FIRST_RETRY_S = 0.2
+LONGEST_RETRY_S = 3.0
+HEALTH_TIMEOUT_S = 5.0
+
+
+@dataclass(frozen=True)
+class LinkState:
+    """What is known of the server.
+
+    Attributes:
+        info: The server's own description; None while it does not answer.
+        reason: Why it is not ready; empty when it is.
+        connections: How often the server was found so far.
+    """
+
+    info: SimulatorInfo | None
+    reason: str
+    connections: int
+
+    @property
+    def ready(self) -> bool:
+        """Whether a sample could be rendered now."""
+        return self.info is not None and self.info.batch_id > 0
+
+
+class SimulatorLink:
+    """Keeps a client connected to ``address`` and, if wanted, a batch standing.
+
+    A thread looks for the server, with growing pauses while there is none, and asks it every
+    `CHECK_PERIOD_S` afterwards. Calls that render go one at a time, under `lock`.
+    """
+
+    def __init__(
+        self,
+        address: str,
+        *,
+        initial_batch: bool,
+        timeout_s: float,
+        on_change: Callable[[LinkState], None],
+    ) -> None:
+        self.address = address
+        self.lock = threading.RLock()
+        self._initial_batch = initial_batch
+        self._timeout_s = timeout_s
+        self._on_change = on_change
+        self._state = LinkState(None, f"no simulator at {address} yet", 0)
+        self._client: SimulatorClient | None = None
+        self._stopping = threading.Event()
+        self._wake = threading.Event()
+        self._thread = threading.Thread(target=self._watch, name="simulator_link", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look for the server."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Let go of the server; calls under way end with an error."""
+        self._stopping.set()
+        self._wake.set()
+        if self._client is not None:
+            self._client.close()
+        self._thread.join(timeout=HEALTH_TIMEOUT_S)
+
+    @property
+    def state(self) -> LinkState:
+        """What is known now."""
+        return self._state
+
+    def render(
+        self,
+        pose: Pose | None,
+        *,
+        metadata: ModuleMetadata | None,
+        modalities: Sequence[str],
+        sensors: Sequence[str],
+    ) -> Sample:
+        """Render a sample; a server that has started afresh gets its first batch before that.
+
+        Raises:
+            OaisysError: As the server says, or there is none.
+        """
+
+        def call(client: SimulatorClient) -> Sample:
+            return client.render_sample(
+                pose, metadata=metadata, modalities=modalities, sensors=sensors
+            )
+
+        with self.lock:
+            try:
+                return self._call(call)
+            except NotReadyError:
+                if not self._initial_batch or self._stopping.is_set():
+                    raise
+                self._check()
+                return self._call(call)
+
+    def step_batch(
+        self, *, seed: int | None, reuse_stage: bool, metadata: ModuleMetadata | None
+    ) -> int:
+        """Build a new batch and return its id."""
+        with self.lock:
+            batch_id = self._call(
+                lambda client: client.step_batch(
+                    seed=seed, reuse_stage=reuse_stage, metadata=metadata
+                )
+            )
+            self._check()
+            return batch_id
+
+    def end_simulation(self) -> None:
+        """End the server's process."""
+        with self.lock:
+            self._call(lambda client: client.end_simulation())
+            self._lose("the simulation was ended")
+
+    def _call(self, call: Callable[[SimulatorClient], R]) -> R:
+        if self._client is None:
+            self._check()
+        client = self._client
+        if client is None:
+            raise NotReadyError(self._state.reason)
+        try:
+            return call(client)
+        except InvalidInputError:
+            raise
+        except OaisysError:
+            self._wake.set()
+            raise
+
+    def _watch(self) -> None:
+        retry_s = FIRST_RETRY_S
+        while not self._stopping.is_set():
+            # A render under way tells more about the server than a look at it beside the render.
+            if self.lock.acquire(blocking=False):
+                try:
+                    self._check()
+                    retry_s = FIRST_RETRY_S
+                except OaisysError as error:
+                    self._lose(str(error))
+                    retry_s = min(2.0 * retry_s, LONGEST_RETRY_S)
+                finally:
+                    self.lock.release()
+            self._wake.wait(CHECK_PERIOD_S if self._state.info is not None else retry_s)
+            self._wake.clear()
+
+    def _check(self) -> None:
+        """Ask the server what it is, and build the first batch where there is none."""
+        if self._client is None:
+            self._client = SimulatorClient(self.address, timeout_s=self._timeout_s)
+        self._client.wait_ready(HEALTH_TIMEOUT_S)
+        info = self._client.info()
+        if info.batch_id == 0 and self._initial_batch:
+            self._enter(info, "the first batch is being built")
+            self._client.step_batch()
+            info = self._client.info()
+        self._enter(info, "" if info.batch_id > 0 else "no batch has been stepped yet")
+
+    def _enter(self, info: SimulatorInfo, reason: str) -> None:
+        found = int(self._state.info is None)
+        self._change(LinkState(info, reason, self._state.connections + found))
+
+    def _lose(self, reason: str) -> None:
+        """Forget the server; a new client starts without the old channel's long pauses."""
+        client, self._client = self._client, None
+        if client is not None:
+            client.close()
+        self._change(LinkState(None, reason, self._state.connections))
+
+    def _change(self, state: LinkState) -> None:
+        self._state = state
+        if not self._stopping.is_set():
+            self._on_change(state)
