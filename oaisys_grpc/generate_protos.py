@@ -64,7 +64,7 @@ def _compile(protos: list[Path], output: Path) -> bool:
     plugins = {name: Path(sys.executable).with_name(name) for name in _STUB_PLUGINS}
     if importlib.util.find_spec("mypy_protobuf") and all(map(Path.is_file, plugins.values())):
         arguments += [f"--plugin={name}={path}" for name, path in plugins.items()]
-        arguments += [f"--mypy_out={output}", f"--mypy_grpc_out={output}"]
+        arguments += [f"--mypy_out=quiet:{output}", f"--mypy_grpc_out=quiet:{output}"]
     return protoc.main([*arguments, *map(str, protos)]) == 0
 
 

@@ -1,0 +1,199 @@
+"""Set-up of a machine without ROS: what it does, what it refuses, and what it leaves behind."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tools.setup.checks import check_compiler, check_disk
+from tools.setup.errors import SetupError
+from tools.setup.relocation import relocate
+from tools.setup.steps import Step, digest, run_steps
+
+REPOSITORY = Path(__file__).parents[2]
+PREFIX = Path(sys.prefix)
+SCRIPT = PREFIX / "oaisys_env.sh"
+
+
+def test_relocation_rewrites_text_and_is_idempotent(tmp_path: Path) -> None:
+    share = tmp_path / "share"
+    share.mkdir()
+    cmake = share / "export.cmake"
+    cmake.write_text(
+        "/opt/python/cp311-cp311/include/python3.11;"
+        "/opt/python/cp311-cp311/lib/python3.11/site-packages/numpy/_core/include;"
+        "/opt/python/cp311-cp311\n"
+    )
+    binary = share / "data.bin"
+    binary.write_bytes(b"\0/opt/python/cp311-cp311\0")
+
+    assert relocate(tmp_path, Path("/usr/include/python3.11"), Path("/np/include")) == 1
+    expected = f"/usr/include/python3.11;/np/include;{tmp_path}\n"
+    assert cmake.read_text() == expected
+    assert binary.read_bytes() == b"\0/opt/python/cp311-cp311\0"
+    assert relocate(tmp_path, Path("/elsewhere"), Path("/elsewhere")) == 0
+    assert cmake.read_text() == expected
+
+
+def test_step_runs_once_and_again_when_its_key_changes(tmp_path: Path) -> None:
+    done_before: list[bool] = []
+    for key in ("a", "a", "b"):
+        run_steps([Step("step", "working", key, done_before.append)], tmp_path)
+    assert done_before == [False, True]
+
+
+def test_step_that_fails_is_not_stamped(tmp_path: Path) -> None:
+    runs: list[bool] = []
+
+    def fail_at_first(done_before: bool) -> None:
+        runs.append(done_before)
+        if len(runs) == 1:
+            raise SetupError("no")
+
+    step = Step("step", "working", "key", fail_at_first)
+    with pytest.raises(SetupError):
+        run_steps([step], tmp_path)
+    run_steps([step], tmp_path)
+    run_steps([step], tmp_path)
+    assert len(runs) == 2
+
+
+def test_digest_changes_with_a_file_below_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "msg").mkdir()
+    (tmp_path / "msg" / "A.msg").write_text("int32 x")
+    before = digest(tmp_path)
+    assert digest(tmp_path) == before
+    (tmp_path / "msg" / "A.msg").write_text("int64 x")
+    assert digest(tmp_path) != before
+
+
+def test_full_disk_is_refused_with_both_figures(tmp_path: Path) -> None:
+    check_disk(tmp_path / "not" / "there", 0.0)
+    with pytest.raises(SetupError, match=r"GB free, 1000000 GB needed"):
+        check_disk(tmp_path / "not" / "there", 1e6)
+
+
+def test_missing_and_broken_compilers_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    check_compiler()
+    broken = tmp_path / "cc"
+    broken.write_text("#!/bin/sh\necho 'x.c:1: fatal error: stdio.h: no such file' >&2; exit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("CC", str(broken))
+    with pytest.raises(SetupError, match=r"does not work: .*stdio\.h"):
+        check_compiler()
+    monkeypatch.delenv("CC")
+    monkeypatch.setenv("PATH", str(tmp_path / "empty"))
+    with pytest.raises(SetupError, match="no C compiler found"):
+        check_compiler()
+
+
+def test_unusable_interpreters_are_named_in_one_line(tmp_path: Path) -> None:
+    for tool in ("bash", "dirname", "env"):
+        (tmp_path / tool).symlink_to(Path("/usr/bin", tool))
+    for name, answer in (("python3", "is 3.12"), ("python3.13", "Segmentation fault")):
+        fake = tmp_path / name
+        fake.write_text(f"#!/usr/bin/env bash\necho '{answer}' >&2; exit 1\n")
+        fake.chmod(0o755)
+    result = subprocess.run(
+        [REPOSITORY / "tools" / "setup.sh"],
+        env={"PATH": str(tmp_path), "VENV": str(tmp_path / "venv")},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert len(result.stderr.splitlines()) == 1
+    assert f"{tmp_path}/python3 is 3.12, {tmp_path}/python3.13 does not run" in result.stderr
+    assert not (tmp_path / "venv").exists()
+
+
+def test_nothing_of_the_wheels_points_at_their_build_machine() -> None:
+    result = subprocess.run(
+        ["grep", "-rlI", "/opt/python/cp", PREFIX / "share"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.stdout == ""
+
+
+def test_script_sets_the_environment_and_survives_a_read_only_home(tmp_path: Path) -> None:
+    variables = ("LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "ROS_DISTRO", "ROS_LOG_DIR", "PYTHONPATH")
+    show = "; ".join(f'echo "${{{name}-unset}}"' for name in variables)
+    result = subprocess.run(
+        ["bash", "-euc", f"source '{SCRIPT}'; command -v python; {show}"],
+        env={
+            "PATH": os.defpath,
+            "HOME": "/nonexistent",
+            "TMPDIR": str(tmp_path),
+            "PYTHONPATH": "/opt/ros/jazzy/lib/python3.12/site-packages",
+        },
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    python, libraries, prefix, distro, logs, python_path = result.stdout.splitlines()
+    assert Path(python) == PREFIX / "bin" / "python"
+    assert libraries.split(":")[0] == str(PREFIX / "lib")
+    assert all(Path(folder).is_dir() for folder in libraries.split(":"))
+    assert (prefix, distro, python_path) == (str(PREFIX), "jazzy", "unset")
+    assert logs.startswith(str(tmp_path))
+
+
+def test_tf_message_is_the_official_one() -> None:
+    """The hash is what a ROS 2 install shows by `ros2 topic info -v /tf`."""
+    definition = json.loads((PREFIX / "share" / "tf2_msgs" / "msg" / "TFMessage.json").read_text())
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in definition["type_hashes"]}
+    assert hashes["tf2_msgs/msg/TFMessage"] == (
+        "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087"
+    )
+
+
+PROMISED_INTERFACES = {
+    "srv.SetPose.Request": {
+        "pose": "geometry_msgs/PoseStamped",
+        "sensor": "string",
+        "modalities": "sequence<string>",
+    },
+    "srv.SetPose.Response": {
+        "success": "boolean",
+        "message": "string",
+        "batch_id": "uint32",
+        "sample_id": "uint32",
+        "stamp": "builtin_interfaces/Time",
+        "render_time": "double",
+    },
+    "srv.StepBatch.Request": {
+        "seed": "int64",
+        "reuse_stage": "boolean",
+        "metadata_json": "string",
+    },
+    "srv.StepBatch.Response": {"success": "boolean", "message": "string", "batch_id": "uint32"},
+    "srv.SetMetadata.Request": {"module": "string", "metadata_json": "string"},
+    "srv.SetMetadata.Response": {"success": "boolean", "message": "string"},
+    "action.Sweep.Goal": {"poses": "geometry_msgs/PoseArray"},
+    "action.Sweep.Result": {
+        "success": "boolean",
+        "message": "string",
+        "sample_ids": "sequence<uint32>",
+    },
+    "action.Sweep.Feedback": {"index": "uint32", "total": "uint32", "render_time": "double"},
+}
+
+
+@pytest.mark.parametrize("name", PROMISED_INTERFACES)
+def test_interfaces_have_the_promised_fields(name: str) -> None:
+    module, *path = name.split(".")
+    interface = importlib.import_module(f"oaisys_msgs.{module}")
+    for part in path:
+        interface = getattr(interface, part)
+    fields = interface.get_fields_and_field_types()
+    assert dict(fields) == PROMISED_INTERFACES[name]
