@@ -63,6 +63,7 @@ class SamplePublisher:
         publish_points: bool,
     ) -> None:
         self._node = node
+        self._info = info
         self._map_frame = map_frame
         self._base_frame = base_frame
         self._publish_points = publish_points
@@ -75,6 +76,10 @@ class SamplePublisher:
             self._create_sensor(sensor)
         self._publish_mounts(info.sensors)
         self._publish_labels(info)
+
+    def fits(self, info: SimulatorInfo) -> bool:
+        """Return whether ``info`` describes the same sensors and labels."""
+        return _described(info) == _described(self._info)
 
     def destroy(self) -> None:
         """Take the publishers off the node."""
@@ -167,6 +172,11 @@ class SamplePublisher:
 
     def _optical_frame(self, sensor: str) -> str:
         return f"{self._namespaces[sensor]}_optical_frame"
+
+
+def _described(info: SimulatorInfo) -> list[object]:
+    sensors = [(s.name, s.modalities, s.T_base_camera.tolist()) for s in info.sensors]
+    return [sensors, sorted(info.semantic_labels.items())]
 
 
 def sample_info_msg(sample: Sample, header: Header) -> SampleInfo:

@@ -53,7 +53,7 @@ class SimulatorLink:
         *,
         initial_batch: bool,
         timeout_s: float,
-        on_change: Callable[[LinkState], None],
+        on_change: Callable[[LinkState, LinkState], None],
     ) -> None:
         self.address = address
         self.lock = threading.RLock()
@@ -108,7 +108,7 @@ class SimulatorLink:
             except NotReadyError:
                 if not self._initial_batch or self._stopping.is_set():
                     raise
-                self._check()
+                self.check()
                 return self._call(call)
 
     def step_batch(
@@ -121,7 +121,7 @@ class SimulatorLink:
                     seed=seed, reuse_stage=reuse_stage, metadata=metadata
                 )
             )
-            self._check()
+            self.check()
             return batch_id
 
     def end_simulation(self) -> None:
@@ -132,7 +132,7 @@ class SimulatorLink:
 
     def _call(self, call: Callable[[SimulatorClient], R]) -> R:
         if self._client is None:
-            self._check()
+            self.check()
         client = self._client
         if client is None:
             raise NotReadyError(self._state.reason)
@@ -150,7 +150,7 @@ class SimulatorLink:
             # A render under way tells more about the server than a look at it beside the render.
             if self.lock.acquire(blocking=False):
                 try:
-                    self._check()
+                    self.check()
                     retry_s = FIRST_RETRY_S
                 except OaisysError as error:
                     self._lose(str(error))
@@ -160,8 +160,12 @@ class SimulatorLink:
             self._wake.wait(CHECK_PERIOD_S if self._state.info is not None else retry_s)
             self._wake.clear()
 
-    def _check(self) -> None:
-        """Ask the server what it is, and build the first batch where there is none."""
+    def check(self) -> None:
+        """Ask the server what it is, and build the first batch where there is none.
+
+        Raises:
+            OaisysError: It does not answer, or cannot build.
+        """
         if self._client is None:
             self._client = SimulatorClient(self.address, timeout_s=self._timeout_s)
         self._client.wait_ready(HEALTH_TIMEOUT_S)
@@ -184,6 +188,6 @@ class SimulatorLink:
         self._change(LinkState(None, reason, self._state.connections))
 
     def _change(self, state: LinkState) -> None:
-        self._state = state
+        before, self._state = self._state, state
         if not self._stopping.is_set():
-            self._on_change(state)
+            self._on_change(before, state)

@@ -1,0 +1,98 @@
+"""What callers ask the bridge for, checked and turned into what the simulator understands."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
+from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo
+from oaisys_ros_bridge.conversions import pose_from_msg
+
+MODULES = ("sensor", "environment", "asset", "render", "custom")
+
+
+def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: str) -> Pose:
+    """Return where the rig must be for a request.
+
+    Args:
+        stamped: Pose in ``map`` of the rig's ``base_link`` or, if a sensor is named, of that
+            sensor's link (x forward, y left, z up).
+        sensor: Name of the sensor, or empty.
+        info: The simulator, which knows where the sensor sits.
+        map_frame: Name of the frame that poses may come in, beside ``map`` and the empty name.
+
+    Raises:
+        InvalidInputError: Unknown frame or sensor, or numbers that are no pose.
+    """
+    frame = stamped.header.frame_id
+    if frame not in ("", "map", map_frame):
+        raise InvalidInputError("pose.header.frame_id", frame, f"{map_frame!r} or empty")
+    pose = pose_from_msg(stamped.pose, "pose.pose")
+    if not sensor:
+        return pose
+    mounts = {s.name: s.T_base_camera for s in info.sensors}
+    if sensor not in mounts:
+        raise InvalidInputError("sensor", sensor, f"empty or one of {', '.join(sorted(mounts))}")
+    T_base_link = mounts[sensor] @ invert(T_LINK_OPTICAL)
+    return pose_from_matrix(pose_to_matrix(pose) @ invert(T_base_link))
+
+
+def checked_modalities(modalities: Sequence[str], sensor: str, info: SimulatorInfo) -> list[str]:
+    """Return the modalities asked for; `InvalidInputError` where no (named) sensor has one."""
+    offered = {m for s in info.sensors if sensor in ("", s.name) for m in s.modalities}
+    for modality in modalities:
+        if modality not in offered:
+            expected = f"empty or some of {', '.join(sorted(offered))}"
+            raise InvalidInputError("modalities", modality, expected)
+    return list(modalities)
+
+
+def metadata_of_module(module: str, metadata_json: str) -> ModuleMetadata:
+    """Return the metadata of one module from a JSON object of its keys.
+
+    Raises:
+        InvalidInputError: Unknown module, or no JSON object.
+    """
+    if module not in MODULES:
+        raise InvalidInputError("module", module, f"one of {', '.join(MODULES)}")
+    return _metadata({module: _json_object("metadata_json", metadata_json)})
+
+
+def metadata_of_modules(metadata_json: str) -> ModuleMetadata | None:
+    """Return metadata from a JSON object by module; None if the text is empty.
+
+    Raises:
+        InvalidInputError: No JSON object of JSON objects, or an unknown module.
+    """
+    if not metadata_json.strip():
+        return None
+    by_module = _json_object("metadata_json", metadata_json)
+    for module, part in by_module.items():
+        if module not in MODULES:
+            expected = f"modules out of {', '.join(MODULES)}"
+            raise InvalidInputError("metadata_json", module, expected)
+        if not isinstance(part, dict):
+            raise InvalidInputError(f"metadata_json.{module}", part, "a JSON object")
+    return _metadata(by_module)
+
+
+def _json_object(field: str, text: str) -> dict[str, Any]:
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InvalidInputError(field, text, f"a JSON object ({error})") from None
+    if not isinstance(value, dict):
+        raise InvalidInputError(field, text, "a JSON object")
+    return value
+
+
+def _metadata(by_module: dict[str, dict[str, Any]]) -> ModuleMetadata:
+    if "pose" in by_module.get("sensor", {}):
+        received = by_module["sensor"]["pose"]
+        raise InvalidInputError("metadata_json.sensor.pose", received, "poses through set_pose")
+    return ModuleMetadata(**by_module)
