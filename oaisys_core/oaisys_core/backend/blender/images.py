@@ -29,9 +29,10 @@ class ImageStore:
         """Return the height, 0 to 1."""
         return self._stored(maps, "height", maps.height[..., None] * np.float32(255), alpha=255)
 
-    def forget_unused(self) -> None:
-        """Let go of what no material uses, so that it can be purged."""
-        self._images = {key: kept for key, kept in self._images.items() if kept[1].users > 0}
+    def remove_unused(self) -> None:
+        """Remove what no material uses any more."""
+        unused = [key for key, (_, image) in self._images.items() if image.users <= 1]
+        bpy.data.batch_remove([self._images.pop(key)[1] for key in unused])
 
     def _stored(
         self,
@@ -49,6 +50,8 @@ class ImageStore:
             pixels[..., 3] = alpha[::-1] if isinstance(alpha, np.ndarray) else alpha
             pixels /= 255
             image = new_image(f"{maps.name}_{kind}", pixels, is_float=False, is_color=is_color)
+            # Its only user beside materials, so that purging leaves it to this store.
+            image.use_fake_user = True
             self._images[key] = (maps, image)
         return self._images[key][1]
 

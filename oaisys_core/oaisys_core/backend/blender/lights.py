@@ -9,17 +9,14 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from oaisys_core.backend.blender.compat import node_tree_of, set_up_sky_node
+from oaisys_core.backend.blender.compat import SKY_SCALE, node_tree_of, set_up_sky_node
 from oaisys_core.backend.blender.nodes import NodeTree
 from oaisys_core.scene import Sky
-
-SKY_SCALE = 0.1
-"""Factor on the sky model's radiance that puts it beside a sun of about 4 W/m²."""
 
 PLAIN_ALBEDO = np.array((0.26, 0.22, 0.18))
 """Linear colour of the far plain that is seen below the horizon, beyond the stage."""
 
-SKY_IRRADIANCE_W_M2 = 1.0
+SKY_IRRADIANCE_W_M2 = 0.65
 """Of the sky on level ground at a strength of 1, roughly: it only lights the far plain."""
 
 _COLOR_A, _COLOR_B, _COLOR_RESULT = 6, 7, 2

@@ -64,8 +64,8 @@ class World:
         meshes = [self._prototype(prototype, materials) for prototype in scene.prototypes]
         self._groups = [_group(meshes[p.prototype], p) for p in scene.placements]
         self._solids = [_solid(primitive) for primitive in scene.primitives]
-        self._images.forget_unused()
         bpy.data.orphans_purge(do_recursive=True)
+        self._images.remove_unused()
 
     def ground_mesh(self) -> TriangleMesh:
         """Return the ground as it renders, without ids."""

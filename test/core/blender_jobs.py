@@ -1,0 +1,130 @@
+"""What tests have done in Blender's own process, see `blender_process.in_blender`."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+from synthetic_worlds import BOX, SUNNY, camera, rocky_world, settings
+
+from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.errors import CancelledError
+from oaisys_core.geometry import pose_looking_down
+from oaisys_core.scene import PlacedCamera, Primitive, Scene
+from oaisys_core.types import RGB, Frame, Progress, TriangleMesh
+
+
+def ignore(progress: Progress) -> None:
+    """Do nothing with it."""
+
+
+def views(scene: Scene, cameras: Sequence[PlacedCamera]) -> tuple[Frame, ...]:
+    """Frames of a world."""
+    backend = BlenderBackend()
+    backend.build(scene, ignore)
+    return backend.render(cameras, settings(), ignore)
+
+
+def passes(
+    scene: Scene, cameras: Sequence[PlacedCamera]
+) -> list[tuple[tuple[Frame, ...], NDArray[Any], NDArray[Any]]]:
+    """Frames of a world, each with Cycles' own depth and object index of the same render.
+
+    One sample through the middle of the pixel: these passes are those of the first sample.
+    """
+    backend = BlenderBackend()
+    backend.build(scene, ignore)
+    blender_scene = bpy.context.scene
+    for thing in blender_scene.objects:
+        if thing.name.startswith("instance_"):
+            thing.pass_index = int(thing.name.removeprefix("instance_"))
+    blender_scene.cycles.filter_width = 0.01
+    layer = blender_scene.view_layers[0]
+    layer.use_pass_z = layer.use_pass_object_index = True
+    seen = _record_passes()
+    result = []
+    for each in cameras:
+        frames = backend.render([each], settings(samples=1), ignore)
+        index = next(image for name, image in seen.items() if name in ("IndexOB", "Object Index"))
+        result.append((frames, seen["Depth"], np.rint(index).astype(np.uint32)))
+    return result
+
+
+def life() -> dict[str, Any]:
+    """What a backend holds and shows through builds, cancelling and changes of light."""
+    scene = rocky_world()
+    view = [camera(pose_looking_down(0, 0, 9), modalities=(RGB,))]
+    backend = BlenderBackend()
+    found: dict[str, Any] = {"version": backend.version}
+
+    def blocks() -> dict[str, int]:
+        kinds = ("objects", "meshes", "materials")
+        images = [image for image in bpy.data.images if image.type != "RENDER_RESULT"]
+        return {"images": len(images)} | {kind: len(getattr(bpy.data, kind)) for kind in kinds}
+
+    backend.build(scene, ignore)
+    found["first"] = blocks()
+    ground = bpy.data.objects["ground"].data
+    other = replace(scene, placements=(), primitives=(replace(BOX, instance_id=1),))
+    backend.build(other, ignore)
+    found["ground kept"] = bpy.data.objects["ground"].data == ground
+    found["without rocks"] = blocks()
+    backend.build(replace(scene, stage_hash="another"), ignore)
+    found["again"] = blocks()
+
+    found["sunny"] = backend.render(view, settings(4), ignore)[0].data
+    found["brighter"] = backend.render(view, settings(4, exposure_ev=1.0), ignore)[0].data
+    backend.set_sky(replace(SUNNY, sun_elevation_rad=-0.2))
+    found["night"] = backend.render(view, settings(4), ignore)[0].data
+    try:
+        backend.build(scene, _cancel_at_objects)
+    except CancelledError:
+        found["cancelled"] = True
+    backend.build(scene, ignore)
+    found["after cancelling"] = blocks()
+    backend.close()
+    return found
+
+
+def shadow(sun_azimuth_rad: float, box: Primitive) -> tuple[Frame, ...]:
+    """A level ground with a box in low sun, from above, in colour."""
+    from synthetic_worlds import flat_world
+
+    sky = replace(SUNNY, sun_azimuth_rad=sun_azimuth_rad, sky_strength=0.2)
+    scene = replace(flat_world(), primitives=(box,), sky=sky)
+    return views(scene, [camera(pose_looking_down(0, 0, 12), modalities=(RGB,))])
+
+
+def mesh(scene: Scene) -> TriangleMesh:
+    """A world's surface."""
+    backend = BlenderBackend()
+    backend.build(scene, ignore)
+    return backend.ground_truth_mesh()
+
+
+def _cancel_at_objects(progress: Progress) -> None:
+    if progress.stage == "objects":
+        raise CancelledError("enough")
+
+
+def _record_passes() -> dict[str, NDArray[Any]]:
+    """Have each render leave its passes, (H, W) float32, in the returned dictionary."""
+    engine: Any = importlib.import_module("cycles").CyclesRender
+    seen: dict[str, NDArray[Any]] = {}
+    original = engine.render
+
+    def render(self: Any, depsgraph: Any) -> None:
+        original(self, depsgraph)
+        result = self.get_result()
+        for each in result.layers[0].passes:
+            values = np.empty((result.resolution_y, result.resolution_x, each.channels), np.float32)
+            each.rect.foreach_get(values.ravel())
+            seen[each.name] = values[::-1, :, 0]
+
+    engine.render = render
+    return seen

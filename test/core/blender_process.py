@@ -1,0 +1,48 @@
+"""Calls functions in a process of their own, where Blender may be imported.
+
+Blender's data is global to a process and does not get on with an Open3D that came first, so no
+test imports it into pytest's process.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import pickle
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+TIMEOUT_S = 300
+
+
+def in_blender(job: str, *arguments: Any) -> Any:
+    """Return what the function ``job`` of `blender_jobs` returns in a new process.
+
+    Arguments and result are pickled. Skips the test where there is no ``bpy``.
+    """
+    if importlib.util.find_spec("bpy") is None:
+        pytest.skip("bpy is not installed")
+    with tempfile.TemporaryDirectory() as folder:
+        exchange = Path(folder, "exchange")
+        exchange.write_bytes(pickle.dumps(arguments))
+        process = subprocess.run(
+            [sys.executable, __file__, job, exchange],
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT_S,
+            check=False,
+        )
+        if process.returncode:
+            pytest.fail(f"{job} in Blender's process:\n{process.stderr[-4000:]}")
+        return pickle.loads(exchange.read_bytes())
+
+
+if __name__ == "__main__":
+    name, file = sys.argv[1], Path(sys.argv[2])
+    call = getattr(importlib.import_module("blender_jobs"), name)
+    file.write_bytes(pickle.dumps(call(*pickle.loads(file.read_bytes()))))

@@ -1,0 +1,86 @@
+"""The Blender backend: agreement with Cycles, colour, and what stays in Blender."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from blender_process import in_blender
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter, minimum_filter
+from synthetic_worlds import BOX, CENTRED, SKEWED, camera, rocky_world
+
+from oaisys_core.geometry import pose_looking_at, pose_looking_down, project, transform
+from oaisys_core.types import DEPTH, INSTANCE, RGB, PinholeIntrinsics
+
+pytestmark = pytest.mark.blender
+
+BIG_PIXELS = PinholeIntrinsics(60, 80, 50.0, 33.0, 20.5, 51.0)
+"""Upright, and wider pixels than high ones."""
+
+
+def edges(depth_m: NDArray[Any], ids: NDArray[Any]) -> NDArray[Any]:
+    """Whether a pixel lies beside another object or a jump of depth."""
+    near, far = minimum_filter(depth_m, 3), maximum_filter(depth_m, 3)
+    with np.errstate(invalid="ignore"):
+        jump = ~(far - near < 0.15 * near)
+    return np.asarray(jump | (minimum_filter(ids, 3) != maximum_filter(ids, 3)))
+
+
+def test_depth_and_ids_are_those_that_cycles_renders_beside_the_colour() -> None:
+    poses = (
+        (pose_looking_down(0.3, 0.1, 10.0, 0.4), CENTRED),
+        (pose_looking_at((-6, -5, 3), (2, 1, 0)), SKEWED),
+        (pose_looking_at((5, -7, 4), (0, 0, 0), (0.3, 0.2, 1)), BIG_PIXELS),
+    )
+    cameras = [camera(pose, k, (RGB, DEPTH, INSTANCE)) for pose, k in poses]
+    for (_, depth, instance), cycles_depth_m, cycles_ids in in_blender(
+        "passes", rocky_world(), cameras
+    ):
+        hit = np.isfinite(depth.data)
+        inner = hit & ~edges(depth.data, instance.data)
+        assert inner.mean() > 0.2
+        assert len(np.unique(instance.data)) > 5
+        off = np.abs(depth.data[inner] / cycles_depth_m[inner] - 1)
+        assert off.max() < 1e-4
+        assert (cycles_ids[inner] == instance.data[inner]).all()
+        assert (cycles_ids == instance.data).mean() > 0.999
+        assert (cycles_depth_m[~hit] > 1e9).all()
+
+
+@pytest.fixture(scope="module")
+def life() -> dict[str, Any]:
+    found: dict[str, Any] = in_blender("life")
+    return found
+
+
+def test_a_rebuilt_world_leaves_nothing_of_the_old_one(life: dict[str, Any]) -> None:
+    assert life["again"] == life["first"] == life["after cancelling"]
+    assert life["cancelled"]
+    assert life["without rocks"]["objects"] < life["first"]["objects"] - 70
+
+
+def test_an_unchanged_ground_stays(life: dict[str, Any]) -> None:
+    assert life["ground kept"]
+
+
+def test_light_and_exposure_change_the_colour(life: dict[str, Any]) -> None:
+    assert life["brighter"].mean() > life["sunny"].mean() + 10
+    assert life["night"].mean() < 0.3 * life["sunny"].mean()
+
+
+def test_the_version_is_blenders(life: dict[str, Any]) -> None:
+    assert life["version"] in ("4.5.15", "5.2.3")
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 90.0])
+def test_shadows_fall_away_from_the_sun(azimuth_deg: float) -> None:
+    box = replace(BOX, size_m=(1.0, 1.0, 3.0), T_map_object=transform(np.eye(3), (0, 0, 1.75)))
+    azimuth = np.radians(azimuth_deg)
+    (frame,) = in_blender("shadow", azimuth, box)
+    away = -np.array([np.cos(azimuth), np.sin(azimuth)])
+    ground = np.array([[*(2.0 * away), 0.25], [*(-2.0 * away), 0.25]])
+    T_camera_map = np.linalg.inv(frame.T_map_camera)
+    pixels = project(ground @ T_camera_map[:3, :3].T + T_camera_map[:3, 3], frame.intrinsics)
+    shaded, lit = (frame.data[round(v), round(u)].mean() for u, v in pixels)
+    assert shaded < 0.7 * lit
