@@ -1,0 +1,1 @@
+"""The simulator behind gRPC: server, worker, client and their contract."""
