@@ -79,7 +79,7 @@ class MaterialsConfig(Section):
         min_length=1,
     )
     mask: MaskConfig = MaskConfig()
-    texture_size_px: int = Field(default=2048, ge=16, le=8192)
+    texture_size_px: int = Field(default=1024, ge=16, le=8192)
     texture_seed: int = Field(default=0, ge=0)
 
 

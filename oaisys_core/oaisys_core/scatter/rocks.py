@@ -96,9 +96,7 @@ def _subdivided(
     return np.vstack((points, middles)), split.reshape(-1, 3).astype(np.int32)
 
 
-def _cut_radius(
-    directions: FloatArray, style: RockStyle, rng: np.random.Generator
-) -> FloatArray:
+def _cut_radius(directions: FloatArray, style: RockStyle, rng: np.random.Generator) -> FloatArray:
     """Return how far the sphere reaches in each direction after planes cut pieces off it."""
     normals = rng.normal(size=(style.facets, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

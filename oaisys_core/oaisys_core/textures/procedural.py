@@ -60,7 +60,11 @@ def gravel(size_px: int, rng: np.random.Generator) -> Surface:
     base = 0.05 * fields.tile_noise(size_px, 6, rng, octaves=6)
     color = _dusty(size_px, rng, DUST, 0.10)
     height = base
-    for cells, cover, radius in ((72, 0.9, (0.3, 0.62)), (30, 0.62, (0.3, 0.6)), (12, 0.4, (0.25, 0.5))):
+    for cells, cover, radius in (
+        (72, 0.9, (0.3, 0.62)),
+        (30, 0.62, (0.3, 0.6)),
+        (12, 0.4, (0.25, 0.5)),
+    ):
         layer = fields.stones(size_px, cells, rng, cover, radius)
         height, color = _lay(height, color, layer, 1.0 / cells, GRAVEL_STONES, rng)
     return _lit(size_px, height, color, rng, roughness=0.86)

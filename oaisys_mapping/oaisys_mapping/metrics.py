@@ -1,0 +1,257 @@
+"""How true a reconstruction is: the field's standard figures against a true mesh.
+
+Accuracy, completion and F-score as in Knapitsch et al., "Tanks and Temples", ACM TOG 36(4), 2017:
+distances from points spread evenly over the reconstruction to the truth, and back. Everything
+about completeness counts only truth that the poses could see, so that a map is not blamed for what
+a planner did not look at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import FloatArray, TriangleMesh
+from scipy import ndimage
+
+from oaisys_mapping.mesh import ColoredMesh, SurfacePoints, sample_surface
+from oaisys_mapping.visibility import View, raycasting_scene, visible_from_any
+
+SAMPLES = 400_000
+"""Points spread over the reconstruction, and over the truth near the views."""
+
+BORDER_VOXELS = 2
+"""Width of the surveyed area's rim where a missing surface is no hole: cubes need all corners."""
+
+
+@dataclass(frozen=True)
+class ReconstructionMetrics:
+    """Figures of one reconstruction. Lengths in metres, ratios from 0 to 1.
+
+    Attributes:
+        voxel_size_m: Size that "one voxel" means.
+        accuracy_mean_m, rmse_m, accuracy_max_m: Distance from the reconstruction to the truth.
+        completion_mean_m: Distance from the visible truth to the reconstruction.
+        completion_ratio, completion_ratio_2: Share of visible truth within one and two voxels of it.
+        precision, precision_2: Share of the reconstruction within one and two voxels of the truth.
+        f_score, f_score_2: Harmonic mean of precision and completion at one and two voxels.
+        hole_ratio: Share of the surveyed area, its rim apart, with nothing reconstructed above it.
+        surveyed_area_m2: Ground area of the visible truth.
+        visible_samples, reconstruction_samples: How many points were measured.
+    """
+
+    voxel_size_m: float
+    accuracy_mean_m: float
+    rmse_m: float
+    accuracy_max_m: float
+    completion_mean_m: float
+    completion_ratio: float
+    completion_ratio_2: float
+    precision: float
+    precision_2: float
+    f_score: float
+    f_score_2: float
+    hole_ratio: float
+    surveyed_area_m2: float
+    visible_samples: int
+    reconstruction_samples: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What a reconstruction must reach to count as closed; None: not asked for."""
+
+    max_rmse_m: float | None = None
+    min_completion: float | None = None
+    min_f_score: float | None = None
+    max_holes: float | None = None
+
+    def missed_by(self, metrics: ReconstructionMetrics) -> list[str]:
+        """Return one sentence for each threshold that is missed."""
+        wanted: Mapping[str, tuple[float, float | None, bool]] = {
+            "rmse_m": (metrics.rmse_m, self.max_rmse_m, True),
+            "completion_ratio": (metrics.completion_ratio, self.min_completion, False),
+            "f_score": (metrics.f_score, self.min_f_score, False),
+            "hole_ratio": (metrics.hole_ratio, self.max_holes, True),
+        }
+        missed = []
+        for name, (value, limit, is_upper) in wanted.items():
+            if limit is None:
+                continue
+            holds = value <= limit if is_upper else value >= limit
+            if not holds:
+                word = "at most" if is_upper else "at least"
+                missed.append(f"{name} is {value:.4g}, expected {word} {limit:g}")
+        return missed
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Figures and what they were taken from, for pictures.
+
+    Attributes:
+        reconstruction: Points on the reconstruction, with their distance to the truth in metres.
+        visible_truth: Visible points of the truth, with their distance to the reconstruction.
+    """
+
+    metrics: ReconstructionMetrics
+    reconstruction: SurfacePoints
+    reconstruction_distance_m: FloatArray
+    visible_truth: SurfacePoints
+    visible_truth_distance_m: FloatArray
+
+
+def evaluate_reconstruction(
+    mesh: ColoredMesh,
+    truth: TriangleMesh,
+    views: Sequence[View] | None,
+    voxel_size_m: float,
+    max_range_m: float,
+    rng: np.random.Generator,
+) -> Evaluation:
+    """Measure a reconstruction against the truth.
+
+    Args:
+        mesh: The reconstruction.
+        truth: The true surface, in the same frame.
+        views: Where the cameras were; None: all truth counts as visible.
+        voxel_size_m: The tolerance of completion and F-score.
+        max_range_m: Depth beyond which nothing counts as visible.
+        rng: Gives the points that are measured.
+
+    Raises:
+        InvalidInputError: A mesh is empty, or the views see nothing of the truth.
+    """
+    if not len(mesh.triangles):
+        raise InvalidInputError("mesh", "0 triangles", "a reconstruction with a surface")
+    if not len(truth.triangles):
+        raise InvalidInputError("truth", "0 triangles", "a mesh with a surface")
+    visible = _visible_truth(truth, views, max_range_m, rng)
+    points = sample_surface(mesh.vertices_m, mesh.triangles, SAMPLES, rng)
+    to_truth_m = _distances(points.points_m, truth.vertices_m, truth.triangles)
+    to_mesh_m = _distances(visible.points_m, mesh.vertices_m, mesh.triangles)
+    holes, area_m2 = _holes(mesh, visible, voxel_size_m)
+    metrics = _metrics(voxel_size_m, to_truth_m, to_mesh_m, holes, area_m2)
+    return Evaluation(metrics, points, to_truth_m, visible, to_mesh_m)
+
+
+def _metrics(
+    voxel_size_m: float,
+    to_truth_m: FloatArray,
+    to_mesh_m: FloatArray,
+    hole_ratio: float,
+    area_m2: float,
+) -> ReconstructionMetrics:
+    precision, precision_2 = (float((to_truth_m <= n * voxel_size_m).mean()) for n in (1, 2))
+    completion, completion_2 = (float((to_mesh_m <= n * voxel_size_m).mean()) for n in (1, 2))
+    return ReconstructionMetrics(
+        voxel_size_m=voxel_size_m,
+        accuracy_mean_m=float(to_truth_m.mean()),
+        rmse_m=float(np.sqrt(np.square(to_truth_m).mean())),
+        accuracy_max_m=float(to_truth_m.max()),
+        completion_mean_m=float(to_mesh_m.mean()),
+        completion_ratio=completion,
+        completion_ratio_2=completion_2,
+        precision=precision,
+        precision_2=precision_2,
+        f_score=_harmonic_mean(precision, completion),
+        f_score_2=_harmonic_mean(precision_2, completion_2),
+        hole_ratio=hole_ratio,
+        surveyed_area_m2=area_m2,
+        visible_samples=len(to_mesh_m),
+        reconstruction_samples=len(to_truth_m),
+    )
+
+
+def _harmonic_mean(a: float, b: float) -> float:
+    return 0.0 if a + b == 0 else 2 * a * b / (a + b)
+
+
+def _visible_truth(
+    truth: TriangleMesh,
+    views: Sequence[View] | None,
+    max_range_m: float,
+    rng: np.random.Generator,
+) -> SurfacePoints:
+    if views is None:
+        return sample_surface(truth.vertices_m, truth.triangles, SAMPLES, rng)
+    near = _near_views(truth, views, max_range_m)
+    points = sample_surface(truth.vertices_m, truth.triangles[near], SAMPLES, rng)
+    seen = visible_from_any(points, views, truth, max_range_m)
+    if not seen.any():
+        raise InvalidInputError("views", f"{len(views)} views", "views that see the truth")
+    return SurfacePoints(points.points_m[seen], points.normals[seen], points.triangle_ids[seen])
+
+
+def _near_views(
+    truth: TriangleMesh, views: Sequence[View], max_range_m: float
+) -> NDArray[np.bool_]:
+    """Return (T,) which triangles have a corner in some image, occlusion apart, and its margin.
+
+    Only spares samples on truth that no view can see; a margin of half an image keeps large
+    triangles.
+    """
+    corners = truth.vertices_m
+    near = np.zeros(len(corners), bool)
+    for view in views:
+        T = view.T_map_camera
+        camera_m = (corners - T[:3, 3]) @ T[:3, :3]
+        z = camera_m[:, 2]
+        camera = view.intrinsics
+        with np.errstate(divide="ignore", invalid="ignore"):
+            u = camera.fx_px * camera_m[:, 0] / z + camera.cx_px
+            v = camera.fy_px * camera_m[:, 1] / z + camera.cy_px
+        margin_x, margin_y = camera.width_px / 2, camera.height_px / 2
+        near |= (
+            (z > 0)
+            & (z <= 2 * max_range_m)
+            & (np.abs(u - camera.cx_px) <= camera.width_px / 2 + margin_x)
+            & (np.abs(v - camera.cy_px) <= camera.height_px / 2 + margin_y)
+        )
+    kept = near[truth.triangles].any(axis=1)
+    return kept if kept.any() else np.ones(len(truth.triangles), bool)
+
+
+def _distances(
+    points_m: FloatArray, vertices_m: FloatArray, triangles: NDArray[np.int32]
+) -> FloatArray:
+    """Return the (N,) distances from points to the nearest place on a mesh."""
+    scene = raycasting_scene(vertices_m, triangles)
+    query = o3d.core.Tensor(np.ascontiguousarray(points_m, np.float32))
+    return np.asarray(scene.compute_distance(query).numpy(), np.float64)
+
+
+def _holes(mesh: ColoredMesh, visible: SurfacePoints, voxel_size_m: float) -> tuple[float, float]:
+    """Return the share of the surveyed area with nothing reconstructed, and that area in m².
+
+    The area is made of square cells of two voxels with visible truth in them; its outer rim does
+    not count. A cell is a hole where a vertical line through its middle meets no triangle.
+    """
+    cell_m = 2 * voxel_size_m
+    low = visible.points_m[:, :2].min(axis=0)
+    cells = np.floor((visible.points_m[:, :2] - low) / cell_m).astype(np.intp)
+    seen = np.zeros(cells.max(axis=0) + 1, bool)
+    seen[tuple(cells.T)] = True
+    area_m2 = float(seen.sum()) * cell_m**2
+    rim = max(1, BORDER_VOXELS // 2)
+    filled = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(seen, 2)))[2:-2, 2:-2]
+    inside = seen & ndimage.binary_erosion(filled, iterations=rim)
+    if not inside.any():
+        inside = seen
+    middles_m = low + (np.argwhere(inside) + 0.5) * cell_m
+    rays = np.zeros((len(middles_m), 6), np.float32)
+    rays[:, :2] = middles_m
+    rays[:, 2] = mesh.vertices_m[:, 2].max() + 1
+    rays[:, 5] = -1
+    scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
+    missed = ~np.isfinite(scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy())
+    return float(missed.mean()), area_m2

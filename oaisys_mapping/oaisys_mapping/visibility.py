@@ -1,0 +1,82 @@
+"""Which points of a surface some camera could see."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+from oaisys_core.geometry import invert, project
+from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+
+from oaisys_mapping.mesh import SurfacePoints
+
+OCCLUSION_TOLERANCE = 2e-3
+"""Share of the distance that a point may lie behind the first hit and still count as that hit."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera and where it was.
+
+    Attributes:
+        T_map_camera: (4, 4) pose of its optical frame.
+    """
+
+    intrinsics: PinholeIntrinsics
+    T_map_camera: FloatArray
+
+
+def raycasting_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
+    """Return Open3D's Embree scene of a mesh."""
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(np.ascontiguousarray(vertices_m, np.float32)),
+        o3d.core.Tensor(np.ascontiguousarray(triangles, np.uint32)),
+    )
+    return scene
+
+
+def visible_from_any(
+    points: SurfacePoints, views: Sequence[View], truth: TriangleMesh, max_range_m: float
+) -> NDArray[np.bool_]:
+    """Return (N,) whether a point of ``truth`` is seen by at least one of the views.
+
+    A point is seen where it projects into the image, faces the camera, lies within
+    ``max_range_m`` along z, and the straight line to it meets no other part of the truth.
+    """
+    scene = raycasting_scene(truth.vertices_m, truth.triangles)
+    seen = np.zeros(len(points.points_m), bool)
+    for view in views:
+        candidates = np.flatnonzero(~seen)
+        candidates = candidates[_in_image(points, candidates, view, max_range_m)]
+        seen[candidates[_unoccluded(points.points_m[candidates], view, scene)]] = True
+    return seen
+
+
+def _in_image(
+    points: SurfacePoints, ids: NDArray[np.intp], view: View, max_range_m: float
+) -> NDArray[np.bool_]:
+    T_camera_map = invert(view.T_map_camera)
+    camera_m = points.points_m[ids] @ T_camera_map[:3, :3].T + T_camera_map[:3, 3]
+    ahead = (camera_m[:, 2] > 1e-6) & (camera_m[:, 2] <= max_range_m)
+    pixels = np.full((len(ids), 2), -1.0)
+    pixels[ahead] = project(camera_m[ahead], view.intrinsics)
+    last = (view.intrinsics.width_px - 1, view.intrinsics.height_px - 1)
+    inside = ((pixels >= 0) & (pixels <= last)).all(axis=1)
+    to_camera = view.T_map_camera[:3, 3] - points.points_m[ids]
+    facing = (points.normals[ids] * to_camera).sum(axis=1) > 0
+    return np.asarray(ahead & inside & facing)
+
+
+def _unoccluded(points_m: FloatArray, view: View, scene: Any) -> NDArray[np.bool_]:
+    origin_m = view.T_map_camera[:3, 3]
+    rays = np.empty((len(points_m), 6), np.float32)
+    rays[:, :3] = origin_m
+    rays[:, 3:] = points_m - origin_m
+    # The rays' length is the way to the point, so the first hit of a visible one is at 1.
+    first = scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    return np.asarray(first >= 1 - OCCLUSION_TOLERANCE)
