@@ -17,7 +17,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
-from oaisys_core.types import ModuleMetadata, Sample
+from oaisys_core.types import ModuleMetadata, Pose, Sample
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS, NEWEST_QOS
@@ -158,24 +158,30 @@ class BridgeNode(Node):
                 raise NotReadyError(self._link.state.reason)
             target = rig_pose(pose, sensor, info, self._map_frame)
             wanted = checked_modalities(modalities, sensor, info)
-            metadata = self._take_metadata()
-            sample = self._link.render(
-                target,
-                metadata=metadata,
-                modalities=wanted,
-                sensors=[sensor] if sensor else [],
-            )
+            sample = self._render_at(target, wanted, [sensor] if sensor else [])
             self._last_render_s = sample.render_time_s
             stamp = self._next_stamp()
             if self._samples is not None:
                 self._samples.publish(sample, stamp)
             return sample, stamp
 
-    def _take_metadata(self) -> ModuleMetadata | None:
-        """Return what was set since the last sample; the simulator keeps it from then on."""
+    def _render_at(self, pose: Pose, modalities: list[str], sensors: list[str]) -> Sample:
+        """Render with what was set since the last sample; the simulator keeps it from then on.
+
+        Metadata that it refuses is forgotten: it would spoil every later sample.
+        """
         with self._metadata_lock:
             metadata, self._metadata = self._metadata, None
-            return metadata
+        try:
+            return self._link.render(
+                pose, metadata=metadata, modalities=modalities, sensors=sensors
+            )
+        except OaisysError as error:
+            refused = isinstance(error, InvalidInputError) and "pose" not in error.field
+            if metadata is not None and not refused:
+                with self._metadata_lock:
+                    self._metadata = metadata.updated(self._metadata or ModuleMetadata())
+            raise
 
     def _next_stamp(self) -> TimeMsg:
         """Return now, or a nanosecond after the stamp before where the clock has not moved on."""
