@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from oaisys_core.types import FloatArray
 
 
@@ -65,7 +66,7 @@ def sample_surface(
 
 
 def in_canonical_order(mesh: ColoredMesh) -> ColoredMesh:
-    """Return the same mesh with vertices and triangles sorted, so that equal meshes have equal bytes."""
+    """Return the mesh with sorted vertices and triangles: equal meshes have equal bytes."""
     order = np.lexsort(mesh.vertices_m.T[::-1])
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
+
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import TriangleMesh
-
 from oaisys_mapping.mesh import ColoredMesh
 
 

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
-from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import FloatArray, TriangleMesh
 from scipy import ndimage
 
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import FloatArray, TriangleMesh
 from oaisys_mapping.mesh import ColoredMesh, SurfacePoints, sample_surface
 from oaisys_mapping.visibility import View, raycasting_scene, visible_from_any
 
@@ -37,8 +37,8 @@ class ReconstructionMetrics:
         voxel_size_m: Size that "one voxel" means.
         accuracy_mean_m, rmse_m, accuracy_max_m: Distance from the reconstruction to the truth.
         completion_mean_m: Distance from the visible truth to the reconstruction.
-        completion_ratio, completion_ratio_2: Share of visible truth within one and two voxels of it.
-        precision, precision_2: Share of the reconstruction within one and two voxels of the truth.
+        completion_ratio, completion_ratio_2: Share of visible truth within 1 and 2 voxels of it.
+        precision, precision_2: Share of the reconstruction within 1 and 2 voxels of the truth.
         f_score, f_score_2: Harmonic mean of precision and completion at one and two voxels.
         hole_ratio: Share of the surveyed area, its rim apart, with nothing reconstructed above it.
         surveyed_area_m2: Ground area of the visible truth.

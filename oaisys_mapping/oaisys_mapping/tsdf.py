@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
+
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-
 from oaisys_mapping.mesh import ColoredMesh, in_canonical_order
 
 BLOCK_VOXELS = 8

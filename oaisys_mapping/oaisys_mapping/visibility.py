@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
+
 from oaisys_core.geometry import invert, project
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
-
 from oaisys_mapping.mesh import SurfacePoints
 
 OCCLUSION_TOLERANCE = 2e-3

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+
 from oaisys_core.config import SimulationConfig, config_from_mapping, load_config
 
 REPOSITORY = Path(__file__).parents[2]

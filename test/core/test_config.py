@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from oaisys_core.config import (
     SimulationConfig,
     config_from_mapping,

@@ -3,10 +3,11 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
+
 from oaisys_core import geometry
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import PinholeIntrinsics, Pose
-from scipy.spatial.transform import Rotation
 
 INTRINSICS = PinholeIntrinsics(640, 480, 541.14, 530.0, 300.25, 251.5)
 

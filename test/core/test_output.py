@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.output import SampleWriter, read_poses, write_image
 from oaisys_core.types import Frame, PinholeIntrinsics, Pose, Provenance, Sample

@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import open3d as o3d
 import pytest
+
 from oaisys_core.scene import HeightField, PbrMaps, TerrainLayer, TerrainMaterial, merge_meshes
 from oaisys_core.types import TriangleMesh
 

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError, NotReadyError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down

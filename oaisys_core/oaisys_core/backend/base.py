@@ -77,5 +77,5 @@ class Backend(ABC):
     def surface_height_m(self, xy_m: FloatArray) -> FloatArray:
         """Return (N,) heights of the topmost surface (ground or object) at (N, 2); NaN off it."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027 - most backends hold nothing
         """Release what the backend holds; nothing may be called afterwards."""

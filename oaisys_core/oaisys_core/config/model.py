@@ -172,10 +172,10 @@ class AssetsConfig(Section):
     """
 
     rocks: tuple[RockGroupConfig, ...] = (
-        RockGroupConfig(kind="angular", count=(220, 220)),
-        RockGroupConfig(kind="rounded", count=(140, 140), size_m=(0.12, 0.8)),
-        RockGroupConfig(kind="slab", count=(60, 60), size_m=(0.3, 1.4)),
-        RockGroupConfig(kind="boulder", count=(16, 16), size_m=(0.8, 2.2), variants=4),
+        RockGroupConfig(kind="angular", count=(650, 650), size_m=(0.15, 1.2)),
+        RockGroupConfig(kind="rounded", count=(400, 400), size_m=(0.15, 0.9)),
+        RockGroupConfig(kind="slab", count=(160, 160), size_m=(0.3, 1.4)),
+        RockGroupConfig(kind="boulder", count=(60, 60), size_m=(0.8, 2.4), variants=4),
     )
     primitives: tuple[PrimitiveConfig, ...] = ()
     rock_texture: str = "rock"

@@ -20,8 +20,8 @@ from oaisys_core.scene import HeightField, MeshPrototype, PbrMaps, Placement, Pr
 from oaisys_core.textures import default_cache_dir, texture_set
 from oaisys_core.types import FloatArray, Pose
 
-ROCK_SUBDIVISIONS = 4
-"""Icosphere subdivisions of rock meshes: 5,120 triangles each."""
+LARGE_ROCK_M = 1.3
+"""Rocks that may become larger than this have four times as many triangles."""
 
 
 class AssetMetadata(Section):
@@ -95,8 +95,9 @@ class AssetsModule(Module):
         world.semantic_labels.update({p.semantic_id: p.label for p in self._config.primitives})
 
     def _draw_shapes(self, group: RockGroupConfig, rng: np.random.Generator) -> list[MeshPrototype]:
+        subdivisions = 4 if group.size_m[1] > LARGE_ROCK_M else 3
         return [
-            replace(make_rock(group.kind, rng, ROCK_SUBDIVISIONS), maps=self._rock_maps)
+            replace(make_rock(group.kind, rng, subdivisions), maps=self._rock_maps)
             for _ in range(group.variants)
         ]
 

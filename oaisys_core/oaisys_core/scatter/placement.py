@@ -74,15 +74,17 @@ def _random_places(
 ) -> FloatArray:
     x0, y0, x1, y1 = ground.extent_m
     margin_m = min(margin_m, (x1 - x0) / 4, (y1 - y0) / 4)
-    return rng.uniform((x0 + margin_m, y0 + margin_m), (x1 - margin_m, y1 - margin_m), (count, 2))
+    low = (x0 + margin_m, y0 + margin_m)
+    high = (x1 - margin_m, y1 - margin_m)
+    return np.asarray(rng.uniform(low, high, (count, 2)))
 
 
 def _slope_deg(ground: HeightField, xy: FloatArray) -> FloatArray:
     step_m = ground.spacing_m
-    dx = ground.height_at(xy + (step_m, 0)) - ground.height_at(xy - (step_m, 0))
-    dy = ground.height_at(xy + (0, step_m)) - ground.height_at(xy - (0, step_m))
-    slope = np.degrees(np.arctan(np.hypot(dx, dy) / (2 * step_m)))
-    return np.nan_to_num(slope, nan=90.0)
+    east, north = np.array((step_m, 0.0)), np.array((0.0, step_m))
+    rise = [ground.height_at(xy + way) - ground.height_at(xy - way) for way in (east, north)]
+    slope = np.degrees(np.arctan(np.hypot(*rise) / (2 * step_m)))
+    return np.asarray(np.nan_to_num(slope, nan=90.0))
 
 
 def _spaced(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArray:
@@ -99,7 +101,7 @@ def _spaced(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArr
     for a, b in zip(first[too_near][order], second[too_near][order], strict=True):
         if keep[a]:
             keep[b] = False
-    return xy[keep]
+    return np.asarray(xy[keep])
 
 
 def _poses(

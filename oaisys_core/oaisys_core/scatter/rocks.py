@@ -71,10 +71,10 @@ def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
 def icosphere(subdivisions: int) -> tuple[FloatArray, NDArray[np.int32]]:
     """Return unit vectors and outward triangles of an icosahedron subdivided n times."""
     g = (1 + 5**0.5) / 2
-    points = np.array(
-        [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0), (0, -1, g), (0, 1, g)]
-        + [(0, -1, -g), (0, 1, -g), (g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]
-    )
+    # The corners of three golden rectangles at right angles to one another.
+    corners = "-1 g 0|1 g 0|-1 -g 0|1 -g 0|0 -1 g|0 1 g|0 -1 -g|0 1 -g|g 0 -1|g 0 1|-g 0 -1|-g 0 1"
+    value = {"0": 0.0, "1": 1.0, "-1": -1.0, "g": g, "-g": -g}
+    points = np.array([[value[v] for v in corner.split()] for corner in corners.split("|")])
     points /= np.linalg.norm(points[0])
     faces = "0b5 051 017 07a 0ab 159 5b4 ba2 a76 718 394 342 326 368 389 495 24b 62a 867 981"
     triangles = np.array([[int(c, 16) for c in face] for face in faces.split()], np.int32)

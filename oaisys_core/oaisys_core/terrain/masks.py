@@ -35,4 +35,4 @@ def blend_masks(
 
 def _ranked(field: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the field centred and scaled so that no layer covers much more than another."""
-    return (field - np.median(field)) / (field.std() + np.float32(1e-9))
+    return np.asarray((field - np.median(field)) / (field.std() + 1e-9), np.float32)

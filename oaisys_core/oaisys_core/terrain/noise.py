@@ -45,11 +45,11 @@ def gradient_noise(
     high = corner(r1, c0, s, t - 1)
     high += u * (corner(r1, c1, s - 1, t - 1) - high)
     low += v * (high - low)
-    return low * np.float32(np.sqrt(2))
+    return np.asarray(low * np.float32(np.sqrt(2)), np.float32)
 
 
 def _fade(t: Field) -> Field:
-    return t * t * t * (t * (t * 6 - 15) + 10)
+    return np.asarray(t * t * t * (t * (t * 6 - 15) + 10), np.float32)
 
 
 def fractal(

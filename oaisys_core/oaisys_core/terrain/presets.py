@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,26 @@ from oaisys_core.terrain.noise import fractal, grid, warped
 
 Elevation = NDArray[np.float32]
 
-Preset = Callable[[float, int, np.random.Generator, float, float | None], Elevation]
-"""(extent_m, resolution_px, rng, roughness, relief_m) to (resolution_px, resolution_px) metres."""
+
+@dataclass(frozen=True)
+class GroundSpec:
+    """What is asked of a preset.
+
+    Attributes:
+        extent_m: Edge length.
+        resolution_px: Grid points along an edge.
+        roughness: Factor on the fine unevenness.
+        relief_m: Height of the large forms; None: the preset's own.
+    """
+
+    extent_m: float
+    resolution_px: int
+    roughness: float = 1.0
+    relief_m: float | None = None
+
+
+Preset = Callable[[GroundSpec, np.random.Generator], Elevation]
+"""To (resolution_px, resolution_px) float32 metres."""
 
 
 def make_ground(
@@ -41,67 +60,48 @@ def make_ground(
     """
     if preset not in PRESETS:
         raise InvalidInputError("stage.preset", preset, f"one of {', '.join(sorted(PRESETS))}")
-    elevation_m = PRESETS[preset](extent_m, resolution_px, rng, roughness, relief_m)
+    spec = GroundSpec(extent_m, resolution_px, roughness, relief_m)
+    elevation_m = PRESETS[preset](spec, rng)
     spacing_m = extent_m / (resolution_px - 1)
     return HeightField(elevation_m, (-extent_m / 2, -extent_m / 2), spacing_m)
 
 
-def plane(
-    extent_m: float,
-    resolution_px: int,
-    rng: np.random.Generator,
-    roughness: float,
-    relief_m: float | None,
-) -> Elevation:
+def plane(spec: GroundSpec, _rng: np.random.Generator) -> Elevation:
     """Exactly flat, at z = 0."""
-    return np.zeros((resolution_px, resolution_px), np.float32)
+    return np.zeros((spec.resolution_px, spec.resolution_px), np.float32)
 
 
-def mounds(
-    extent_m: float,
-    resolution_px: int,
-    rng: np.random.Generator,
-    roughness: float,
-    relief_m: float | None,
-) -> Elevation:
-    """Rolling, uneven, rough ground: mounds and hollows some metres wide, lumps and ruts on them."""
-    x, y = grid(extent_m, resolution_px, cell=22.0)
+def mounds(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
+    """Rolling, uneven ground: mounds and hollows some metres wide, lumps and ruts on them."""
+    x, y = grid(spec.extent_m, spec.resolution_px, cell=22.0)
     x, y = warped(x, y, rng, strength=0.35)
     rolling = fractal(x, y, rng, octaves=3, gain=0.45)
-    large = _scaled(rolling, 4.5 if relief_m is None else relief_m)
-    return _grounded(large + roughness * _unevenness(extent_m, resolution_px, rng))
+    large = _scaled(rolling, 4.5 if spec.relief_m is None else spec.relief_m)
+    return _grounded(large + spec.roughness * _unevenness(spec, rng))
 
 
-def mountain_1(
-    extent_m: float,
-    resolution_px: int,
-    rng: np.random.Generator,
-    roughness: float,
-    relief_m: float | None,
-) -> Elevation:
+def mountain_1(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """One steep hill in the middle, with ridges and gullies down its flanks."""
-    height_m = 0.28 * extent_m if relief_m is None else relief_m
-    axis = np.linspace(-1, 1, resolution_px)
+    height_m = 0.28 * spec.extent_m if spec.relief_m is None else spec.relief_m
+    axis = np.linspace(-1, 1, spec.resolution_px)
     u, v = np.meshgrid(axis, axis)
-    x, y = grid(extent_m, resolution_px, cell=extent_m / 3.5)
+    x, y = grid(spec.extent_m, spec.resolution_px, cell=spec.extent_m / 3.5)
     wx, wy = warped(x, y, rng, strength=0.45)
     bend = fractal(x, y, rng, octaves=3)
     radius = np.hypot(u, v) * (1 + 0.3 * bend)
     cone = np.exp(-np.square(radius / 0.42)).astype(np.float32)
     ridges = fractal(wx, wy, rng, octaves=6, kind="ridged")
     hill = cone * (0.55 + 0.6 * ridges) + 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
-    return _grounded(
-        _scaled(hill, height_m) + roughness * _unevenness(extent_m, resolution_px, rng)
-    )
+    return _grounded(_scaled(hill, height_m) + spec.roughness * _unevenness(spec, rng))
 
 
-def _unevenness(extent_m: float, resolution_px: int, rng: np.random.Generator) -> Elevation:
+def _unevenness(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """Return what makes a ground rough underfoot: lumps of 2 m down to clods of 15 cm."""
-    x, y = grid(extent_m, resolution_px, cell=2.6)
+    x, y = grid(spec.extent_m, spec.resolution_px, cell=2.6)
     patchy = 0.55 + 0.45 * fractal(x / 4, y / 4, rng, octaves=2)
     lumps = fractal(*warped(x, y, rng, 0.3, octaves=2), rng, octaves=2, kind="billow")
     clods = fractal(5 * x, 5 * y, rng, octaves=3, gain=0.6)
-    rough = 0.42 * lumps + 0.07 * clods
+    rough = 0.60 * lumps + 0.11 * clods
     return np.asarray(rough * patchy, np.float32)
 
 

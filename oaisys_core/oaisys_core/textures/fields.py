@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from oaisys_core.terrain.noise import Field, fractal, warped
 from oaisys_core.types import FloatArray
 
-
 OCCLUDING_SLOPE = 1.1
 """How deep a hollow, relative to its width, no longer sees half of the sky."""
 
