@@ -1,0 +1,237 @@
+"""Messages and the simulator's own types, in pairs: ``x_to_proto`` and ``x_from_proto``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from google.protobuf.json_format import MessageToDict
+from google.protobuf.struct_pb2 import Struct
+
+from oaisys_core import geometry
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import (
+    FloatArray,
+    HeightQuery,
+    ModuleMetadata,
+    PinholeIntrinsics,
+    Pose,
+    Progress,
+    Provenance,
+    SensorInfo,
+    SimulatorInfo,
+)
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+
+
+def pose_to_proto(pose: Pose) -> pb.Pose:
+    """Return the message of a pose; inverse: `pose_from_proto`."""
+    px, py, pz = pose.position_m
+    x, y, z, w = pose.quat_xyzw
+    return pb.Pose(
+        position_m=pb.Vector3(x=px, y=py, z=pz), orientation=pb.Quaternion(x=x, y=y, z=z, w=w)
+    )
+
+
+def pose_from_proto(message: pb.Pose, field: str = "pose") -> Pose:
+    """Return a pose, its quaternion normalised.
+
+    Raises:
+        InvalidInputError: A number is not finite, or the quaternion is none of unit length.
+    """
+    p, q = message.position_m, message.orientation
+    return geometry.checked_pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w), field)
+
+
+def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:
+    """Return the message of a step's metadata; inverse: `metadata_from_proto`.
+
+    Raises:
+        InvalidInputError: A value is neither JSON nor, in the part ``sensor``, a pose.
+    """
+    message = pb.ModuleMetadata()
+    if metadata.sensor is not None:
+        message.sensor.SetInParent()
+    for key, value in (metadata.sensor or {}).items():
+        if key != "pose" or not isinstance(value, Pose):
+            raise InvalidInputError(f"metadata.sensor.{key}", value, "the key pose, with a Pose")
+        message.sensor.pose.CopyFrom(pose_to_proto(value))
+    for name in ("environment", "asset", "render"):
+        part = metadata.part(name)
+        if part is not None:
+            getattr(message, name).CopyFrom(struct_to_proto(part, f"metadata.{name}"))
+    if metadata.custom:
+        message.custom.CopyFrom(struct_to_proto(metadata.custom, "metadata.custom"))
+    return message
+
+
+def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
+    """Return a step's metadata; an absent part stays absent."""
+    parts: dict[str, Any] = {}
+    if message.HasField("sensor"):
+        parts["sensor"] = {}
+        if message.sensor.HasField("pose"):
+            pose = pose_from_proto(message.sensor.pose, "metadata.sensor.pose")
+            parts["sensor"]["pose"] = pose
+    for name in ("environment", "asset", "render", "custom"):
+        if message.HasField(name):  # type: ignore[arg-type]  # its stub lists literals
+            parts[name] = struct_from_proto(getattr(message, name))
+    return ModuleMetadata(**parts)
+
+
+def struct_to_proto(values: Mapping[str, Any], field: str) -> Struct:
+    """Return JSON-able values as a message; inverse: `struct_from_proto`."""
+    message = Struct()
+    try:
+        message.update(dict(values))
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(field, repr(dict(values)), "values as in JSON") from error
+    return message
+
+
+def struct_from_proto(message: Struct) -> dict[str, Any]:
+    """Return a message's values; numbers that are whole become int again."""
+    values: dict[str, Any] = _with_whole_numbers(MessageToDict(message))
+    return values
+
+
+def _with_whole_numbers(value: Any) -> Any:
+    """Undo that a Struct holds every number as a double."""
+    if isinstance(value, dict):
+        return {key: _with_whole_numbers(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_with_whole_numbers(inner) for inner in value]
+    if isinstance(value, float) and math.isfinite(value) and value.is_integer():
+        return int(value)
+    return value
+
+
+def intrinsics_to_proto(intrinsics: PinholeIntrinsics) -> pb.Intrinsics:
+    """Return the message of a camera's intrinsics; inverse: `intrinsics_from_proto`."""
+    return pb.Intrinsics(**{name: getattr(intrinsics, name) for name in _INTRINSICS})
+
+
+def intrinsics_from_proto(message: pb.Intrinsics) -> PinholeIntrinsics:
+    """Return a camera's intrinsics."""
+    return PinholeIntrinsics(**{name: getattr(message, name) for name in _INTRINSICS})
+
+
+_INTRINSICS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
+
+
+def provenance_to_proto(provenance: Provenance) -> pb.Provenance:
+    """Return the message of a provenance; inverse: `provenance_from_proto`."""
+    return pb.Provenance(**{name: getattr(provenance, name) for name in _PROVENANCE})
+
+
+def provenance_from_proto(message: pb.Provenance) -> Provenance:
+    """Return a provenance."""
+    return Provenance(**{name: getattr(message, name) for name in _PROVENANCE})
+
+
+_PROVENANCE = (
+    "seed",
+    "batch_seed",
+    "config_sha256",
+    "backend",
+    "backend_version",
+    "quality",
+    "render_samples",
+)
+
+
+def progress_to_proto(progress: Progress) -> pb.Progress:
+    """Return the message of a progress; inverse: `progress_from_proto`."""
+    return pb.Progress(stage=progress.stage, fraction=progress.fraction)
+
+
+def progress_from_proto(message: pb.Progress) -> Progress:
+    """Return a progress."""
+    return Progress(message.stage, message.fraction)
+
+
+def matrix_from_proto(values: Sequence[float]) -> FloatArray:
+    """Return the (4, 4) float64 transform of 16 row-major values; inverse: `matrix_to_proto`."""
+    return np.array(values, dtype=np.float64).reshape(4, 4)
+
+
+def matrix_to_proto(T: FloatArray) -> list[float]:
+    """Return a matrix's values, row by row."""
+    values: list[float] = np.asarray(T, dtype=np.float64).ravel().tolist()
+    return values
+
+
+def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
+    """Return the message of a simulator's description; inverse: `info_from_proto`."""
+    message = pb.GetSimulatorInfoResponse(
+        backend=info.backend,
+        backend_version=info.backend_version,
+        seed=info.seed,
+        config_sha256=info.config_sha256,
+        quality=info.quality,
+        sensors=[_sensor_to_proto(sensor) for sensor in info.sensors],
+        semantic_labels=dict(info.semantic_labels),
+        batch_id=info.batch_id,
+        sample_id=info.sample_id,
+    )
+    if info.stage_extent_m is not None:
+        x0, y0, x1, y1 = info.stage_extent_m
+        extent = pb.StageExtent(min_x_m=x0, min_y_m=y0, max_x_m=x1, max_y_m=y1)
+        message.stage_extent.CopyFrom(extent)
+    return message
+
+
+def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
+    """Return a simulator's description."""
+    e = message.stage_extent
+    known = message.HasField("stage_extent")
+    return SimulatorInfo(
+        backend=message.backend,
+        backend_version=message.backend_version,
+        seed=message.seed,
+        config_sha256=message.config_sha256,
+        quality=message.quality,
+        sensors=tuple(_sensor_from_proto(sensor) for sensor in message.sensors),
+        semantic_labels=dict(message.semantic_labels),
+        batch_id=message.batch_id,
+        sample_id=message.sample_id,
+        stage_extent_m=(e.min_x_m, e.min_y_m, e.max_x_m, e.max_y_m) if known else None,
+    )
+
+
+def _sensor_to_proto(sensor: SensorInfo) -> pb.Sensor:
+    return pb.Sensor(
+        name=sensor.name,
+        intrinsics=intrinsics_to_proto(sensor.intrinsics),
+        t_base_camera=matrix_to_proto(sensor.T_base_camera),
+        modalities=sensor.modalities,
+    )
+
+
+def _sensor_from_proto(message: pb.Sensor) -> SensorInfo:
+    return SensorInfo(
+        name=message.name,
+        intrinsics=intrinsics_from_proto(message.intrinsics),
+        T_base_camera=matrix_from_proto(message.t_base_camera),
+        modalities=tuple(message.modalities),
+    )
+
+
+def heights_to_proto(heights: HeightQuery) -> pb.QueryHeightResponse:
+    """Return the message of an answer about heights; inverse: `heights_from_proto`."""
+    return pb.QueryHeightResponse(
+        ground_height_m=heights.ground_height_m,
+        surface_height_m=heights.surface_height_m,
+        clearance_m=heights.clearance_m,
+    )
+
+
+def heights_from_proto(message: pb.QueryHeightResponse) -> HeightQuery:
+    """Return an answer about heights."""
+    return HeightQuery(
+        ground_height_m=np.array(message.ground_height_m, dtype=np.float64),
+        surface_height_m=np.array(message.surface_height_m, dtype=np.float64),
+        clearance_m=np.array(message.clearance_m, dtype=np.float64),
+    )

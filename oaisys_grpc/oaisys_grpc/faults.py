@@ -1,0 +1,80 @@
+"""Errors as plain data, so that they pass between processes and come out as what they were.
+
+Knows nothing of gRPC: the worker, which must not import it, uses this too.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from oaisys_core import errors
+from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError
+
+
+class OvertakenError(CancelledError):
+    """A newer batch was asked for while the sample waited or rendered."""
+
+
+class ServerUnavailableError(OaisysError):
+    """No server answers at the address, or the connection to it broke."""
+
+
+ERROR_TYPES: dict[str, type[OaisysError]] = {
+    "OvertakenError": OvertakenError,
+    "ServerUnavailableError": ServerUnavailableError,
+    **{
+        name: value
+        for name, value in vars(errors).items()
+        if isinstance(value, type) and issubclass(value, OaisysError)
+    },
+}
+"""The errors that pass between processes, by name; any other passes as `OaisysError`."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """An `OaisysError` as data.
+
+    Attributes:
+        reason: Name of its class.
+        field, received, expected: Those of an `InvalidInputError`, ``received`` as JSON; else "".
+    """
+
+    reason: str
+    message: str
+    field: str = ""
+    received: str = ""
+    expected: str = ""
+
+
+def fault_from_error(error: OaisysError) -> Fault:
+    """Return the error as data; inverse: `error_from_fault`."""
+    reason = next(c.__name__ for c in type(error).__mro__ if c.__name__ in ERROR_TYPES)
+    if isinstance(error, InvalidInputError):
+        received = _to_json(error.received)
+        return Fault(reason, str(error), error.field, received, error.expected)
+    return Fault(reason, str(error))
+
+
+def error_from_fault(fault: Fault) -> OaisysError:
+    """Return an error of the class that the fault names; inverse: `fault_from_error`."""
+    kind = ERROR_TYPES.get(fault.reason, OaisysError)
+    if issubclass(kind, InvalidInputError):
+        return InvalidInputError(fault.field, _from_json(fault.received), fault.expected)
+    return kind(fault.message)
+
+
+def _to_json(value: object) -> str:
+    try:
+        return json.dumps(value)
+    except (TypeError, ValueError):
+        return json.dumps(repr(value))
+
+
+def _from_json(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        return text
