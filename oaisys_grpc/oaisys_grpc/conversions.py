@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from google.protobuf.json_format import MessageToDict
-from google.protobuf.struct_pb2 import Struct
+from google.protobuf.struct_pb2 import Struct, Value
 
 from oaisys_core import geometry
 from oaisys_core.errors import InvalidInputError
@@ -76,7 +74,7 @@ def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
             pose = pose_from_proto(message.sensor.pose, "metadata.sensor.pose")
             parts["sensor"]["pose"] = pose
     for name in ("environment", "asset", "render", "custom"):
-        if message.HasField(name):  # type: ignore[arg-type]  # its stub lists literals
+        if message.HasField(name):
             parts[name] = struct_from_proto(getattr(message, name))
     return ModuleMetadata(**parts)
 
@@ -93,19 +91,19 @@ def struct_to_proto(values: Mapping[str, Any], field: str) -> Struct:
 
 def struct_from_proto(message: Struct) -> dict[str, Any]:
     """Return a message's values; numbers that are whole become int again."""
-    values: dict[str, Any] = _with_whole_numbers(MessageToDict(message))
-    return values
+    return {key: _value_from_proto(value) for key, value in message.fields.items()}
 
 
-def _with_whole_numbers(value: Any) -> Any:
-    """Undo that a Struct holds every number as a double."""
-    if isinstance(value, dict):
-        return {key: _with_whole_numbers(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_with_whole_numbers(inner) for inner in value]
-    if isinstance(value, float) and math.isfinite(value) and value.is_integer():
-        return int(value)
-    return value
+def _value_from_proto(message: Value) -> Any:
+    kind = message.WhichOneof("kind")
+    if kind == "struct_value":
+        return struct_from_proto(message.struct_value)
+    if kind == "list_value":
+        return [_value_from_proto(value) for value in message.list_value.values]
+    if kind == "number_value":
+        number = message.number_value
+        return int(number) if number.is_integer() else number
+    return None if kind in (None, "null_value") else getattr(message, kind)
 
 
 def intrinsics_to_proto(intrinsics: PinholeIntrinsics) -> pb.Intrinsics:

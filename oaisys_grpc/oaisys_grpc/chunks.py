@@ -1,0 +1,203 @@
+"""Samples and meshes as streams of small messages, and back; in pairs.
+
+Chunks of 1 MiB keep every message below gRPC's default limit of 4 MiB, whatever an image's size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import OaisysError
+from oaisys_core.types import Frame, Provenance, Sample, TriangleMesh
+from oaisys_grpc import conversions
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+
+CHUNK_BYTES = 1 << 20
+
+AnyArray = NDArray[np.generic]
+
+_DTYPES = {
+    pb.DATA_TYPE_UINT8: np.dtype("<u1"),
+    pb.DATA_TYPE_UINT16: np.dtype("<u2"),
+    pb.DATA_TYPE_UINT32: np.dtype("<u4"),
+    pb.DATA_TYPE_INT32: np.dtype("<i4"),
+    pb.DATA_TYPE_FLOAT32: np.dtype("<f4"),
+    pb.DATA_TYPE_FLOAT64: np.dtype("<f8"),
+}
+_DATA_TYPES = {dtype: data_type for data_type, dtype in _DTYPES.items()}
+
+
+class ArrayAssembly:
+    """Puts an array together from its header and its chunks, in one allocation."""
+
+    def __init__(self, header: pb.ArrayHeader) -> None:
+        """Check the header and allocate.
+
+        Raises:
+            OaisysError: The header contradicts itself or says what this client cannot read.
+        """
+        dtype = _DTYPES.get(header.data_type)
+        if dtype is None or header.encoding != pb.ENCODING_RAW:
+            raise OaisysError(
+                f"cannot read an array of data type {header.data_type}, encoding {header.encoding}"
+            )
+        if math.prod(header.shape) * dtype.itemsize != header.byte_size:
+            raise OaisysError(f"shape {list(header.shape)} is not {header.byte_size} bytes")
+        self._bytes = np.empty(header.byte_size, dtype=np.uint8)
+        self._array = self._bytes.view(dtype).reshape(tuple(header.shape))
+        self._received = 0
+
+    def add(self, chunk: pb.Chunk) -> None:
+        """Take the next piece.
+
+        Raises:
+            OaisysError: It does not follow the piece before, or runs over the end.
+        """
+        end = chunk.offset + len(chunk.data)
+        if chunk.offset != self._received or end > self._bytes.size:
+            raise OaisysError(f"a chunk is out of order: offset {chunk.offset}")
+        self._bytes[chunk.offset : end] = np.frombuffer(chunk.data, dtype=np.uint8)
+        self._received = end
+
+    def array(self) -> AnyArray:
+        """Return the array.
+
+        Raises:
+            OaisysError: Pieces are missing.
+        """
+        if self._received != self._bytes.size:
+            raise OaisysError(f"{self._received} of {self._bytes.size} bytes came")
+        return self._array
+
+
+def array_header(array: AnyArray) -> pb.ArrayHeader:
+    """Return the header of an array of one of the contract's data types."""
+    return pb.ArrayHeader(
+        data_type=_DATA_TYPES[array.dtype.newbyteorder("<")],
+        shape=array.shape,
+        encoding=pb.ENCODING_RAW,
+        byte_size=array.nbytes,
+    )
+
+
+def array_chunks(array: AnyArray, index: int) -> Iterator[pb.Chunk]:
+    """Yield an array's bytes; inverse: `ArrayAssembly`."""
+    raw = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1).view(np.uint8)
+    for offset in range(0, raw.size, CHUNK_BYTES):
+        data = raw[offset : offset + CHUNK_BYTES].tobytes()
+        yield pb.Chunk(index=index, offset=offset, data=data)
+
+
+def sample_to_parts(sample: Sample) -> Iterator[pb.SamplePart]:
+    """Yield a sample's header, and each frame's header and chunks; inverse: `sample_from_parts`."""
+    provenance = conversions.provenance_to_proto(sample.provenance)
+    header = pb.SampleHeader(
+        batch_id=sample.batch_id,
+        sample_id=sample.sample_id,
+        rig_pose=conversions.pose_to_proto(sample.rig_pose),
+        render_time_s=sample.render_time_s,
+        provenance=provenance,
+        frame_count=len(sample.frames),
+    )
+    yield pb.SamplePart(sample=header)
+    for index, frame in enumerate(sample.frames):
+        yield pb.SamplePart(frame=_frame_header(frame, provenance))
+        for chunk in array_chunks(frame.data, index):
+            yield pb.SamplePart(chunk=chunk)
+
+
+def sample_from_parts(parts: Iterable[pb.SamplePart]) -> Sample:
+    """Return the sample whose parts these are.
+
+    Raises:
+        OaisysError: Parts are missing or contradict each other.
+    """
+    header: pb.SampleHeader | None = None
+    begun: list[tuple[pb.FrameHeader, ArrayAssembly]] = []
+    for part in parts:
+        kind = part.WhichOneof("part")
+        if kind == "sample":
+            header = part.sample
+        elif kind == "frame":
+            begun.append((part.frame, ArrayAssembly(part.frame.array)))
+        elif kind == "chunk":
+            if not begun or part.chunk.index != len(begun) - 1:
+                raise OaisysError("a chunk came without its frame")
+            begun[-1][1].add(part.chunk)
+    if header is None or len(begun) != header.frame_count:
+        raise OaisysError("the sample is incomplete: frames are missing")
+    return Sample(
+        batch_id=header.batch_id,
+        sample_id=header.sample_id,
+        rig_pose=conversions.pose_from_proto(header.rig_pose),
+        frames=tuple(_frame(frame, assembly.array()) for frame, assembly in begun),
+        render_time_s=header.render_time_s,
+        provenance=_provenance(header),
+    )
+
+
+def mesh_to_parts(mesh: TriangleMesh) -> Iterator[pb.GetGroundTruthMeshResponse]:
+    """Yield a mesh's header and its arrays' chunks; inverse: `mesh_from_parts`."""
+    arrays = {name: getattr(mesh, name) for name in _MESH_ARRAYS}
+    headers = {name: array_header(a) for name, a in arrays.items() if a is not None}
+    yield pb.GetGroundTruthMeshResponse(header=pb.MeshHeader(**headers))
+    for index, array in enumerate(arrays.values()):
+        if array is not None:
+            for chunk in array_chunks(array, index):
+                yield pb.GetGroundTruthMeshResponse(chunk=chunk)
+
+
+_MESH_ARRAYS = ("vertices_m", "triangles", "semantic_ids", "instance_ids")
+
+
+def mesh_from_parts(parts: Iterable[pb.GetGroundTruthMeshResponse]) -> TriangleMesh:
+    """Return the mesh whose parts these are.
+
+    Raises:
+        OaisysError: Parts are missing or contradict each other.
+    """
+    begun: dict[str, ArrayAssembly] = {}
+    for part in parts:
+        if part.WhichOneof("part") == "header":
+            header = part.header
+            present = [name for name in _MESH_ARRAYS if header.HasField(name)]
+            begun = {name: ArrayAssembly(getattr(header, name)) for name in present}
+            continue
+        assembly = begun.get(_MESH_ARRAYS[part.chunk.index])
+        if assembly is None:
+            raise OaisysError(f"a chunk of array {part.chunk.index} came without its header")
+        assembly.add(part.chunk)
+    if not {"vertices_m", "triangles"} <= begun.keys():
+        raise OaisysError("the mesh is incomplete: vertices or triangles are missing")
+    arrays = {name: assembly.array() for name, assembly in begun.items()}
+    return TriangleMesh(**arrays)  # type: ignore[arg-type]  # their types were in the headers
+
+
+def _frame_header(frame: Frame, provenance: pb.Provenance) -> pb.FrameHeader:
+    return pb.FrameHeader(
+        sensor=frame.sensor,
+        modality=frame.modality,
+        array=array_header(frame.data),
+        intrinsics=conversions.intrinsics_to_proto(frame.intrinsics),
+        t_map_camera=conversions.matrix_to_proto(frame.T_map_camera),
+        k=conversions.matrix_to_proto(frame.intrinsics.K),
+        provenance=provenance,
+    )
+
+
+def _frame(header: pb.FrameHeader, data: AnyArray) -> Frame:
+    return Frame(
+        sensor=header.sensor,
+        modality=header.modality,
+        data=data,
+        intrinsics=conversions.intrinsics_from_proto(header.intrinsics),
+        T_map_camera=conversions.matrix_from_proto(header.t_map_camera),
+    )
+
+
+def _provenance(header: pb.SampleHeader) -> Provenance:
+    return conversions.provenance_from_proto(header.provenance)
