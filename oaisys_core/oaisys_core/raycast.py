@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.geometry import pixel_rays
+from oaisys_core.scene import merge_meshes
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 
 NO_TRIANGLE = -1
@@ -54,15 +55,18 @@ class RayCaster:
         """Build the search structure over ``meshes``; ids that a mesh lacks count as 0."""
         meshes = [mesh for mesh in meshes if len(mesh.triangles)]
         counts = [len(mesh.triangles) for mesh in meshes]
-        self._first = np.cumsum([0, *counts])[:-1]
         self._semantic_ids = _ids([m.semantic_ids for m in meshes], counts, np.uint16)
         self._instance_ids = _ids([m.instance_ids for m in meshes], counts, np.uint32)
-        self._origin_m, self._top_m = _centre_and_top(meshes)
-        self._normals: FloatArray = np.empty((sum(counts), 3))
-        self._offsets: FloatArray = np.empty(sum(counts))
         self._embree: Any = None
-        for first, mesh in zip(self._first, meshes, strict=True):
-            self._add(mesh, slice(first, first + len(mesh.triangles)))
+        if not meshes:
+            return
+        soup = merge_meshes([TriangleMesh(m.vertices_m, m.triangles) for m in meshes])
+        low, high = soup.vertices_m.min(axis=0), soup.vertices_m.max(axis=0)
+        self._origin_m: FloatArray = (low + high) / 2
+        self._top_m = float(high[2])
+        self._local_m = soup.vertices_m - self._origin_m
+        self._triangles = soup.triangles
+        self._embree = _embree_scene(self._local_m, self._triangles)
 
     def cast(self, T_map_camera: FloatArray, intrinsics: PinholeIntrinsics) -> CameraHits:
         """Return what a camera with its optical frame at ``T_map_camera`` sees."""
@@ -82,6 +86,8 @@ class RayCaster:
     def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
         """Return the (N,) topmost heights at (N, 2) points, NaN where there is no triangle."""
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
+        if self._embree is None:
+            return np.full(len(xy), np.nan)
         above_m = self._top_m + 1.0
         origins = np.column_stack((xy, np.full(len(xy), above_m)))
         down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
@@ -112,10 +118,8 @@ class RayCaster:
         rays[..., 3:] = directions
         found = self._embree.cast_rays(o3d.core.Tensor(rays))
         distances = found["t_hit"].numpy().astype(np.float64)
-        mesh_ids = found["geometry_ids"].numpy()
         hit = np.isfinite(distances)
-        triangle_ids = np.full(distances.shape, NO_TRIANGLE, dtype=np.int64)
-        triangle_ids[hit] = self._first[mesh_ids[hit]] + found["primitive_ids"].numpy()[hit]
+        triangle_ids = np.where(hit, found["primitive_ids"].numpy().astype(np.int64), NO_TRIANGLE)
         self._refine(distances, triangle_ids, hit, local_m, directions)
         return distances, triangle_ids
 
@@ -128,26 +132,16 @@ class RayCaster:
         return _looked_up(self._instance_ids, triangle_ids)
 
     def normals_of(self, triangle_ids: NDArray[np.int64]) -> FloatArray:
-        """Return the (..., 3) unit normals of triangle ids, none of which is `NO_TRIANGLE`."""
-        return np.asarray(self._normals[triangle_ids])
+        """Return the (N, 3) unit normals of (N,) triangle ids; 0 for triangles without area."""
+        _, normals = self._planes(triangle_ids)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        return np.asarray(normals / np.where(lengths > 0, lengths, 1.0))
 
-    def _add(self, mesh: TriangleMesh, rows: slice) -> None:
-        """Hand a mesh to Embree, and keep the planes ``normal · x = offset`` of its triangles."""
-        import open3d as o3d
-
-        if self._embree is None:
-            self._embree = o3d.t.geometry.RaycastingScene()
-        local_m = mesh.vertices_m - self._origin_m
-        self._embree.add_triangles(
-            o3d.core.Tensor(np.ascontiguousarray(local_m, dtype=np.float32)),
-            o3d.core.Tensor(np.ascontiguousarray(mesh.triangles, dtype=np.uint32)),
-        )
-        a = local_m[mesh.triangles[:, 0]]
-        normals = np.cross(local_m[mesh.triangles[:, 1]] - a, local_m[mesh.triangles[:, 2]] - a)
-        lengths = np.linalg.norm(normals, axis=1)
-        normals /= np.where(lengths > 0, lengths, 1.0)[:, None]
-        self._normals[rows] = normals
-        self._offsets[rows] = np.einsum("ij,ij->i", normals, a)
+    def _planes(self, triangle_ids: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
+        """Return (N, 3) corners and (N, 3) normals of any length."""
+        corners = self._triangles[triangle_ids]
+        a, b, c = (self._local_m[corners[:, i]] for i in range(3))
+        return a, np.cross(b - a, c - a)
 
     def _refine(
         self,
@@ -158,16 +152,28 @@ class RayCaster:
         directions: FloatArray,
     ) -> None:
         """Replace Embree's float32 distances by those to the triangles' planes."""
-        ids = triangle_ids[hit]
-        normals = self._normals[ids]
+        corners, normals = self._planes(triangle_ids[hit])
         origins = local_m if local_m.ndim == 1 else local_m[hit]
+        coarse = distances[hit]
         with np.errstate(divide="ignore", invalid="ignore"):
-            to_plane = (self._offsets[ids] - (normals * origins).sum(axis=-1)) / np.einsum(
-                "ij,ij->i", normals, directions[hit]
-            )
-            coarse = distances[hit]
+            to_plane = _dot(normals, corners - origins) / _dot(normals, directions[hit])
             trusted = np.abs(to_plane - coarse) <= PLANE_TOLERANCE * coarse
         distances[hit] = np.where(trusted, to_plane, coarse)
+
+
+def _embree_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(vertices_m.astype(np.float32)),
+        o3d.core.Tensor(np.ascontiguousarray(triangles, dtype=np.uint32)),
+    )
+    return scene
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("ij,ij->i", a, b))
 
 
 def _ids(
@@ -185,12 +191,3 @@ def _looked_up(ids: NDArray[Any], triangle_ids: NDArray[np.int64]) -> NDArray[An
     found = np.zeros(triangle_ids.shape, dtype=ids.dtype)
     found[hit] = ids[triangle_ids[hit]]
     return found
-
-
-def _centre_and_top(meshes: Sequence[TriangleMesh]) -> tuple[FloatArray, float]:
-    """Return the centre of the meshes' bounding box, and the height of its top."""
-    if not meshes:
-        return np.zeros(3), 0.0
-    low = np.min([mesh.vertices_m.min(axis=0) for mesh in meshes], axis=0)
-    high = np.max([mesh.vertices_m.max(axis=0) for mesh in meshes], axis=0)
-    return np.asarray((low + high) / 2, dtype=np.float64), float(high[2])

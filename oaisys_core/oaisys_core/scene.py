@@ -132,12 +132,13 @@ class TerrainMaterial:
         texel = np.clip(texel, 0, size - 1)
         low = np.minimum(np.floor(texel), size - 2).astype(np.intp)
         s, t = (texel - low).T
-        m = self.masks.astype(np.float64, copy=False)
-        col, row = low.T
-        return np.asarray(
-            (m[:, row, col] * (1 - s) + m[:, row, col + 1] * s) * (1 - t)
-            + (m[:, row + 1, col] * (1 - s) + m[:, row + 1, col + 1] * s) * t
-        ).T
+        flat = self.masks.reshape(len(self.masks), -1)
+        index = low[:, 1] * size + low[:, 0]
+        # One gather per corner: several times faster than indexing rows and columns.
+        m00, m10, m01, m11 = (
+            flat.take(index + step, axis=1).astype(np.float64) for step in (0, 1, size, size + 1)
+        )
+        return np.asarray((m00 * (1 - s) + m10 * s) * (1 - t) + (m01 * (1 - s) + m11 * s) * t).T
 
     def winning_layer(self, xy_m: ArrayLike) -> NDArray[np.intp]:
         """Return (N,) index of the heaviest layer at (N, 2) points; the first one wins a tie."""

@@ -111,7 +111,8 @@ class Surface:
         """Return the (H, W, 3) unit normals, turned towards the camera; 0 where nothing was hit."""
         normals = np.zeros_like(view.points_m)
         on_triangle = view.triangle_ids != NO_TRIANGLE
-        normals[on_triangle] = self._caster.normals_of(view.triangle_ids[on_triangle])
+        if on_triangle.any():
+            normals[on_triangle] = self._caster.normals_of(view.triangle_ids[on_triangle])
         for index, solid in enumerate(self._solids):
             seen = view.solid_ids == index
             if seen.any():
