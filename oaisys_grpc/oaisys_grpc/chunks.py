@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 CHUNK_BYTES = 1 << 20
 
-AnyArray = NDArray[np.generic]
+AnyArray = NDArray[Any]
 
 _DTYPES = {
     pb.DATA_TYPE_UINT8: np.dtype("<u1"),
@@ -163,9 +164,8 @@ def mesh_from_parts(parts: Iterable[pb.GetGroundTruthMeshResponse]) -> TriangleM
     begun: dict[str, ArrayAssembly] = {}
     for part in parts:
         if part.WhichOneof("part") == "header":
-            header = part.header
-            present = [name for name in _MESH_ARRAYS if header.HasField(name)]
-            begun = {name: ArrayAssembly(getattr(header, name)) for name in present}
+            present = {field.name: header for field, header in part.header.ListFields()}
+            begun = {name: ArrayAssembly(header) for name, header in present.items()}
             continue
         assembly = begun.get(_MESH_ARRAYS[part.chunk.index])
         if assembly is None:
@@ -174,7 +174,7 @@ def mesh_from_parts(parts: Iterable[pb.GetGroundTruthMeshResponse]) -> TriangleM
     if not {"vertices_m", "triangles"} <= begun.keys():
         raise OaisysError("the mesh is incomplete: vertices or triangles are missing")
     arrays = {name: assembly.array() for name, assembly in begun.items()}
-    return TriangleMesh(**arrays)  # type: ignore[arg-type]  # their types were in the headers
+    return TriangleMesh(**arrays)
 
 
 def _frame_header(frame: Frame, provenance: pb.Provenance) -> pb.FrameHeader:

@@ -33,14 +33,10 @@ def pose_to_proto(pose: Pose) -> pb.Pose:
     )
 
 
-def pose_from_proto(message: pb.Pose, field: str = "pose") -> Pose:
-    """Return a pose, its quaternion normalised.
-
-    Raises:
-        InvalidInputError: A number is not finite, or the quaternion is none of unit length.
-    """
+def pose_from_proto(message: pb.Pose) -> Pose:
+    """Return the pose exactly as it was sent; `metadata_from_proto` checks those it takes."""
     p, q = message.position_m, message.orientation
-    return geometry.checked_pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w), field)
+    return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
 
 def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:
@@ -66,12 +62,17 @@ def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:
 
 
 def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
-    """Return a step's metadata; an absent part stays absent."""
+    """Return a step's metadata; an absent part stays absent.
+
+    Raises:
+        InvalidInputError: The pose has a number that is not finite, or no unit quaternion.
+    """
     parts: dict[str, Any] = {}
     if message.HasField("sensor"):
         parts["sensor"] = {}
         if message.sensor.HasField("pose"):
-            pose = pose_from_proto(message.sensor.pose, "metadata.sensor.pose")
+            pose = pose_from_proto(message.sensor.pose)
+            geometry.checked_pose(pose.position_m, pose.quat_xyzw, "metadata.sensor.pose")
             parts["sensor"]["pose"] = pose
     for name in ("environment", "asset", "render", "custom"):
         if message.HasField(name):

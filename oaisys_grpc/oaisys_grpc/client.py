@@ -1,0 +1,327 @@
+"""A typed client of the simulator: the core's types and errors, without Blender or protobuf."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from types import TracebackType
+
+import grpc
+import numpy as np
+from google.protobuf.duration_pb2 import Duration
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from numpy.typing import ArrayLike
+
+from oaisys_core.errors import DeadlineExceededError, InvalidInputError, OaisysError
+from oaisys_core.types import (
+    HeightQuery,
+    ModuleMetadata,
+    Pose,
+    Progress,
+    Sample,
+    SimulatorInfo,
+    TriangleMesh,
+)
+from oaisys_grpc import chunks, conversions
+from oaisys_grpc.errors import error_from_rpc
+from oaisys_grpc.operation import OperationStatus, status_from_proto
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
+
+DEFAULT_ADDRESS = "127.0.0.1:50051"
+DEFAULT_TIMEOUT_S = 120.0
+SERVICE = "oaisys.v1.SimulatorService"
+
+ProgressListener = Callable[[Progress], None]
+
+_CHANNEL_OPTIONS = [
+    # A server that was replaced is found again at once; the default waits up to two minutes.
+    ("grpc.initial_reconnect_backoff_ms", 100),
+    ("grpc.max_reconnect_backoff_ms", 1000),
+    # A proxy for the web is none for a simulator on this machine.
+    ("grpc.enable_http_proxy", 0),
+]
+_HEIGHTS_PER_CALL = 50_000
+_HEALTH_POLL_S = 0.1
+
+
+class SimulatorClient:
+    """Talks to one simulator; a context manager, and safe to share between threads.
+
+    Every method raises the same `oaisys_core.errors` that the simulator raised, an
+    `InvalidInputError` with its field, and besides `DeadlineExceededError` after ``timeout_s`` and
+    `oaisys_grpc.faults.ServerUnavailableError` where no server answers.
+    """
+
+    def __init__(
+        self, address: str = DEFAULT_ADDRESS, *, timeout_s: float = DEFAULT_TIMEOUT_S
+    ) -> None:
+        """Prepare a connection; nothing is sent yet.
+
+        Args:
+            address: ``host:port`` or ``unix:PATH``.
+            timeout_s: How long a call may take, rendering and waiting in the queue included.
+        """
+        self._address = address
+        self._timeout_s = timeout_s
+        self._channel = grpc.insecure_channel(address, options=_CHANNEL_OPTIONS)
+        self._stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
+        self._health = health_pb2_grpc.HealthStub(self._channel)
+
+    def __enter__(self) -> SimulatorClient:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def wait_ready(self, timeout_s: float) -> None:
+        """Wait until the simulator serves.
+
+        Raises:
+            DeadlineExceededError: It does not within ``timeout_s`` seconds.
+        """
+        end_s = time.monotonic() + timeout_s
+        while not self.is_ready(max(0.01, min(1.0, end_s - time.monotonic()))):
+            if time.monotonic() >= end_s:
+                message = f"no simulator serves at {self._address} after {timeout_s:g} s"
+                raise DeadlineExceededError(message)
+            time.sleep(_HEALTH_POLL_S)
+
+    def is_ready(self, timeout_s: float = 1.0) -> bool:
+        """Return whether the simulator says within ``timeout_s`` seconds that it serves."""
+        request = health_pb2.HealthCheckRequest(service=SERVICE)
+        try:
+            answer = self._health.Check(request, timeout=timeout_s)
+        except grpc.RpcError:
+            return False
+        return bool(answer.status == health_pb2.HealthCheckResponse.SERVING)
+
+    def info(self) -> SimulatorInfo:
+        """Return what the simulator is and where it stands."""
+        with _translated():
+            request = pb.GetSimulatorInfoRequest()
+            message = self._stub.GetSimulatorInfo(request, timeout=self._timeout_s)
+        return conversions.info_from_proto(message)
+
+    def step_batch(
+        self,
+        *,
+        seed: int | None = None,
+        reuse_stage: bool = False,
+        metadata: ModuleMetadata | None = None,
+        on_progress: ProgressListener | None = None,
+    ) -> int:
+        """Build a new world, wait until it stands, and return its batch id.
+
+        Args:
+            seed: Seed of this world; None derives it from the root seed and the batch id.
+            reuse_stage: Keep the ground and its materials.
+            metadata: Parts for the modules.
+            on_progress: Told how far it is, on this thread.
+        """
+        name = self.start_batch(seed=seed, reuse_stage=reuse_stage, metadata=metadata)
+        try:
+            for status in self.watch_operation(name):
+                if on_progress is not None:
+                    on_progress(status.progress)
+        except BaseException:
+            with contextlib.suppress(OaisysError):
+                self.cancel_operation(name)
+            raise
+        if status.error is not None:
+            raise status.error
+        return status.batch_id
+
+    def render_sample(
+        self,
+        pose: Pose | None = None,
+        *,
+        metadata: ModuleMetadata | None = None,
+        modalities: Sequence[str] = (),
+        sensors: Sequence[str] = (),
+        on_progress: ProgressListener | None = None,
+    ) -> Sample:
+        """Move the rig, render, and return the frames.
+
+        Args:
+            pose: Where the rig goes, in ``map``; None: where it is, or where the metadata says.
+            metadata: What else changes from here on.
+            modalities: Which of them to render; none named: all of each sensor.
+            sensors: Which of them to render; none named: all.
+            on_progress: Told how far it is, on this thread. If it raises, the render is cancelled.
+        """
+        request = pb.RenderSampleRequest(
+            request_id=_new_request_id(), modalities=modalities, sensors=sensors
+        )
+        _set_metadata(request, pose, metadata)
+        with _translated():
+            call = self._stub.RenderSample(request, timeout=self._timeout_s)
+            try:
+                return chunks.sample_from_parts(_parts_after_progress(call, on_progress))
+            finally:
+                call.cancel()
+
+    def start_batch(
+        self,
+        *,
+        seed: int | None = None,
+        reuse_stage: bool = False,
+        metadata: ModuleMetadata | None = None,
+        request_id: str = "",
+    ) -> str:
+        """Ask for a new world and return the operation's name at once.
+
+        Args:
+            request_id: Makes a repeated request harmless; empty: this call is a new request.
+        """
+        request = pb.StepBatchRequest(
+            request_id=request_id or _new_request_id(),
+            reuse_stage=reuse_stage,
+            timeout=self._timeout(),
+        )
+        if seed is not None:
+            request.seed = _checked_seed(seed)
+        _set_metadata(request, None, metadata)
+        with _translated():
+            answer = self._stub.StepBatch(request, timeout=self._timeout_s)
+        return answer.operation.name
+
+    def start_sample(
+        self,
+        pose: Pose | None = None,
+        *,
+        metadata: ModuleMetadata | None = None,
+        modalities: Sequence[str] = (),
+        sensors: Sequence[str] = (),
+        request_id: str = "",
+    ) -> str:
+        """Ask for a sample and return the operation's name at once; see `render_sample`."""
+        request = pb.StepSampleRequest(
+            request_id=request_id or _new_request_id(),
+            modalities=modalities,
+            sensors=sensors,
+            timeout=self._timeout(),
+        )
+        _set_metadata(request, pose, metadata)
+        with _translated():
+            answer = self._stub.StepSample(request, timeout=self._timeout_s)
+        return answer.operation.name
+
+    def get_operation(self, name: str) -> OperationStatus:
+        """Return how an operation stands."""
+        with _translated():
+            request = pb.GetOperationRequest(name=name)
+            answer = self._stub.GetOperation(request, timeout=self._timeout_s)
+        return status_from_proto(answer.operation)
+
+    def watch_operation(self, name: str) -> Iterator[OperationStatus]:
+        """Yield how an operation stands, at each change until it has ended."""
+        with _translated():
+            request = pb.WatchOperationRequest(name=name)
+            call = self._stub.WatchOperation(request, timeout=self._timeout_s)
+            try:
+                for answer in call:
+                    yield status_from_proto(answer.operation)
+            finally:
+                call.cancel()
+
+    def cancel_operation(self, name: str) -> OperationStatus:
+        """Ask an operation to stop, and return how it stands now."""
+        with _translated():
+            request = pb.CancelOperationRequest(name=name)
+            answer = self._stub.CancelOperation(request, timeout=self._timeout_s)
+        return status_from_proto(answer.operation)
+
+    def get_sample(self, batch_id: int, sample_id: int) -> Sample:
+        """Return a sample that was rendered lately."""
+        with _translated():
+            request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id)
+            call = self._stub.GetSample(request, timeout=self._timeout_s)
+            return chunks.sample_from_parts(answer.part for answer in call)
+
+    def ground_truth_mesh(self) -> TriangleMesh:
+        """Return the surface of the world as rendered, in ``map``."""
+        with _translated():
+            request = pb.GetGroundTruthMeshRequest()
+            call = self._stub.GetGroundTruthMesh(request, timeout=self._timeout_s)
+            return chunks.mesh_from_parts(call)
+
+    def query_height(self, points_m: ArrayLike) -> HeightQuery:
+        """Return the heights under (N, 3) points in ``map``; NaN off the stage."""
+        points = np.asarray(points_m, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InvalidInputError("points_m", points.shape, "(N, 3) coordinates")
+        answers = []
+        for begin in range(0, max(1, len(points)), _HEIGHTS_PER_CALL):
+            block = points[begin : begin + _HEIGHTS_PER_CALL]
+            request = pb.QueryHeightRequest(points_m=block.ravel().tolist())
+            with _translated():
+                message = self._stub.QueryHeight(request, timeout=self._timeout_s)
+            answers.append(conversions.heights_from_proto(message))
+        return HeightQuery(
+            ground_height_m=np.concatenate([a.ground_height_m for a in answers]),
+            surface_height_m=np.concatenate([a.surface_height_m for a in answers]),
+            clearance_m=np.concatenate([a.clearance_m for a in answers]),
+        )
+
+    def end_simulation(self) -> None:
+        """End the simulator: its worker and the server's process."""
+        with _translated():
+            self._stub.EndSimulation(pb.EndSimulationRequest(), timeout=self._timeout_s)
+
+    def close(self) -> None:
+        """Close the connection; the simulator goes on."""
+        self._channel.close()
+
+    def _timeout(self) -> Duration:
+        timeout = Duration()
+        timeout.FromMilliseconds(int(self._timeout_s * 1000))
+        return timeout
+
+
+@contextlib.contextmanager
+def _translated() -> Iterator[None]:
+    """Turn a failed call into the error that it means."""
+    try:
+        yield
+    except grpc.RpcError as error:
+        raise error_from_rpc(error) from error
+
+
+def _parts_after_progress(
+    events: grpc.CallIterator[pb.RenderSampleResponse], on_progress: ProgressListener | None
+) -> Iterator[pb.SamplePart]:
+    """Tell the listener what precedes the sample; yield the sample's parts."""
+    for event in events:
+        if event.HasField("part"):
+            yield event.part
+        elif on_progress is not None:
+            on_progress(conversions.progress_from_proto(event.operation.progress))
+
+
+def _set_metadata(
+    request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest,
+    pose: Pose | None,
+    metadata: ModuleMetadata | None,
+) -> None:
+    if metadata is not None:
+        request.metadata.CopyFrom(conversions.metadata_to_proto(metadata))
+    if pose is not None:
+        request.metadata.sensor.pose.CopyFrom(conversions.pose_to_proto(pose))
+
+
+def _new_request_id() -> str:
+    return uuid.uuid4().hex
+
+
+def _checked_seed(seed: int) -> int:
+    if not -(2**63) <= seed < 2**63:
+        raise InvalidInputError("seed", seed, "a whole number from 0 to 2**63 - 1")
+    return seed
