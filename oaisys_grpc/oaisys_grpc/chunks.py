@@ -21,7 +21,7 @@ CHUNK_BYTES = 1 << 20
 
 AnyArray = NDArray[Any]
 
-_DTYPES = {
+_DTYPES: dict[int, np.dtype[Any]] = {
     pb.DATA_TYPE_UINT8: np.dtype("<u1"),
     pb.DATA_TYPE_UINT16: np.dtype("<u2"),
     pb.DATA_TYPE_UINT32: np.dtype("<u4"),
@@ -29,7 +29,7 @@ _DTYPES = {
     pb.DATA_TYPE_FLOAT32: np.dtype("<f4"),
     pb.DATA_TYPE_FLOAT64: np.dtype("<f8"),
 }
-_DATA_TYPES = {dtype: data_type for data_type, dtype in _DTYPES.items()}
+_DATA_TYPES: dict[np.dtype[Any], Any] = {dtype: data_type for data_type, dtype in _DTYPES.items()}
 
 
 class ArrayAssembly:
@@ -49,7 +49,7 @@ class ArrayAssembly:
         if math.prod(header.shape) * dtype.itemsize != header.byte_size:
             raise OaisysError(f"shape {list(header.shape)} is not {header.byte_size} bytes")
         self._bytes = np.empty(header.byte_size, dtype=np.uint8)
-        self._array = self._bytes.view(dtype).reshape(tuple(header.shape))
+        self._array: AnyArray = self._bytes.view(dtype).reshape(tuple(header.shape))
         self._received = 0
 
     def add(self, chunk: pb.Chunk) -> None:

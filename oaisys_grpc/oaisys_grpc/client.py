@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import time
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from types import TracebackType
+from typing import Self
 
 import grpc
 import numpy as np
@@ -70,7 +71,7 @@ class SimulatorClient:
         self._stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
         self._health = health_pb2_grpc.HealthStub(self._channel)
 
-    def __enter__(self) -> SimulatorClient:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(
@@ -296,7 +297,7 @@ def _translated() -> Iterator[None]:
 
 
 def _parts_after_progress(
-    events: grpc.CallIterator[pb.RenderSampleResponse], on_progress: ProgressListener | None
+    events: Iterable[pb.RenderSampleResponse], on_progress: ProgressListener | None
 ) -> Iterator[pb.SamplePart]:
     """Tell the listener what precedes the sample; yield the sample's parts."""
     for event in events:

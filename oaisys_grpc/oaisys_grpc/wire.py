@@ -1,0 +1,212 @@
+"""What the server and its worker say to each other, over a socket pair.
+
+A message is a JSON object and a list of arrays. No pickles: the two sides may be different Python
+versions with different numpy versions. Many bytes go through shared memory (memfd) whose descriptor
+is passed along, so that a frame is copied once, by the worker, and never through the socket.
+Must not import gRPC.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import mmap
+import os
+import socket
+import struct
+import threading
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core import types
+
+AnyArray = NDArray[Any]
+Message = dict[str, Any]
+
+_PREFIX = struct.Struct("<QQ?")
+"""Bytes of the JSON, bytes of the arrays, and whether these are in shared memory."""
+
+_SHARED_FROM_BYTES = 64 * 1024
+_ALIGNMENT = 64
+_RECORDS = {
+    record.__name__: record
+    for record in (
+        types.Frame,
+        types.HeightQuery,
+        types.ModuleMetadata,
+        types.PinholeIntrinsics,
+        types.Pose,
+        types.Provenance,
+        types.Sample,
+        types.SensorInfo,
+        types.SimulatorInfo,
+        types.TriangleMesh,
+    )
+}
+
+
+class Connection:
+    """One end of the socket pair; any thread may send, one thread receives."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self._socket = end
+        self._sending = threading.Lock()
+
+    def fileno(self) -> int:
+        """Return the descriptor, to wait on."""
+        return self._socket.fileno()
+
+    def send(self, message: Mapping[str, Any]) -> None:
+        """Send a message of JSON-able values, arrays, and the core's records.
+
+        Raises:
+            OSError: The other end is gone.
+        """
+        arrays: list[AnyArray] = []
+        encoded = _encoded(message, arrays)
+        raws = [np.ascontiguousarray(a).reshape(-1).view(np.uint8) for a in arrays]
+        layout = _layout([raw.size for raw in raws])
+        headers = [_header(a, begin) for a, begin in zip(arrays, layout[:-1], strict=True)]
+        text = json.dumps({"value": encoded, "arrays": headers}).encode()
+        shared = layout[-1] >= _SHARED_FROM_BYTES
+        prefix = _PREFIX.pack(len(text), layout[-1], shared)
+        with self._sending:
+            if shared:
+                self._send_shared(prefix, raws, layout)
+                self._socket.sendall(text)
+            else:
+                inline = np.zeros(layout[-1], dtype=np.uint8)
+                _fill(inline, raws, layout)
+                self._socket.sendall(prefix + text + inline.tobytes())
+
+    def receive(self) -> Message:
+        """Wait for the next message.
+
+        Raises:
+            EOFError: The other end is gone.
+        """
+        prefix, descriptors = self._read_prefix()
+        text_size, arrays_size, shared = _PREFIX.unpack(prefix)
+        content = json.loads(self._read(text_size))
+        memory: Any = b""
+        if shared:
+            memory = _mapped(descriptors, arrays_size)
+        elif arrays_size:
+            memory = self._read(arrays_size)
+        arrays = [_array(memory, header) for header in content["arrays"]]
+        decoded: Message = _decoded(content["value"], arrays)
+        return decoded
+
+    def close(self) -> None:
+        """Close this end, which ends the other's `receive`."""
+        self._socket.close()
+
+    def _send_shared(self, prefix: bytes, raws: list[AnyArray], layout: list[int]) -> None:
+        descriptor = os.memfd_create("oaisys", os.MFD_CLOEXEC)
+        try:
+            os.ftruncate(descriptor, layout[-1])
+            with mmap.mmap(descriptor, layout[-1]) as memory:
+                target = np.frombuffer(memory, dtype=np.uint8)
+                _fill(target, raws, layout)
+                del target
+            socket.send_fds(self._socket, [prefix], [descriptor])
+        finally:
+            os.close(descriptor)
+
+    def _read_prefix(self) -> tuple[bytes, list[int]]:
+        try:
+            data, descriptors, _, _ = socket.recv_fds(self._socket, _PREFIX.size, 1)
+        except OSError as error:
+            raise EOFError(str(error)) from error
+        if not data:
+            raise EOFError("the connection was closed")
+        return data + self._read(_PREFIX.size - len(data)), descriptors
+
+    def _read(self, size: int) -> bytes:
+        data = bytearray(size)
+        view = memoryview(data)
+        while view:
+            try:
+                count = self._socket.recv_into(view)
+            except OSError as error:
+                raise EOFError(str(error)) from error
+            if not count:
+                raise EOFError("the connection was closed within a message")
+            view = view[count:]
+        return bytes(data)
+
+
+def _layout(sizes: list[int]) -> list[int]:
+    """Return where each array begins, aligned, and the size of all."""
+    begins = [0]
+    for size in sizes:
+        end = begins[-1] + size
+        begins.append(math.ceil(end / _ALIGNMENT) * _ALIGNMENT)
+    return begins
+
+
+def _fill(target: AnyArray, raws: list[AnyArray], layout: list[int]) -> None:
+    for begin, raw in zip(layout[:-1], raws, strict=True):
+        target[begin : begin + raw.size] = raw
+
+
+def _header(array: AnyArray, begin: int) -> Message:
+    return {"dtype": array.dtype.str, "shape": array.shape, "begin": begin}
+
+
+def _mapped(descriptors: list[int], size: int) -> mmap.mmap:
+    """Return the shared memory; the arrays that look into it keep it alive."""
+    descriptor = descriptors[0]
+    try:
+        return mmap.mmap(descriptor, size, access=mmap.ACCESS_COPY)
+    finally:
+        os.close(descriptor)
+
+
+def _array(memory: Any, header: Message) -> AnyArray:
+    shape = tuple(header["shape"])
+    count = math.prod(shape)
+    if not count:
+        return np.empty(shape, header["dtype"])
+    array = np.frombuffer(memory, header["dtype"], count, header["begin"])
+    return array.reshape(shape)
+
+
+def _encoded(value: Any, arrays: list[AnyArray]) -> Any:
+    """Return the value as JSON, its arrays by their place in ``arrays``."""
+    if isinstance(value, np.ndarray):
+        arrays.append(value)
+        return {"$array": len(arrays) - 1}
+    if isinstance(value, np.generic):
+        return value.item()
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        names = [field.name for field in dataclasses.fields(value)]
+        record = {name: _encoded(getattr(value, name), arrays) for name in names}
+        return {"$record": type(value).__name__, "fields": record}
+    if isinstance(value, Mapping):
+        return {"$pairs": [[_encoded(k, arrays), _encoded(v, arrays)] for k, v in value.items()]}
+    if isinstance(value, tuple):
+        return {"$tuple": [_encoded(inner, arrays) for inner in value]}
+    if isinstance(value, list):
+        return [_encoded(inner, arrays) for inner in value]
+    return value
+
+
+def _decoded(value: Any, arrays: list[AnyArray]) -> Any:
+    """Return what `_encoded` was given."""
+    if isinstance(value, list):
+        return [_decoded(inner, arrays) for inner in value]
+    if not isinstance(value, dict):
+        return value
+    if "$array" in value:
+        return arrays[value["$array"]]
+    if "$record" in value:
+        fields = {name: _decoded(inner, arrays) for name, inner in value["fields"].items()}
+        return _RECORDS[value["$record"]](**fields)
+    if "$tuple" in value:
+        return tuple(_decoded(inner, arrays) for inner in value["$tuple"])
+    return {_decoded(k, arrays): _decoded(v, arrays) for k, v in value["$pairs"]}
