@@ -1,0 +1,151 @@
+"""The process that runs the simulation: ``python -m oaisys_grpc.worker``, started by the server.
+
+Blender belongs on a process's main thread and may crash, hang or grow; so it works here, behind a
+socket pair, and never outlives its server. Must not import gRPC.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import logging
+import os
+import queue
+import signal
+import socket
+import sys
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from oaisys_core.config import config_from_mapping
+from oaisys_core.errors import CancelledError, NotReadyError, OaisysError, RenderError
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import Progress
+from oaisys_grpc import fault_injection
+from oaisys_grpc.faults import fault_from_error
+from oaisys_grpc.wire import Connection, Message
+
+_LOG = logging.getLogger(__name__)
+_PR_SET_PDEATHSIG = 1
+_PROGRESS_PERIOD_S = 0.05
+
+
+class Worker:
+    """Answers one call after the other on the main thread; a second thread listens for cancels."""
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._calls: queue.SimpleQueue[Message] = queue.SimpleQueue()
+        self._cancelled: set[int] = set()
+        self._simulation: Simulation | None = None
+        self._methods: dict[str, Callable[[Message, _Reporter], Any]] = {
+            "start": self._start,
+            "step_batch": self._step_batch,
+            "step_sample": self._step_sample,
+            "ground_truth_mesh": lambda _a, _r: self._ready().ground_truth_mesh(),
+            "query_height": lambda a, _r: self._ready().query_height(a["points_m"]),
+        }
+
+    def run(self) -> None:
+        """Work until told to end."""
+        threading.Thread(target=self._listen, name="listener", daemon=True).start()
+        while (call := self._calls.get())["type"] != "end":
+            self._answer(call)
+        if self._simulation is not None:
+            self._simulation.close()
+
+    def _listen(self) -> None:
+        """Take messages in while the main thread works; end with the server."""
+        while True:
+            try:
+                message = self._connection.receive()
+            except EOFError:
+                os._exit(0)  # the main thread may be deep inside Blender
+            if message["type"] == "cancel":
+                self._cancelled.add(message["id"])
+            else:
+                self._calls.put(message)
+
+    def _answer(self, call: Message) -> None:
+        number = call["id"]
+        answer: Message = {"id": number}
+        try:
+            reporter = _Reporter(self._connection, number, self._cancelled)
+            answer["value"] = self._methods[call["method"]](call["arguments"], reporter)
+        except OaisysError as error:
+            answer["fault"] = vars(fault_from_error(error))
+        except Exception as error:  # the call's failure, whatever it is, is its caller's to know
+            _LOG.exception("%s failed", call["method"])
+            failure = RenderError(f"{call['method']} failed: {type(error).__name__}: {error}")
+            answer["fault"] = vars(fault_from_error(failure))
+        self._cancelled.discard(number)
+        if self._simulation is not None:
+            answer |= {"state": self._simulation.state(), "info": self._simulation.info()}
+        self._connection.send({"type": "answer", **answer})
+
+    def _start(self, arguments: Message, report: _Reporter) -> None:
+        simulation = Simulation(config_from_mapping(arguments["config"]))
+        if arguments["state"] is not None:
+            simulation.restore(arguments["state"], report)
+        self._simulation = simulation
+
+    def _step_batch(self, arguments: Message, report: _Reporter) -> int:
+        return self._ready().step_batch(**arguments, progress=report)
+
+    def _step_sample(self, arguments: Message, report: _Reporter) -> Any:
+        simulation = self._ready()
+        fault_injection.strike(report)
+        return simulation.step_sample(**arguments, progress=report)
+
+    def _ready(self) -> Simulation:
+        if self._simulation is None:
+            raise NotReadyError("the worker was not started")
+        return self._simulation
+
+
+class _Reporter:
+    """The progress callback of one call: tells the server, and stops where it was cancelled."""
+
+    def __init__(self, connection: Connection, call: int, cancelled: set[int]) -> None:
+        self._connection = connection
+        self._call = call
+        self._cancelled = cancelled
+        self._last_stage = ""
+        self._last_s = 0.0
+
+    def __call__(self, progress: Progress) -> None:
+        if self._call in self._cancelled:
+            raise CancelledError("cancelled by the caller")
+        now_s = time.monotonic()
+        if progress.stage == self._last_stage and now_s - self._last_s < _PROGRESS_PERIOD_S:
+            return
+        self._last_stage, self._last_s = progress.stage, now_s
+        self._connection.send({"type": "progress", "id": self._call, **vars(progress)})
+
+
+def die_with_parent(parent_pid: int) -> None:
+    """Have the kernel kill this process when its server ends, however that ends."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0):
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
+    if os.getppid() != parent_pid:
+        os._exit(0)
+
+
+def main() -> int:
+    """Run a worker on the inherited descriptor."""
+    parser = argparse.ArgumentParser(prog="oaisys_grpc.worker")
+    parser.add_argument("--fd", type=int, required=True)
+    parser.add_argument("--parent", type=int, required=True)
+    options = parser.parse_args()
+    die_with_parent(options.parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's to handle
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
+    Worker(Connection(socket.socket(fileno=options.fd))).run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
