@@ -37,7 +37,7 @@ def gradient_noise(
 
     def corner(r: NDArray[np.int64], c: NDArray[np.int64], ds: Field, dt: Field) -> Field:
         flat = r * period + c
-        return gx.ravel()[flat] * ds + gy.ravel()[flat] * dt
+        return np.asarray(gx.ravel()[flat] * ds + gy.ravel()[flat] * dt, np.float32)
 
     u, v = _fade(s), _fade(t)
     low = corner(r0, c0, s, t)

@@ -1,0 +1,57 @@
+"""Poses and verdicts as JSON, so that a reconstruction can be measured again."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import PinholeIntrinsics
+from oaisys_mapping.visibility import View
+
+
+def write_views(path: Path, views: Sequence[View]) -> None:
+    """Write cameras and their poses; inverse: `read_views`."""
+    data = [
+        {
+            "width_px": view.intrinsics.width_px,
+            "height_px": view.intrinsics.height_px,
+            "K": view.intrinsics.K.tolist(),
+            "T_map_camera": view.T_map_camera.tolist(),
+        }
+        for view in views
+    ]
+    path.write_text(json.dumps({"views": data}, indent=1), encoding="utf-8")
+
+
+def read_views(path: Path) -> list[View]:
+    """Return the views in a JSON file.
+
+    Raises:
+        InvalidInputError: It cannot be read, or a view lacks a field or has one of another shape.
+    """
+    try:
+        data = json.loads(path.read_text(encoding="utf-8"))
+        views = data["views"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        expected = f'a JSON file {{"views": [...]}} ({error})'
+        raise InvalidInputError("poses", str(path), expected) from error
+    return [_view(item, f"{path}: views.{index}") for index, item in enumerate(views)]
+
+
+def _view(item: Any, field: str) -> View:
+    try:
+        K = np.asarray(item["K"], np.float64)
+        T_map_camera = np.asarray(item["T_map_camera"], np.float64)
+        size = (int(item["width_px"]), int(item["height_px"]))
+    except (KeyError, TypeError, ValueError) as error:
+        expected = "width_px, height_px, K and T_map_camera"
+        raise InvalidInputError(field, item, expected) from error
+    if K.shape != (3, 3) or T_map_camera.shape != (4, 4):
+        raise InvalidInputError(field, (K.shape, T_map_camera.shape), "K (3, 3), pose (4, 4)")
+    intrinsics = PinholeIntrinsics(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+    return View(intrinsics, T_map_camera)

@@ -1,0 +1,58 @@
+"""The shell command ``oaisys evaluate``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from oaisys_mapping.certificate import read_views
+from oaisys_mapping.mesh_io import read_ply, read_truth
+from oaisys_mapping.metrics import Thresholds, evaluate_reconstruction
+
+
+def evaluate(
+    mesh: Annotated[Path, typer.Option(help="Reconstructed mesh (PLY, OBJ, STL, GLB).")],
+    truth: Annotated[Path, typer.Option(help="True mesh, in the same frame and in metres.")],
+    poses: Annotated[
+        Path | None,
+        typer.Option(help="poses.json of a survey: only truth that these views saw counts."),
+    ] = None,
+    voxel_size: Annotated[float, typer.Option(help="Metres; the tolerance.", min=1e-6)] = 0.10,
+    max_range: Annotated[float, typer.Option(help="Metres of depth that count.", min=1e-3)] = 60.0,
+    max_rmse: Annotated[float | None, typer.Option(help="Metres.", min=0)] = None,
+    min_completion: Annotated[float | None, typer.Option(min=0, max=1)] = None,
+    min_f_score: Annotated[float | None, typer.Option(min=0, max=1)] = None,
+    max_holes: Annotated[float | None, typer.Option(min=0, max=1)] = None,
+    seed: Annotated[int, typer.Option(help="Of the points that are measured.", min=0)] = 0,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write the figures here too.")
+    ] = None,
+) -> None:
+    """Measure a reconstruction against the truth: figures as JSON, exit 1 if a threshold is missed.
+
+    Without --poses all of the truth counts as visible.
+    """
+    views = None if poses is None else read_views(poses)
+    rng = np.random.default_rng(seed)
+    evaluation = evaluate_reconstruction(
+        read_ply(mesh), read_truth(truth), views, voxel_size, max_range, rng
+    )
+    missed = Thresholds(max_rmse, min_completion, min_f_score, max_holes).missed_by(
+        evaluation.metrics
+    )
+    figures = {
+        **evaluation.metrics.to_dict(),
+        "visible_from": "poses" if views is not None else "everywhere",
+        "missed": missed,
+        "closed": not missed,
+    }
+    text = json.dumps(figures, indent=2)
+    if json_path is not None:
+        json_path.write_text(text, encoding="utf-8")
+    typer.echo(text)
+    if missed:
+        raise typer.Exit(1)

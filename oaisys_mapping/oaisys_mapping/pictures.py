@@ -1,0 +1,181 @@
+"""Pictures for a report, made without a GPU: meshes, maps of errors, sheets of images."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+
+import cv2
+import matplotlib as mpl
+import numpy as np
+import open3d as o3d
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_looking_at, pose_to_matrix
+from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.visibility import raycasting_scene
+
+Image = NDArray[np.uint8]
+"""(H, W, 3) uint8 RGB."""
+
+BACKGROUND = (236, 238, 240)
+SUN = np.array((0.4, 0.35, 0.85)) / np.linalg.norm((0.4, 0.35, 0.85))
+PICTURE = PinholeIntrinsics(960, 600, 1000.0, 1000.0, 479.5, 299.5)
+THUMBNAIL_WIDTH_PX = 220
+
+MESH_SIDES = {
+    "from the south-west": (-0.62, -0.62, 0.55),
+    "from the east": (0.95, 0.1, 0.42),
+    "from above": (0.0, -1e-3, 1.25),
+}
+"""Where pictures of a mesh are taken from, in units of its diagonal."""
+
+LABEL_COLORS: Image = np.array(
+    [(30, 30, 34), (214, 164, 92), (94, 129, 172), (163, 190, 140), (191, 97, 106)]
+    + [(180, 142, 173), (235, 203, 139), (143, 188, 187), (208, 135, 112), (129, 161, 193)],
+    np.uint8,
+)
+"""Colours of label ids, in the order of the legend; the first is for 0."""
+
+
+def png(image: Image) -> bytes:
+    """Return an image as a PNG file."""
+    return _encoded(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 7])
+
+
+def jpeg(image: Image) -> bytes:
+    """Return an image as a JPEG file, for photographs."""
+    return _encoded(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 88])
+
+
+def _encoded(suffix: str, image: Image, parameters: Sequence[int]) -> bytes:
+    _, buffer = cv2.imencode(suffix, np.ascontiguousarray(image[..., ::-1]), parameters)
+    return bytes(buffer)
+
+
+def mesh_views(mesh: ColoredMesh) -> dict[str, Image]:
+    """Return shaded pictures of a mesh from several sides, by name."""
+    scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
+    low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+    middle, size_m = (low + high) / 2, float(np.linalg.norm((high - low)[:2]))
+    return {
+        name: _mesh_picture(mesh, scene, middle + np.array(way) * size_m, middle)
+        for name, way in MESH_SIDES.items()
+    }
+
+
+def _mesh_picture(
+    mesh: ColoredMesh, scene: o3d.t.geometry.RaycastingScene, eye_m: FloatArray, at_m: FloatArray
+) -> Image:
+    T = pose_to_matrix(pose_looking_at(eye_m, at_m)) @ T_LINK_OPTICAL
+    directions = pixel_rays(PICTURE) @ T[:3, :3].T
+    rays = np.concatenate((np.broadcast_to(T[:3, 3], directions.shape), directions), axis=-1)
+    found = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))
+    hit = np.isfinite(found["t_hit"].numpy())
+    corners = mesh.triangles[found["primitive_ids"].numpy()[hit]]
+    uv = found["primitive_uvs"].numpy()[hit]
+    weights = np.column_stack((1 - uv.sum(axis=1), uv))
+    colors = (mesh.colors_rgb[corners] * weights[..., None]).sum(axis=1)
+    light = 0.45 + 0.75 * np.abs(found["primitive_normals"].numpy()[hit] @ SUN)
+    image = np.empty((*hit.shape, 3), np.uint8)
+    image[:] = BACKGROUND
+    image[hit] = np.clip(colors * light[:, None], 0, 255)
+    return image
+
+
+def sheet(images: Sequence[Image], columns: int) -> Image:
+    """Return thumbnails of equally sized images in rows of ``columns``, with a thin gap."""
+    gap = 4
+    height, width = images[0].shape[:2]
+    size = (THUMBNAIL_WIDTH_PX, round(THUMBNAIL_WIDTH_PX * height / width))
+    rows = -(-len(images) // columns)
+    page = np.full(
+        (rows * (size[1] + gap) - gap, columns * (size[0] + gap) - gap, 3), 255, np.uint8
+    )
+    for index, image in enumerate(images):
+        row, column = divmod(index, columns)
+        y, x = row * (size[1] + gap), column * (size[0] + gap)
+        page[y : y + size[1], x : x + size[0]] = cv2.resize(
+            image, size, interpolation=cv2.INTER_AREA
+        )
+    return page
+
+
+def depth_picture(depth_m: NDArray[np.float32], near_m: float, far_m: float) -> Image:
+    """Return depth in colours, from near (yellow) to far (violet); what hit nothing is grey."""
+    hit = np.isfinite(depth_m)
+    share = np.zeros(depth_m.shape)
+    share[hit] = 1 - (depth_m[hit] - near_m) / max(far_m - near_m, 1e-9)
+    image = (mpl.colormaps["viridis"](np.clip(share, 0, 1))[..., :3] * 255).astype(np.uint8)
+    image[~hit] = 128
+    return image
+
+
+def semantic_picture(ids: NDArray[np.uint16], labels: Mapping[int, str]) -> Image:
+    """Return label ids in the colours of `label_color`."""
+    image = np.zeros((*ids.shape, 3), np.uint8)
+    for semantic_id in np.unique(ids):
+        image[ids == semantic_id] = label_color(int(semantic_id), labels)
+    return image
+
+
+def label_color(semantic_id: int, labels: Mapping[int, str]) -> NDArray[np.uint8]:
+    """Return a label's (3,) colour: by its place among the labels, so that it is always the same."""
+    if semantic_id == 0:
+        return np.asarray(LABEL_COLORS[0])
+    place = sorted(labels).index(semantic_id) if semantic_id in labels else semantic_id
+    return np.asarray(LABEL_COLORS[1 + place % (len(LABEL_COLORS) - 1)])
+
+
+def instance_picture(ids: NDArray[np.uint32]) -> Image:
+    """Return instance ids in colours that differ from one to the next; none is near black."""
+    hue = (ids.astype(np.float64) * 0.61803398875) % 1.0
+    image = (mpl.colormaps["hsv"](hue)[..., :3] * 200 + 40).astype(np.uint8)
+    image[ids == 0] = LABEL_COLORS[0]
+    return image
+
+
+def distance_map(
+    points_m: FloatArray, distance_m: FloatArray, cell_m: float, limit_m: float, title: str
+) -> bytes:
+    """Return a map from above of the mean distance in each cell, as PNG with its scale."""
+    low = points_m[:, :2].min(axis=0)
+    cells = np.floor((points_m[:, :2] - low) / cell_m).astype(np.intp)
+    shape = tuple(cells.max(axis=0) + 1)
+    flat = np.ravel_multi_index(tuple(cells.T), shape)
+    count = np.bincount(flat, minlength=np.prod(shape))
+    total = np.bincount(flat, distance_m, minlength=np.prod(shape))
+    with np.errstate(invalid="ignore"):
+        mean_m = (total / count).reshape(shape)
+    figure = Figure(figsize=(8, 5.2), layout="constrained")
+    axes = figure.add_subplot()
+    extent = (low[0], low[0] + shape[0] * cell_m, low[1], low[1] + shape[1] * cell_m)
+    shown = axes.imshow(
+        mean_m.T, origin="lower", extent=extent, cmap="magma_r", vmin=0, vmax=limit_m
+    )
+    axes.set(xlabel="x in metres (map)", ylabel="y in metres (map)", title=title)
+    figure.colorbar(shown, label="metres", extend="max", shrink=0.85)
+    return _figure_png(figure)
+
+
+def time_chart(seconds: Mapping[str, Sequence[float]]) -> bytes:
+    """Return a bar a view, stacked by what the time went into, as PNG."""
+    figure = Figure(figsize=(8, 2.8), layout="constrained")
+    axes = figure.add_subplot()
+    count = len(next(iter(seconds.values())))
+    base = np.zeros(count)
+    for name, values in seconds.items():
+        axes.bar(np.arange(1, count + 1), values, bottom=base, label=name, width=0.8)
+        base += np.asarray(values)
+    axes.set(xlabel="view", ylabel="seconds", xlim=(0.3, count + 0.7))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, ncols=len(seconds), loc="upper right")
+    return _figure_png(figure)
+
+
+def _figure_png(figure: Figure) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110)
+    return buffer.getvalue()
