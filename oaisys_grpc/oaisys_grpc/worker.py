@@ -76,7 +76,7 @@ class Worker:
             answer["value"] = self._methods[call["method"]](call["arguments"], reporter)
         except OaisysError as error:
             answer["fault"] = vars(fault_from_error(error))
-        except Exception as error:  # the call's failure, whatever it is, is its caller's to know
+        except Exception as error:  # noqa: BLE001 - whatever failed is the caller's to know
             _LOG.exception("%s failed", call["method"])
             failure = RenderError(f"{call['method']} failed: {type(error).__name__}: {error}")
             answer["fault"] = vars(fault_from_error(failure))
