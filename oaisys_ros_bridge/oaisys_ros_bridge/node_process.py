@@ -12,6 +12,8 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from oaisys_ros_bridge.transport import prepare_transport
+
 
 class Closable(Protocol):
     """What a node offers beside rclpy's own."""
@@ -31,6 +33,7 @@ def run_node(
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
+    prepare_transport()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     node = make_node()
     executor = MultiThreadedExecutor(num_threads=threads)
