@@ -22,7 +22,7 @@ from oaisys_core.types import FloatArray, TriangleMesh
 from oaisys_mapping.mesh import ColoredMesh, SurfacePoints, sample_surface
 from oaisys_mapping.visibility import View, raycasting_scene, visible_from_any
 
-SAMPLES = 400_000
+SAMPLES = 200_000
 """Points spread over the reconstruction, and over the truth near the views."""
 
 BORDER_VOXELS = 2
@@ -135,11 +135,14 @@ def evaluate_reconstruction(
         raise InvalidInputError("mesh", "0 triangles", "a reconstruction with a surface")
     if not len(truth.triangles):
         raise InvalidInputError("truth", "0 triangles", "a mesh with a surface")
-    visible = _visible_truth(truth, views, max_range_m, rng)
+    truth_scene = raycasting_scene(truth.vertices_m, truth.triangles)
+    mesh_scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
+    visible = _visible_truth(truth, truth_scene, views, max_range_m, rng)
     points = sample_surface(mesh.vertices_m, mesh.triangles, SAMPLES, rng)
-    to_truth_m = _distances(points.points_m, truth.vertices_m, truth.triangles)
-    to_mesh_m = _distances(visible.points_m, mesh.vertices_m, mesh.triangles)
-    holes, area_m2 = _holes(mesh, visible, voxel_size_m)
+    to_truth_m = _distances(points.points_m, truth_scene)
+    to_mesh_m = _distances(visible.points_m, mesh_scene)
+    top_m = float(mesh.vertices_m[:, 2].max())
+    holes, area_m2 = _holes(mesh_scene, top_m, visible, voxel_size_m)
     metrics = _metrics(voxel_size_m, to_truth_m, to_mesh_m, holes, area_m2)
     return Evaluation(metrics, points, to_truth_m, visible, to_mesh_m)
 
@@ -178,6 +181,7 @@ def _harmonic_mean(a: float, b: float) -> float:
 
 def _visible_truth(
     truth: TriangleMesh,
+    scene: Any,
     views: Sequence[View] | None,
     max_range_m: float,
     rng: np.random.Generator,
@@ -186,7 +190,7 @@ def _visible_truth(
         return sample_surface(truth.vertices_m, truth.triangles, SAMPLES, rng)
     near = _near_views(truth, views, max_range_m)
     points = sample_surface(truth.vertices_m, truth.triangles[near], SAMPLES, rng)
-    seen = visible_from_any(points, views, truth, max_range_m)
+    seen = visible_from_any(points, views, scene, max_range_m)
     if not seen.any():
         raise InvalidInputError("views", f"{len(views)} views", "views that see the truth")
     return SurfacePoints(points.points_m[seen], points.normals[seen], points.triangle_ids[seen])
@@ -221,16 +225,15 @@ def _near_views(
     return kept if kept.any() else np.ones(len(truth.triangles), bool)
 
 
-def _distances(
-    points_m: FloatArray, vertices_m: FloatArray, triangles: NDArray[np.int32]
-) -> FloatArray:
-    """Return the (N,) distances from points to the nearest place on a mesh."""
-    scene = raycasting_scene(vertices_m, triangles)
+def _distances(points_m: FloatArray, scene: Any) -> FloatArray:
+    """Return the (N,) distances from points to the nearest place on a scene's surface."""
     query = o3d.core.Tensor(np.ascontiguousarray(points_m, np.float32))
     return np.asarray(scene.compute_distance(query).numpy(), np.float64)
 
 
-def _holes(mesh: ColoredMesh, visible: SurfacePoints, voxel_size_m: float) -> tuple[float, float]:
+def _holes(
+    scene: Any, top_m: float, visible: SurfacePoints, voxel_size_m: float
+) -> tuple[float, float]:
     """Return the share of the surveyed area with nothing reconstructed, and that area in m².
 
     The area is made of square cells of two voxels with visible truth in them; its outer rim does
@@ -250,8 +253,7 @@ def _holes(mesh: ColoredMesh, visible: SurfacePoints, voxel_size_m: float) -> tu
     middles_m = low + (np.argwhere(inside) + 0.5) * cell_m
     rays = np.zeros((len(middles_m), 6), np.float32)
     rays[:, :2] = middles_m
-    rays[:, 2] = mesh.vertices_m[:, 2].max() + 1
+    rays[:, 2] = top_m + 1
     rays[:, 5] = -1
-    scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
     missed = ~np.isfinite(scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy())
     return float(missed.mean()), area_m2

@@ -33,8 +33,18 @@ MESH_SIDES = {
 """Where pictures of a mesh are taken from, in units of its diagonal."""
 
 LABEL_COLORS: Image = np.array(
-    [(30, 30, 34), (214, 164, 92), (94, 129, 172), (163, 190, 140), (191, 97, 106)]
-    + [(180, 142, 173), (235, 203, 139), (143, 188, 187), (208, 135, 112), (129, 161, 193)],
+    [
+        (30, 30, 34),
+        (214, 164, 92),
+        (94, 129, 172),
+        (163, 190, 140),
+        (191, 97, 106),
+        (180, 142, 173),
+        (235, 203, 139),
+        (143, 188, 187),
+        (208, 135, 112),
+        (129, 161, 193),
+    ],
     np.uint8,
 )
 """Colours of label ids, in the order of the legend; the first is for 0."""
@@ -91,15 +101,13 @@ def sheet(images: Sequence[Image], columns: int) -> Image:
     height, width = images[0].shape[:2]
     size = (THUMBNAIL_WIDTH_PX, round(THUMBNAIL_WIDTH_PX * height / width))
     rows = -(-len(images) // columns)
-    page = np.full(
-        (rows * (size[1] + gap) - gap, columns * (size[0] + gap) - gap, 3), 255, np.uint8
-    )
+    shape = (rows * (size[1] + gap) - gap, columns * (size[0] + gap) - gap, 3)
+    page = np.full(shape, 255, np.uint8)
     for index, image in enumerate(images):
         row, column = divmod(index, columns)
         y, x = row * (size[1] + gap), column * (size[0] + gap)
-        page[y : y + size[1], x : x + size[0]] = cv2.resize(
-            image, size, interpolation=cv2.INTER_AREA
-        )
+        small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        page[y : y + size[1], x : x + size[0]] = small
     return page
 
 
@@ -110,7 +118,7 @@ def depth_picture(depth_m: NDArray[np.float32], near_m: float, far_m: float) -> 
     share[hit] = 1 - (depth_m[hit] - near_m) / max(far_m - near_m, 1e-9)
     image = (mpl.colormaps["viridis"](np.clip(share, 0, 1))[..., :3] * 255).astype(np.uint8)
     image[~hit] = 128
-    return image
+    return np.asarray(image, np.uint8)
 
 
 def semantic_picture(ids: NDArray[np.uint16], labels: Mapping[int, str]) -> Image:
@@ -122,7 +130,7 @@ def semantic_picture(ids: NDArray[np.uint16], labels: Mapping[int, str]) -> Imag
 
 
 def label_color(semantic_id: int, labels: Mapping[int, str]) -> NDArray[np.uint8]:
-    """Return a label's (3,) colour: by its place among the labels, so that it is always the same."""
+    """Return a label's (3,) colour, by its place among the labels."""
     if semantic_id == 0:
         return np.asarray(LABEL_COLORS[0])
     place = sorted(labels).index(semantic_id) if semantic_id in labels else semantic_id
@@ -134,7 +142,7 @@ def instance_picture(ids: NDArray[np.uint32]) -> Image:
     hue = (ids.astype(np.float64) * 0.61803398875) % 1.0
     image = (mpl.colormaps["hsv"](hue)[..., :3] * 200 + 40).astype(np.uint8)
     image[ids == 0] = LABEL_COLORS[0]
-    return image
+    return np.asarray(image, np.uint8)
 
 
 def distance_map(

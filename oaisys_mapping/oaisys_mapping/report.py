@@ -152,7 +152,7 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
     )
     depth_m = [view.depth_m for view in report.views if view.depth_m is not None]
     legend = [
-        (name, "#%02x%02x%02x" % tuple(pictures.label_color(semantic_id, report.labels)))
+        (name, "#" + pictures.label_color(semantic_id, report.labels).tobytes().hex())
         for semantic_id, name in sorted(report.labels.items())
     ]
     return environment.get_template("report.html.j2").render(

@@ -11,7 +11,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import invert, project
-from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.mesh import SurfacePoints
 
 OCCLUSION_TOLERANCE = 2e-3
@@ -41,14 +41,19 @@ def raycasting_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> An
 
 
 def visible_from_any(
-    points: SurfacePoints, views: Sequence[View], truth: TriangleMesh, max_range_m: float
+    points: SurfacePoints, views: Sequence[View], scene: Any, max_range_m: float
 ) -> NDArray[np.bool_]:
-    """Return (N,) whether a point of ``truth`` is seen by at least one of the views.
+    """Return (N,) whether a point of a surface is seen by at least one of the views.
 
     A point is seen where it projects into the image, faces the camera, lies within
-    ``max_range_m`` along z, and the straight line to it meets no other part of the truth.
+    ``max_range_m`` along z, and the straight line to it meets no other part of the surface.
+
+    Args:
+        points: On the surface.
+        views: The cameras.
+        scene: `raycasting_scene` of the whole surface.
+        max_range_m: Depth beyond which nothing is seen.
     """
-    scene = raycasting_scene(truth.vertices_m, truth.triangles)
     seen = np.zeros(len(points.points_m), bool)
     for view in views:
         candidates = np.flatnonzero(~seen)
