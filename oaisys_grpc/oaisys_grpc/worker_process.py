@@ -178,13 +178,15 @@ def worker_environment(python: str, environment: Mapping[str, str]) -> dict[str,
     packages would be loaded there. Both find this project's packages.
     """
     wanted = dict(environment)
-    if Path(python).absolute() != Path(sys.executable).absolute():
+    folders = {str(Path(file).parents[1]) for file in (oaisys_core.__file__, oaisys_grpc.__file__)}
+    # A folder that holds numpy is an interpreter's own: no other can use its compiled modules.
+    paths = sorted(folder for folder in folders if not Path(folder, "numpy").exists())
+    if Path(python).absolute() == Path(sys.executable).absolute():
+        paths += filter(None, [environment.get("PYTHONPATH")])
+    else:
         for name in environment:
             if name in _OTHER_ENVIRONMENTS or name.startswith(("AMENT_", "_ROS_WHEELS_")):
                 del wanted[name]
-    folders = {str(Path(file).parents[1]) for file in (oaisys_core.__file__, oaisys_grpc.__file__)}
-    # A folder of installed packages holds other interpreters' libraries too.
-    paths = sorted(f for f in folders if Path(f).name not in ("site-packages", "dist-packages"))
     wanted["PYTHONPATH"] = os.pathsep.join(paths)
     wanted["PYTHONUNBUFFERED"] = "1"
     return wanted
