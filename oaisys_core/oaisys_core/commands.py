@@ -10,8 +10,7 @@ import typer
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
 
-from oaisys_core.config import SimulationConfig, config_sha256, load_config
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.config import SimulationConfig, adjusted, config_sha256, load_config
 from oaisys_core.output import SampleWriter, read_poses
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose, Sample
@@ -20,6 +19,14 @@ config_app = typer.Typer(help="Check configuration files.", no_args_is_help=True
 
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", help="YAML file; the default world where none is given.")
+]
+SeedOption = Annotated[int | None, typer.Option(help="Root seed.")]
+BackendOption = Annotated[str | None, typer.Option(help="blender or analytic.")]
+QualityOption = Annotated[
+    str | None, typer.Option(help="Of colour: preview, standard, high or final.")
+]
+SizeOption = Annotated[
+    str | None, typer.Option(help="WIDTHxHEIGHT of all images; K is scaled along.")
 ]
 
 
@@ -31,10 +38,17 @@ def check(file: Annotated[Path, typer.Argument(help="YAML file to check.")]) -> 
 
 
 @config_app.command("show")
-def show(config: ConfigOption = None) -> None:
+def show(
+    config: ConfigOption = None,
+    seed: SeedOption = None,
+    backend: BackendOption = None,
+    quality: QualityOption = None,
+    size: SizeOption = None,
+) -> None:
     """Print the whole configuration, defaults included, as JSON (which is also YAML)."""
     loaded = load_config(config) if config else SimulationConfig()
-    typer.echo(json.dumps(loaded.model_dump(mode="json"), indent=2))
+    shown = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    typer.echo(json.dumps(shown.model_dump(mode="json"), indent=2))
 
 
 def render(
@@ -46,15 +60,17 @@ def render(
         Path | None,
         typer.Option(help="CSV of rig poses, as poses.csv is written; its rows are the views."),
     ] = None,
-    backend: Annotated[str | None, typer.Option(help="blender or analytic.")] = None,
+    seed: SeedOption = None,
+    backend: BackendOption = None,
+    quality: QualityOption = None,
+    size: SizeOption = None,
 ) -> None:
     """Render batches and samples to files, without ROS and without a server.
 
     Without --poses the rig stays above the ground's centre, looking down.
     """
-    chosen = load_config(config) if config else SimulationConfig()
-    if backend is not None:
-        chosen = with_backend(chosen, backend)
+    loaded = load_config(config) if config else SimulationConfig()
+    chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
     views: list[Pose | None] = [*read_poses(poses)] if poses else [None] * samples
     simulation = Simulation(chosen)
     try:
@@ -77,17 +93,6 @@ def _render_all(
                 writer.write(sample)
                 bar.advance(task)
                 _report(console, sample)
-
-
-def with_backend(config: SimulationConfig, backend: str) -> SimulationConfig:
-    """Return the configuration with another backend.
-
-    Raises:
-        InvalidInputError: There is none of that name.
-    """
-    if backend not in ("blender", "analytic"):
-        raise InvalidInputError("--backend", backend, "blender or analytic")
-    return config.model_copy(update={"backend": backend})
 
 
 def _report(console: Console, sample: Sample) -> None:

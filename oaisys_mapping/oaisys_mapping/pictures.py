@@ -26,9 +26,9 @@ PICTURE = PinholeIntrinsics(960, 600, 1000.0, 1000.0, 479.5, 299.5)
 THUMBNAIL_WIDTH_PX = 220
 
 MESH_SIDES = {
-    "from the south-west": (-0.62, -0.62, 0.55),
-    "from the east": (0.95, 0.1, 0.42),
-    "from above": (0.0, -1e-3, 1.25),
+    "from the south-west": (-0.7, -0.7, 0.62),
+    "from the east": (1.1, 0.1, 0.5),
+    "from above": (0.0, -1e-3, 1.3),
 }
 """Where pictures of a mesh are taken from, in units of its diagonal."""
 

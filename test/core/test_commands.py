@@ -47,7 +47,8 @@ def test_render_writes_the_batches_and_samples_asked_for(small: Path, tmp_path: 
     ("text", "arguments", "parts"),
     [
         ("stage: {extend_m: 3}", [], ["small.yaml:1", "stage.extend_m", "unknown key"]),
-        (SMALL, ["--backend", "unreal"], ["--backend", "unreal", "analytic"]),
+        (SMALL, ["--backend", "unreal"], ["backend", "unreal", "analytic"]),
+        (SMALL, ["--size", "8"], ["size", "8", "WIDTHxHEIGHT"]),
         (SMALL, ["--poses", "nowhere.csv"], ["poses", "nowhere.csv"]),
     ],
 )

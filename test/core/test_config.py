@@ -7,12 +7,15 @@ import pytest
 
 from oaisys_core.config import (
     SimulationConfig,
+    adjusted,
     config_from_mapping,
     config_sha256,
     load_config,
 )
 from oaisys_core.errors import ConfigError
+from oaisys_core.geometry import unproject
 from oaisys_core.modules import SensorsModule
+from oaisys_core.types import PinholeIntrinsics
 
 
 def write(folder: Path, text: str) -> Path:
@@ -83,3 +86,23 @@ def test_a_sphere_may_be_given_by_its_radius() -> None:
     sphere = {"shape": "sphere", "radius_m": 2.0, "position_m": [0, 0, 3]}
     config = config_from_mapping({"assets": {"primitives": [sphere]}})
     assert config.assets.primitives[0].size_m == (2.0, 2.0, 2.0)
+
+
+def test_resizing_keeps_what_a_camera_sees() -> None:
+    camera = {"cx_px": 300.0, "fy_px": 500.0}
+    config = config_from_mapping({"sensors": {"cameras": [camera]}})
+    before = SensorsModule(config.sensors).sensors[0].intrinsics
+    after = SensorsModule(adjusted(config, size="320x120").sensors).sensors[0].intrinsics
+    corners = np.array([[-0.5, -0.5], [639.5, 479.5]])
+    small_corners = np.array([[-0.5, -0.5], [319.5, 119.5]])
+
+    def directions(camera: PinholeIntrinsics, pixels: np.ndarray) -> np.ndarray:
+        return unproject(pixels, np.ones(2), camera)
+
+    assert np.allclose(directions(before, corners), directions(after, small_corners))
+
+
+def test_adjusting_with_the_same_values_keeps_the_hash() -> None:
+    config = SimulationConfig()
+    same = adjusted(config, seed=1, backend="blender", quality="standard")
+    assert config_sha256(same) == config_sha256(config)

@@ -1,5 +1,6 @@
 """One typed configuration: each default stands here once, each value is checked once."""
 
+from oaisys_core.config.adjusting import adjusted
 from oaisys_core.config.loading import config_from_mapping, config_sha256, load_config
 from oaisys_core.config.model import (
     AssetsConfig,
@@ -28,6 +29,7 @@ __all__ = [
     "SensorsConfig",
     "SimulationConfig",
     "StageConfig",
+    "adjusted",
     "config_from_mapping",
     "config_sha256",
     "load_config",

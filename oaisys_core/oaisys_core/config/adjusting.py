@@ -1,0 +1,74 @@
+"""Changes that a command line makes to a configuration."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from pydantic import ValidationError
+
+from oaisys_core.config.model import SimulationConfig
+from oaisys_core.config.sensors import CameraConfig
+from oaisys_core.errors import InvalidInputError
+
+
+def adjusted(
+    config: SimulationConfig,
+    *,
+    seed: int | None = None,
+    backend: str | None = None,
+    quality: str | None = None,
+    size: str | None = None,
+) -> SimulationConfig:
+    """Return the configuration with what is not None replaced, checked again.
+
+    Args:
+        config: What to start from.
+        seed: Root seed.
+        backend: ``blender`` or ``analytic``.
+        quality: Preset of the colour images.
+        size: Image size of every camera as ``WIDTHxHEIGHT``; its K is scaled along, so that each
+            camera sees what it saw.
+
+    Raises:
+        InvalidInputError: Naming the option, the value and what was expected.
+    """
+    data: dict[str, Any] = config.model_dump()
+    if seed is not None:
+        data["seed"] = seed
+    if backend is not None:
+        data["backend"] = backend
+    if quality is not None:
+        data["render"]["quality"] = quality
+    if size is not None:
+        resized = [_resized(camera, *_parsed(size)) for camera in config.sensors.cameras]
+        data["sensors"]["cameras"] = resized
+    try:
+        return SimulationConfig.model_validate(data)
+    except ValidationError as error:
+        detail = error.errors()[0]
+        path = ".".join(str(part) for part in detail["loc"])
+        raise InvalidInputError(path, detail["input"], detail["msg"]) from error
+
+
+def _parsed(size: str) -> tuple[int, int]:
+    match = re.fullmatch(r"([1-9]\d{0,5})x([1-9]\d{0,5})", size)
+    if match is None:
+        raise InvalidInputError("size", size, "WIDTHxHEIGHT in pixels, such as 320x240")
+    return int(match[1]), int(match[2])
+
+
+def _resized(camera: CameraConfig, width_px: int, height_px: int) -> dict[str, Any]:
+    x, y = width_px / camera.width_px, height_px / camera.height_px
+    # A pixel's centre is at an integer, so an image reaches from -0.5 to size - 0.5.
+    cx_px = None if camera.cx_px is None else (camera.cx_px + 0.5) * x - 0.5
+    cy_px = None if camera.cy_px is None else (camera.cy_px + 0.5) * y - 0.5
+    return {
+        **camera.model_dump(),
+        "width_px": width_px,
+        "height_px": height_px,
+        "fx_px": camera.fx_px * x,
+        "fy_px": camera.fy_px * y,
+        "cx_px": cx_px,
+        "cy_px": cy_px,
+    }
