@@ -26,7 +26,7 @@ _LOG = logging.getLogger(__name__)
 START_TIMEOUT_S = 300.0
 """For a worker to load Blender and to build the world that stood before."""
 
-GRACE_S = 10.0
+GRACE_S = 30.0
 """Between a call's deadline, when it is cancelled, and the end of a worker that hangs."""
 
 CRASHES_ALLOWED = 3
@@ -129,7 +129,7 @@ class Supervisor:
             OaisysError: The new one does not start either.
         """
         if self._worker is not None and not self._worker.alive:
-            self._lost(WorkerLostError("the worker ended while it had nothing to do"))
+            self._lost(WorkerLostError(f"idle: {self._worker.last_words()}"))
         if self._broken is not None:
             raise BackendUnavailableError(f"no worker runs any more: {self._broken}")
         if self._worker is None:

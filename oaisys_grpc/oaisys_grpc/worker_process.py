@@ -104,7 +104,7 @@ class WorkerProcess:
                     return message
                 progress(Progress(message["stage"], message["fraction"]))
         except (EOFError, OSError) as error:
-            raise WorkerLostError(f"{method}: {self._last_words()}") from error
+            raise WorkerLostError(f"{method}: {self.last_words()}") from error
 
     def end(self) -> None:
         """Ask the process to end; kill it where it does not."""
@@ -129,7 +129,7 @@ class WorkerProcess:
                 self._lines.append(line)
                 _LOG.info("worker: %s", line)
 
-    def _last_words(self) -> str:
+    def last_words(self) -> str:
         """Return how the process ended and what it said last."""
         self.kill()
         self._log.join(_END_S)
