@@ -78,6 +78,10 @@ class Operation:
             self._changed.notify_all()
             return True
 
+    def advance(self, progress: Progress) -> None:
+        """Note how far it is."""
+        self.update(progress=progress)
+
     def stop(self, error: OaisysError) -> None:
         """End it now, unless it has ended; what the worker still makes of it is dropped."""
         overtaken_or_cancelled = isinstance(error, CancelledError)
@@ -86,9 +90,9 @@ class Operation:
             self.cancelled.set()
 
     def succeed(self, result: Any, batch_id: int, sample_id: int) -> None:
-        """End it with a result, which is kept while somebody follows."""
+        """End it with a result; a large one is kept here only while somebody follows."""
         with self._changed:
-            self.result = result if self._followers else None
+            self.result = result if self._followers or self.work.kind is None else None
             done = Progress("done", 1.0)
             self.update(
                 state=State.SUCCEEDED, progress=done, batch_id=batch_id, sample_id=sample_id
@@ -225,12 +229,12 @@ class Operations:
                 work.arguments,
                 timeout_s=remaining_s,
                 cancelled=operation.cancelled,
-                progress=lambda progress: operation.update(progress=progress),
+                progress=operation.advance,
             )
         except OaisysError as error:
             operation.stop(error)
             return
-        except Exception as error:
+        except Exception as error:  # noqa: BLE001 - one failed call must not end the queue
             _LOG.exception("%s failed in the server", work.method)
             operation.stop(OaisysError(f"internal error: {type(error).__name__}: {error}"))
             return

@@ -1,0 +1,248 @@
+"""The service's calls: message in, work enqueued, message out."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import threading
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from typing import Any
+
+import grpc
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.types import ModuleMetadata, TriangleMesh
+from oaisys_grpc import chunks, conversions
+from oaisys_grpc.errors import abort
+from oaisys_grpc.operation import Kind, State, status_to_proto
+from oaisys_grpc.operations import Operations, Work
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
+from oaisys_grpc.sample_store import SampleStore
+from oaisys_grpc.supervisor import Supervisor
+
+OPERATION_TIMEOUT_S = 600.0
+"""For work whose caller sets no limit, and the largest that one may set."""
+
+MAX_POINTS = 100_000
+"""Of one question about heights."""
+
+Context = grpc.ServicerContext
+
+
+def _translated(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a call that raises one of our errors end with its status."""
+    if inspect.isgeneratorfunction(method):
+
+        @functools.wraps(method)
+        def stream(self: object, request: object, context: Context) -> Iterator[Any]:
+            try:
+                yield from method(self, request, context)
+            except OaisysError as error:
+                abort(context, error)
+
+        return stream
+
+    @functools.wraps(method)
+    def unary(self: object, request: object, context: Context) -> Any:
+        try:
+            return method(self, request, context)
+        except OaisysError as error:
+            abort(context, error)
+
+    return unary
+
+
+class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
+    """Serves one simulator; every method may run on any thread."""
+
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        operations: Operations,
+        samples: SampleStore,
+        on_end: Callable[[], None],
+    ) -> None:
+        """Args: on_end: Told that a client ended the simulation; must return at once."""
+        self._supervisor = supervisor
+        self._operations = operations
+        self._samples = samples
+        self._on_end = on_end
+
+    @_translated
+    def GetSimulatorInfo(
+        self, _request: pb.GetSimulatorInfoRequest, _context: Context
+    ) -> pb.GetSimulatorInfoResponse:
+        """Answer from what the worker said last."""
+        message = conversions.info_to_proto(self._supervisor.info)
+        message.server_version = version("oaisys_grpc")
+        message.worker_restarts = self._supervisor.restarts
+        return message
+
+    @_translated
+    def StepBatch(self, request: pb.StepBatchRequest, _context: Context) -> pb.StepBatchResponse:
+        """Enqueue a batch."""
+        work = Work(
+            kind=Kind.BATCH,
+            method="step_batch",
+            arguments={
+                "metadata": _metadata(request),
+                "seed": request.seed if request.HasField("seed") else None,
+                "reuse_stage": request.reuse_stage,
+            },
+            timeout_s=_operation_timeout_s(request),
+            request_id=request.request_id,
+            body=_body(request),
+        )
+        operation = self._operations.submit(work)
+        return pb.StepBatchResponse(operation=status_to_proto(operation.status))
+
+    @_translated
+    def StepSample(self, request: pb.StepSampleRequest, _context: Context) -> pb.StepSampleResponse:
+        """Enqueue a sample."""
+        operation = self._operations.submit(_sample_work(request, _operation_timeout_s(request)))
+        return pb.StepSampleResponse(operation=status_to_proto(operation.status))
+
+    @_translated
+    def GetOperation(
+        self, request: pb.GetOperationRequest, _context: Context
+    ) -> pb.GetOperationResponse:
+        """Answer at once."""
+        operation = self._operations.get(request.name)
+        return pb.GetOperationResponse(operation=status_to_proto(operation.status))
+
+    @_translated
+    def WatchOperation(
+        self, request: pb.WatchOperationRequest, context: Context
+    ) -> Iterator[pb.WatchOperationResponse]:
+        """Send the status until the operation has ended."""
+        for status in self._operations.get(request.name).changes(_gone(context)):
+            yield pb.WatchOperationResponse(operation=status_to_proto(status))
+
+    @_translated
+    def CancelOperation(
+        self, request: pb.CancelOperationRequest, _context: Context
+    ) -> pb.CancelOperationResponse:
+        """Cancel, and answer with how it stands now."""
+        operation = self._operations.cancel(request.name)
+        return pb.CancelOperationResponse(operation=status_to_proto(operation.status))
+
+    @_translated
+    def GetSample(
+        self, request: pb.GetSampleRequest, _context: Context
+    ) -> Iterator[pb.GetSampleResponse]:
+        """Send a sample that was rendered lately."""
+        for part in chunks.sample_to_parts(self._samples.get(request.batch_id, request.sample_id)):
+            yield pb.GetSampleResponse(part=part)
+
+    @_translated
+    def RenderSample(
+        self, request: pb.RenderSampleRequest, context: Context
+    ) -> Iterator[pb.RenderSampleResponse]:
+        """Enqueue a sample; send its progress and then the sample."""
+        operation = self._operations.submit(_sample_work(request, _remaining_s(context)))
+        with operation.followed():
+            for status in operation.changes(_gone(context)):
+                if not status.state.ended:
+                    yield pb.RenderSampleResponse(operation=status_to_proto(status))
+            status = operation.status
+            if status.error is not None:
+                raise status.error
+            if status.state is not State.SUCCEEDED:
+                return  # the caller is gone
+            sample = operation.result
+            if sample is None:
+                sample = self._samples.get(status.batch_id, status.sample_id)
+            for part in chunks.sample_to_parts(sample):
+                yield pb.RenderSampleResponse(part=part)
+
+    @_translated
+    def GetGroundTruthMesh(
+        self, _request: pb.GetGroundTruthMeshRequest, context: Context
+    ) -> Iterator[pb.GetGroundTruthMeshResponse]:
+        """Ask the worker for the mesh and send it."""
+        mesh: TriangleMesh = self._asked("ground_truth_mesh", {}, context)
+        yield from chunks.mesh_to_parts(mesh)
+
+    @_translated
+    def QueryHeight(
+        self, request: pb.QueryHeightRequest, context: Context
+    ) -> pb.QueryHeightResponse:
+        """Ask the worker for heights."""
+        count = len(request.points_m)
+        if count % 3 or count > 3 * MAX_POINTS:
+            expected = f"x, y, z of at most {MAX_POINTS} points"
+            raise InvalidInputError("points_m", f"{count} numbers", expected)
+        points_m = np.array(request.points_m, dtype=np.float64).reshape(-1, 3)
+        heights = self._asked("query_height", {"points_m": points_m}, context)
+        return conversions.heights_to_proto(heights)
+
+    @_translated
+    def EndSimulation(
+        self, _request: pb.EndSimulationRequest, _context: Context
+    ) -> pb.EndSimulationResponse:
+        """Answer, and have everything end."""
+        self._on_end()
+        return pb.EndSimulationResponse()
+
+    def _asked(self, method: str, arguments: dict[str, Any], context: Context) -> Any:
+        """Enqueue a question, wait, and return the worker's answer."""
+        operation = self._operations.submit(Work(None, method, arguments, _remaining_s(context)))
+        with operation.followed():
+            for _ in operation.changes(_gone(context)):
+                pass
+            if operation.status.error is not None:
+                raise operation.status.error
+            return operation.result
+
+
+def _sample_work(request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float) -> Work:
+    return Work(
+        kind=Kind.SAMPLE,
+        method="step_sample",
+        arguments={
+            "metadata": _metadata(request),
+            "modalities": tuple(request.modalities),
+            "sensors": tuple(request.sensors),
+        },
+        timeout_s=timeout_s,
+        request_id=request.request_id,
+        body=_body(request),
+    )
+
+
+def _metadata(
+    request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest,
+) -> ModuleMetadata | None:
+    if not request.HasField("metadata"):
+        return None
+    return conversions.metadata_from_proto(request.metadata)
+
+
+def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest) -> bytes:
+    """Return the request as bytes that are equal for equal requests."""
+    return request.DESCRIPTOR.name.encode() + request.SerializeToString(deterministic=True)
+
+
+def _operation_timeout_s(request: pb.StepBatchRequest | pb.StepSampleRequest) -> float:
+    if not request.HasField("timeout"):
+        return OPERATION_TIMEOUT_S
+    timeout_s = request.timeout.seconds + request.timeout.nanos * 1e-9
+    if timeout_s <= 0:
+        raise InvalidInputError("timeout", timeout_s, "a positive time")
+    return min(timeout_s, OPERATION_TIMEOUT_S)
+
+
+def _remaining_s(context: Context) -> float:
+    remaining_s = context.time_remaining()
+    return OPERATION_TIMEOUT_S if remaining_s is None else min(remaining_s, OPERATION_TIMEOUT_S)
+
+
+def _gone(context: Context) -> threading.Event:
+    """Return an event that is set when the caller has ended the call, however it did."""
+    gone = threading.Event()
+    if not context.add_callback(gone.set):
+        gone.set()
+    return gone
