@@ -71,7 +71,8 @@ class Fusion:
         self._state = FusionState()
         self._on_change = on_change
         self._on_error = on_error
-        self._frames: queue.Queue[DepthFrame | None] = queue.Queue(QUEUE_FRAMES)
+        self._frames: queue.Queue[tuple[int, DepthFrame] | None] = queue.Queue(QUEUE_FRAMES)
+        self._resets = 0
         self._volume_lock = threading.Lock()
         self._settled = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="fusion")
@@ -85,7 +86,7 @@ class Fusion:
     def add(self, frame: DepthFrame) -> bool:
         """Queue a frame; return False if there was no room and it was dropped."""
         try:
-            self._frames.put_nowait(frame)
+            self._frames.put_nowait((self._resets, frame))
         except queue.Full:
             self._count(received=1, dropped=1)
             return False
@@ -107,6 +108,7 @@ class Fusion:
         with self._volume_lock:
             while not self._frames.empty():
                 self._frames.get_nowait()
+            self._resets += 1
             self._volume.reset()
             self._views.clear()
             with self._settled:
@@ -132,21 +134,24 @@ class Fusion:
                 raise DeadlineExceededError(message)
 
     def _run(self) -> None:
-        while (frame := self._frames.get()) is not None:
-            start_s = time.perf_counter()
-            try:
-                with self._volume_lock:
-                    self._volume.integrate(
-                        frame.depth_m, frame.rgb, frame.intrinsics, frame.T_map_camera
-                    )
-                    self._views.append(View(frame.intrinsics, frame.T_map_camera))
-            except OaisysError as error:
-                self._on_error(str(error))
-                self._count(dropped=1)
-            else:
-                duration_s = time.perf_counter() - start_s
-                self._count(integrated=1, stamp_ns=frame.stamp_ns, duration_s=duration_s)
+        while (entry := self._frames.get()) is not None:
+            resets, frame = entry
+            with self._volume_lock:
+                if resets == self._resets:
+                    self._integrate(frame)
             self._on_change(self._state)
+
+    def _integrate(self, frame: DepthFrame) -> None:
+        start_s = time.perf_counter()
+        try:
+            self._volume.integrate(frame.depth_m, frame.rgb, frame.intrinsics, frame.T_map_camera)
+        except OaisysError as error:
+            self._on_error(str(error))
+            self._count(dropped=1)
+            return
+        self._views.append(View(frame.intrinsics, frame.T_map_camera))
+        duration_s = time.perf_counter() - start_s
+        self._count(integrated=1, stamp_ns=frame.stamp_ns, duration_s=duration_s)
 
     def _count(
         self,

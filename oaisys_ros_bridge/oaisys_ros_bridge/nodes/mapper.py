@@ -1,0 +1,300 @@
+"""Node ``oaisys_mapper``: rebuilds the surface from depth images, cameras and transforms."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time as TimeMsg
+from nav_msgs.msg import Odometry
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.time import Time
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker
+
+from oaisys_core.errors import NotReadyError, OaisysError
+from oaisys_core.geometry import pose_to_matrix
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.mesh_io import read_truth, write_ply
+from oaisys_mapping.metrics import evaluate_reconstruction
+from oaisys_mapping.tsdf import TsdfConfig
+from oaisys_msgs.msg import MapStatus
+from oaisys_msgs.srv import Evaluate, SaveMesh
+from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
+from oaisys_ros_bridge.conversions import (
+    image_from_msg,
+    intrinsics_from_msg,
+    odometry_from_msg,
+    transform_from_msg,
+)
+from oaisys_ros_bridge.frames import FrameBuffer
+from oaisys_ros_bridge.fusion import DepthFrame, Fusion, FusionState
+from oaisys_ros_bridge.node_process import run_node
+from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS
+from oaisys_ros_bridge.surface import at_most
+from oaisys_ros_bridge.synchronizer import ExactSynchronizer
+
+DEPTH_TOPIC = "depth/image_raw"
+DEPTH_INFO_TOPIC = "depth/camera_info"
+COLOR_TOPIC = "color/image_raw"
+COLOR_WAIT_S = 2.0
+"""A depth image whose colour has not come by then is fused grey."""
+MOST_WITHOUT_POSE = 32
+"""Frames that may wait for their transform; the oldest are given up first."""
+EVALUATION_SEED = 0
+"""Draws the points that are measured: the same map gets the same figures."""
+
+
+class MapperNode(Node):
+    """Fuses every depth image whose camera and pose carry the same stamp.
+
+    Parameters:
+        voxel_size, truncation_voxels, max_range: Of the volume; metres, voxels, metres.
+        camera: Prefix of the camera's topics.
+        map_frame: Frame of the volume.
+        use_color: Whether to wait for colour images.
+        use_odometry: Take poses from ``ground_truth/odometry`` instead of ``/tf``.
+        mesh_period: Seconds between meshes published while frames come; 0: only when one is saved.
+        mesh_triangles: Most triangles of a published mesh; a saved one has them all.
+        settle_timeout: Longest time that a service waits for frames that are being fused.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("oaisys_mapper")
+        config = TsdfConfig(
+            voxel_size_m=self.declare_parameter("voxel_size", 0.10).value,
+            truncation_voxels=self.declare_parameter("truncation_voxels", 4.0).value,
+            max_range_m=self.declare_parameter("max_range", 60.0).value,
+        )
+        self._config = config
+        self._map_frame = self.declare_parameter("map_frame", "map").value
+        self._mesh_triangles = self.declare_parameter("mesh_triangles", 150_000).value
+        self._settle_timeout_s = self.declare_parameter("settle_timeout", 120.0).value
+        self._metrics_json = ""
+        self._published_frames = 0
+        self._frames = FrameBuffer()
+        self._waiting: dict[int, dict[str, Any]] = {}
+        use_color = self.declare_parameter("use_color", True).value
+        self._sync = ExactSynchronizer(("depth", "info"), ("color",) if use_color else ())
+        self._input_lock = threading.Lock()
+        self._mesh_publisher = self.create_publisher(Marker, "~/mesh", LATCHED_QOS)
+        self._points_publisher = self.create_publisher(PointCloud2, "~/surface_points", LATCHED_QOS)
+        self._status_publisher = self.create_publisher(MapStatus, "~/metrics", LATCHED_QOS)
+        self._fusion = Fusion(
+            config, on_change=self._publish_status, on_error=self.get_logger().warning
+        )
+        self._subscribe(use_color)
+        self._offer_services()
+        self._publish_status(self._fusion.state)
+
+    def close(self) -> None:
+        """End the fusion's thread."""
+        self._fusion.close()
+
+    def _subscribe(self, use_color: bool) -> None:
+        camera = self.declare_parameter("camera", "camera").value
+        self.create_subscription(TFMessage, "/tf_static", self._on_tf_static, LATCHED_QOS)
+        if self.declare_parameter("use_odometry", False).value:
+            self.create_subscription(
+                Odometry, "ground_truth/odometry", self._on_odometry, SENSOR_QOS
+            )
+        else:
+            self.create_subscription(TFMessage, "/tf", self._on_tf, TF_QOS)
+        inputs: list[tuple[type[Any], str, str]] = [
+            (Image, DEPTH_TOPIC, "depth"),
+            (CameraInfo, DEPTH_INFO_TOPIC, "info"),
+        ]
+        if use_color:
+            inputs.append((Image, COLOR_TOPIC, "color"))
+            self.create_timer(COLOR_WAIT_S / 2, self._release_without_color)
+        for kind, topic, name in inputs:
+            self.create_subscription(
+                kind,
+                f"{camera}/{topic}",
+                lambda message, name=name: self._on_input(name, message),
+                SENSOR_QOS,
+            )
+
+    def _offer_services(self) -> None:
+        """Offer services, and meshes from time to time, in a group that may wait for frames."""
+        group = MutuallyExclusiveCallbackGroup()
+        for kind, name, callback in (
+            (SaveMesh, "~/save_mesh", self._on_save_mesh),
+            (Evaluate, "~/evaluate", self._on_evaluate),
+            (Trigger, "~/reset", self._on_reset),
+        ):
+            self.create_service(kind, name, callback, callback_group=group)
+        period_s = self.declare_parameter("mesh_period", 5.0).value
+        if period_s > 0:
+            self.create_timer(period_s, self._publish_new_mesh, callback_group=group)
+
+    def _on_tf_static(self, message: TFMessage) -> None:
+        with self._input_lock:
+            for msg in message.transforms:
+                T = transform_from_msg(msg)
+                self._frames.set_static(msg.header.frame_id, msg.child_frame_id, T)
+            self._fuse_what_is_located()
+
+    def _on_tf(self, message: TFMessage) -> None:
+        with self._input_lock:
+            for msg in message.transforms:
+                T = transform_from_msg(msg)
+                stamp_ns = nanoseconds(msg.header.stamp)
+                self._frames.set_at(stamp_ns, msg.header.frame_id, msg.child_frame_id, T)
+            self._fuse_what_is_located()
+
+    def _on_odometry(self, msg: Odometry) -> None:
+        with self._input_lock:
+            T = pose_to_matrix(odometry_from_msg(msg))
+            stamp_ns = nanoseconds(msg.header.stamp)
+            self._frames.set_at(stamp_ns, msg.header.frame_id, msg.child_frame_id, T)
+            self._fuse_what_is_located()
+
+    def _on_input(self, name: str, message: Any) -> None:
+        stamp_ns = nanoseconds(message.header.stamp)
+        with self._input_lock:
+            complete = self._sync.add(stamp_ns, name, message, time.monotonic())
+            if complete is not None:
+                self._waiting[stamp_ns] = complete
+                self._fuse_what_is_located()
+
+    def _release_without_color(self) -> None:
+        with self._input_lock:
+            released = self._sync.release_older_than(time.monotonic() - COLOR_WAIT_S)
+            self._waiting.update(released)
+            self._fuse_what_is_located()
+
+    def _fuse_what_is_located(self) -> None:
+        """Queue what is complete and has a pose; what is older than that will never get one."""
+        for stamp_ns in sorted(self._waiting):
+            messages = self._waiting[stamp_ns]
+            camera_frame = messages["depth"].header.frame_id
+            try:
+                T_map_camera = self._frames.lookup(self._map_frame, camera_frame, stamp_ns)
+                if T_map_camera is None:
+                    continue
+                frame = DepthFrame(
+                    stamp_ns=stamp_ns,
+                    depth_m=image_from_msg(messages["depth"]),
+                    rgb=image_from_msg(messages["color"]) if "color" in messages else None,
+                    intrinsics=intrinsics_from_msg(messages["info"]),
+                    T_map_camera=T_map_camera,
+                )
+            except OaisysError as error:
+                self.get_logger().warning(f"a frame cannot be used: {error}")
+            else:
+                if not self._fusion.add(frame):
+                    self.get_logger().warning("the queue is full: a frame is dropped")
+            del self._waiting[stamp_ns]
+        while len(self._waiting) > MOST_WITHOUT_POSE:
+            del self._waiting[min(self._waiting)]
+
+    def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:
+        try:
+            mesh, views = self._fusion.surface(self._settle_timeout_s)
+            path = Path(request.path)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_ply(path, mesh)
+        except (OaisysError, OSError) as error:
+            response.message = str(error)
+            return response
+        response.success = True
+        response.frames = len(views)
+        response.vertices = len(mesh.vertices_m)
+        response.triangles = len(mesh.triangles)
+        self._publish_mesh(mesh)
+        return response
+
+    def _on_evaluate(self, request: Evaluate.Request, response: Evaluate.Response) -> Any:
+        try:
+            truth = read_truth(Path(request.truth_path))
+            mesh, views = self._fusion.surface(self._settle_timeout_s)
+            if not views:
+                raise NotReadyError("nothing has been mapped yet")
+            found = evaluate_reconstruction(
+                mesh,
+                truth,
+                views,
+                self._config.voxel_size_m,
+                self._config.max_range_m,
+                np.random.default_rng(EVALUATION_SEED),
+            )
+        except OaisysError as error:
+            response.message = str(error)
+            return response
+        self._metrics_json = json.dumps(found.metrics.to_dict())
+        response.success = True
+        response.metrics_json = self._metrics_json
+        self._publish_status(self._fusion.state)
+        return response
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
+        with self._input_lock:
+            self._sync.clear()
+            self._waiting.clear()
+            self._metrics_json = ""
+            self._fusion.reset()
+        response.success = True
+        return response
+
+    def _publish_status(self, state: FusionState) -> None:
+        stamp = Time(nanoseconds=state.stamp_ns).to_msg()
+        self._status_publisher.publish(
+            MapStatus(
+                header=Header(stamp=stamp, frame_id=self._map_frame),
+                frames_received=state.received,
+                frames_integrated=state.integrated,
+                frames_dropped=state.dropped,
+                integration_time=state.integration_time_s,
+                metrics_json=self._metrics_json,
+            )
+        )
+
+    def _publish_new_mesh(self) -> None:
+        """Publish the surface if it has grown and somebody listens."""
+        publishers = (self._mesh_publisher, self._points_publisher)
+        listeners = sum(publisher.get_subscription_count() for publisher in publishers)
+        integrated = self._fusion.state.integrated
+        if listeners == 0 or integrated == self._published_frames:
+            return
+        try:
+            mesh, _ = self._fusion.surface(self._settle_timeout_s)
+        except OaisysError as error:
+            self.get_logger().warning(f"no mesh: {error}")
+            return
+        self._publish_mesh(mesh)
+        self._published_frames = integrated
+
+    def _publish_mesh(self, mesh: ColoredMesh) -> None:
+        stamp = Time(nanoseconds=self._fusion.state.stamp_ns).to_msg()
+        header = Header(stamp=stamp, frame_id=self._map_frame)
+        points = mesh.vertices_m.astype("float32")[None]
+        self._points_publisher.publish(cloud_to_msg(points, mesh.colors_rgb[None], header))
+        small = at_most(mesh, self._mesh_triangles, 2 * self._config.voxel_size_m)
+        self._mesh_publisher.publish(
+            mesh_to_marker(small.vertices_m, small.triangles, small.colors_rgb, header)
+        )
+
+
+def nanoseconds(stamp: TimeMsg) -> int:
+    """Return a stamp as one number."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node until it is told to end."""
+    return run_node(MapperNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
