@@ -1,4 +1,5 @@
 """The service's calls: message in, work enqueued, message out."""
+# ruff: noqa: N802 - the contract names the calls
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def ignore_progress(progress: Progress) -> None:
 class Supervisor:
     """Owns the worker process and all that is known of it.
 
-    `start`, `call`, `tend` and `end` belong to one thread, which must live as long as the worker.
+    All but `info` and `strike` belong to one thread, which must live as long as the worker.
     """
 
     def __init__(
@@ -156,6 +156,12 @@ class Supervisor:
         self._broken = self._broken or BackendUnavailableError("the simulator has been ended")
         if self._worker is not None:
             self._worker.end()
+
+    def strike(self) -> None:
+        """Kill the worker at once; any thread may."""
+        worker = self._worker
+        if worker is not None:
+            worker.strike()
 
     def _take(self, answer: Message) -> None:
         """Keep what the answer says of the world; raise the error that it brings."""

@@ -114,10 +114,14 @@ class WorkerProcess:
             self._process.wait(_END_S)
         self.kill()
 
-    def kill(self) -> None:
-        """Kill the process, and all that it started."""
+    def strike(self) -> None:
+        """Kill the process, and all that it started; any thread may, a call then ends."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
+
+    def kill(self) -> None:
+        """Kill the process and forget it."""
+        self.strike()
         self._process.wait()
         self._connection.close()
 

@@ -1,0 +1,174 @@
+"""The server: owns the port, the queue and the worker; never imports Blender."""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from types import FrameType
+
+import grpc
+from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection
+
+from oaisys_core.config import SimulationConfig
+from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_grpc.operations import QUEUE_LIMIT, Operations
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
+from oaisys_grpc.sample_store import SampleStore
+from oaisys_grpc.servicer import SimulatorServicer
+from oaisys_grpc.supervisor import GRACE_S, Supervisor
+
+_LOG = logging.getLogger(__name__)
+
+SERVICE = simulator_pb2.DESCRIPTOR.services_by_name["SimulatorService"].full_name
+_THREADS = 2 * QUEUE_LIMIT + 16
+"""Each waiting call holds one, and health must be answered all the same."""
+
+_STOP_S = 1.0
+_WORKER_END_S = 2.5
+
+
+class SimulatorServer:
+    """A simulator on a port, from `start` to `stop`."""
+
+    def __init__(
+        self,
+        config: SimulationConfig,
+        address: str,
+        *,
+        worker_python: str = sys.executable,
+        grace_s: float = GRACE_S,
+        on_end: Callable[[], None],
+    ) -> None:
+        """Bind the address; nothing runs yet.
+
+        Args:
+            address: ``host:port``, port 0 for any free one, or ``unix:PATH``.
+            worker_python: Interpreter of the worker, which has Blender.
+            grace_s: How long after a deadline a worker that hangs is killed.
+            on_end: Told that a client asked for the end, or that the worker's thread failed.
+
+        Raises:
+            OaisysError: The address cannot be bound.
+        """
+        self._health = health.HealthServicer(experimental_non_blocking=True)
+        self._set_ready(False)
+        self._supervisor = Supervisor(config, worker_python, self._set_ready, grace_s)
+        samples = SampleStore()
+        self._operations = Operations(self._supervisor, samples)
+        self._started: Future[None] = Future()
+        self._runner = threading.Thread(target=self._run, name="runner")
+        # Two servers must not share a port by accident.
+        options = [("grpc.so_reuseport", 0)]
+        self._server = grpc.server(ThreadPoolExecutor(_THREADS, "rpc"), options=options)
+        servicer = SimulatorServicer(self._supervisor, self._operations, samples, on_end)
+        simulator_pb2_grpc.add_SimulatorServiceServicer_to_server(servicer, self._server)
+        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
+        names = (SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
+        reflection.enable_server_reflection(names, self._server)
+        self.address = self._bind(address)
+
+    def start(self) -> Future[None]:
+        """Answer calls; return what is done once the worker is ready, or has failed to start."""
+        self._server.start()
+        self._runner.start()
+        return self._started
+
+    def stop(self) -> None:
+        """End everything within seconds: calls, worker, port."""
+        self._set_ready(False)
+        self._operations.end()
+        stopped = self._server.stop(_STOP_S)
+        self._runner.join(_WORKER_END_S)
+        self._supervisor.strike()
+        self._runner.join()
+        stopped.wait()
+
+    def _run(self) -> None:
+        """Start the worker and work off the queue; the worker lives as long as this thread."""
+        try:
+            self._supervisor.start()
+        except OaisysError as error:
+            self._started.set_exception(error)
+        else:
+            self._started.set_result(None)
+            self._operations.run()
+        finally:
+            self._supervisor.end()
+
+    def _bind(self, address: str) -> str:
+        try:
+            port = self._server.add_insecure_port(address)
+        except RuntimeError as error:
+            raise OaisysError(f"cannot listen on {address}: {error}") from error
+        return address if address.startswith("unix:") else f"{_host(address)}:{port}"
+
+    def _set_ready(self, ready: bool) -> None:
+        answer = health_pb2.HealthCheckResponse
+        for name in ("", SERVICE):
+            self._health.set(name, answer.SERVING if ready else answer.NOT_SERVING)
+
+
+def serve(
+    config: SimulationConfig,
+    address: str,
+    *,
+    worker_python: str = sys.executable,
+    grace_s: float = GRACE_S,
+    on_ready: Callable[[str], None],
+) -> None:
+    """Serve until SIGINT, SIGTERM or a client ends it; call on the main thread.
+
+    Args:
+        on_ready: Told the address, with its real port, once the worker is ready.
+
+    Raises:
+        OaisysError: The address cannot be bound, or the worker does not start.
+    """
+    ended = threading.Event()
+
+    def end(_number: int, _frame: FrameType | None) -> None:
+        ended.set()
+
+    signal.signal(signal.SIGINT, end)
+    signal.signal(signal.SIGTERM, end)
+    server = SimulatorServer(
+        config, address, worker_python=worker_python, grace_s=grace_s, on_end=ended.set
+    )
+    started = server.start()
+    started.add_done_callback(lambda s: ended.set() if s.exception() else on_ready(server.address))
+    try:
+        ended.wait()
+        asked = not started.done()
+    finally:
+        server.stop()
+    if not asked and (failure := started.exception()):
+        raise failure
+
+
+def check_address(address: str, insecure: bool) -> None:
+    """Refuse an address that other machines can reach, unless that is wanted.
+
+    Raises:
+        InvalidInputError: It is one, or is no address.
+    """
+    if insecure or address.startswith("unix:"):
+        return
+    host = _host(address).strip("[]")
+    try:
+        loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        loopback = False
+    if not loopback:
+        expected = "a loopback address or unix:PATH; anyone could connect: --insecure allows it"
+        raise InvalidInputError("--address", address, expected)
+
+
+def _host(address: str) -> str:
+    host, _, _ = address.rpartition(":")
+    return host
