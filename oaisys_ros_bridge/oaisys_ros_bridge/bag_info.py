@@ -1,0 +1,46 @@
+"""What is in a recorded bag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+
+from oaisys_core.errors import InvalidInputError
+
+
+def summary_of(path: Path) -> list[str]:
+    """Return one line per topic (name, type, messages), below a line of the whole.
+
+    Args:
+        path: A bag's folder with one ``.mcap`` file in it, or that file.
+
+    Raises:
+        InvalidInputError: There is no such file, or it is not a finished MCAP file.
+    """
+    file = _mcap_file(path)
+    try:
+        with file.open("rb") as stream:
+            summary = make_reader(stream).get_summary()
+    except McapError as error:
+        raise InvalidInputError("bag", str(file), f"a readable MCAP file ({error})") from error
+    if summary is None or summary.statistics is None:
+        raise InvalidInputError("bag", str(file), "a finished MCAP file; this one has no summary")
+    statistics = summary.statistics
+    span_s = (statistics.message_end_time - statistics.message_start_time) / 1e9
+    counts = statistics.channel_message_counts
+    rows = sorted(
+        (channel.topic, summary.schemas[channel.schema_id].name, counts.get(channel.id, 0))
+        for channel in summary.channels.values()
+    )
+    width = max((len(topic) for topic, _, _ in rows), default=0)
+    total = f"{file}: {statistics.message_count} messages, {span_s:.1f} s"
+    return [total, *(f"  {topic:<{width}}  {kind}  {count}" for topic, kind, count in rows)]
+
+
+def _mcap_file(path: Path) -> Path:
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+    if len(files) != 1 or not files[0].is_file():
+        raise InvalidInputError("bag", str(path), "a folder with one .mcap file, or that file")
+    return files[0]

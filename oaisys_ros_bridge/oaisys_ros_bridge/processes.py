@@ -1,0 +1,114 @@
+"""Child processes with an owner: started with a deadline, ended in any case."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import selectors
+import signal
+import subprocess
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from oaisys_core.errors import DeadlineExceededError, WorkerLostError
+
+END_TIMEOUT_S = 8.0
+QUOTED_LINES = 15
+
+
+class ManagedProcess:
+    """A program of ours in a session of its own, its output in a log file.
+
+    Leaving the ``with`` block ends it: SIGINT, then SIGKILL to its whole session.
+    """
+
+    def __init__(
+        self, name: str, command: Sequence[str], log: Path, environment: Mapping[str, str]
+    ) -> None:
+        """Start ``command``; what it prints goes to ``log``."""
+        self.name = name
+        self._log = log
+        log.parent.mkdir(parents=True, exist_ok=True)
+        with log.open("wb") as output:
+            # A session of its own: a Ctrl-C at the terminal reaches the owner alone, who ends
+            # everything in order.
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=output,
+                env=dict(environment),
+                start_new_session=True,
+            )
+
+    def __enter__(self) -> Self:
+        """Return the running process."""
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End it."""
+        self.end()
+
+    def wait_for_line(self, prefix: str, timeout_s: float) -> str:
+        """Return what follows ``prefix`` on the first line of its output that begins so.
+
+        Raises:
+            WorkerLostError: It ended before; quotes its log.
+            DeadlineExceededError: No such line came in time.
+        """
+        output = self._process.stdout
+        assert output is not None
+        deadline = time.monotonic() + timeout_s
+        pending = b""
+        with selectors.DefaultSelector() as selector:
+            selector.register(output, selectors.EVENT_READ)
+            while (left_s := deadline - time.monotonic()) > 0:
+                if not selector.select(left_s):
+                    break
+                chunk = os.read(output.fileno(), 4096)
+                if not chunk:
+                    self._process.wait(END_TIMEOUT_S)
+                    self.check()
+                    break
+                pending += chunk
+                *lines, pending = pending.split(b"\n")
+                for line in lines:
+                    text = line.decode(errors="replace")
+                    if text.startswith(prefix):
+                        return text.removeprefix(prefix).strip()
+        raise DeadlineExceededError(
+            f"{self.name} did not print {prefix!r} within {timeout_s:g} s{self._quoted_log()}"
+        )
+
+    def check(self) -> None:
+        """Raise `WorkerLostError` where the process has ended; quotes its log."""
+        code = self._process.poll()
+        if code is not None:
+            raise WorkerLostError(f"{self.name} ended with exit code {code}{self._quoted_log()}")
+
+    def end(self) -> None:
+        """End the process, with everything in its session."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(END_TIMEOUT_S)
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+        self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()
+
+    def _quoted_log(self) -> str:
+        try:
+            lines = self._log.read_text(errors="replace").splitlines()[-QUOTED_LINES:]
+        except OSError:
+            lines = []
+        return "".join(f"\n  | {line}" for line in lines)

@@ -1,0 +1,49 @@
+"""Progress of a long command: a bar on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+T = TypeVar("T")
+
+
+class Reporter:
+    """Tells a person what goes on, on standard error."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True, highlight=False)
+        self._started_s = time.monotonic()
+        self._done, self._total, self._what = 0, 0, ""
+
+    def say(self, sentence: str) -> None:
+        """Print one line, with the seconds since the start."""
+        elapsed_s = time.monotonic() - self._started_s
+        self._console.print(f"[{elapsed_s:6.1f} s] {sentence}", markup=False, soft_wrap=True)
+
+    def track(self, items: Sequence[T], what: str) -> Iterator[T]:
+        """Yield the items, showing how many are done."""
+        self._done, self._total, self._what = 0, len(items), what
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+        )
+        with Progress(
+            *columns, console=self._console, disable=not self._console.is_terminal
+        ) as bar:
+            task = bar.add_task(what, total=len(items))
+            for item in items:
+                yield item
+                bar.advance(task)
+
+    def step(self, sentence: str) -> None:
+        """Tell what one tracked item took; only where there is no bar."""
+        self._done += 1
+        if not self._console.is_terminal:
+            self.say(f"{self._what} {self._done}/{self._total}: {sentence}")

@@ -1,0 +1,301 @@
+"""The paper's scene reconstruction: look down from a grid, rebuild the terrain, measure it.
+
+Server, bridge, mapper and recorder are processes of their own; the survey itself is a planner that
+knows only ROS. The simulator's own interface is asked for what no planner could know: the height
+of the ground, to fly over it, and the true surface, to measure against.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import shlex
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
+from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, Pose, SensorInfo, SimulatorInfo
+from oaisys_grpc.client import SimulatorClient
+from oaisys_mapping.certificate import write_views
+from oaisys_mapping.mesh_io import read_ply, write_truth
+from oaisys_mapping.metrics import Evaluation, Thresholds, evaluate_reconstruction
+from oaisys_mapping.report import SurveyReport, ViewRecord, write_report
+from oaisys_mapping.visibility import View
+from oaisys_ros_bridge.processes import ManagedProcess
+from oaisys_ros_bridge.progress import Reporter
+from oaisys_ros_bridge.sample_publisher import sensor_namespace
+from oaisys_ros_bridge.survey_client import ReceivedView, SurveyClient
+from oaisys_ros_bridge.survey_plan import NORTH_UP_YAW_RAD, SurveyPlan, plan_survey
+
+START_TIMEOUT_S = 600.0
+"""Until a world must stand: textures are made on a machine's first run."""
+
+VIEW_TIMEOUT_S = 300.0
+MAP_TIMEOUT_S = 120.0
+MAP_FRAME = "map"
+
+
+@dataclass(frozen=True)
+class SurveyOptions:
+    """What a survey is asked to do.
+
+    Attributes:
+        out: Folder for everything it writes.
+        config: Configuration file; None: the default world.
+        overrides: Options of ``oaisys config show`` that change the configuration.
+        worker_python: Interpreter that has ``bpy``; None: this one.
+    """
+
+    out: Path
+    config: Path | None
+    overrides: Mapping[str, str]
+    views: int
+    altitude_m: float
+    overlap: float
+    voxel_size_m: float
+    max_range_m: float
+    record: bool
+    worker_python: Path | None
+    command: Sequence[str]
+
+
+def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
+    """Run a survey, write its report, and return whether the loop closes.
+
+    Raises:
+        ConfigError: The configuration cannot be used.
+        OaisysError: A process failed, or did not answer in time.
+    """
+    started_s = time.monotonic()
+    options.out.mkdir(parents=True, exist_ok=True)
+    config_path = _write_config(options)
+    with ExitStack() as stack:
+        system = stack.enter_context(_running_system(options, config_path, reporter))
+        poses = _viewpoints(system.plan, system.simulator)
+        received = _visit(system, poses, reporter)
+        views = _views(system.sensor, poses)
+        write_views(options.out / "poses.json", views)
+        reporter.say("saving the mesh")
+        mesh_path = options.out / "mesh.ply"
+        system.client.save_mesh(str(mesh_path.resolve()), MAP_TIMEOUT_S)
+        truth = system.simulator.ground_truth_mesh()
+        info, plan = system.simulator.info(), system.plan
+    reporter.say("measuring against the true surface")
+    write_truth(options.out / "truth.ply", truth)
+    mesh = read_ply(mesh_path)
+    rng = np.random.default_rng(info.seed)
+    evaluation = evaluate_reconstruction(
+        mesh, truth, views, options.voxel_size_m, options.max_range_m, rng
+    )
+    report = SurveyReport(
+        title="Survey of a rendered terrain",
+        facts=_facts(options, info, received, time.monotonic() - started_s),
+        evaluation=evaluation,
+        thresholds=thresholds_for(options.voxel_size_m),
+        mesh=mesh,
+        views=[_record(view) for view in received],
+        columns=plan.columns,
+        labels=info.semantic_labels,
+        command=shlex.join(options.command),
+        config_text=config_path.read_text(encoding="utf-8"),
+    )
+    write_report(report, options.out)
+    _say_result(report, evaluation, options, reporter)
+    return not report.missed
+
+
+def thresholds_for(voxel_size_m: float) -> Thresholds:
+    """Return what counts as closed: errors of half a voxel, and nearly nothing missing."""
+    return Thresholds(
+        max_rmse_m=voxel_size_m / 2, min_completion=0.95, min_f_score=0.95, max_holes=0.02
+    )
+
+
+@dataclass(frozen=True)
+class System:
+    """The running processes, as the survey talks to them."""
+
+    simulator: SimulatorClient
+    client: SurveyClient
+    sensor: SensorInfo
+    is_only_sensor: bool
+    plan: SurveyPlan
+
+
+@contextmanager
+def _running_system(
+    options: SurveyOptions, config_path: Path, reporter: Reporter
+) -> Iterator[System]:
+    """Start server, bridge, mapper and recorder; end them all, last started first."""
+    logs = options.out / "logs"
+    environment = _environment()
+    with ExitStack() as stack:
+
+        def start(name: str, *arguments: str) -> ManagedProcess:
+            command = [sys.executable, "-m", *arguments]
+            process = ManagedProcess(name, command, logs / f"{name}.log", environment)
+            return stack.enter_context(process)
+
+        reporter.say("starting the simulator")
+        server = start("server", *_server_arguments(options, config_path))
+        address = server.wait_for_line("ready:", START_TIMEOUT_S)
+        simulator = stack.enter_context(SimulatorClient(address, timeout_s=START_TIMEOUT_S))
+        info = simulator.info()
+        sensor = info.sensors[0]
+        reporter.say("building the world")
+        bridge = start("bridge", *_node_arguments("bridge", {"address": address}))
+        mapper = start("mapper", *_node_arguments("mapper", _mapper_parameters(options)))
+        namespace = sensor_namespace(sensor.name, info.sensors)
+        modalities = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensor.modalities)
+        client = stack.enter_context(SurveyClient(namespace, modalities))
+        client.wait_for_bridge(START_TIMEOUT_S, lambda: _check_all(server, bridge, mapper))
+        client.wait_for_mapper()
+        if options.record:
+            recorder = start("recorder", *_recorder_arguments(options))
+            recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
+        extent_m = simulator.info().stage_extent_m
+        if extent_m is None:
+            raise OaisysError("the bridge is ready, but the simulator has no world")
+        plan = plan_survey(
+            options.views, options.altitude_m, options.overlap, sensor.intrinsics, extent_m
+        )
+        yield System(simulator, client, sensor, len(info.sensors) == 1, plan)
+
+
+def _check_all(*processes: ManagedProcess) -> None:
+    for process in processes:
+        process.check()
+
+
+def _visit(system: System, poses: Sequence[Pose], reporter: Reporter) -> list[ReceivedView]:
+    """Look from every pose in turn."""
+    received = []
+    sensor = "" if system.is_only_sensor else system.sensor.name
+    for pose in reporter.track(poses, "views"):
+        view = system.client.view(pose, sensor, MAP_FRAME, VIEW_TIMEOUT_S)
+        received.append(view)
+        reporter.step(f"rendered in {view.render_s:.2f} s, answered in {view.service_s:.2f} s")
+    system.client.wait_for_map(len(poses), MAP_TIMEOUT_S)
+    return received
+
+
+def _viewpoints(plan: SurveyPlan, simulator: SimulatorClient) -> list[Pose]:
+    """Return poses that look down, each ``altitude_m`` above the surface below it."""
+    xy_m = plan.xy_m
+    points_m = np.column_stack((xy_m, np.zeros(len(xy_m))))
+    surface_m = simulator.query_height(points_m).surface_height_m
+    return [
+        pose_looking_down(float(x), float(y), float(z) + plan.altitude_m, NORTH_UP_YAW_RAD)
+        for (x, y), z in zip(xy_m, surface_m, strict=True)
+    ]
+
+
+def _views(sensor: SensorInfo, poses: Sequence[Pose]) -> list[View]:
+    """Return the cameras: a pose is that of the sensor's link."""
+    return [View(sensor.intrinsics, pose_to_matrix(pose) @ T_LINK_OPTICAL) for pose in poses]
+
+
+def _write_config(options: SurveyOptions) -> Path:
+    """Write the whole configuration, checked, to the output folder and return its path."""
+    command = [sys.executable, "-m", "oaisys_core", "config", "show"]
+    if options.config is not None:
+        command += ["--config", str(options.config)]
+    for name, value in options.overrides.items():
+        command += [f"--{name}", value]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    if result.returncode != 0:
+        raise ConfigError(result.stderr.strip())
+    path = options.out / "config.yaml"
+    path.write_text(result.stdout, encoding="utf-8")
+    return path
+
+
+def _environment() -> dict[str, str]:
+    """Return the children's environment, in a ROS domain of this survey's own unless one is set."""
+    if "ROS_DOMAIN_ID" not in os.environ:
+        os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    return dict(os.environ)
+
+
+def _server_arguments(options: SurveyOptions, config_path: Path) -> list[str]:
+    arguments = ["oaisys_grpc", "serve", "--config", str(config_path), "--address", "127.0.0.1:0"]
+    if options.worker_python is not None:
+        arguments += ["--worker-python", str(options.worker_python)]
+    return arguments
+
+
+def _node_arguments(node: str, parameters: Mapping[str, Any]) -> list[str]:
+    arguments = [f"oaisys_ros_bridge.nodes.{node}", "--ros-args"]
+    for name, value in parameters.items():
+        arguments += ["-p", f"{name}:={value}"]
+    return arguments
+
+
+def _mapper_parameters(options: SurveyOptions) -> dict[str, float]:
+    return {"voxel_size": options.voxel_size_m, "max_range": options.max_range_m}
+
+
+def _recorder_arguments(options: SurveyOptions) -> list[str]:
+    return ["oaisys_ros_bridge.nodes.recorder", "--out", str(options.out / "bag")]
+
+
+def _facts(
+    options: SurveyOptions,
+    info: SimulatorInfo,
+    received: Sequence[ReceivedView],
+    seconds_total: float,
+) -> dict[str, Any]:
+    is_blender = info.backend == "blender"
+    return {
+        "views": len(received),
+        "seed": info.seed,
+        "config_sha256": info.config_sha256,
+        "backend": info.backend,
+        "backend_version": info.backend_version,
+        "blender_version": info.backend_version if is_blender else None,
+        "quality": info.quality,
+        "altitude_m": options.altitude_m,
+        "overlap": options.overlap,
+        "seconds_total": seconds_total,
+        "seconds_per_view": statistics.median(view.service_s for view in received),
+        "seconds_per_render": statistics.median(view.render_s for view in received),
+    }
+
+
+def _record(view: ReceivedView) -> ViewRecord:
+    images = view.images
+    return ViewRecord(
+        rgb=images.get(RGB),
+        depth_m=images.get(DEPTH),
+        semantic_ids=images.get(SEMANTIC_0),
+        instance_ids=images.get(INSTANCE),
+        seconds={
+            "render": view.render_s,
+            "transfer and publish": max(view.service_s - view.render_s, 0.0),
+        },
+    )
+
+
+def _say_result(
+    report: SurveyReport, evaluation: Evaluation, options: SurveyOptions, reporter: Reporter
+) -> None:
+    figures = evaluation.metrics
+    reporter.say(
+        f"RMSE {figures.rmse_m:.4f} m, completion {figures.completion_ratio:.4f}, "
+        f"F-score {figures.f_score:.4f}, holes {figures.hole_ratio:.4f}"
+    )
+    for sentence in report.missed:
+        reporter.say(f"missed: {sentence}")
+    verdict = "does not close" if report.missed else "closes"
+    reporter.say(f"the loop {verdict}: {options.out / 'report.html'}")

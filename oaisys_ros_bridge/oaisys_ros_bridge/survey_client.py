@@ -1,0 +1,228 @@
+"""A planner's side of ROS: asks for views through ``set_pose`` and takes what is published."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import rclpy
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import Image
+from std_msgs.msg import Bool, Header
+
+from oaisys_core.errors import DeadlineExceededError, RenderError
+from oaisys_core.types import Pose
+from oaisys_msgs.msg import MapStatus
+from oaisys_msgs.srv import SaveMesh, SetPose
+from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
+from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
+from oaisys_ros_bridge.sample_publisher import TOPIC_BY_MODALITY
+from oaisys_ros_bridge.transport import prepare_transport
+
+DISCOVERY_TIMEOUT_S = 30.0
+ARRIVAL_TIMEOUT_S = 20.0
+
+Images = Mapping[str, NDArray[Any]]
+"""Images of one sample by modality."""
+
+
+@dataclass(frozen=True)
+class ReceivedView:
+    """One view as a planner gets it.
+
+    Attributes:
+        images: By modality.
+        render_s: What the simulator says that rendering took.
+        service_s: From the call to the answer.
+    """
+
+    images: Images
+    render_s: float
+    service_s: float
+
+
+class SurveyClient:
+    """A node that calls the bridge and the mapper; use it in a ``with`` block."""
+
+    def __init__(self, namespace: str, modalities: tuple[str, ...]) -> None:
+        """Join ROS.
+
+        Args:
+            namespace: Prefix of the camera's topics.
+            modalities: Whose images to wait for after each view.
+        """
+        prepare_transport()
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._node = Node("oaisys_survey")
+        self._changed = threading.Condition()
+        self._images: dict[tuple[int, int], dict[str, NDArray[Any]]] = {}
+        self._modalities = modalities
+        self._bridge_is_ready = False
+        self._map_status = MapStatus()
+        for modality in modalities:
+            topic = f"{namespace}/{TOPIC_BY_MODALITY.get(modality, modality)}/image_raw"
+            self._node.create_subscription(Image, topic, self._take(modality), SENSOR_QOS)
+        self._node.create_subscription(Bool, "oaisys_bridge/ready", self._on_ready, LATCHED_QOS)
+        self._node.create_subscription(
+            MapStatus, "oaisys_mapper/metrics", self._on_map_status, LATCHED_QOS
+        )
+        self._set_pose = self._node.create_client(SetPose, "oaisys_bridge/set_pose")
+        self._save_mesh = self._node.create_client(SaveMesh, "oaisys_mapper/save_mesh")
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._spinner = threading.Thread(target=self._spin, name="survey executor", daemon=True)
+        self._spinner.start()
+
+    def __enter__(self) -> Self:
+        """Return the joined node."""
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Leave ROS."""
+        self._executor.shutdown(timeout_sec=2.0)
+        rclpy.try_shutdown()
+        self._spinner.join(timeout=2.0)
+
+    def wait_for_bridge(self, timeout_s: float, check: Callable[[], None]) -> None:
+        """Wait until the bridge has a world to show; ``check`` may raise to stop waiting.
+
+        Raises:
+            DeadlineExceededError: It has none in time.
+        """
+        self._wait("the bridge to be ready", lambda: self._bridge_is_ready, timeout_s, check)
+
+    def wait_for_mapper(self) -> None:
+        """Wait until the mapper receives depth images and offers its services.
+
+        Raises:
+            DeadlineExceededError: It does not in time.
+        """
+        if not self._save_mesh.wait_for_service(DISCOVERY_TIMEOUT_S):
+            raise DeadlineExceededError(
+                f"the mapper offered no save_mesh within {DISCOVERY_TIMEOUT_S:g} s"
+            )
+
+    def view(self, pose: Pose, sensor: str, map_frame: str, timeout_s: float) -> ReceivedView:
+        """Have the simulator look from ``pose`` and return what was published.
+
+        Args:
+            pose: Of the rig, or of ``sensor`` where one is named.
+            sensor: Name of a sensor, or empty.
+            map_frame: Frame of the pose.
+            timeout_s: Until the service must have answered.
+
+        Raises:
+            RenderError: The bridge refused or failed; holds its message.
+            DeadlineExceededError: No answer, or not all images, in time.
+        """
+        request = SetPose.Request(sensor=sensor)
+        request.pose = pose_to_stamped_msg(pose, Header(frame_id=map_frame))
+        started_s = time.monotonic()
+        answer: SetPose.Response = self._call(self._set_pose, request, timeout_s)
+        service_s = time.monotonic() - started_s
+        if not answer.success:
+            raise RenderError(f"set_pose refused: {answer.message}")
+        key = _key(answer.stamp)
+        self._wait(
+            f"the images of sample {answer.sample_id}",
+            lambda: len(self._images.get(key, ())) == len(self._modalities),
+            ARRIVAL_TIMEOUT_S,
+        )
+        with self._changed:
+            images = self._images.pop(key)
+        return ReceivedView(images, answer.render_time, service_s)
+
+    def wait_for_map(self, frames: int, timeout_s: float) -> float:
+        """Wait until the map holds ``frames`` frames; return what the newest took, in seconds.
+
+        Raises:
+            DeadlineExceededError: It does not in time.
+        """
+        self._wait(
+            f"{frames} frames in the map",
+            lambda: self._map_status.frames_integrated >= frames,
+            timeout_s,
+        )
+        return float(self._map_status.integration_time)
+
+    def save_mesh(self, path: str, timeout_s: float) -> SaveMesh.Response:
+        """Have the mapper write its mesh and return its answer.
+
+        Raises:
+            RenderError: It could not.
+            DeadlineExceededError: No answer in time.
+        """
+        answer = self._call(self._save_mesh, SaveMesh.Request(path=path), timeout_s)
+        if not answer.success:
+            raise RenderError(f"save_mesh failed: {answer.message}")
+        return answer
+
+    def _call(self, client: Any, request: Any, timeout_s: float) -> Any:
+        if not client.wait_for_service(DISCOVERY_TIMEOUT_S):
+            raise DeadlineExceededError(
+                f"{client.srv_name} was not offered within {DISCOVERY_TIMEOUT_S:g} s"
+            )
+        done = threading.Event()
+        future = client.call_async(request)
+        future.add_done_callback(lambda _: done.set())
+        if not done.wait(timeout_s):
+            raise DeadlineExceededError(f"{client.srv_name} did not answer within {timeout_s:g} s")
+        return future.result()
+
+    def _wait(
+        self,
+        what: str,
+        is_so: Callable[[], bool],
+        timeout_s: float,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        deadline = time.monotonic() + timeout_s
+        with self._changed:
+            while not is_so():
+                left_s = deadline - time.monotonic()
+                if left_s <= 0:
+                    raise DeadlineExceededError(f"waited {timeout_s:g} s for {what}")
+                check()
+                self._changed.wait(min(left_s, 0.5))
+
+    def _take(self, modality: str) -> Callable[[Image], None]:
+        def on_image(msg: Image) -> None:
+            with self._changed:
+                received = self._images.setdefault(_key(msg.header.stamp), {})
+                received[modality] = image_from_msg(msg)
+                self._changed.notify_all()
+
+        return on_image
+
+    def _on_ready(self, msg: Bool) -> None:
+        with self._changed:
+            self._bridge_is_ready = msg.data
+            self._changed.notify_all()
+
+    def _on_map_status(self, msg: MapStatus) -> None:
+        with self._changed:
+            self._map_status = msg
+            self._changed.notify_all()
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            return
+
+
+def _key(stamp: Time) -> tuple[int, int]:
+    return stamp.sec, stamp.nanosec

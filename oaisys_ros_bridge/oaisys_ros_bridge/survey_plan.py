@@ -1,0 +1,70 @@
+"""Where a survey looks from: a grid of viewpoints that look straight down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, pi, sqrt
+
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import FloatArray, PinholeIntrinsics
+
+NORTH_UP_YAW_RAD = pi / 2
+"""Yaw of a rig that looks down with the image's upper edge towards +y."""
+
+
+@dataclass(frozen=True)
+class SurveyPlan:
+    """A grid of nadir viewpoints, row by row from the north-west.
+
+    Attributes:
+        xy_m: (N, 2) positions in ``map``.
+        altitude_m: Height above the surface right below.
+        columns: Viewpoints in a row.
+    """
+
+    xy_m: FloatArray
+    altitude_m: float
+    columns: int
+
+
+def plan_survey(
+    views: int,
+    altitude_m: float,
+    overlap: float,
+    intrinsics: PinholeIntrinsics,
+    extent_m: tuple[float, float, float, float],
+) -> SurveyPlan:
+    """Return viewpoints around the stage's centre whose images overlap by ``overlap``.
+
+    Args:
+        views: How many.
+        altitude_m: Height above the surface below each.
+        overlap: Share of an image's edge that neighbours share, on flat ground.
+        intrinsics: The camera that looks down.
+        extent_m: (min_x, min_y, max_x, max_y) of the stage.
+
+    Raises:
+        InvalidInputError: A value is out of range, or the grid is larger than the stage.
+    """
+    if views < 1:
+        raise InvalidInputError("--views", views, "at least 1")
+    if not altitude_m > 0:
+        raise InvalidInputError("--altitude", altitude_m, "metres above 0")
+    if not 0 <= overlap < 1:
+        raise InvalidInputError("--overlap", overlap, "a share from 0 to below 1")
+    columns = ceil(sqrt(views * 6 / 5))
+    rows = ceil(views / columns)
+    step_x_m = altitude_m * intrinsics.width_px / intrinsics.fx_px * (1 - overlap)
+    step_y_m = altitude_m * intrinsics.height_px / intrinsics.fy_px * (1 - overlap)
+    column, row = np.meshgrid(np.arange(columns), np.arange(rows))
+    x = (column - (columns - 1) / 2) * step_x_m
+    y = ((rows - 1) / 2 - row) * step_y_m
+    low, high = np.array(extent_m[:2]), np.array(extent_m[2:])
+    xy_m = np.column_stack((x.ravel(), y.ravel()))[:views] + (low + high) / 2
+    if ((xy_m < low) | (xy_m > high)).any():
+        size = f"{columns} x {rows} views, {columns * step_x_m:.1f} m x {rows * step_y_m:.1f} m"
+        stage = f"{high[0] - low[0]:g} m x {high[1] - low[1]:g} m"
+        raise InvalidInputError("the survey's grid", size, f"one that fits the stage of {stage}")
+    return SurveyPlan(xy_m, altitude_m, columns)
