@@ -1,0 +1,86 @@
+"""Definitions and hashes of message types, as the installed interface packages have them."""
+
+from __future__ import annotations
+
+import json
+import re
+from functools import cache
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
+
+from oaisys_core.errors import NotFoundError
+
+SEPARATOR = "=" * 80
+PRIMITIVES = frozenset(
+    "bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64".split()
+)
+FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[a-z]\w*")
+"""A field's type; constants look the same and have primitive types."""
+
+
+@cache
+def message_definition(type_name: str) -> str:
+    """Return the definition of a type with those of all nested types, as bags carry it.
+
+    The nested ones follow, each after a line of 80 ``=`` and ``MSG: package/Type``.
+
+    Args:
+        type_name: Such as ``sensor_msgs/msg/Image``.
+
+    Raises:
+        NotFoundError: The package is not installed, or has no such message.
+    """
+    text = _share_file(type_name, "msg").read_text(encoding="utf-8")
+    parts = [text]
+    known = {type_name}
+    waiting = nested_types(type_name, text)
+    while waiting:
+        nested = waiting.pop(0)
+        if nested in known:
+            continue
+        known.add(nested)
+        text = _share_file(nested, "msg").read_text(encoding="utf-8")
+        package, _, name = nested.split("/")
+        parts.append(f"{SEPARATOR}\nMSG: {package}/{name}\n{text}")
+        waiting += nested_types(nested, text)
+    return "\n".join(parts)
+
+
+def nested_types(type_name: str, definition: str) -> list[str]:
+    """Return the types of a definition's own fields that are messages, as ``package/msg/Type``."""
+    package = type_name.split("/")[0]
+    found = []
+    for line in definition.splitlines():
+        match = FIELD.match(line.split("#")[0])
+        if match is None or match[1] in PRIMITIVES or match[1] in ("string", "wstring"):
+            continue
+        path = match[1].split("/")
+        found.append(f"{path[0] if len(path) > 1 else package}/msg/{path[-1]}")
+    return found
+
+
+@cache
+def type_hash(type_name: str) -> str:
+    """Return the RIHS01 hash of a message type.
+
+    Raises:
+        NotFoundError: The package is not installed, or has no such message.
+    """
+    description = json.loads(_share_file(type_name, "json").read_text(encoding="utf-8"))
+    for entry in description["type_hashes"]:
+        if entry["type_name"] == type_name:
+            return str(entry["hash_string"])
+    raise NotFoundError(f"no hash of {type_name} in its own description")
+
+
+def _share_file(type_name: str, suffix: str) -> Path:
+    package, _, name = type_name.partition("/msg/")
+    try:
+        share = Path(get_package_share_directory(package))
+    except (PackageNotFoundError, ValueError):
+        raise NotFoundError(f"the package of the type {type_name} is not installed") from None
+    file = share / "msg" / f"{name}.{suffix}"
+    if not file.is_file():
+        raise NotFoundError(f"{package} has no definition of the message {type_name}")
+    return file
