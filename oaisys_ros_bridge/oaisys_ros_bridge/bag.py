@@ -1,0 +1,192 @@
+"""Writes rosbag2 bags in the MCAP format, without rosbag2.
+
+Each message is a chunk of its own that reaches the file before the next one is taken: a process
+that is killed leaves everything that it had written. The summary and ``metadata.yaml`` follow at
+the end (rosbag2's format version 9; MCAP's registry: profile ``ros2``, schema encoding ``ros2msg``,
+message encoding ``cdr``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.writer import CompressionType, Writer
+
+from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_ros_bridge.message_definition import message_definition, type_hash
+
+METADATA_FILE = "metadata.yaml"
+METADATA_VERSION = 9
+
+
+@dataclass(frozen=True)
+class RecordedTopic:
+    """A topic of a bag.
+
+    Attributes:
+        type_name: Such as ``sensor_msgs/msg/Image``.
+        qos_profiles: What its publishers offered, as `qos_entry` gives it.
+    """
+
+    name: str
+    type_name: str
+    qos_profiles: tuple[dict[str, Any], ...] = ()
+
+
+def qos_entry(*, depth: int, reliable: bool, transient_local: bool) -> dict[str, Any]:
+    """Return a quality of service as rosbag2 writes it; periods without a limit are the largest."""
+    unlimited = {"sec": 9223372036, "nsec": 854775807}
+    return {
+        "history": "keep_last",
+        "depth": depth,
+        "reliability": "reliable" if reliable else "best_effort",
+        "durability": "transient_local" if transient_local else "volatile",
+        "deadline": dict(unlimited),
+        "lifespan": dict(unlimited),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": dict(unlimited),
+        "avoid_ros_namespace_conventions": False,
+    }
+
+
+class BagWriter:
+    """A bag that is being written; a context manager.
+
+    Args:
+        folder: The bag; made here. It must not exist, or be empty.
+        distribution: Name of the ROS distribution that wrote it.
+
+    Raises:
+        InvalidInputError: There is something already.
+        OSError: The folder cannot be written.
+    """
+
+    def __init__(self, folder: Path, distribution: str = "jazzy") -> None:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise InvalidInputError("path", str(folder), "a folder that is new or empty")
+        folder.mkdir(parents=True, exist_ok=True)
+        self._folder = folder
+        self._distribution = distribution
+        self._topics: dict[str, tuple[RecordedTopic, int]] = {}
+        self._schemas: dict[str, int] = {}
+        self._counts: dict[str, int] = {}
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._file = (folder / f"{folder.resolve().name}_0.mcap").open("wb")
+        # A chunk size of one byte ends a chunk with each message.
+        self._writer = Writer(self._file, chunk_size=1, compression=CompressionType.ZSTD)
+        self._writer.start(profile="ros2", library="oaisys")
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def message_count(self) -> int:
+        """Messages written so far."""
+        return sum(self._counts.values())
+
+    def add_topic(self, topic: RecordedTopic) -> None:
+        """Add a topic, once.
+
+        Raises:
+            NotFoundError: Its type is not installed here.
+        """
+        if topic.name in self._topics:
+            return
+        if topic.type_name not in self._schemas:
+            definition = message_definition(topic.type_name).encode()
+            schema = self._writer.register_schema(topic.type_name, "ros2msg", definition)
+            self._schemas[topic.type_name] = schema
+        channel = self._writer.register_channel(
+            topic.name,
+            "cdr",
+            self._schemas[topic.type_name],
+            {
+                "offered_qos_profiles": yaml.safe_dump(list(topic.qos_profiles)),
+                "topic_type_hash": type_hash(topic.type_name),
+            },
+        )
+        self._topics[topic.name] = (topic, channel)
+        self._counts[topic.name] = 0
+
+    def write(self, topic: str, data: bytes, received_ns: int, published_ns: int) -> None:
+        """Write a serialised message (CDR with its header) through to the file.
+
+        Raises:
+            NotFoundError: The topic was not added.
+            OSError: It cannot be written, for instance on a full disk.
+        """
+        if topic not in self._topics:
+            raise NotFoundError(f"the bag has no topic {topic}")
+        _, channel = self._topics[topic]
+        count = self._counts[topic]
+        self._writer.add_message(channel, received_ns, data, published_ns, count)
+        self._file.flush()
+        self._counts[topic] = count + 1
+        if self._first_ns is None or received_ns < self._first_ns:
+            self._first_ns = received_ns
+        self._last_ns = max(self._last_ns, received_ns)
+
+    def close(self) -> None:
+        """Write the summary and ``metadata.yaml``; a second call does nothing.
+
+        Raises:
+            OSError: The file system refuses; the messages can be recovered.
+        """
+        if self._file.closed:
+            return
+        information = self._information()
+        text = yaml.safe_dump(information, sort_keys=False)
+        try:
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
+            self._writer.finish()
+        finally:
+            self._file.close()
+        draft = self._folder / f"{METADATA_FILE}.tmp"
+        document = {"rosbag2_bagfile_information": information}
+        draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+        draft.replace(self._folder / METADATA_FILE)
+
+    def _information(self) -> dict[str, Any]:
+        """Return what rosbag2 keeps of a bag in ``metadata.yaml``."""
+        start = {"nanoseconds_since_epoch": self._first_ns or 0}
+        duration = {"nanoseconds": self._last_ns - (self._first_ns or 0)}
+        file = {
+            "path": Path(self._file.name).name,
+            "starting_time": start,
+            "duration": duration,
+            "message_count": self.message_count,
+        }
+        topics = [
+            {
+                "topic_metadata": {
+                    "name": topic.name,
+                    "type": topic.type_name,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": list(topic.qos_profiles),
+                    "type_description_hash": type_hash(topic.type_name),
+                },
+                "message_count": self._counts[topic.name],
+            }
+            for topic, _ in self._topics.values()
+        ]
+        return {
+            "version": METADATA_VERSION,
+            "storage_identifier": "mcap",
+            "duration": dict(duration),
+            "starting_time": dict(start),
+            "message_count": self.message_count,
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file["path"]],
+            "files": [file],
+            "custom_data": None,
+            "ros_distro": self._distribution,
+        }
