@@ -6,15 +6,16 @@ import json
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time as TimeMsg
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.time import Time
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
@@ -23,7 +24,6 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
 from oaisys_core.errors import NotReadyError, OaisysError
-from oaisys_core.geometry import pose_to_matrix
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_truth, write_ply
 from oaisys_mapping.metrics import evaluate_reconstruction
@@ -31,26 +31,12 @@ from oaisys_mapping.tsdf import TsdfConfig
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
-from oaisys_ros_bridge.conversions import (
-    image_from_msg,
-    intrinsics_from_msg,
-    odometry_from_msg,
-    transform_from_msg,
-)
-from oaisys_ros_bridge.frames import FrameBuffer
-from oaisys_ros_bridge.fusion import DepthFrame, Fusion, FusionState
+from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler
+from oaisys_ros_bridge.fusion import Fusion, FusionState
 from oaisys_ros_bridge.node_process import run_node
-from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TF_STATIC_QOS
 from oaisys_ros_bridge.surface import at_most
-from oaisys_ros_bridge.synchronizer import ExactSynchronizer
 
-DEPTH_TOPIC = "depth/image_raw"
-DEPTH_INFO_TOPIC = "depth/camera_info"
-COLOR_TOPIC = "color/image_raw"
-COLOR_WAIT_S = 2.0
-"""A depth image whose colour has not come by then is fused grey."""
-MOST_WITHOUT_POSE = 32
-"""Frames that may wait for their transform; the oldest are given up first."""
 EVALUATION_SEED = 0
 """Draws the points that are measured: the same map gets the same figures."""
 
@@ -82,10 +68,8 @@ class MapperNode(Node):
         self._settle_timeout_s = self.declare_parameter("settle_timeout", 120.0).value
         self._metrics_json = ""
         self._published_frames = 0
-        self._frames = FrameBuffer()
-        self._waiting: dict[int, dict[str, Any]] = {}
         use_color = self.declare_parameter("use_color", True).value
-        self._sync = ExactSynchronizer(("depth", "info"), ("color",) if use_color else ())
+        self._assembler = FrameAssembler(self._map_frame, use_color=use_color)
         self._input_lock = threading.Lock()
         self._mesh_publisher = self.create_publisher(Marker, "~/mesh", LATCHED_QOS)
         self._points_publisher = self.create_publisher(PointCloud2, "~/surface_points", LATCHED_QOS)
@@ -103,27 +87,57 @@ class MapperNode(Node):
 
     def _subscribe(self, use_color: bool) -> None:
         camera = self.declare_parameter("camera", "camera").value
-        self.create_subscription(TFMessage, "/tf_static", self._on_tf_static, LATCHED_QOS)
+        assembler = self._assembler
+        self._feed(TFMessage, "/tf_static", assembler.add_static, TF_STATIC_QOS)
         if self.declare_parameter("use_odometry", False).value:
-            self.create_subscription(
-                Odometry, "ground_truth/odometry", self._on_odometry, SENSOR_QOS
-            )
+            self._feed(Odometry, "ground_truth/odometry", assembler.add_odometry, SENSOR_QOS)
         else:
-            self.create_subscription(TFMessage, "/tf", self._on_tf, TF_QOS)
-        inputs: list[tuple[type[Any], str, str]] = [
-            (Image, DEPTH_TOPIC, "depth"),
-            (CameraInfo, DEPTH_INFO_TOPIC, "info"),
+            self._feed(TFMessage, "/tf", assembler.add_transforms, TF_QOS)
+        inputs: list[tuple[str, type[Any], str]] = [
+            ("depth", Image, "depth/image_raw"),
+            ("info", CameraInfo, "depth/camera_info"),
         ]
         if use_color:
-            inputs.append((Image, COLOR_TOPIC, "color"))
-            self.create_timer(COLOR_WAIT_S / 2, self._release_without_color)
-        for kind, topic, name in inputs:
-            self.create_subscription(
-                kind,
-                f"{camera}/{topic}",
-                lambda message, name=name: self._on_input(name, message),
-                SENSOR_QOS,
-            )
+            inputs.append(("color", Image, "color/image_raw"))
+            self.create_timer(COLOR_WAIT_S / 2, self._give_up_color)
+        for kind, message_type, topic in inputs:
+            add = partial(self._add_image, kind)
+            self._feed(message_type, f"{camera}/{topic}", add, SENSOR_QOS)
+
+    def _feed(
+        self, kind: type[Any], topic: str, add: Callable[[Any], None], qos: QoSProfile
+    ) -> None:
+        """Subscribe a topic whose messages ``add`` gives to the assembler."""
+        self.create_subscription(kind, topic, partial(self._take_in, add), qos)
+
+    def _add_image(self, kind: str, message: Any) -> None:
+        self._assembler.add_image(kind, message, time.monotonic())
+
+    def _give_up_color(self) -> None:
+        self._take_in(self._assembler.give_up_color, time.monotonic())
+
+    def _take_in(self, add: Callable[[Any], None], message: Any) -> None:
+        """Give a message to the assembler and queue all frames that it completed."""
+        with self._input_lock:
+            try:
+                add(message)
+            except OaisysError as error:
+                self.get_logger().warning(f"a message cannot be used: {error}")
+            while self._fuse_next():
+                pass
+
+    def _fuse_next(self) -> bool:
+        """Queue the next complete frame; return whether there was one."""
+        try:
+            frame = self._assembler.pop()
+        except OaisysError as error:
+            self.get_logger().warning(f"a frame cannot be used: {error}")
+            return True
+        if frame is None:
+            return False
+        if not self._fusion.add(frame):
+            self.get_logger().warning("the queue is full: a frame is dropped")
+        return True
 
     def _offer_services(self) -> None:
         """Offer services, and meshes from time to time, in a group that may wait for frames."""
@@ -137,67 +151,6 @@ class MapperNode(Node):
         period_s = self.declare_parameter("mesh_period", 5.0).value
         if period_s > 0:
             self.create_timer(period_s, self._publish_new_mesh, callback_group=group)
-
-    def _on_tf_static(self, message: TFMessage) -> None:
-        with self._input_lock:
-            for msg in message.transforms:
-                T = transform_from_msg(msg)
-                self._frames.set_static(msg.header.frame_id, msg.child_frame_id, T)
-            self._fuse_what_is_located()
-
-    def _on_tf(self, message: TFMessage) -> None:
-        with self._input_lock:
-            for msg in message.transforms:
-                T = transform_from_msg(msg)
-                stamp_ns = nanoseconds(msg.header.stamp)
-                self._frames.set_at(stamp_ns, msg.header.frame_id, msg.child_frame_id, T)
-            self._fuse_what_is_located()
-
-    def _on_odometry(self, msg: Odometry) -> None:
-        with self._input_lock:
-            T = pose_to_matrix(odometry_from_msg(msg))
-            stamp_ns = nanoseconds(msg.header.stamp)
-            self._frames.set_at(stamp_ns, msg.header.frame_id, msg.child_frame_id, T)
-            self._fuse_what_is_located()
-
-    def _on_input(self, name: str, message: Any) -> None:
-        stamp_ns = nanoseconds(message.header.stamp)
-        with self._input_lock:
-            complete = self._sync.add(stamp_ns, name, message, time.monotonic())
-            if complete is not None:
-                self._waiting[stamp_ns] = complete
-                self._fuse_what_is_located()
-
-    def _release_without_color(self) -> None:
-        with self._input_lock:
-            released = self._sync.release_older_than(time.monotonic() - COLOR_WAIT_S)
-            self._waiting.update(released)
-            self._fuse_what_is_located()
-
-    def _fuse_what_is_located(self) -> None:
-        """Queue what is complete and has a pose; what is older than that will never get one."""
-        for stamp_ns in sorted(self._waiting):
-            messages = self._waiting[stamp_ns]
-            camera_frame = messages["depth"].header.frame_id
-            try:
-                T_map_camera = self._frames.lookup(self._map_frame, camera_frame, stamp_ns)
-                if T_map_camera is None:
-                    continue
-                frame = DepthFrame(
-                    stamp_ns=stamp_ns,
-                    depth_m=image_from_msg(messages["depth"]),
-                    rgb=image_from_msg(messages["color"]) if "color" in messages else None,
-                    intrinsics=intrinsics_from_msg(messages["info"]),
-                    T_map_camera=T_map_camera,
-                )
-            except OaisysError as error:
-                self.get_logger().warning(f"a frame cannot be used: {error}")
-            else:
-                if not self._fusion.add(frame):
-                    self.get_logger().warning("the queue is full: a frame is dropped")
-            del self._waiting[stamp_ns]
-        while len(self._waiting) > MOST_WITHOUT_POSE:
-            del self._waiting[min(self._waiting)]
 
     def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:
         try:
@@ -240,8 +193,7 @@ class MapperNode(Node):
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         with self._input_lock:
-            self._sync.clear()
-            self._waiting.clear()
+            self._assembler.clear()
             self._metrics_json = ""
             self._fusion.reset()
         response.success = True
@@ -284,11 +236,6 @@ class MapperNode(Node):
         self._mesh_publisher.publish(
             mesh_to_marker(small.vertices_m, small.triangles, small.colors_rgb, header)
         )
-
-
-def nanoseconds(stamp: TimeMsg) -> int:
-    """Return a stamp as one number."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,0 +1,108 @@
+"""Makes frames that can be fused out of images, cameras and transforms that come one by one."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import CameraInfo, Image
+from tf2_msgs.msg import TFMessage
+
+from oaisys_core.geometry import pose_to_matrix
+from oaisys_ros_bridge.conversions import (
+    image_from_msg,
+    intrinsics_from_msg,
+    odometry_from_msg,
+    transform_from_msg,
+)
+from oaisys_ros_bridge.frames import FrameBuffer
+from oaisys_ros_bridge.fusion import DepthFrame
+from oaisys_ros_bridge.synchronizer import ExactSynchronizer
+
+COLOR_WAIT_S = 2.0
+"""A depth image whose colour has not come by then is fused grey."""
+
+MOST_WITHOUT_POSE = 32
+"""Frames that may wait for their transform; the oldest are given up first."""
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp as one number."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+class FrameAssembler:
+    """Pairs what carries the same stamp, in whatever order it comes.
+
+    Args:
+        map_frame: Frame that poses are wanted in.
+        use_color: Whether a depth image waits up to `COLOR_WAIT_S` for its colour image.
+    """
+
+    def __init__(self, map_frame: str, *, use_color: bool) -> None:
+        self._map_frame = map_frame
+        self._transforms = FrameBuffer()
+        self._images = ExactSynchronizer(("depth", "info"), ("color",) if use_color else ())
+        self._without_pose: dict[int, dict[str, Any]] = {}
+
+    def add_static(self, message: TFMessage) -> None:
+        """Take in transforms that hold for all times."""
+        for msg in message.transforms:
+            T_parent_child = transform_from_msg(msg)
+            self._transforms.set_static(msg.header.frame_id, msg.child_frame_id, T_parent_child)
+
+    def add_transforms(self, message: TFMessage) -> None:
+        """Take in transforms that hold at their stamps."""
+        for msg in message.transforms:
+            stamp_ns = nanoseconds(msg.header.stamp)
+            T_parent_child = transform_from_msg(msg)
+            self._transforms.set_at(
+                stamp_ns, msg.header.frame_id, msg.child_frame_id, T_parent_child
+            )
+
+    def add_odometry(self, msg: Odometry) -> None:
+        """Take in a pose that holds at its stamp."""
+        stamp_ns = nanoseconds(msg.header.stamp)
+        T_parent_child = pose_to_matrix(odometry_from_msg(msg))
+        self._transforms.set_at(stamp_ns, msg.header.frame_id, msg.child_frame_id, T_parent_child)
+
+    def add_image(self, kind: str, message: Image | CameraInfo, now_s: float) -> None:
+        """Take in a message that is the ``depth``, ``color`` or ``info`` of its stamp."""
+        stamp_ns = nanoseconds(message.header.stamp)
+        complete = self._images.add(stamp_ns, kind, message, now_s)
+        if complete is not None:
+            self._without_pose[stamp_ns] = complete
+            while len(self._without_pose) > MOST_WITHOUT_POSE:
+                del self._without_pose[min(self._without_pose)]
+
+    def give_up_color(self, now_s: float) -> None:
+        """Let those go on without colour that have waited for it long enough."""
+        self._without_pose.update(self._images.release_older_than(now_s - COLOR_WAIT_S))
+
+    def pop(self) -> DepthFrame | None:
+        """Return the earliest frame that is complete by now, and forget it; None if there is none.
+
+        Raises:
+            InvalidInputError: Its messages cannot be used; they are forgotten too.
+        """
+        for stamp_ns in sorted(self._without_pose):
+            messages = self._without_pose[stamp_ns]
+            frame_id = messages["depth"].header.frame_id
+            T_map_camera = self._transforms.lookup(self._map_frame, frame_id, stamp_ns)
+            if T_map_camera is None:
+                continue
+            del self._without_pose[stamp_ns]
+            return DepthFrame(
+                stamp_ns=stamp_ns,
+                depth_m=image_from_msg(messages["depth"]),
+                rgb=image_from_msg(messages["color"]) if "color" in messages else None,
+                intrinsics=intrinsics_from_msg(messages["info"]),
+                T_map_camera=T_map_camera,
+            )
+        return None
+
+    def clear(self) -> None:
+        """Forget images that are incomplete; transforms stay."""
+        self._images.clear()
+        self._without_pose.clear()
