@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import yaml
 from mcap.writer import CompressionType, Writer
@@ -77,10 +77,10 @@ class BagWriter:
         self._last_ns = 0
         self._file = (folder / f"{folder.resolve().name}_0.mcap").open("wb")
         # A chunk size of one byte ends a chunk with each message.
-        self._writer = Writer(self._file, chunk_size=1, compression=CompressionType.ZSTD)
+        self._writer: Any = Writer(self._file, chunk_size=1, compression=CompressionType.ZSTD)
         self._writer.start(profile="ros2", library="oaisys")
 
-    def __enter__(self) -> BagWriter:
+    def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:

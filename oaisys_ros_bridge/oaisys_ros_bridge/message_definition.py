@@ -12,11 +12,9 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from oaisys_core.errors import NotFoundError
 
 SEPARATOR = "=" * 80
-PRIMITIVES = frozenset(
-    "bool byte char float32 float64 int8 uint8 int16 uint16 int32 uint32 int64 uint64".split()
-)
+BUILT_IN = re.compile(r"bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64)")
 FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[a-z]\w*")
-"""A field's type; constants look the same and have primitive types."""
+"""A field's type; constants look the same and have built-in types."""
 
 
 @cache
@@ -53,7 +51,7 @@ def nested_types(type_name: str, definition: str) -> list[str]:
     found = []
     for line in definition.splitlines():
         match = FIELD.match(line.split("#")[0])
-        if match is None or match[1] in PRIMITIVES or match[1] in ("string", "wstring"):
+        if match is None or BUILT_IN.fullmatch(match[1]):
             continue
         path = match[1].split("/")
         found.append(f"{path[0] if len(path) > 1 else package}/msg/{path[-1]}")

@@ -19,13 +19,15 @@ class Closable(Protocol):
     """What a node offers beside rclpy's own."""
 
     def close(self) -> None:
-        """End threads and finish files; called once, when nothing is executed any more."""
+        """End threads and finish files; called once, while callbacks may still run."""
 
 
 def run_node(
     make_node: Callable[[], Node], arguments: Sequence[str] | None = None, *, threads: int = 6
 ) -> int:
-    """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT or SIGTERM; return 0.
+    """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT or SIGTERM and return 0.
+
+    Returns 1 where a callback failed; its traceback is on standard error by then.
 
     Signals only set a flag: rclpy's own handlers would take the context down while callbacks
     still publish, and a second Ctrl-C would interrupt the first one's cleaning up.
@@ -35,23 +37,31 @@ def run_node(
         signal.signal(number, lambda *_: stop.set())
     prepare_transport()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    node = make_node()
+    try:
+        return _run_until(stop, make_node(), threads)
+    finally:
+        rclpy.try_shutdown()
+
+
+def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
     executor = MultiThreadedExecutor(num_threads=threads)
     executor.add_node(node)
-    spinner = threading.Thread(target=_spin, args=(executor, stop), name="executor")
+    ended_by_itself = threading.Event()
+
+    def spin() -> None:
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            pass
+        finally:
+            if not stop.is_set():
+                ended_by_itself.set()
+            stop.set()
+
+    spinner = threading.Thread(target=spin, name="executor", daemon=True)
     spinner.start()
     stop.wait()
     node.close()
     executor.shutdown(timeout_sec=2.0)
-    rclpy.try_shutdown()
     spinner.join(timeout=2.0)
-    return 0
-
-
-def _spin(executor: MultiThreadedExecutor, stop: threading.Event) -> None:
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        pass
-    finally:
-        stop.set()
+    return int(ended_by_itself.is_set())

@@ -1,0 +1,208 @@
+"""Node ``oaisys_recorder``: writes topics to a rosbag2 MCAP bag as they come."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rclpy.utilities import remove_ros_args
+from std_msgs.msg import Bool
+
+from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
+from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
+from oaisys_ros_bridge.node_process import run_node
+from oaisys_ros_bridge.qos import LATCHED_QOS
+
+LOOK_PERIOD_S = 0.25
+"""Between two looks for topics that have appeared."""
+CALM_LOOKS = 4
+"""Looks without anything new after which all topics that exist count as found."""
+QUEUE_DEPTH = 50
+LAST_MESSAGES_S = 0.5
+"""At the end, recording goes on until nothing has come for this long ..."""
+LONGEST_END_S = 3.0
+"""... but no longer than this."""
+LEAST_FREE_BYTES = 64 * 2**20
+
+
+class RecorderNode(Node):
+    """Records serialised messages without looking into them.
+
+    Parameters:
+        path: Folder of the bag; new or empty.
+        topics: Names to record; empty: all that exist or appear, hidden ones apart.
+
+    Once it listens to all requested topics (or to all that exist), it prints ``recording: PATH``
+    and publishes true on the latched ``~/recording``. A full disk ends the recording with one
+    error; the node stays, the bag is closed.
+    """
+
+    def __init__(self, path: str = "", topics: Sequence[str] = ()) -> None:
+        super().__init__("oaisys_recorder")
+        path = self.declare_parameter("path", path).value
+        names = self.declare_parameter("topics", ["", *topics]).value
+        self._requested = {self.resolve_topic_name(name) for name in names if name}
+        self._folder = Path(path or time.strftime("bag_%Y_%m_%d-%H_%M_%S"))
+        require_free_space(self._folder)
+        self._bag = BagWriter(self._folder)
+        self._bag_lock = threading.Lock()
+        self._listening: dict[str, Subscription] = {}
+        self._unknown: set[str] = set()
+        self._calm_looks = 0
+        self._announced = False
+        self._failed = False
+        self._last_message_s = 0.0
+        self._recording = self.create_publisher(Bool, "~/recording", LATCHED_QOS)
+        self._own_topics = {self._recording.topic_name}
+        self.create_timer(LOOK_PERIOD_S, self._look)
+
+    def close(self) -> None:
+        """Take in what is still on its way, then finish the bag."""
+        end_s = time.monotonic() + LONGEST_END_S
+        start_s = self._last_message_s = time.monotonic()
+        while time.monotonic() < min(end_s, max(start_s, self._last_message_s) + LAST_MESSAGES_S):
+            time.sleep(0.05)
+        with self._bag_lock:
+            if not self._failed:
+                self._finish()
+        self.get_logger().info(f"{self._bag.message_count} messages in {self._folder}")
+
+    def _look(self) -> None:
+        """Listen to topics that have appeared, and say when all of them are there."""
+        found = False
+        for name, types in self.get_topic_names_and_types():
+            if name not in self._listening and name not in self._unknown and self._wants(name):
+                self._listen(name, types[0])
+                found = True
+        connected = all(s.get_publisher_count() > 0 for s in self._listening.values())
+        self._calm_looks = 0 if found or not connected else self._calm_looks + 1
+        complete = self._requested <= self._listening.keys()
+        if not self._announced and complete and self._calm_looks >= CALM_LOOKS:
+            self._announced = True
+            self._recording.publish(Bool(data=True))
+            sys.stdout.write(f"recording: {self._folder}\n")
+            sys.stdout.flush()
+
+    def _wants(self, name: str) -> bool:
+        if self._requested:
+            return name in self._requested
+        hidden = any(part.startswith("_") for part in name.split("/"))
+        return not hidden and name not in self._own_topics and bool(self.count_publishers(name))
+
+    def _listen(self, name: str, type_name: str) -> None:
+        """Subscribe with a quality of service that fits all publishers of the topic."""
+        offers = self.get_publishers_info_by_topic(name)
+        if not offers:
+            return
+        topic = RecordedTopic(name, type_name, tuple(_offered(offer) for offer in offers))
+        try:
+            message_type = message_class(type_name)
+            with self._bag_lock:
+                self._bag.add_topic(topic)
+        except NotFoundError as error:
+            self._unknown.add(name)
+            self.get_logger().warning(f"{name} is not recorded: {error}")
+            return
+        reliable = all(_is_reliable(offer) for offer in offers)
+        latched = all(_is_latched(offer) for offer in offers)
+        reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
+        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        self._listening[name] = self.create_subscription(
+            message_type,
+            name,
+            partial(self._record, name),
+            QoSProfile(depth=QUEUE_DEPTH, reliability=reliability, durability=durability),
+            raw=True,
+        )
+
+    def _record(self, name: str, data: bytes, info: dict[str, int]) -> None:
+        with self._bag_lock:
+            if self._failed:
+                return
+            received_ns = self.get_clock().now().nanoseconds
+            try:
+                self._bag.write(name, data, received_ns, info["source_timestamp"])
+            except OSError as error:
+                self._give_up(str(error))
+        self._last_message_s = time.monotonic()
+
+    def _give_up(self, reason: str) -> None:
+        self._failed = True
+        self._recording.publish(Bool(data=False))
+        self.get_logger().error(f"recording to {self._folder} has ended: {reason}")
+        self._finish()
+
+    def _finish(self) -> None:
+        try:
+            self._bag.close()
+        except OSError as error:
+            self.get_logger().error(f"{self._folder} has no summary: {error}")
+
+
+def message_class(type_name: str) -> type[Any]:
+    """Return the class of ``package/msg/Type``.
+
+    Raises:
+        NotFoundError: It is not installed.
+    """
+    package, _, name = type_name.partition("/msg/")
+    try:
+        return vars(importlib.import_module(f"{package}.msg"))[name]  # type: ignore[no-any-return]
+    except (ImportError, KeyError):
+        raise NotFoundError(f"the type {type_name} is not installed") from None
+
+
+def require_free_space(folder: Path) -> None:
+    """Raise `InvalidInputError` where there is no room to start a bag."""
+    existing = next(parent for parent in folder.resolve().parents if parent.exists())
+    free = shutil.disk_usage(existing).free
+    if free < LEAST_FREE_BYTES:
+        raise InvalidInputError(
+            "path", str(folder), f"{LEAST_FREE_BYTES >> 20} MB free, not {free >> 20}"
+        )
+
+
+def _offered(offer: TopicEndpointInfo) -> dict[str, Any]:
+    return qos_entry(
+        depth=offer.qos_profile.depth,
+        reliable=_is_reliable(offer),
+        transient_local=_is_latched(offer),
+    )
+
+
+def _is_reliable(offer: TopicEndpointInfo) -> bool:
+    return bool(offer.qos_profile.reliability == ReliabilityPolicy.RELIABLE)
+
+
+def _is_latched(offer: TopicEndpointInfo) -> bool:
+    return bool(offer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Record until told to end; 2 where the bag cannot be begun."""
+    arguments = list(sys.argv if arguments is None else arguments)
+    parser = argparse.ArgumentParser(prog="recorder", description="Record a rosbag2 MCAP bag.")
+    parser.add_argument("--out", default="", help="folder of the bag; new or empty")
+    parser.add_argument("--topics", nargs="*", default=(), help="default: all")
+    own = parser.parse_args(remove_ros_args(arguments)[1:])
+    try:
+        return run_node(lambda: RecorderNode(own.out, own.topics), arguments)
+    except (OaisysError, OSError) as error:
+        sys.stderr.write(f"recorder: {error}\n")
+        return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())
