@@ -78,8 +78,14 @@ class SamplePublisher:
         self._publish_labels(info)
 
     def fits(self, info: SimulatorInfo) -> bool:
-        """Return whether ``info`` describes the same sensors and labels."""
-        return _described(info) == _described(self._info)
+        """Return whether ``info`` has the same sensors, so that the publishers can stay."""
+        return _sensors(info) == _sensors(self._info)
+
+    def update(self, info: SimulatorInfo) -> None:
+        """Publish the legend again if a new batch brought other labels."""
+        if dict(info.semantic_labels) != dict(self._info.semantic_labels):
+            self._publish_labels(info)
+        self._info = info
 
     def destroy(self) -> None:
         """Take the publishers off the node."""
@@ -174,9 +180,8 @@ class SamplePublisher:
         return f"{self._namespaces[sensor]}_optical_frame"
 
 
-def _described(info: SimulatorInfo) -> list[object]:
-    sensors = [(s.name, s.modalities, s.T_base_camera.tolist()) for s in info.sensors]
-    return [sensors, sorted(info.semantic_labels.items())]
+def _sensors(info: SimulatorInfo) -> list[object]:
+    return [(s.name, s.modalities, s.T_base_camera.tolist()) for s in info.sensors]
 
 
 def sample_info_msg(sample: Sample, header: Header) -> SampleInfo:

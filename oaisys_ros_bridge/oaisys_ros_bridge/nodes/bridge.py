@@ -17,7 +17,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
-from oaisys_core.types import ModuleMetadata, Pose, Sample
+from oaisys_core.types import ModuleMetadata, Pose, Sample, SimulatorInfo
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS, NEWEST_QOS
@@ -191,21 +191,27 @@ class BridgeNode(Node):
 
     def _follow(self, before: LinkState, state: LinkState) -> None:
         """Offer the topics of the simulator that was found and say whether it is ready."""
-        if state.info is not None and (self._samples is None or not self._samples.fits(state.info)):
-            if self._samples is not None:
-                self._samples.destroy()
-            self._samples = SamplePublisher(
-                self,
-                state.info,
-                map_frame=self._map_frame,
-                base_frame=self._base_frame,
-                publish_points=self._publish_points,
-            )
+        if state.info is not None:
+            self._offer_topics_of(state.info)
         if state.ready != before.ready:
             self._ready.publish(Bool(data=state.ready))
         if state.reason != before.reason:
             say = self.get_logger().info if state.info is not None else self.get_logger().warning
             say(f"simulator at {self._link.address}: {state.reason or 'ready'}")
+
+    def _offer_topics_of(self, info: SimulatorInfo) -> None:
+        if self._samples is not None and self._samples.fits(info):
+            self._samples.update(info)
+            return
+        if self._samples is not None:
+            self._samples.destroy()
+        self._samples = SamplePublisher(
+            self,
+            info,
+            map_frame=self._map_frame,
+            base_frame=self._base_frame,
+            publish_points=self._publish_points,
+        )
 
     def _publish_diagnostics(self) -> None:
         state = self._link.state
