@@ -1,0 +1,52 @@
+"""Transforms at exact stamps."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import transform
+from oaisys_ros_bridge.frames import HISTORY, FrameBuffer
+
+
+def test_a_chain_of_moving_and_fixed_frames_multiplies_from_the_root():
+    T_map_base = transform(Rotation.from_euler("z", 90, degrees=True).as_matrix(), (10, 0, 5))
+    T_base_camera = transform(np.eye(3), (1, 0, 0))
+    buffer = FrameBuffer()
+    buffer.set_static("base_link", "camera", T_base_camera)
+    buffer.set_at(7, "map", "base_link", T_map_base)
+
+    T_map_camera = buffer.lookup("map", "camera", 7)
+
+    # The camera sits 1 m ahead of a body that was turned to face +y.
+    np.testing.assert_allclose(T_map_camera[:3, 3], (10, 1, 5), atol=1e-12)
+    np.testing.assert_allclose(T_map_camera[:3, 0], (0, 1, 0), atol=1e-12)
+
+
+def test_there_is_no_pose_between_stamps():
+    buffer = FrameBuffer()
+    buffer.set_at(10, "map", "base_link", np.eye(4))
+    buffer.set_at(20, "map", "base_link", np.eye(4))
+
+    assert buffer.lookup("map", "base_link", 15) is None
+    assert buffer.lookup("map", "unknown", 10) is None
+    assert buffer.lookup("map", "base_link", 20) is not None
+
+
+def test_the_history_is_bounded_and_loses_the_oldest():
+    buffer = FrameBuffer()
+    for stamp_ns in range(HISTORY + 1):
+        buffer.set_at(stamp_ns, "map", "base_link", np.eye(4))
+
+    assert buffer.lookup("map", "base_link", 0) is None
+    assert buffer.lookup("map", "base_link", 1) is not None
+    assert buffer.lookup("map", "base_link", HISTORY) is not None
+
+
+def test_frames_in_a_circle_are_refused():
+    buffer = FrameBuffer()
+    buffer.set_static("a", "b", np.eye(4))
+    buffer.set_static("b", "a", np.eye(4))
+
+    with pytest.raises(InvalidInputError, match="leads to 'map'"):
+        buffer.lookup("map", "a", 0)
