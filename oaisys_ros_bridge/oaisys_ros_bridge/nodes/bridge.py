@@ -195,9 +195,12 @@ class BridgeNode(Node):
             self._offer_topics_of(state.info)
         if state.ready != before.ready:
             self._ready.publish(Bool(data=state.ready))
-        if state.reason != before.reason:
-            say = self.get_logger().info if state.info is not None else self.get_logger().warning
-            say(f"simulator at {self._link.address}: {state.reason or 'ready'}")
+        if state.reason == before.reason:
+            return
+        if state.info is not None:
+            self.get_logger().info(f"simulator at {self._link.address}: {state.reason or 'ready'}")
+        else:
+            self.get_logger().warning(f"simulator lost: {state.reason}")
 
     def _offer_topics_of(self, info: SimulatorInfo) -> None:
         if self._samples is not None and self._samples.fits(info):
