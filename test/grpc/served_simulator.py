@@ -1,0 +1,94 @@
+"""Starts a real server in another process, on a free port, with a small world."""
+
+from __future__ import annotations
+
+import copy
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import psutil
+import yaml
+
+from oaisys_grpc.client import SimulatorClient
+
+PATIENCE_S = 60.0
+"""For what should take a second: a busy machine must not fail a test."""
+
+FLAT_WORLD: dict[str, Any] = {
+    "backend": "analytic",
+    "stage": {"preset": "plane", "extent_m": 40, "resolution_px": 33},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
+    "assets": {"rocks": []},
+    "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},
+}
+"""The plane z = 0, whose depth images are known in closed form."""
+
+ROCKY_WORLD: dict[str, Any] = {
+    **FLAT_WORLD,
+    "stage": {"extent_m": 24, "resolution_px": 65},
+    "assets": {"rocks": [{"count": [20, 40]}]},
+}
+
+
+class Server:
+    """A running server process; stdout and stderr go to files, so that no pipe fills up."""
+
+    def __init__(
+        self, folder: Path, config: dict[str, Any], options: list[str], env: dict[str, str]
+    ) -> None:
+        folder.mkdir()
+        self.stdout, self.stderr = folder / "stdout", folder / "stderr"
+        file = folder / "world.yaml"
+        file.write_text(yaml.safe_dump(copy.deepcopy(config)))
+        command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config", str(file)]
+        command += ["--address", "127.0.0.1:0", *options]
+        with self.stdout.open("w") as out, self.stderr.open("w") as err:
+            self.process = subprocess.Popen(
+                command, stdout=out, stderr=err, env={**os.environ, **env}
+            )
+
+    @property
+    def address(self) -> str:
+        wait_until(lambda: "\n" in self.stdout.read_text() or self.process.poll() is not None)
+        line = self.stdout.read_text()
+        assert line.startswith("ready: "), self.stderr.read_text()
+        return line.removeprefix("ready: ").strip()
+
+    def client(self) -> SimulatorClient:
+        return SimulatorClient(self.address, timeout_s=PATIENCE_S)
+
+    def worker(self) -> psutil.Process:
+        """The worker's process, once there is one."""
+        return wait_until(
+            lambda: next(
+                (
+                    child
+                    for child in psutil.Process(self.process.pid).children(recursive=True)
+                    if "oaisys_grpc.worker" in child.cmdline()
+                ),
+                None,
+            )
+        )
+
+    def end(self) -> None:
+        self.process.send_signal(signal.SIGTERM)
+        try:
+            self.process.wait(PATIENCE_S)
+        finally:
+            self.process.kill()
+            self.process.wait()
+
+
+def wait_until(condition: Callable[[], Any]) -> Any:
+    """Return what the condition returns as soon as that is true."""
+    end_s = time.monotonic() + PATIENCE_S
+    while not (value := condition()):
+        assert time.monotonic() < end_s, "waited in vain"
+        time.sleep(0.01)
+    return value

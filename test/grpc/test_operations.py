@@ -1,0 +1,171 @@
+"""The queue: order, idempotency, cancelling, bounds; all while a worker is slow."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import grpc
+import pytest
+from served_simulator import FLAT_WORLD, PATIENCE_S, Server
+
+from oaisys_core.errors import (
+    CancelledError,
+    DeadlineExceededError,
+    InvalidInputError,
+    NotFoundError,
+    QueueFullError,
+)
+from oaisys_core.geometry import pose_looking_down
+from oaisys_core.types import Pose, Progress
+from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.faults import OvertakenError
+from oaisys_grpc.operation import OperationStatus, State
+from oaisys_grpc.operations import QUEUE_LIMIT
+from oaisys_grpc.sample_store import MAX_SAMPLES
+
+POSES = [pose_looking_down(-10 + i, 5 - i / 2, 4 + i / 4) for i in range(20)]
+
+
+@pytest.fixture(scope="module")
+def slow_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """Each sample takes longer than any test waits, unless it is cancelled."""
+    env = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": f"slow:{2 * PATIENCE_S:g}"}
+    server = Server(tmp_path_factory.mktemp("grpc") / "slow", FLAT_WORLD, [], env)
+    yield server
+    server.end()
+
+
+@pytest.fixture
+def slow_client(slow_server: Server) -> Iterator[SimulatorClient]:
+    """A client of it; a batch stands and nothing waits."""
+    with slow_server.client() as client:
+        client.step_batch()
+        yield client
+        client.step_batch()  # overtakes what the test left behind
+
+
+def rendering(client: SimulatorClient, name: str) -> OperationStatus:
+    """Wait until the worker renders this operation."""
+    return next(s for s in client.watch_operation(name) if s.progress.stage == "fault")
+
+
+def ended(client: SimulatorClient, name: str) -> OperationStatus:
+    *_, last = client.watch_operation(name)
+    return last
+
+
+def test_twenty_overlapping_calls_each_get_their_own_pose(flat_client: SimulatorClient) -> None:
+    def depth_and_pose(pose: Pose) -> tuple[float, Pose]:
+        sample = flat_client.render_sample(pose)
+        return float(sample.frame("camera", "depth").data[24, 32]), sample.rig_pose
+
+    with ThreadPoolExecutor(len(POSES)) as pool:
+        answers = list(pool.map(depth_and_pose, POSES))
+    assert [pose for _, pose in answers] == POSES
+    heights_m = [pose.position_m[2] for pose in POSES]
+    assert [depth_m for depth_m, _ in answers] == pytest.approx(heights_m, rel=1e-5)
+
+
+def test_first_in_first_out(flat_client: SimulatorClient) -> None:
+    first = flat_client.render_sample(POSES[0]).sample_id
+    names = [flat_client.start_sample(pose) for pose in POSES]
+    statuses = [ended(flat_client, name) for name in names]
+    assert [s.sample_id for s in statuses] == list(range(first + 1, first + 21))
+    newest = statuses[-1]
+    assert flat_client.get_sample(newest.batch_id, newest.sample_id).rig_pose == POSES[-1]
+    oldest = statuses[-1 - MAX_SAMPLES]
+    with pytest.raises(NotFoundError):
+        flat_client.get_sample(oldest.batch_id, oldest.sample_id)
+
+
+def test_a_repeated_request_is_one_render(flat_client: SimulatorClient) -> None:
+    before = flat_client.render_sample(POSES[3]).sample_id
+    names = {flat_client.start_sample(POSES[4], request_id="twice") for _ in range(2)}
+    (name,) = names
+    assert ended(flat_client, name).sample_id == before + 1
+    assert flat_client.start_sample(POSES[4], request_id="twice") == name
+    assert flat_client.info().sample_id == before + 1
+
+
+def test_a_request_id_with_another_body_is_refused(flat_client: SimulatorClient) -> None:
+    flat_client.start_sample(POSES[4], request_id="once")
+    with pytest.raises(InvalidInputError) as refused:
+        flat_client.start_sample(POSES[5], request_id="once")
+    assert (refused.value.field, refused.value.received) == ("request_id", "once")
+    with pytest.raises(InvalidInputError):
+        flat_client.start_batch(request_id="once")
+
+
+def test_a_cancelled_operation_frees_the_worker(slow_client: SimulatorClient) -> None:
+    name = slow_client.start_sample(POSES[0])
+    rendering(slow_client, name)
+    assert slow_client.cancel_operation(name).state is State.CANCELLED
+    status = ended(slow_client, name)
+    assert isinstance(status.error, CancelledError)
+    assert slow_client.query_height([[0, 0, 3]]).clearance_m == pytest.approx([3])
+
+
+def test_a_dropped_call_cancels_its_render(slow_client: SimulatorClient) -> None:
+    class EnoughError(Exception):
+        pass
+
+    def leave(progress: Progress) -> None:
+        if progress.stage == "fault":
+            raise EnoughError
+
+    with pytest.raises(EnoughError):
+        slow_client.render_sample(POSES[0], on_progress=leave)
+    assert slow_client.query_height([[0, 0, 3]]).clearance_m == pytest.approx([3])
+    assert slow_client.info().sample_id == 0
+
+
+def test_a_deadline_ends_the_call_and_the_work(
+    slow_server: Server, slow_client: SimulatorClient
+) -> None:
+    worker = slow_server.worker().pid
+    with (
+        SimulatorClient(slow_server.address, timeout_s=0.5) as hasty,
+        pytest.raises(DeadlineExceededError),
+    ):
+        hasty.render_sample(POSES[0])
+    assert slow_client.query_height([[0, 0, 3]]).clearance_m == pytest.approx([3])
+    assert slow_client.info().sample_id == 0
+    assert slow_server.worker().pid == worker
+
+
+def test_a_batch_overtakes_samples(slow_client: SimulatorClient) -> None:
+    names = [slow_client.start_sample(pose) for pose in POSES[:3]]
+    rendering(slow_client, names[0])
+    with ThreadPoolExecutor() as pool:
+        waiting = pool.submit(slow_client.render_sample, POSES[4])
+        while slow_client.get_operation(names[0]).state is State.RUNNING:
+            if _operations_known(slow_client, names[-1]):
+                slow_client.step_batch()
+        with pytest.raises(OvertakenError) as overtaken:
+            waiting.result(PATIENCE_S)
+    assert isinstance(overtaken.value.__cause__, grpc.Call)
+    assert overtaken.value.__cause__.code() == grpc.StatusCode.ABORTED
+    for name in names:
+        assert isinstance(ended(slow_client, name).error, OvertakenError)
+
+
+def _operations_known(client: SimulatorClient, name: str) -> bool:
+    """Whether an operation was enqueued after the one with this name."""
+    number = int(name.rpartition("/")[2])
+    try:
+        client.get_operation(f"operations/{number + 1}")
+    except NotFoundError:
+        return False
+    return True
+
+
+def test_a_full_queue_refuses_and_health_still_answers(slow_client: SimulatorClient) -> None:
+    rendering(slow_client, slow_client.start_sample(POSES[0]))
+    names = [slow_client.start_sample(POSES[1]) for _ in range(QUEUE_LIMIT)]
+    with pytest.raises(QueueFullError) as refused:
+        slow_client.start_sample(POSES[1])
+    assert isinstance(refused.value.__cause__, grpc.Call)
+    assert refused.value.__cause__.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
+    assert slow_client.is_ready(PATIENCE_S)
+    assert slow_client.info().batch_id > 0
+    slow_client.cancel_operation(names[5])
+    slow_client.start_sample(POSES[1])

@@ -1,0 +1,179 @@
+"""The service from end to end, on the analytic backend."""
+
+from collections.abc import Callable
+
+import grpc
+import numpy as np
+import pytest
+from grpc_reflection.v1alpha.proto_reflection_descriptor_database import (
+    ProtoReflectionDescriptorDatabase,
+)
+from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server
+
+from oaisys_core.errors import InvalidInputError, NotFoundError, NotReadyError
+from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
+from oaisys_core.types import ModuleMetadata, Pose, Progress
+from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.operation import State
+
+StartServer = Callable[..., Server]
+NADIR = pose_looking_down(1, 2, 7)
+
+
+def test_a_sample_before_a_batch_is_refused(start_server: StartServer) -> None:
+    with start_server(FLAT_WORLD).client() as client:
+        assert client.info().batch_id == 0
+        with pytest.raises(NotReadyError, match="batch"):
+            client.render_sample(NADIR)
+
+
+def test_depth_of_a_plane_is_as_the_closed_form_says(flat_client: SimulatorClient) -> None:
+    """A ray with direction d from height h meets z = 0 at the planar depth -h / d_z."""
+    pose = pose_looking_at((-3, 1, 6), (2, -1, 0))
+    frame = flat_client.render_sample(pose).frame("camera", "depth")
+    rays_map = pixel_rays(frame.intrinsics) @ frame.T_map_camera[:3, :3].T
+    np.testing.assert_allclose(frame.data, -6 / rays_map[..., 2], rtol=1e-5)
+    assert frame.data.dtype == np.float32
+    assert frame.T_map_camera[:3, 3] == pytest.approx((-3, 1, 6))
+
+
+def test_a_sample_says_where_it_is_from(flat_client: SimulatorClient) -> None:
+    sample = flat_client.render_sample(NADIR)
+    info = flat_client.info()
+    assert sample.rig_pose == NADIR
+    assert (sample.batch_id, sample.sample_id) == (info.batch_id, info.sample_id)
+    assert sample.provenance.config_sha256 == info.config_sha256
+    assert sample.provenance.backend == info.backend == "analytic"
+    assert [f.modality for f in sample.frames] == list(info.sensors[0].modalities)
+    assert sample.frames[0].intrinsics == info.sensors[0].intrinsics
+    assert info.stage_extent_m == (-20, -20, 20, 20)
+
+
+def test_only_the_modalities_asked_for_come(flat_client: SimulatorClient) -> None:
+    sample = flat_client.render_sample(NADIR, modalities=["depth"], sensors=["camera"])
+    assert [f.modality for f in sample.frames] == ["depth"]
+
+
+def test_progress_is_told_before_the_frames(flat_client: SimulatorClient) -> None:
+    seen: list[Progress] = []
+    flat_client.step_batch(on_progress=seen.append)
+    fractions = [progress.fraction for progress in seen]
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1.0
+    assert len(seen) >= 2
+
+
+def test_the_operations_way_gives_the_same_sample(flat_client: SimulatorClient) -> None:
+    name = flat_client.start_batch(seed=7)
+    *_, batch = flat_client.watch_operation(name)
+    assert (batch.state, batch.sample_id) == (State.SUCCEEDED, 0)
+    *_, done = flat_client.watch_operation(flat_client.start_sample(NADIR))
+    assert flat_client.get_operation(done.name) == done
+    assert (done.batch_id, done.sample_id) == (batch.batch_id, 1)
+    first = flat_client.get_sample(done.batch_id, done.sample_id)
+    second = flat_client.render_sample()
+    assert first.rig_pose == second.rig_pose == NADIR
+    for a, b in zip(first.frames, second.frames, strict=True):
+        assert np.array_equal(a.data, b.data)
+
+
+def test_heights_of_a_plane(flat_client: SimulatorClient) -> None:
+    heights = flat_client.query_height([[0, 0, 5], [3, -2, 0.5], [500, 0, 0]])
+    np.testing.assert_allclose(heights.ground_height_m, [0, 0, np.nan], atol=1e-6)
+    np.testing.assert_allclose(heights.clearance_m, [5, 0.5, np.nan], atol=1e-6)
+
+
+def test_more_heights_than_fit_a_message(flat_client: SimulatorClient) -> None:
+    points_m = np.random.default_rng(0).uniform(-19, 19, (250_000, 3))
+    heights = flat_client.query_height(points_m)
+    np.testing.assert_allclose(heights.clearance_m, points_m[:, 2], atol=1e-6)
+
+
+def test_the_mesh_is_the_surface_that_was_rendered(start_server: StartServer) -> None:
+    with start_server(ROCKY_WORLD).client() as client:
+        client.step_batch()
+        mesh = client.ground_truth_mesh()
+        inner = mesh.vertices_m[np.abs(mesh.vertices_m[:, :2]).max(axis=1) < 11.9]
+        heights = client.query_height(inner)
+    assert mesh.triangles.max() < len(mesh.vertices_m)
+    assert mesh.semantic_ids is not None
+    assert len(mesh.semantic_ids) == len(mesh.triangles)
+    # Only a ray that grazes a vertex of a rock's outline may miss it.
+    assert np.mean(heights.clearance_m < 1e-4) > 0.99
+    assert np.median(np.abs(heights.clearance_m)) < 1e-4
+
+
+def test_large_images_pass_the_default_limits(start_server: StartServer) -> None:
+    camera = {"width_px": 1600, "height_px": 1200, "fx_px": 1350.0, "fy_px": 1350.0}
+    world = {**FLAT_WORLD, "sensors": {"cameras": [camera]}}
+    with start_server(world).client() as client:
+        client.step_batch()
+        sample = client.render_sample(NADIR)
+    depth_m, rgb = sample.frame("camera", "depth").data, sample.frame("camera", "rgb").data
+    assert rgb.shape == (1200, 1600, 3)
+    assert rgb.nbytes > 4 * 1024 * 1024
+    np.testing.assert_allclose(depth_m, np.full((1200, 1600), 7.0), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "field"),
+    [
+        (ModuleMetadata(sensor={"pose": Pose((np.nan, 0, 5), (0, 0, 0, 1))}), "pose.position"),
+        (ModuleMetadata(sensor={"pose": Pose((0, np.inf, 5), (0, 0, 0, 1))}), "pose.position"),
+        (ModuleMetadata(sensor={"pose": Pose((0, 0, 5), (0, 0, 0, 0))}), "pose.orientation"),
+        (ModuleMetadata(sensor={"pose": Pose((0, 0, 5), (0, 0, 0.2, 1))}), "pose.orientation"),
+        (ModuleMetadata(sensor={"pose": Pose((0, 0, -5), (0, 0, 0, 1))}), "pose.position"),
+        (ModuleMetadata(sensor={"pose": Pose((90, 0, 5), (0, 0, 0, 1))}), "pose.position"),
+        (ModuleMetadata(environment={"sun": 3}), "metadata.environment"),
+        (ModuleMetadata(environment={"sun_elevation_deg": 300}), "metadata.environment"),
+        (ModuleMetadata(custom={"weather": {"rain": 1}}), "metadata.custom.weather"),
+    ],
+)
+def test_what_is_refused_changes_nothing(
+    flat_client: SimulatorClient, metadata: ModuleMetadata, field: str
+) -> None:
+    before, kept = flat_client.render_sample(NADIR), flat_client.info()
+    with pytest.raises(InvalidInputError) as refused:
+        flat_client.render_sample(metadata=metadata)
+    assert field in refused.value.field
+    assert refused.value.expected
+    assert isinstance(refused.value.__cause__, grpc.Call)
+    assert refused.value.__cause__.code() == grpc.StatusCode.INVALID_ARGUMENT
+    info = flat_client.info()
+    assert (info.batch_id, info.sample_id) == (kept.batch_id, kept.sample_id)
+    after = flat_client.render_sample()
+    assert after.rig_pose == before.rig_pose
+    for a, b in zip(before.frames, after.frames, strict=True):
+        assert np.array_equal(a.data, b.data)
+
+
+def test_other_refusals_name_their_field(flat_client: SimulatorClient) -> None:
+    with pytest.raises(InvalidInputError) as refused:
+        flat_client.render_sample(modalities=["smell"])
+    assert (refused.value.field, refused.value.received) == ("modalities", "smell")
+    with pytest.raises(InvalidInputError) as refused:
+        flat_client.step_batch(seed=-1)
+    assert (refused.value.field, refused.value.received) == ("seed", -1)
+    with pytest.raises(InvalidInputError, match="points_m"):
+        flat_client.query_height([[0.0, np.nan, 0.0]])
+    with pytest.raises(NotFoundError):
+        flat_client.get_sample(77, 1)
+    with pytest.raises(NotFoundError):
+        flat_client.get_operation("operations/999999")
+
+
+def test_the_service_describes_itself(flat_server: Server) -> None:
+    with grpc.insecure_channel(flat_server.address) as channel:
+        services = ProtoReflectionDescriptorDatabase(channel).get_services()
+    assert {"oaisys.v1.SimulatorService", "grpc.health.v1.Health"} <= set(services)
+
+
+def test_bytes_that_are_no_grpc_do_no_harm(flat_server: Server) -> None:
+    import socket
+
+    host, port = flat_server.address.split(":")
+    with socket.create_connection((host, int(port)), timeout=PATIENCE_S) as connection:
+        connection.sendall(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)) * 64)
+    with flat_server.client() as client:
+        client.wait_ready(PATIENCE_S)
+        assert client.info().backend == "analytic"
