@@ -1,0 +1,99 @@
+"""``oaisys evaluate`` as a user runs it, and the files it reads."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oaisys_core.types import PinholeIntrinsics, TriangleMesh
+from oaisys_mapping.certificate import read_views, write_views
+from oaisys_mapping.mesh import ColoredMesh, in_canonical_order
+from oaisys_mapping.mesh_io import read_ply, write_ply, write_truth
+from oaisys_mapping.visibility import View
+
+
+def square(z_m: float) -> tuple[np.ndarray, np.ndarray]:
+    corners_m = np.array([(-2, -2, z_m), (2, -2, z_m), (2, 2, z_m), (-2, 2, z_m)], float)
+    return corners_m, np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    mesh, truth = tmp_path / "mesh.ply", tmp_path / "truth.ply"
+    write_ply(mesh, ColoredMesh(*square(0.03), np.full((4, 3), 70, np.uint8)))
+    write_truth(truth, TriangleMesh(*square(0.0)))
+    return mesh, truth
+
+
+def evaluate(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "oaisys_core", "evaluate", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_figures_are_printed_as_json(files: tuple[Path, Path], tmp_path: Path) -> None:
+    mesh, truth = files
+    out = tmp_path / "figures.json"
+    result = evaluate("--mesh", mesh, "--truth", truth, "--max-rmse", "0.05", "--json", out)
+    assert result.returncode == 0, result.stderr
+    figures = json.loads(result.stdout)
+    assert figures == json.loads(out.read_text(encoding="utf-8"))
+    assert figures["rmse_m"] == pytest.approx(0.03, abs=1e-5)
+    assert figures["closed"] is True
+    assert figures["visible_from"] == "everywhere"
+
+
+def test_a_missed_threshold_is_exit_1(files: tuple[Path, Path]) -> None:
+    mesh, truth = files
+    result = evaluate("--mesh", mesh, "--truth", truth, "--max-rmse", "0.01")
+    assert result.returncode == 1
+    assert json.loads(result.stdout)["closed"] is False
+
+
+@pytest.mark.parametrize("name", ["--mesh", "--truth", "--poses"])
+def test_a_missing_file_is_exit_2(files: tuple[Path, Path], tmp_path: Path, name: str) -> None:
+    arguments = {"--mesh": files[0], "--truth": files[1]}
+    arguments[name] = tmp_path / "nowhere"
+    result = evaluate(*(part for pair in arguments.items() for part in pair))
+    assert result.returncode == 2
+    assert "nowhere" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_views_come_back_exactly(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    camera = PinholeIntrinsics(64, 48, 50.5, 51.25, 30.0, 22.75)
+    views = [View(camera, rng.normal(size=(4, 4))) for _ in range(3)]
+    write_views(tmp_path / "poses.json", views)
+    back = read_views(tmp_path / "poses.json")
+    assert [view.intrinsics for view in back] == [camera] * 3
+    assert all(
+        np.array_equal(a.T_map_camera, b.T_map_camera) for a, b in zip(views, back, strict=True)
+    )
+
+
+def test_a_mesh_comes_back_from_its_file(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    vertices_m = rng.normal(size=(30, 3)).astype(np.float32).astype(float)
+    triangles = rng.permutation(30).reshape(10, 3).astype(np.int32)
+    colors = rng.integers(0, 256, (30, 3)).astype(np.uint8)
+    write_ply(tmp_path / "mesh.ply", ColoredMesh(vertices_m, triangles, colors))
+    back = read_ply(tmp_path / "mesh.ply")
+    assert np.array_equal(back.vertices_m, vertices_m)
+    assert np.array_equal(back.triangles, triangles)
+    assert np.array_equal(back.colors_rgb, colors)
+
+
+def test_the_canonical_order_forgets_the_given_one() -> None:
+    rng = np.random.default_rng(2)
+    vertices_m, colors = rng.normal(size=(12, 3)), rng.integers(0, 256, (12, 3)).astype(np.uint8)
+    triangles = rng.permutation(12).reshape(4, 3).astype(np.int32)
+    shuffle = rng.permutation(12)
+    renamed = np.argsort(shuffle)[triangles][::-1, [1, 2, 0]].astype(np.int32)
+    one = in_canonical_order(ColoredMesh(vertices_m, triangles, colors))
+    two = in_canonical_order(ColoredMesh(vertices_m[shuffle], renamed, colors[shuffle]))
+    assert one.vertices_m.tobytes() == two.vertices_m.tobytes()
+    assert one.triangles.tobytes() == two.triangles.tobytes()
+    assert one.colors_rgb.tobytes() == two.colors_rgb.tobytes()

@@ -1,0 +1,191 @@
+"""Figures of constructed reconstructions whose errors are known."""
+
+import numpy as np
+import open3d as o3d
+import pytest
+from numpy.typing import NDArray
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_looking_down, pose_to_matrix
+from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+from oaisys_mapping.mesh import ColoredMesh, sample_surface, triangle_areas_m2
+from oaisys_mapping.metrics import ReconstructionMetrics, Thresholds, evaluate_reconstruction
+from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_mapping.visibility import View
+
+CAMERA = PinholeIntrinsics(160, 120, 135.285, 135.285, 79.5, 59.5)
+VOXEL_M = 0.10
+CLOSED = Thresholds(max_rmse_m=0.05, min_completion=0.95, min_f_score=0.95)
+
+
+def grid_mesh(
+    x_m: tuple[float, float], y_m: tuple[float, float], z_m: float | FloatArray, step_m: float = 0.1
+) -> tuple[FloatArray, NDArray[np.int32]]:
+    columns = round((x_m[1] - x_m[0]) / step_m) + 1
+    rows = round((y_m[1] - y_m[0]) / step_m) + 1
+    x, y = np.meshgrid(np.linspace(*x_m, columns), np.linspace(*y_m, rows))
+    vertices_m = np.column_stack((x.ravel(), y.ravel(), np.broadcast_to(z_m, x.shape).ravel()))
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    return vertices_m, np.stack((a, b, c, a, c, d), -1).reshape(-1, 3).astype(np.int32)
+
+
+def colored(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> ColoredMesh:
+    return ColoredMesh(vertices_m, triangles, np.full((len(vertices_m), 3), 90, np.uint8))
+
+
+def down(x_m: float, y_m: float, z_m: float) -> View:
+    return View(CAMERA, pose_to_matrix(pose_looking_down(x_m, y_m, z_m)) @ T_LINK_OPTICAL)
+
+
+def measure(
+    mesh: ColoredMesh, truth: TriangleMesh, views: list[View] | None = None
+) -> ReconstructionMetrics:
+    rng = np.random.default_rng(0)
+    return evaluate_reconstruction(mesh, truth, views, VOXEL_M, 60.0, rng).metrics
+
+
+def test_a_shifted_plane_is_off_by_the_shift() -> None:
+    truth = TriangleMesh(*grid_mesh((-4, 4), (-4, 4), 0.0))
+    figures = measure(colored(*grid_mesh((-4, 4), (-4, 4), 0.07)), truth)
+    assert figures.rmse_m == pytest.approx(0.07, abs=1e-5)
+    assert figures.accuracy_mean_m == pytest.approx(0.07, abs=1e-5)
+    assert figures.completion_mean_m == pytest.approx(0.07, abs=1e-5)
+    assert figures.completion_ratio == figures.precision == figures.f_score == 1.0
+    assert figures.hole_ratio == 0.0
+    figures = measure(colored(*grid_mesh((-4, 4), (-4, 4), 0.15)), truth)
+    assert figures.f_score == 0.0
+    assert figures.f_score_2 == 1.0
+
+
+def test_half_a_reconstruction_completes_half_of_the_truth() -> None:
+    truth = TriangleMesh(*grid_mesh((-4, 4), (-4, 4), 0.0))
+    figures = measure(colored(*grid_mesh((-4, 0), (-4, 4), 0.0)), truth)
+    # What lies within a voxel beyond the edge counts as well.
+    assert figures.completion_ratio == pytest.approx(0.5 + 0.1 / 8, abs=2e-3)
+    assert figures.precision == 1.0
+    assert figures.f_score == pytest.approx(2 * 0.5125 / 1.5125, abs=3e-3)
+
+
+def test_a_hole_of_known_area_is_found() -> None:
+    vertices_m, triangles = grid_mesh((-4, 4), (-4, 4), 0.0)
+    centres_m = vertices_m[triangles].mean(axis=1)
+    kept = np.abs(centres_m[:, :2]).max(axis=1) > 1.0
+    figures = measure(colored(vertices_m, triangles[kept]), TriangleMesh(vertices_m, triangles))
+    assert figures.surveyed_area_m2 == pytest.approx(64, rel=0.06)
+    # The rim of one cell of 2 voxels, where a missing surface is no hole, is not in the area.
+    assert figures.hole_ratio == pytest.approx(4 / 7.6**2, rel=0.02)
+
+
+def test_artefacts_in_the_air_count_against_accuracy() -> None:
+    truth = TriangleMesh(*grid_mesh((-4, 4), (-4, 4), 0.0))
+    ground, above = grid_mesh((-4, 4), (-4, 4), 0.0), grid_mesh((-1, 1), (-1, 1), 1.0)
+    both = colored(
+        np.vstack((ground[0], above[0])), np.vstack((ground[1], above[1] + len(ground[0])))
+    )
+    figures = measure(both, truth)
+    assert figures.precision == pytest.approx(64 / 68, abs=2e-3)
+    assert figures.rmse_m == pytest.approx(np.sqrt(4 / 68), rel=0.01)
+
+
+def test_only_what_the_views_see_must_be_complete() -> None:
+    roof, floor = grid_mesh((-1, 1), (-1, 1), 2.0), grid_mesh((-6, 6), (-6, 6), 0.0)
+    truth = TriangleMesh(
+        np.vstack((floor[0], roof[0])), np.vstack((floor[1], roof[1] + len(floor[0])))
+    )
+    view = down(0.0, 0.0, 6.0)
+    figures = measure(colored(truth.vertices_m, truth.triangles), truth, [view])
+    # On the floor an image of 160 x 120 pixels at 6 m; the roof, at 4 m, hides 1.5 times its edge.
+    # The surveyed area is counted on the ground.
+    width_m, height_m = 159 / 135.285 * 6, 119 / 135.285 * 6
+    expected_m2 = width_m * height_m - 3 * 3 + 2 * 2
+    # A cell that is seen in part counts, which adds half a cell of 0.2 m along every edge.
+    edges_m = 2 * (width_m + height_m) + 4 * 3 + 4 * 2
+    assert figures.surveyed_area_m2 == pytest.approx(expected_m2 + 0.1 * edges_m, rel=0.05)
+    assert figures.completion_ratio == 1.0
+    only_floor = measure(colored(*floor), truth, [view])
+    assert only_floor.completion_ratio == pytest.approx(1 - 4 / expected_m2, abs=0.01)
+
+
+def test_views_that_see_nothing_are_an_error() -> None:
+    mesh = grid_mesh((-1, 1), (-1, 1), 0.0)
+    with pytest.raises(InvalidInputError, match="views"):
+        measure(colored(*mesh), TriangleMesh(*mesh), [down(500.0, 0.0, 5.0)])
+
+
+def test_empty_meshes_are_an_error() -> None:
+    mesh = grid_mesh((-1, 1), (-1, 1), 0.0)
+    with pytest.raises(InvalidInputError, match="mesh"):
+        measure(colored(mesh[0], mesh[1][:0]), TriangleMesh(*mesh))
+
+
+def test_samples_are_spread_by_area() -> None:
+    vertices_m = np.array([(0, 0, 0), (4, 0, 0), (0, 4, 0), (9, 0, 0), (10, 0, 0), (9, 1, 0.0)])
+    triangles = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
+    assert triangle_areas_m2(vertices_m, triangles).tolist() == [8.0, 0.5]
+    points = sample_surface(vertices_m, triangles, 17_000, np.random.default_rng(0))
+    assert (points.triangle_ids == 1).sum() == pytest.approx(1000, abs=2)
+    middle_m = points.points_m[points.triangle_ids == 0].mean(axis=0)
+    assert np.allclose(middle_m, (4 / 3, 4 / 3, 0), atol=0.05)
+
+
+@pytest.fixture(scope="module")
+def rough_ground() -> TriangleMesh:
+    x = np.linspace(-9, 9, 181)
+    wave = np.sin(1.1 * x)[:, None] * np.cos(0.9 * x)[None, :]
+    return TriangleMesh(*grid_mesh((-9, 9), (-9, 9), 0.5 * wave + 0.1 * np.sin(4 * x)[None, :]))
+
+
+def survey(
+    truth: TriangleMesh,
+    focal_factor: float = 1.0,
+    offset_m: float = 0.0,
+    is_ray_length: bool = False,
+) -> ReconstructionMetrics:
+    """Map a ground from nine nadir views, with a fault in what the mapper is told."""
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(truth.vertices_m.astype(np.float32), truth.triangles.astype(np.uint32))
+    volume = TsdfVolume(TsdfConfig(voxel_size_m=VOXEL_M))
+    told = PinholeIntrinsics(
+        160, 120, CAMERA.fx_px * focal_factor, CAMERA.fy_px * focal_factor, 79.5, 59.5
+    )
+    views = [down(x, y, 6.0) for x in (-3, 0, 3) for y in (-4, 0, 4)]
+    for index, view in enumerate(views):
+        T = view.T_map_camera
+        rays = pixel_rays(CAMERA)
+        origins = np.broadcast_to(T[:3, 3], rays.shape)
+        cast = np.concatenate((origins, rays @ T[:3, :3].T), -1).astype(np.float32)
+        depth_m = scene.cast_rays(o3d.core.Tensor(cast))["t_hit"].numpy()
+        if is_ray_length:
+            depth_m = (depth_m * np.linalg.norm(rays, axis=-1)).astype(np.float32)
+        wrong = T.copy()
+        wrong[2, 3] += offset_m * (-1) ** index
+        volume.integrate(depth_m, None, told, wrong)
+    return measure(volume.extract_mesh(), truth, views)
+
+
+def test_a_true_survey_closes(rough_ground: TriangleMesh) -> None:
+    figures = survey(rough_ground)
+    assert CLOSED.missed_by(figures) == []
+    assert figures.rmse_m < 0.02
+
+
+def test_a_wrong_focal_length_is_rejected(rough_ground: TriangleMesh) -> None:
+    figures = survey(rough_ground, focal_factor=1.0855)
+    assert CLOSED.missed_by(figures)
+    assert figures.rmse_m > 3 * survey(rough_ground).rmse_m
+
+
+def test_ray_length_taken_for_depth_is_rejected(rough_ground: TriangleMesh) -> None:
+    assert len(CLOSED.missed_by(survey(rough_ground, is_ray_length=True))) == 3
+
+
+def test_a_pose_error_of_2_cm_shows(rough_ground: TriangleMesh) -> None:
+    assert survey(rough_ground, offset_m=0.02).rmse_m > 1.3 * survey(rough_ground).rmse_m
+
+
+def test_missed_thresholds_are_named() -> None:
+    truth = TriangleMesh(*grid_mesh((-4, 4), (-4, 4), 0.0))
+    figures = measure(colored(*grid_mesh((-4, 0), (-4, 4), 0.0)), truth)
+    (missed,) = Thresholds(min_completion=0.9, max_rmse_m=0.01).missed_by(figures)
+    assert missed.startswith("completion_ratio is 0.51")
