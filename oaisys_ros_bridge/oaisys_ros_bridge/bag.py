@@ -8,7 +8,8 @@ message encoding ``cdr``).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
@@ -33,7 +34,7 @@ class RecordedTopic:
 
     name: str
     type_name: str
-    qos_profiles: tuple[dict[str, Any], ...] = ()
+    qos_profiles: tuple[dict[str, Any], ...] = field(default=(), compare=False)
 
 
 def qos_entry(*, depth: int, reliable: bool, transient_local: bool) -> dict[str, Any]:
@@ -50,6 +51,22 @@ def qos_entry(*, depth: int, reliable: bool, transient_local: bool) -> dict[str,
         "liveliness_lease_duration": dict(unlimited),
         "avoid_ros_namespace_conventions": False,
     }
+
+
+@dataclass(frozen=True)
+class BagContents:
+    """What is in a bag's one file.
+
+    Attributes:
+        file_name: Within the bag's folder.
+        counts: Messages by topic.
+        first_ns, last_ns: When the first and the last one were received; 0 if there is none.
+    """
+
+    file_name: str
+    counts: Mapping[RecordedTopic, int]
+    first_ns: int
+    last_ns: int
 
 
 class BagWriter:
@@ -141,52 +158,70 @@ class BagWriter:
         """
         if self._file.closed:
             return
-        information = self._information()
+        contents = BagContents(
+            file_name=Path(self._file.name).name,
+            counts={topic: self._counts[name] for name, (topic, _) in self._topics.items()},
+            first_ns=self._first_ns or 0,
+            last_ns=self._last_ns,
+        )
+        information = bag_information(contents, self._distribution)
         text = yaml.safe_dump(information, sort_keys=False)
         try:
             self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
             self._writer.finish()
         finally:
             self._file.close()
-        draft = self._folder / f"{METADATA_FILE}.tmp"
-        document = {"rosbag2_bagfile_information": information}
-        draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
-        draft.replace(self._folder / METADATA_FILE)
+        write_metadata(self._folder, information)
 
-    def _information(self) -> dict[str, Any]:
-        """Return what rosbag2 keeps of a bag in ``metadata.yaml``."""
-        start = {"nanoseconds_since_epoch": self._first_ns or 0}
-        duration = {"nanoseconds": self._last_ns - (self._first_ns or 0)}
-        file = {
-            "path": Path(self._file.name).name,
-            "starting_time": start,
-            "duration": duration,
-            "message_count": self.message_count,
+
+def bag_information(contents: BagContents, distribution: str = "jazzy") -> dict[str, Any]:
+    """Return what rosbag2 keeps of a bag of one file.
+
+    Raises:
+        NotFoundError: A topic's type is not installed here.
+    """
+    count = sum(contents.counts.values())
+    start = {"nanoseconds_since_epoch": contents.first_ns}
+    duration = {"nanoseconds": contents.last_ns - contents.first_ns}
+    topics = [
+        {
+            "topic_metadata": {
+                "name": topic.name,
+                "type": topic.type_name,
+                "serialization_format": "cdr",
+                "offered_qos_profiles": list(topic.qos_profiles),
+                "type_description_hash": type_hash(topic.type_name),
+            },
+            "message_count": topic_count,
         }
-        topics = [
+        for topic, topic_count in contents.counts.items()
+    ]
+    return {
+        "version": METADATA_VERSION,
+        "storage_identifier": "mcap",
+        "duration": dict(duration),
+        "starting_time": dict(start),
+        "message_count": count,
+        "topics_with_message_count": topics,
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [contents.file_name],
+        "files": [
             {
-                "topic_metadata": {
-                    "name": topic.name,
-                    "type": topic.type_name,
-                    "serialization_format": "cdr",
-                    "offered_qos_profiles": list(topic.qos_profiles),
-                    "type_description_hash": type_hash(topic.type_name),
-                },
-                "message_count": self._counts[topic.name],
+                "path": contents.file_name,
+                "starting_time": start,
+                "duration": duration,
+                "message_count": count,
             }
-            for topic, _ in self._topics.values()
-        ]
-        return {
-            "version": METADATA_VERSION,
-            "storage_identifier": "mcap",
-            "duration": dict(duration),
-            "starting_time": dict(start),
-            "message_count": self.message_count,
-            "topics_with_message_count": topics,
-            "compression_format": "",
-            "compression_mode": "",
-            "relative_file_paths": [file["path"]],
-            "files": [file],
-            "custom_data": None,
-            "ros_distro": self._distribution,
-        }
+        ],
+        "custom_data": None,
+        "ros_distro": distribution,
+    }
+
+
+def write_metadata(folder: Path, information: dict[str, Any]) -> None:
+    """Write ``metadata.yaml`` in one go, from `bag_information`."""
+    draft = folder / f"{METADATA_FILE}.tmp"
+    document = {"rosbag2_bagfile_information": information}
+    draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")
+    draft.replace(folder / METADATA_FILE)

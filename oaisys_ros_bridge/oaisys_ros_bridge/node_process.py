@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -12,6 +13,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.transport import prepare_transport
 
 
@@ -27,7 +29,8 @@ def run_node(
 ) -> int:
     """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT or SIGTERM and return 0.
 
-    Returns 1 where a callback failed; its traceback is on standard error by then.
+    Returns 1 where a callback failed (its traceback is on standard error by then), and 2, after one
+    line on standard error, where the node cannot be made of its parameters.
 
     Signals only set a flag: rclpy's own handlers would take the context down while callbacks
     still publish, and a second Ctrl-C would interrupt the first one's cleaning up.
@@ -38,7 +41,13 @@ def run_node(
     prepare_transport()
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
-        return _run_until(stop, make_node(), threads)
+        node = make_node()
+    except (OaisysError, OSError) as error:
+        sys.stderr.write(f"{error}\n")
+        rclpy.try_shutdown()
+        return 2
+    try:
+        return _run_until(stop, node, threads)
     finally:
         rclpy.try_shutdown()
 

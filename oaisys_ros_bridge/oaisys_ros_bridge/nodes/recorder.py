@@ -20,7 +20,7 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Bool
 
-from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
+from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS
@@ -191,17 +191,13 @@ def _is_latched(offer: TopicEndpointInfo) -> bool:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Record until told to end; 2 where the bag cannot be begun."""
+    """Record until told to end."""
     arguments = list(sys.argv if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="recorder", description="Record a rosbag2 MCAP bag.")
     parser.add_argument("--out", default="", help="folder of the bag; new or empty")
     parser.add_argument("--topics", nargs="*", default=(), help="default: all")
     own = parser.parse_args(remove_ros_args(arguments)[1:])
-    try:
-        return run_node(lambda: RecorderNode(own.out, own.topics), arguments)
-    except (OaisysError, OSError) as error:
-        sys.stderr.write(f"recorder: {error}\n")
-        return 2
+    return run_node(lambda: RecorderNode(own.out, own.topics), arguments)
 
 
 if __name__ == "__main__":
