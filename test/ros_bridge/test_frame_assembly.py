@@ -1,0 +1,163 @@
+"""Frames made of messages that come one by one."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
+from tf2_msgs.msg import TFMessage
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
+from oaisys_core.types import PinholeIntrinsics
+from oaisys_ros_bridge.conversions import (
+    image_to_msg,
+    intrinsics_to_msg,
+    odometry_to_msg,
+    transform_to_msg,
+)
+from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, MOST_WITHOUT_POSE, FrameAssembler
+
+CAMERA = PinholeIntrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
+RIG = pose_looking_down(1.0, 2.0, 9.0, yaw_rad=0.5)
+STAMP_NS = 3_000_000_007
+
+
+def header(frame_id: str, stamp_ns: int = STAMP_NS) -> Header:
+    sec, nanosec = divmod(stamp_ns, 1_000_000_000)
+    return Header(stamp=Time(sec=sec, nanosec=nanosec), frame_id=frame_id)
+
+
+def depth_msg(stamp_ns: int = STAMP_NS) -> Image:
+    depth_m = np.arange(48, dtype=np.float32).reshape(6, 8)
+    return image_to_msg(depth_m, "32FC1", header("camera_optical_frame", stamp_ns))
+
+
+def color_msg() -> Image:
+    rgb = np.arange(144, dtype=np.uint8).reshape(6, 8, 3)
+    return image_to_msg(rgb, "rgb8", header("camera_optical_frame"))
+
+
+def info_msg(stamp_ns: int = STAMP_NS) -> CameraInfo:
+    return intrinsics_to_msg(CAMERA, header("camera_optical_frame", stamp_ns))
+
+
+def tf_msg(stamp_ns: int = STAMP_NS) -> TFMessage:
+    T_map_base = pose_to_matrix(RIG)
+    return TFMessage(
+        transforms=[transform_to_msg(T_map_base, header("map", stamp_ns), "base_link")]
+    )
+
+
+def static_msg() -> TFMessage:
+    mount = transform_to_msg(np.eye(4), header("base_link"), "camera_link")
+    optical = transform_to_msg(T_LINK_OPTICAL, header("camera_link"), "camera_optical_frame")
+    return TFMessage(transforms=[mount, optical])
+
+
+def assembler(*, use_color: bool = True) -> FrameAssembler:
+    return FrameAssembler("map", use_color=use_color)
+
+
+@pytest.mark.parametrize("order", itertools.permutations(range(5)))
+def test_a_frame_is_complete_whatever_the_order_of_its_messages(order):
+    made = assembler()
+    steps = [
+        lambda: made.add_static(static_msg()),
+        lambda: made.add_transforms(tf_msg()),
+        lambda: made.add_image("depth", depth_msg(), 0.0),
+        lambda: made.add_image("info", info_msg(), 0.0),
+        lambda: made.add_image("color", color_msg(), 0.0),
+    ]
+    for step in order[:-1]:
+        steps[step]()
+        assert made.pop() is None
+    steps[order[-1]]()
+
+    frame = made.pop()
+
+    assert frame is not None
+    assert made.pop() is None
+    assert frame.stamp_ns == STAMP_NS
+    assert frame.intrinsics == CAMERA
+    assert frame.depth_m[5, 7] == 47
+    assert frame.rgb is not None
+    assert frame.rgb[5, 7, 2] == 143
+    # Optical axes of a rig that looks down, turned by 0.5 rad: the image's top points along +x.
+    np.testing.assert_allclose(frame.T_map_camera[:3, 3], (1, 2, 9), atol=1e-9)
+    np.testing.assert_allclose(frame.T_map_camera[:3, 2], (0, 0, -1), atol=1e-9)
+    up = (math.cos(0.5), math.sin(0.5), 0)
+    np.testing.assert_allclose(-frame.T_map_camera[:3, 1], up, atol=1e-9)
+
+
+def test_odometry_serves_as_well_as_tf():
+    made = assembler(use_color=False)
+    made.add_static(static_msg())
+    made.add_odometry(odometry_to_msg(RIG, header("map"), "base_link"))
+    made.add_image("depth", depth_msg(), 0.0)
+    made.add_image("info", info_msg(), 0.0)
+
+    frame = made.pop()
+
+    assert frame is not None
+    assert frame.rgb is None
+    np.testing.assert_allclose(frame.T_map_camera[:3, 3], (1, 2, 9), atol=1e-9)
+
+
+def test_a_transform_of_another_stamp_does_not_place_a_frame():
+    made = assembler(use_color=False)
+    made.add_static(static_msg())
+    made.add_transforms(tf_msg(STAMP_NS + 1))
+    made.add_image("depth", depth_msg(), 0.0)
+    made.add_image("info", info_msg(), 0.0)
+
+    assert made.pop() is None
+    made.add_transforms(tf_msg())
+    assert made.pop() is not None
+
+
+def test_a_frame_whose_colour_never_comes_goes_on_grey():
+    made = assembler()
+    made.add_static(static_msg())
+    made.add_transforms(tf_msg())
+    made.add_image("depth", depth_msg(), 10.0)
+    made.add_image("info", info_msg(), 10.0)
+
+    made.give_up_color(10.0 + COLOR_WAIT_S)
+    assert made.pop() is None
+    made.give_up_color(10.1 + COLOR_WAIT_S)
+
+    frame = made.pop()
+    assert frame is not None
+    assert frame.rgb is None
+
+
+def test_frames_without_a_pose_are_bounded_and_the_oldest_is_given_up():
+    made = assembler(use_color=False)
+    made.add_static(static_msg())
+    for stamp_ns in range(MOST_WITHOUT_POSE + 1):
+        made.add_image("depth", depth_msg(stamp_ns), 0.0)
+        made.add_image("info", info_msg(stamp_ns), 0.0)
+    for stamp_ns in range(MOST_WITHOUT_POSE + 1):
+        made.add_transforms(tf_msg(stamp_ns))
+
+    stamps_ns = [frame.stamp_ns for frame in iter(made.pop, None)]
+
+    assert stamps_ns == list(range(1, MOST_WITHOUT_POSE + 1))
+
+
+def test_a_frame_with_a_distorted_camera_is_refused_once():
+    made = assembler(use_color=False)
+    made.add_static(static_msg())
+    made.add_transforms(tf_msg())
+    info = info_msg()
+    info.d = [0.1, 0.0, 0.0, 0.0, 0.0]
+    made.add_image("depth", depth_msg(), 0.0)
+    made.add_image("info", info, 0.0)
+
+    with pytest.raises(InvalidInputError, match=r"camera_info\.d"):
+        made.pop()
+    assert made.pop() is None
