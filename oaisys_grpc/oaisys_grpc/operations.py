@@ -178,10 +178,11 @@ class Operations:
                 return _same_request(before, work)
             if self._ending.is_set():
                 raise CancelledError("the simulator has been ended")
+            overtaken = self._overtaken() if work.kind is Kind.BATCH else []
+            self._waiting = deque(o for o in self._waiting if not o.status.state.ended)
             if len(self._waiting) >= QUEUE_LIMIT:
                 raise QueueFullError(f"{QUEUE_LIMIT} operations wait already; try again later")
             operation = self._record(work)
-            overtaken = self._overtaken() if work.kind is Kind.BATCH else []
             self._waiting.append(operation)
             self._lock.notify_all()
         for sample in overtaken:
@@ -203,8 +204,6 @@ class Operations:
     def cancel(self, name: str) -> Operation:
         """Cancel an operation by name; one that has ended stays as it is."""
         operation = self.get(name)
-        with self._lock, contextlib.suppress(ValueError):
-            self._waiting.remove(operation)
         operation.stop(CancelledError("cancelled by CancelOperation"))
         return operation
 
