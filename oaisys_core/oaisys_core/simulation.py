@@ -27,6 +27,7 @@ from oaisys_core.modules import (
 )
 from oaisys_core.modules.sensors import select
 from oaisys_core.types import (
+    OWN_PARTS,
     RGB,
     FloatArray,
     HeightQuery,
@@ -215,10 +216,11 @@ class Simulation:
         return self._batch
 
     def _check(self, metadata: ModuleMetadata) -> None:
-        known = {module.metadata_part for module in self._modules}
+        known = {module.metadata_part for module in self._modules} - OWN_PARTS
         for name, value in metadata.custom.items():
-            if name not in known:
-                raise InvalidInputError(f"metadata.custom.{name}", value, "the name of a module")
+            if name not in known or not isinstance(value, Mapping):
+                expected = f"a mapping for one of the modules {', '.join(sorted(known))}"
+                raise InvalidInputError(f"metadata.custom.{name}", value, expected)
         for module in self._modules:
             module.check(metadata.part(module.metadata_part))
 

@@ -204,6 +204,10 @@ class HeightQuery:
     clearance_m: FloatArray
 
 
+OWN_PARTS = frozenset({"sensor", "environment", "asset", "render"})
+"""Parts of `ModuleMetadata` that are fields of their own; all others are in ``custom``."""
+
+
 @dataclass(frozen=True)
 class ModuleMetadata:
     """What a caller sets for one step, by module; an absent part keeps what was.
@@ -220,13 +224,8 @@ class ModuleMetadata:
 
     def part(self, name: str) -> Mapping[str, Any] | None:
         """Return the part called ``name``, from ``custom`` where it is no field; None if absent."""
-        own = {
-            "sensor": self.sensor,
-            "environment": self.environment,
-            "asset": self.asset,
-            "render": self.render,
-        }
-        part: Mapping[str, Any] | None = own[name] if name in own else self.custom.get(name)
+        part: Mapping[str, Any] | None
+        part = getattr(self, name) if name in OWN_PARTS else self.custom.get(name)
         return part
 
     def updated(self, later: ModuleMetadata) -> ModuleMetadata:

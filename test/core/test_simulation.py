@@ -125,6 +125,8 @@ def test_a_restored_simulation_goes_on_with_the_same_bytes() -> None:
         (ModuleMetadata(render={"quality": "cinema"}), "metadata.render.quality"),
         (ModuleMetadata(asset={"count_factor": 2}), "metadata.asset"),
         (ModuleMetadata(custom={"weather": {}}), "metadata.custom.weather"),
+        (ModuleMetadata(custom={"render": {}}), "metadata.custom.render"),
+        (ModuleMetadata(custom={"stage": [1]}), "metadata.custom.stage"),
     ],
 )
 def test_refused_metadata_changes_nothing(
