@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import random
 import shlex
+import shutil
 import statistics
 import subprocess
 import sys
@@ -154,13 +155,15 @@ def _running_system(
         sensor = info.sensors[0]
         reporter.say("building the world")
         bridge = start("bridge", *_node_arguments("bridge", {"address": address}))
-        mapper = start("mapper", *_node_arguments("mapper", _mapper_parameters(options)))
         namespace = sensor_namespace(sensor.name, info.sensors)
+        mapping = _mapper_parameters(options, namespace)
+        mapper = start("mapper", *_node_arguments("mapper", mapping))
         modalities = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensor.modalities)
         client = stack.enter_context(SurveyClient(namespace, modalities))
         client.wait_for_bridge(START_TIMEOUT_S, lambda: _check_all(server, bridge, mapper))
         client.wait_for_mapper()
         if options.record:
+            _remove_old_bag(options.out / "bag")
             recorder = start("recorder", *_recorder_arguments(options))
             recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
         extent_m = simulator.info().stage_extent_m
@@ -242,8 +245,20 @@ def _node_arguments(node: str, parameters: Mapping[str, Any]) -> list[str]:
     return arguments
 
 
-def _mapper_parameters(options: SurveyOptions) -> dict[str, float]:
-    return {"voxel_size": options.voxel_size_m, "max_range": options.max_range_m}
+def _mapper_parameters(options: SurveyOptions, namespace: str) -> dict[str, Any]:
+    return {
+        "camera": namespace,
+        "voxel_size": options.voxel_size_m,
+        "max_range": options.max_range_m,
+        # The mesh is wanted once, at the end, and not every few seconds on the way.
+        "mesh_period": 0.0,
+    }
+
+
+def _remove_old_bag(folder: Path) -> None:
+    """Make room for a new bag, but only where an earlier survey's is."""
+    if any(folder.glob("*.mcap")):
+        shutil.rmtree(folder)
 
 
 def _recorder_arguments(options: SurveyOptions) -> list[str]:

@@ -19,7 +19,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Bool, Header
 
 from oaisys_core.errors import DeadlineExceededError, RenderError
-from oaisys_core.types import Pose
+from oaisys_core.types import DEPTH, Pose
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import SaveMesh, SetPose
 from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
@@ -67,9 +67,10 @@ class SurveyClient:
         self._modalities = modalities
         self._bridge_is_ready = False
         self._map_status = MapStatus()
+        self._namespace = namespace
         for modality in modalities:
-            topic = f"{namespace}/{TOPIC_BY_MODALITY.get(modality, modality)}/image_raw"
-            self._node.create_subscription(Image, topic, self._take(modality), SENSOR_QOS)
+            take = self._take(modality)
+            self._node.create_subscription(Image, self._topic(modality), take, SENSOR_QOS)
         self._node.create_subscription(Bool, "oaisys_bridge/ready", self._on_ready, LATCHED_QOS)
         self._node.create_subscription(
             MapStatus, "oaisys_mapper/metrics", self._on_map_status, LATCHED_QOS
@@ -105,7 +106,7 @@ class SurveyClient:
         self._wait("the bridge to be ready", lambda: self._bridge_is_ready, timeout_s, check)
 
     def wait_for_mapper(self) -> None:
-        """Wait until the mapper receives depth images and offers its services.
+        """Wait until the mapper offers its services and will receive the depth images.
 
         Raises:
             DeadlineExceededError: It does not in time.
@@ -114,6 +115,12 @@ class SurveyClient:
             raise DeadlineExceededError(
                 f"the mapper offered no save_mesh within {DISCOVERY_TIMEOUT_S:g} s"
             )
+        topic = self._topic(DEPTH)
+        self._wait(
+            f"the mapper to subscribe to {topic}",
+            lambda: self._node.count_subscribers(topic) > (DEPTH in self._modalities),
+            DISCOVERY_TIMEOUT_S,
+        )
 
     def view(self, pose: Pose, sensor: str, map_frame: str, timeout_s: float) -> ReceivedView:
         """Have the simulator look from ``pose`` and return what was published.
@@ -197,6 +204,9 @@ class SurveyClient:
                     raise DeadlineExceededError(f"waited {timeout_s:g} s for {what}")
                 check()
                 self._changed.wait(min(left_s, 0.5))
+
+    def _topic(self, modality: str) -> str:
+        return f"{self._namespace}/{TOPIC_BY_MODALITY.get(modality, modality)}/image_raw"
 
     def _take(self, modality: str) -> Callable[[Image], None]:
         def on_image(msg: Image) -> None:
