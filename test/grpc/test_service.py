@@ -1,5 +1,6 @@
 """The service from end to end, on the analytic backend."""
 
+import socket
 from collections.abc import Callable
 
 import grpc
@@ -108,10 +109,9 @@ def test_large_images_pass_the_default_limits(start_server: StartServer) -> None
     world = {**FLAT_WORLD, "sensors": {"cameras": [camera]}}
     with start_server(world).client() as client:
         client.step_batch()
-        sample = client.render_sample(NADIR)
-    depth_m, rgb = sample.frame("camera", "depth").data, sample.frame("camera", "rgb").data
-    assert rgb.shape == (1200, 1600, 3)
-    assert rgb.nbytes > 4 * 1024 * 1024
+        sample = client.render_sample(NADIR, modalities=["depth"])
+    depth_m = sample.frame("camera", "depth").data
+    assert depth_m.nbytes > 4 * 1024 * 1024
     np.testing.assert_allclose(depth_m, np.full((1200, 1600), 7.0), rtol=1e-5)
 
 
@@ -169,8 +169,6 @@ def test_the_service_describes_itself(flat_server: Server) -> None:
 
 
 def test_bytes_that_are_no_grpc_do_no_harm(flat_server: Server) -> None:
-    import socket
-
     host, port = flat_server.address.split(":")
     with socket.create_connection((host, int(port)), timeout=PATIENCE_S) as connection:
         connection.sendall(b"GET / HTTP/1.1\r\n\r\n" + bytes(range(256)) * 64)

@@ -1,0 +1,250 @@
+"""Every conversion and its inverse; what passes between processes comes out as it went in."""
+
+import math
+import socket
+import subprocess
+import sys
+import threading
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from oaisys_core.errors import InvalidInputError, OaisysError, QueueFullError, WorkerLostError
+from oaisys_core.types import (
+    Frame,
+    HeightQuery,
+    ModuleMetadata,
+    PinholeIntrinsics,
+    Pose,
+    Progress,
+    Provenance,
+    Sample,
+    SensorInfo,
+    SimulatorInfo,
+    TriangleMesh,
+)
+from oaisys_grpc import chunks, conversions
+from oaisys_grpc.errors import STATUS_CODES, error_from_status, status_from_error
+from oaisys_grpc.faults import ERROR_TYPES, error_from_fault, fault_from_error
+from oaisys_grpc.operation import (
+    Kind,
+    OperationStatus,
+    State,
+    status_from_proto,
+    status_to_proto,
+)
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.wire import Connection
+
+POSE = Pose((1.25, -2.5, 1e-9), (0.5, -0.5, 0.5, math.sqrt(0.25)))
+INTRINSICS = PinholeIntrinsics(640, 480, 541.14, 540.9, 319.5, 239.25)
+T = np.random.default_rng(1).normal(size=(4, 4))
+PROVENANCE = Provenance(2**62, 2**63 - 1, "a" * 64, "blender", "5.2.3", "high", 16)
+METADATA = ModuleMetadata(
+    sensor={"pose": POSE},
+    environment={"sun_elevation_deg": 12.5, "sky_semantic_id": 3},
+    asset={"count_factor": 0.5},
+    render={"quality": "high"},
+    custom={"weather": {"rain": True, "layers": [1, 2.5, "x", None], "deep": {"a": []}}},
+)
+INFO = SimulatorInfo(
+    "analytic",
+    "0.1.0",
+    2**62,
+    "b" * 64,
+    "standard",
+    (SensorInfo("left", INTRINSICS, T, ("rgb", "depth")),),
+    {1: "gravel", 65535: "rock"},
+    3,
+    4,
+    (-32.0, -31.0, 32.0, 33.0),
+)
+HEIGHTS = HeightQuery(np.array([0.5, np.nan]), np.array([1.0, np.nan]), np.array([-2.0, np.nan]))
+
+
+def make_sample(height_px: int = 480, width_px: int = 640) -> Sample:
+    rng = np.random.default_rng(2)
+    size = (height_px, width_px)
+    depth_m = rng.uniform(0, 50, size).astype(np.float32)
+    depth_m[0] = np.inf
+    images = {
+        "rgb": rng.integers(0, 256, (*size, 3), dtype=np.uint8),
+        "depth": depth_m,
+        "semantic_0": rng.integers(0, 2**16, size, dtype=np.uint16),
+        "instance": rng.integers(0, 2**32, size, dtype=np.uint32),
+    }
+    frames = tuple(Frame("left", name, data, INTRINSICS, T) for name, data in images.items())
+    return Sample(3, 9, POSE, frames, 0.25, PROVENANCE)
+
+
+MESH = TriangleMesh(
+    np.random.default_rng(3).normal(size=(90_000, 3)),
+    np.arange(30_000, dtype=np.int32).reshape(-1, 3),
+    np.full(10_000, 7, np.uint16),
+    np.full(10_000, 2**32 - 1, np.uint32),
+)
+
+
+def assert_same(a: Any, b: Any) -> None:
+    """Equal in every field, type and bit."""
+    assert type(a) is type(b)
+    if isinstance(a, np.ndarray):
+        assert a.dtype == b.dtype
+        assert a.shape == b.shape
+        assert a.tobytes() == b.tobytes()
+    elif is_dataclass(a):
+        for field in fields(a):
+            assert_same(getattr(a, field.name), getattr(b, field.name))
+    elif isinstance(a, tuple | list):
+        assert len(a) == len(b)
+        for x, y in zip(a, b, strict=True):
+            assert_same(x, y)
+    elif isinstance(a, dict):
+        assert a.keys() == b.keys()
+        for key in a:
+            assert_same(a[key], b[key])
+    else:
+        assert a == b
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("pose", POSE),
+        ("intrinsics", INTRINSICS),
+        ("provenance", PROVENANCE),
+        ("progress", Progress("terrain", 0.25)),
+        ("matrix", T),
+        ("metadata", METADATA),
+        ("metadata", ModuleMetadata()),
+        ("metadata", ModuleMetadata(sensor={}, render={})),
+        ("info", INFO),
+        ("heights", HEIGHTS),
+    ],
+)
+def test_a_value_comes_back_as_it_was(name: str, value: Any) -> None:
+    message = getattr(conversions, f"{name}_to_proto")(value)
+    if hasattr(message, "SerializeToString"):
+        message = type(message).FromString(message.SerializeToString())
+    assert_same(getattr(conversions, f"{name}_from_proto")(message), value)
+
+
+@pytest.mark.parametrize("size", [(480, 640), (1, 1), (1200, 1600)])
+def test_a_sample_comes_back_from_its_parts(size: tuple[int, int]) -> None:
+    sample = make_sample(*size)
+    parts = list(chunks.sample_to_parts(sample))
+    assert max(part.ByteSize() for part in parts) < chunks.CHUNK_BYTES + 1024
+    assert_same(chunks.sample_from_parts(parts), sample)
+
+
+def test_a_frame_says_its_camera_matrix() -> None:
+    parts = chunks.sample_to_parts(make_sample(4, 4))
+    header = next(part.frame for part in parts if part.HasField("frame"))
+    assert np.array_equal(np.reshape(header.k, (3, 3)), INTRINSICS.K)
+    assert header.array.data_type == pb.DATA_TYPE_UINT8
+    assert list(header.array.shape) == [4, 4, 3]
+
+
+@pytest.mark.parametrize("mesh", [MESH, TriangleMesh(MESH.vertices_m, MESH.triangles)])
+def test_a_mesh_comes_back_from_its_parts(mesh: TriangleMesh) -> None:
+    assert_same(chunks.mesh_from_parts(chunks.mesh_to_parts(mesh)), mesh)
+
+
+@pytest.mark.parametrize("missing", [0, 1, 2, 3, -1])
+def test_a_stream_with_a_gap_is_refused(missing: int) -> None:
+    parts = list(chunks.sample_to_parts(make_sample(1200, 1600)))
+    del parts[missing]
+    with pytest.raises(OaisysError):
+        chunks.sample_from_parts(parts)
+
+
+def test_a_header_that_contradicts_itself_allocates_nothing() -> None:
+    header = chunks.array_header(np.zeros((2, 2), np.float32))
+    header.shape[0] = 2**40
+    with pytest.raises(OaisysError, match="shape"):
+        chunks.ArrayAssembly(header)
+
+
+@pytest.mark.parametrize(
+    ("metadata", "field"),
+    [
+        (ModuleMetadata(sensor={"pose": (0, 0, 0)}), "metadata.sensor.pose"),
+        (ModuleMetadata(sensor={"zoom": 2}), "metadata.sensor.zoom"),
+        (ModuleMetadata(environment={"sun": object()}), "metadata.environment"),
+    ],
+)
+def test_metadata_that_no_message_can_hold_is_refused(metadata: ModuleMetadata, field: str) -> None:
+    with pytest.raises(InvalidInputError) as refused:
+        conversions.metadata_to_proto(metadata)
+    assert refused.value.field == field
+
+
+@pytest.mark.parametrize("name", sorted(ERROR_TYPES))
+def test_every_error_has_a_status_and_comes_back(name: str) -> None:
+    kind = ERROR_TYPES[name]
+    assert kind in STATUS_CODES
+    refused = kind is InvalidInputError
+    error = InvalidInputError("a.0.b", [1, "x"], "y") if refused else kind("what happened")
+    for back in (
+        error_from_status(status_from_error(error)),
+        error_from_fault(fault_from_error(error)),
+    ):
+        assert type(back) is kind
+        assert str(back) == str(error)
+        assert vars(back) == vars(error)
+
+
+def test_an_error_of_a_third_party_comes_back_as_the_nearest_of_ours() -> None:
+    class FullDiskError(QueueFullError):
+        pass
+
+    assert type(error_from_fault(fault_from_error(FullDiskError("x")))) is QueueFullError
+
+
+@pytest.mark.parametrize(
+    "status",
+    [
+        OperationStatus("operations/1", Kind.BATCH),
+        OperationStatus(
+            "operations/2", Kind.SAMPLE, State.SUCCEEDED, Progress("done", 1.0), None, 4, 5
+        ),
+    ],
+)
+def test_an_operation_comes_back_as_it_was(status: OperationStatus) -> None:
+    assert status_from_proto(status_to_proto(status)) == status
+
+
+def test_a_failed_operation_comes_back_with_its_error() -> None:
+    error = WorkerLostError("gone")
+    status = OperationStatus("operations/3", Kind.SAMPLE, State.FAILED, error=error)
+    back = status_from_proto(status_to_proto(status)).error
+    assert isinstance(back, WorkerLostError)
+    assert str(back) == "gone"
+
+
+@pytest.mark.parametrize(
+    "value",
+    [make_sample(), make_sample(2, 2), MESH, INFO, METADATA, HEIGHTS, (1, [None, {2: "b"}], {})],
+)
+def test_the_workers_wire_carries_a_value_unchanged(value: Any) -> None:
+    ours, theirs = map(Connection, socket.socketpair())
+    sender = threading.Thread(target=ours.send, args=({"value": value},))
+    sender.start()
+    assert_same(theirs.receive()["value"], value)
+    sender.join()
+    ours.close()
+    with pytest.raises(EOFError):
+        theirs.receive()
+    theirs.close()
+
+
+@pytest.mark.parametrize(
+    ("module", "unwanted"),
+    [("worker", "grpc"), ("server", "bpy"), ("server", "open3d"), ("client", "bpy")],
+)
+def test_a_process_does_not_load_what_is_not_its_own(module: str, unwanted: str) -> None:
+    code = f"import sys, oaisys_grpc.{module}; sys.exit({unwanted!r} in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], check=False, timeout=60)
+    assert done.returncode == 0
