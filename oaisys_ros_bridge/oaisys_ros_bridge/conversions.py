@@ -43,7 +43,7 @@ def checked_type(value: object, expected: type[T], field: str) -> T:
 def buffer_of(data: NDArray[Any]) -> array.array[int]:
     """Return the bytes of ``data`` (any shape) as rclpy takes them without looking at each."""
     buffer = array.array("B")
-    buffer.frombytes(np.ascontiguousarray(data).data.cast("B"))
+    buffer.frombytes(np.ascontiguousarray(data).ravel().view(np.uint8).data)
     return buffer
 
 

@@ -1,0 +1,219 @@
+"""The mapper as a process: images of a plane in, the plane's mesh out."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import open3d as o3d
+import pytest
+import rclpy
+from builtin_interfaces.msg import Time
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker
+
+from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
+from oaisys_core.types import PinholeIntrinsics, Pose
+from oaisys_msgs.msg import MapStatus
+from oaisys_msgs.srv import Evaluate, SaveMesh
+from oaisys_ros_bridge.clouds import mesh_from_marker
+from oaisys_ros_bridge.conversions import image_to_msg, intrinsics_to_msg, transform_to_msg
+from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS
+
+pytestmark = pytest.mark.ros
+
+CAMERA = PinholeIntrinsics(160, 120, 135.0, 135.0, 79.5, 59.5)
+SLOPE = 0.2
+"""The plane is z = SLOPE * x."""
+POSES = [pose_looking_down(x, y, 8.0, yaw_rad=x) for x in (-2.0, 0.0, 2.0) for y in (-1.0, 1.0)]
+DEADLINE_S = 60.0
+
+
+def plane_depth_m(T_map_camera: np.ndarray) -> np.ndarray:
+    """Return the planar depth of z = SLOPE * x, where rays through pixel centres meet it."""
+    u, v = np.meshgrid(np.arange(CAMERA.width_px), np.arange(CAMERA.height_px))
+    x = (u - CAMERA.cx_px) / CAMERA.fx_px
+    y = (v - CAMERA.cy_px) / CAMERA.fy_px
+    rays = np.stack((x, y, np.ones_like(x)), axis=-1) @ T_map_camera[:3, :3].T
+    normal = np.array([-SLOPE, 0.0, 1.0])
+    return (-(T_map_camera[:3, 3] @ normal) / (rays @ normal)).astype(np.float32)
+
+
+class Peer:
+    """The mapper's process, and a node that plays camera, rig and user."""
+
+    def __init__(self, *parameters: str) -> None:
+        command = [sys.executable, "-m", "oaisys_ros_bridge.nodes.mapper", "--ros-args"]
+        for parameter in parameters:
+            command += ["-p", parameter]
+        self.process = subprocess.Popen(
+            command, stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context)
+        self.node = Node("peer", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.latest: dict[str, Any] = {}
+        for kind, topic in (
+            (MapStatus, "metrics"),
+            (Marker, "mesh"),
+            (PointCloud2, "surface_points"),
+        ):
+            self.node.create_subscription(
+                kind,
+                f"oaisys_mapper/{topic}",
+                lambda message, topic=topic: self.latest.update({topic: message}),
+                LATCHED_QOS,
+            )
+        self.publishers = {
+            "static": self.node.create_publisher(TFMessage, "/tf_static", LATCHED_QOS),
+            "tf": self.node.create_publisher(TFMessage, "/tf", TF_QOS),
+            "depth": self.node.create_publisher(Image, "camera/depth/image_raw", SENSOR_QOS),
+            "info": self.node.create_publisher(CameraInfo, "camera/depth/camera_info", SENSOR_QOS),
+            "color": self.node.create_publisher(Image, "camera/color/image_raw", SENSOR_QOS),
+        }
+        base = Header(frame_id="base_link")
+        link = Header(frame_id="camera_link")
+        mounts = [
+            transform_to_msg(np.eye(4), base, "camera_link"),
+            transform_to_msg(T_LINK_OPTICAL, link, "camera_optical_frame"),
+        ]
+        self.publishers["static"].publish(TFMessage(transforms=mounts))
+        self.wait_until(lambda: "metrics" in self.latest)
+        self.wait_until(
+            lambda: all(p.get_subscription_count() == 1 for p in self.publishers.values())
+        )
+
+    def wait_until(self, is_so: Callable[[], bool]) -> None:
+        end_s = time.monotonic() + DEADLINE_S
+        while not is_so():
+            assert time.monotonic() < end_s, "waited too long"
+            assert self.process.poll() is None, "the mapper has ended"
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def show(self, pose: Pose, stamp: Time) -> None:
+        """Publish what the camera sees of the plane, the transform last of all."""
+        T_map_base = pose_to_matrix(pose)
+        depth_m = plane_depth_m(T_map_base @ T_LINK_OPTICAL)
+        optical = Header(stamp=stamp, frame_id="camera_optical_frame")
+        rgb = np.full((*depth_m.shape, 3), (200, 100, 50), np.uint8)
+        self.publishers["color"].publish(image_to_msg(rgb, "rgb8", optical))
+        self.publishers["depth"].publish(image_to_msg(depth_m, "32FC1", optical))
+        self.publishers["info"].publish(intrinsics_to_msg(CAMERA, optical))
+        transform = transform_to_msg(T_map_base, Header(stamp=stamp, frame_id="map"), "base_link")
+        self.publishers["tf"].publish(TFMessage(transforms=[transform]))
+
+    def show_all(self) -> None:
+        for index, pose in enumerate(POSES):
+            self.show(pose, Time(sec=1 + index))
+            self.wait_until(lambda n=index + 1: self.latest["metrics"].frames_integrated == n)
+
+    def call(self, kind: type[Any], name: str, request: Any) -> Any:
+        client = self.node.create_client(kind, f"oaisys_mapper/{name}")
+        self.wait_until(client.service_is_ready)
+        future = client.call_async(request)
+        self.wait_until(future.done)
+        return future.result()
+
+    def end(self) -> tuple[int, str]:
+        """Interrupt the mapper as Ctrl-C does; return its exit code and what it said."""
+        self.node.destroy_node()
+        self.executor.shutdown()
+        rclpy.shutdown(context=self.context)
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        try:
+            _, said = self.process.communicate(timeout=20)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            _, said = self.process.communicate()
+        return self.process.returncode, said
+
+
+@pytest.fixture
+def peer(ros_domain_id: int, no_process_left: None) -> Iterator[Peer]:
+    started = Peer("voxel_size:=0.1", "mesh_period:=0.0")
+    yield started
+    started.end()
+
+
+def test_images_of_a_plane_become_that_plane(peer: Peer, tmp_path: Path) -> None:
+    peer.show_all()
+
+    saved = peer.call(SaveMesh, "save_mesh", SaveMesh.Request(path=str(tmp_path / "new" / "m.ply")))
+
+    assert saved.success, saved.message
+    assert saved.frames == len(POSES)
+    mesh = o3d.io.read_triangle_mesh(str(tmp_path / "new" / "m.ply"))
+    vertices_m = np.asarray(mesh.vertices)
+    assert len(vertices_m) == saved.vertices > 1000
+    assert len(mesh.triangles) == saved.triangles
+    off_m = (vertices_m[:, 2] - SLOPE * vertices_m[:, 0]) / np.hypot(1, SLOPE)
+    assert np.abs(off_m).max() < 0.01
+    colors = np.rint(np.asarray(mesh.vertex_colors) * 255)
+    assert (colors == (200, 100, 50)).all()
+
+    # What RViz gets is the same surface.
+    peer.wait_until(lambda: {"mesh", "surface_points"} <= peer.latest.keys())
+    assert peer.latest["mesh"].header.frame_id == "map"
+    corners_m, colors = mesh_from_marker(peer.latest["mesh"])
+    assert len(corners_m) == saved.triangles
+    assert np.abs(corners_m[..., 2] - SLOPE * corners_m[..., 0]).max() < 0.011
+    assert (colors == (200, 100, 50)).all()
+    assert peer.latest["surface_points"].width == saved.vertices
+
+
+def test_it_measures_its_map_against_the_truth(peer: Peer, tmp_path: Path) -> None:
+    far = [(x, y, SLOPE * x) for x in (-30.0, 30.0) for y in (-30.0, 30.0)]
+    truth = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(far), o3d.utility.Vector3iVector([(0, 2, 1), (1, 2, 3)])
+    )
+    o3d.io.write_triangle_mesh(str(tmp_path / "truth.ply"), truth)
+    request = Evaluate.Request(truth_path=str(tmp_path / "truth.ply"))
+
+    early = peer.call(Evaluate, "evaluate", request)
+    assert not early.success
+    assert "nothing has been mapped" in early.message
+    peer.show_all()
+    missing = peer.call(Evaluate, "evaluate", Evaluate.Request(truth_path="/nowhere.ply"))
+    assert not missing.success
+    assert "/nowhere.ply" in missing.message
+    measured = peer.call(Evaluate, "evaluate", request)
+
+    assert measured.success, measured.message
+    figures = json.loads(measured.metrics_json)
+    assert figures["rmse_m"] < 0.005
+    assert figures["completion_ratio"] > 0.97
+    assert figures["f_score"] > 0.98
+    peer.wait_until(lambda: peer.latest["metrics"].metrics_json == measured.metrics_json)
+
+
+def test_a_reset_empties_the_map(peer: Peer, tmp_path: Path) -> None:
+    peer.show_all()
+
+    assert peer.call(Trigger, "reset", Trigger.Request()).success
+
+    peer.wait_until(lambda: peer.latest["metrics"].frames_integrated == 0)
+    request = SaveMesh.Request(path=str(tmp_path / "empty.ply"))
+    assert peer.call(SaveMesh, "save_mesh", request).triangles == 0
+
+
+def test_ctrl_c_ends_it_without_a_word(ros_domain_id: int, no_process_left: None) -> None:
+    peer = Peer()
+    peer.show(POSES[0], Time(sec=1))
+
+    code, said = peer.end()
+
+    assert code == 0
+    assert "Traceback" not in said
