@@ -38,10 +38,10 @@ class RecordedTopic:
 
 
 def qos_entry(*, depth: int, reliable: bool, transient_local: bool) -> dict[str, Any]:
-    """Return a quality of service as rosbag2 writes it; periods without a limit are the largest."""
+    """Return a quality of service as rosbag2 writes it, without limits of time; depth 0: unknown."""
     unlimited = {"sec": 9223372036, "nsec": 854775807}
     return {
-        "history": "keep_last",
+        "history": "keep_last" if depth else "unknown",
         "depth": depth,
         "reliability": "reliable" if reliable else "best_effort",
         "durability": "transient_local" if transient_local else "volatile",
