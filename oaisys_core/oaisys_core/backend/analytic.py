@@ -13,7 +13,7 @@ from oaisys_core.backend.solids import flat_ground
 from oaisys_core.backend.surface import (
     Surface,
     frame_of,
-    geometry_frames,
+    frames_of,
     ground_mesh,
     placed,
 )
@@ -69,7 +69,7 @@ class AnalyticBackend(Backend):
         for index, camera in enumerate(cameras):
             progress(Progress("rays", index / len(cameras)))
             view = surface.view(camera)
-            by_modality = geometry_frames(surface, view, camera, sky.semantic_id)
+            by_modality = frames_of(surface, view, camera, sky.semantic_id)
             if RGB in camera.modalities:
                 image = shaded(view, surface.normals(view), palette, sky, settings.exposure_ev)
                 by_modality[RGB] = frame_of(camera, RGB, image)

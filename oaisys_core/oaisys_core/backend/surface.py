@@ -17,6 +17,7 @@ from oaisys_core.scene import PlacedCamera, Scene, merge_meshes
 from oaisys_core.types import (
     DEPTH,
     INSTANCE,
+    RGB,
     SEMANTIC_0,
     FloatArray,
     Frame,
@@ -187,10 +188,15 @@ def placed(
     )
 
 
-def geometry_frames(
-    surface: Surface, view: View, camera: PlacedCamera, sky_id: int
-) -> dict[str, Frame]:
+def geometry_frames(surface: Surface, camera: PlacedCamera, sky_id: int) -> dict[str, Frame]:
     """Return the frames of depth and labels that a camera asks for, by modality."""
+    if set(camera.modalities) <= {RGB}:
+        return {}
+    return frames_of(surface, surface.view(camera), camera, sky_id)
+
+
+def frames_of(surface: Surface, view: View, camera: PlacedCamera, sky_id: int) -> dict[str, Frame]:
+    """Return, of one view, the frames of depth and labels that its camera asks for."""
     images: dict[str, NDArray[Any]] = {}
     if DEPTH in camera.modalities:
         images[DEPTH] = view.depth_m.astype(np.float32)

@@ -72,8 +72,7 @@ class BlenderBackend(Backend):
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
             progress(Progress("geometry", index / len(cameras)))
-            view = surface.view(camera)
-            by_modality = geometry_frames(surface, view, camera, sky.semantic_id)
+            by_modality = geometry_frames(surface, camera, sky.semantic_id)
             if RGB in camera.modalities:
                 progress(Progress("color", (index + 0.2) / len(cameras)))
                 place(self._camera, camera.T_map_camera)
