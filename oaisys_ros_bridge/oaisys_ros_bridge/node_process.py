@@ -50,6 +50,10 @@ def run_node(
         return _run_until(stop, node, threads)
     finally:
         rclpy.try_shutdown()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            # Python gives handlers of ours back on its way out, and a second signal (a terminal's
+            # and ros2 launch's come together) would kill it there.
+            signal.signal(number, signal.SIG_IGN)
 
 
 def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
