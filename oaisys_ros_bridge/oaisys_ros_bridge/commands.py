@@ -74,3 +74,20 @@ def bag_info(
 
     for line in summary_of(bag):
         typer.echo(line)
+
+
+@bag_app.command("recover")
+def bag_recover(
+    bag: Annotated[Path, typer.Argument(help="A bag's folder or its .mcap file.")],
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the new bag; else beside the old one.")
+    ] = None,
+) -> None:
+    """Copy what a recorder that was killed had written into a bag that opens everywhere."""
+    from oaisys_ros_bridge.bag_info import mcap_file
+    from oaisys_ros_bridge.bag_recovery import recover
+
+    file = mcap_file(bag)
+    folder = bag if bag.is_dir() else bag.with_suffix("")
+    target = out or folder.with_name(f"{folder.name}_recovered")
+    typer.echo(f"{target}: {recover(file, target)} messages")
