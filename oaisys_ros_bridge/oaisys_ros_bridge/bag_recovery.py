@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from itertools import chain
 from pathlib import Path
@@ -50,5 +51,5 @@ def _whole_messages(stream: IO[bytes]) -> Iterator[Entry]:
         ):
             if schema is not None:
                 yield schema, channel, message
-    except McapError:
+    except (McapError, struct.error):  # the latter from a record that was cut
         return
