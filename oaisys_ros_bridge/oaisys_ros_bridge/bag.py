@@ -38,7 +38,7 @@ class RecordedTopic:
 
 
 def qos_entry(*, depth: int, reliable: bool, transient_local: bool) -> dict[str, Any]:
-    """Return a quality of service as rosbag2 writes it, without limits of time; depth 0: unknown."""
+    """Return a quality of service as rosbag2 writes it, without time limits; depth 0: unknown."""
     unlimited = {"sec": 9223372036, "nsec": 854775807}
     return {
         "history": "keep_last" if depth else "unknown",
