@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import os
 import tempfile
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,6 +14,9 @@ import pytest
 
 LARGEST_DOMAIN_ID = 101
 """Above it, DDS's ports run into those that Linux gives to clients."""
+
+MARK = "OAISYS_TEST_PROCESS"
+"""Variable that marks the processes of a test."""
 
 
 @pytest.fixture
@@ -36,16 +40,30 @@ def ros_domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 @pytest.fixture
-def no_process_left() -> Iterator[None]:
-    """Fail a test that leaves child processes running, and end them."""
-    this = psutil.Process()
-    before = set(this.children(recursive=True))
+def no_process_left(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Fail a test that leaves processes running, and end them.
+
+    They are known by a mark in their environment, so orphans are found too.
+    """
+    mark = str(uuid.uuid4())
+    monkeypatch.setenv(MARK, mark)
     yield
-    _, left = psutil.wait_procs(set(this.children(recursive=True)) - before, timeout=5.0)
+    _, left = psutil.wait_procs(_marked(mark), timeout=5.0)
     commands = [_command(process) for process in left]
     for process in left:
         process.kill()
     assert not commands, f"processes left behind: {commands}"
+
+
+def _marked(mark: str) -> list[psutil.Process]:
+    return [p for p in psutil.process_iter() if _mark_of(p) == mark and p.pid != os.getpid()]
+
+
+def _mark_of(process: psutil.Process) -> str | None:
+    try:
+        return process.environ().get(MARK)
+    except psutil.Error:
+        return None
 
 
 def _command(process: psutil.Process) -> str:

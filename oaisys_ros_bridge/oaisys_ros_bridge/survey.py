@@ -217,7 +217,8 @@ def _write_config(options: SurveyOptions) -> Path:
         command += [f"--{name}", value]
     result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     if result.returncode != 0:
-        raise ConfigError(result.stderr.strip())
+        fault = result.stderr.strip().removeprefix("oaisys: ")
+        raise ConfigError(fault) if result.returncode == 2 else OaisysError(fault)  # noqa: PLR2004
     path = options.out / "config.yaml"
     path.write_text(result.stdout, encoding="utf-8")
     return path

@@ -1,0 +1,205 @@
+"""``oaisys survey`` as a user runs it: real server, bridge, mapper and recorder."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+
+pytestmark = pytest.mark.ros
+
+WORLD = """
+seed: 4
+stage: {extent_m: 30, resolution_px: 301}
+materials: {texture_size_px: 64, mask: {size_px: 128}}
+assets: {rocks: [{count: [60, 60], size_m: [0.3, 1.0]}]}
+"""
+PROMISED = {
+    "views",
+    "voxel_size_m",
+    "rmse_m",
+    "accuracy_mean_m",
+    "completion_ratio",
+    "f_score",
+    "hole_ratio",
+    "seconds_total",
+    "seconds_per_view",
+    "seed",
+    "config_sha256",
+    "blender_version",
+    "backend",
+    "quality",
+    "closed",
+}
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Path:
+    path = tmp_path / "world.yaml"
+    path.write_text(WORLD, encoding="utf-8")
+    return path
+
+
+def command(world: Path, out: Path, *more: str) -> list[str]:
+    return [
+        *(sys.executable, "-m", "oaisys_core", "survey"),
+        *("--config", str(world), "--out", str(out), *more),
+    ]
+
+
+def environment(domain_id: int) -> dict[str, str]:
+    return {**os.environ, "ROS_DOMAIN_ID": str(domain_id)}
+
+
+def survey(world: Path, out: Path, domain_id: int, *more: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        command(world, out, *more),
+        env=environment(domain_id),
+        capture_output=True,
+        text=True,
+        timeout=400,
+        check=False,
+    )
+
+
+@pytest.mark.usefixtures("no_process_left")
+def test_a_survey_closes_and_leaves_everything_behind(
+    world: Path, tmp_path: Path, ros_domain_id: int
+) -> None:
+    out = tmp_path / "out"
+    options = ("--backend", "analytic", "--views", "6", "--size", "320x240", "--altitude", "7")
+    result = survey(world, out, ros_domain_id, *options)
+    assert result.returncode == 0, result.stderr
+    assert "the loop closes" in result.stderr
+    figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert set(figures) >= PROMISED
+    assert (figures["views"], figures["seed"], figures["backend"]) == (6, 4, "analytic")
+    assert figures["rmse_m"] < 0.05
+    assert figures["completion_ratio"] > 0.95
+    assert figures["f_score"] > 0.95
+    assert "The loop closes" in (out / "report.html").read_text(encoding="utf-8")
+    _check_bag(out / "bag", views=6)
+    arguments = ["--mesh", out / "mesh.ply", "--truth", out / "truth.ply"]
+    arguments += ["--poses", out / "poses.json", "--max-rmse", "0.05", "--min-completion", "0.95"]
+    evaluate = [sys.executable, "-m", "oaisys_core", "evaluate", *map(str, arguments)]
+    again = subprocess.run(evaluate, capture_output=True, text=True, timeout=200, check=False)
+    assert again.returncode == 0, again.stdout + again.stderr
+    assert json.loads(again.stdout)["rmse_m"] == pytest.approx(figures["rmse_m"], rel=0.1)
+
+
+def _check_bag(bag: Path, views: int) -> None:
+    expected = {
+        "/camera/color/image_raw": "sensor_msgs/msg/Image",
+        "/camera/color/camera_info": "sensor_msgs/msg/CameraInfo",
+        "/camera/depth/image_raw": "sensor_msgs/msg/Image",
+        "/camera/depth/camera_info": "sensor_msgs/msg/CameraInfo",
+        "/camera/depth_registered/points": "sensor_msgs/msg/PointCloud2",
+        "/camera/semantic_0/image_raw": "sensor_msgs/msg/Image",
+        "/camera/instance/image_raw": "sensor_msgs/msg/Image",
+        "/ground_truth/odometry": "nav_msgs/msg/Odometry",
+        "/tf": "tf2_msgs/msg/TFMessage",
+        "/oaisys_bridge/sample_info": "oaisys_msgs/msg/SampleInfo",
+    }
+    latched = {
+        "/tf_static": "tf2_msgs/msg/TFMessage",
+        "/camera/semantic_0/labels": "oaisys_msgs/msg/SemanticLabels",
+    }
+    with AnyReader([bag]) as reader:
+        found = {topic: (t.msgtype, t.msgcount) for topic, t in reader.topics.items()}
+    assert {topic: found.get(topic) for topic in expected} == {
+        topic: (kind, views) for topic, kind in expected.items()
+    }
+    for topic, kind in latched.items():
+        assert found[topic][0] == kind
+        assert found[topic][1] >= 1
+
+
+@pytest.mark.usefixtures("no_process_left")
+def test_a_survey_whose_images_are_too_coarse_does_not_close(
+    world: Path, tmp_path: Path, ros_domain_id: int
+) -> None:
+    out = tmp_path / "out"
+    options = ("--backend", "analytic", "--views", "1", "--size", "24x18", "--no-bag")
+    result = survey(world, out, ros_domain_id, *options)
+    assert result.returncode == 1, result.stderr
+    assert "missed: " in result.stderr
+    figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert figures["closed"] is False
+    assert not (out / "bag").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "parts"),
+    [
+        (("--size", "wide"), ("size", "wide", "WIDTHxHEIGHT")),
+        (("--backend", "unreal"), ("backend", "unreal")),
+        (("--config", "nowhere.yaml"), ("nowhere.yaml",)),
+        (("--views", "0"), ("views",)),
+    ],
+)
+def test_wrong_input_is_exit_2_at_once(
+    world: Path, tmp_path: Path, ros_domain_id: int, options: tuple[str, ...], parts: tuple[str]
+) -> None:
+    result = survey(world, tmp_path / "out", ros_domain_id, *options)
+    assert result.returncode == 2
+    assert all(part in result.stderr for part in parts), result.stderr
+    assert "Traceback" not in result.stderr
+
+
+@pytest.mark.usefixtures("no_process_left")
+def test_a_grid_larger_than_the_stage_is_exit_2(
+    world: Path, tmp_path: Path, ros_domain_id: int
+) -> None:
+    options = ("--backend", "analytic", "--altitude", "40", "--no-bag", "--size", "64x48")
+    result = survey(world, tmp_path / "out", ros_domain_id, *options)
+    assert result.returncode == 2, result.stderr
+    assert "30 m x 30 m" in result.stderr
+
+
+@pytest.mark.usefixtures("no_process_left")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_everything(
+    world: Path, tmp_path: Path, ros_domain_id: int, number: signal.Signals
+) -> None:
+    options = ("--backend", "analytic", "--views", "30", "--altitude", "3", "--no-bag")
+    with subprocess.Popen(
+        command(world, tmp_path / "out", *options),
+        env=environment(ros_domain_id),
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        assert process.stderr is not None
+        seen = _read_until(process.stderr.readline, "views 2/30")
+        process.send_signal(number)
+        rest = process.stderr.read()
+        code = process.wait(60)
+    assert code != 0
+    assert "Traceback" not in seen + rest
+
+
+def _read_until(readline: Callable[[], str], wanted: str) -> str:
+    seen = ""
+    while wanted not in seen:
+        line = readline()
+        assert line, f"ended before {wanted!r}:\n{seen}"
+        seen += line
+    return seen
+
+
+@pytest.mark.blender
+@pytest.mark.usefixtures("no_process_left")
+def test_a_survey_with_blender(world: Path, tmp_path: Path, ros_domain_id: int) -> None:
+    out = tmp_path / "out"
+    options = ("--views", "2", "--size", "160x120", "--altitude", "5", "--quality", "preview")
+    result = survey(world, out, ros_domain_id, *options)
+    assert result.returncode == 0, result.stderr
+    figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert figures["backend"] == "blender"
+    assert figures["blender_version"].startswith(("4.5.", "5.2."))
+    _check_bag(out / "bag", views=2)

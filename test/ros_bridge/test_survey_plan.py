@@ -1,0 +1,48 @@
+"""The grid of a survey."""
+
+import numpy as np
+import pytest
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import PinholeIntrinsics
+from oaisys_ros_bridge.survey_plan import plan_survey
+
+CAMERA = PinholeIntrinsics(640, 480, 541.14, 541.14, 319.5, 239.5)
+STAGE = (-32.0, -32.0, 32.0, 32.0)
+
+
+def test_thirty_views_are_six_by_five_and_centred() -> None:
+    plan = plan_survey(30, 10.0, 0.35, CAMERA, STAGE)
+    assert plan.columns == 6
+    assert plan.xy_m.shape == (30, 2)
+    assert np.allclose(plan.xy_m.mean(axis=0), 0)
+    assert plan.xy_m[0, 0] < 0 < plan.xy_m[0, 1], "it begins in the north-west"
+
+
+def test_neighbours_share_what_was_asked_for() -> None:
+    plan = plan_survey(30, 10.0, 0.35, CAMERA, STAGE)
+    step_x_m, step_y_m = plan.xy_m[1, 0] - plan.xy_m[0, 0], plan.xy_m[0, 1] - plan.xy_m[6, 1]
+    assert step_x_m == pytest.approx(0.65 * 10 * 640 / 541.14)
+    assert step_y_m == pytest.approx(0.65 * 10 * 480 / 541.14)
+
+
+@pytest.mark.parametrize("views", [1, 2, 7, 31])
+def test_any_number_of_views_fits(views: int) -> None:
+    plan = plan_survey(views, 5.0, 0.5, CAMERA, STAGE)
+    assert len(plan.xy_m) == views
+
+
+@pytest.mark.parametrize(
+    ("views", "altitude_m", "overlap", "word"),
+    [
+        (0, 10, 0.3, "views"),
+        (3, 0, 0.3, "altitude"),
+        (3, 10, 1.0, "overlap"),
+        (30, 40, 0.0, "fits"),
+    ],
+)
+def test_impossible_surveys_are_refused(
+    views: int, altitude_m: float, overlap: float, word: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=word):
+        plan_survey(views, altitude_m, overlap, CAMERA, STAGE)
