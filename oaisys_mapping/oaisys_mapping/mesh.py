@@ -7,7 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
+
+FEWEST_POINTS = 20_000
+"""Points spread over even the smallest surface, so that shares come out to a percent."""
 
 
 @dataclass(frozen=True)
@@ -32,12 +36,16 @@ class SurfacePoints:
     Attributes:
         points_m: (N, 3) float64.
         normals: (N, 3) float64 unit normals of their triangles.
-        triangle_ids: (N,) int64.
+        area_m2: How much of the surface each point stands for.
     """
 
     points_m: FloatArray
     normals: FloatArray
-    triangle_ids: NDArray[np.int64]
+    area_m2: float
+
+    def only(self, chosen: NDArray[np.bool_]) -> SurfacePoints:
+        """Return the points where ``chosen`` (N,) holds."""
+        return SurfacePoints(self.points_m[chosen], self.normals[chosen], self.area_m2)
 
 
 def triangle_areas_m2(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> FloatArray:
@@ -46,15 +54,31 @@ def triangle_areas_m2(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> F
 
 
 def sample_surface(
-    vertices_m: FloatArray, triangles: NDArray[np.int32], count: int, rng: np.random.Generator
+    vertices_m: FloatArray,
+    triangles: NDArray[np.int32],
+    spacing_m: float,
+    most: int,
+    rng: np.random.Generator,
 ) -> SurfacePoints:
-    """Return ``count`` points spread evenly by area: one at a random place of each equal share.
+    """Return points spread evenly by area: one at a random place of each equal share.
 
     Systematic sampling along the cumulated area; within its triangle a point is uniform (Osada et
     al., "Shape distributions", ACM TOG 21(4), 2002, eq. 1).
+
+    Args:
+        vertices_m: (V, 3).
+        triangles: (T, 3).
+        spacing_m: A point stands for the square of this.
+        most: Where that would give more points, each stands for more.
+        rng: Gives the places.
+
+    Raises:
+        InvalidInputError: The triangles have no area.
     """
-    areas_m2 = triangle_areas_m2(vertices_m, triangles)
-    cumulated = np.cumsum(areas_m2)
+    cumulated = np.cumsum(triangle_areas_m2(vertices_m, triangles))
+    if not (len(cumulated) and 0 < cumulated[-1] < np.inf):
+        raise InvalidInputError("mesh", f"{len(cumulated)} triangles", "a surface with an area")
+    count = int(np.clip(cumulated[-1] / spacing_m**2, FEWEST_POINTS, most))
     place = (np.arange(count) + rng.uniform()) * (cumulated[-1] / count)
     ids = np.minimum(np.searchsorted(cumulated, place, side="right"), len(triangles) - 1)
     a, b, c = (vertices_m[triangles[ids, corner]] for corner in range(3))
@@ -62,7 +86,7 @@ def sample_surface(
     points_m = (1 - root) * a + root * (1 - along) * b + root * along * c
     normals = _cross(vertices_m, triangles[ids])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return SurfacePoints(points_m, normals, ids)
+    return SurfacePoints(points_m, normals, float(cumulated[-1]) / count)
 
 
 def in_canonical_order(mesh: ColoredMesh) -> ColoredMesh:
@@ -79,4 +103,5 @@ def in_canonical_order(mesh: ColoredMesh) -> ColoredMesh:
 
 def _cross(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> FloatArray:
     a, b, c = (vertices_m[triangles[:, corner]] for corner in range(3))
-    return np.asarray(np.cross(b - a, c - a))
+    (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
+    return np.column_stack((uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx))

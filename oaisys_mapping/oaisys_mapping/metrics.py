@@ -1,7 +1,8 @@
 """How true a reconstruction is: the field's standard figures against a true mesh.
 
 Accuracy, completion and F-score as in Knapitsch et al., "Tanks and Temples", ACM TOG 36(4), 2017:
-distances from points spread evenly over the reconstruction to the truth, and back. Everything
+distances from points spread evenly over the reconstruction to the truth, and back. Accuracy counts
+all of the reconstruction, artefacts in the air and beyond the truth's border included. Everything
 about completeness counts only truth that the poses could see, so that a map is not blamed for what
 a planner did not look at.
 """
@@ -20,13 +21,14 @@ from scipy import ndimage
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, TriangleMesh
 from oaisys_mapping.mesh import ColoredMesh, SurfacePoints, sample_surface
-from oaisys_mapping.visibility import View, raycasting_scene, visible_from_any
+from oaisys_mapping.visibility import View, raycasting_scene, visible_from_any, within_reach
 
-SAMPLES = 200_000
-"""Points spread over the reconstruction, and over the truth near the views."""
+MOST_POINTS = 1_000_000
+"""Points spread over a surface, one per square of a voxel's size, or fewer where it is larger."""
 
-BORDER_VOXELS = 2
-"""Width of the surveyed area's rim where a missing surface is no hole: cubes need all corners."""
+HOLE_VOXELS = 2
+"""How far from the truth, along its normal, a surface may lie and still close a hole; and the width
+of the surveyed area's rim, where a missing surface is none: a cube needs all of its corners."""
 
 
 @dataclass(frozen=True)
@@ -40,8 +42,9 @@ class ReconstructionMetrics:
         completion_ratio, completion_ratio_2: Share of visible truth within 1 and 2 voxels of it.
         precision, precision_2: Share of the reconstruction within 1 and 2 voxels of the truth.
         f_score, f_score_2: Harmonic mean of precision and completion at one and two voxels.
-        hole_ratio: Share of the surveyed area, its rim apart, with nothing reconstructed above it.
-        surveyed_area_m2: Ground area of the visible truth.
+        hole_ratio: Share of the visible truth, the rim of the surveyed area apart, with nothing
+            reconstructed within `HOLE_VOXELS` along its normal, on either side.
+        surveyed_area_m2: Area of the visible truth as seen from above.
         visible_samples, reconstruction_samples: How many points were measured.
     """
 
@@ -122,7 +125,8 @@ def evaluate_reconstruction(
 
     Args:
         mesh: The reconstruction.
-        truth: The true surface, in the same frame.
+        truth: The true surface, in the same frame, its triangles wound counter-clockwise from
+            outside.
         views: Where the cameras were; None: all truth counts as visible.
         voxel_size_m: The tolerance of completion and F-score.
         max_range_m: Depth beyond which nothing counts as visible.
@@ -137,13 +141,12 @@ def evaluate_reconstruction(
         raise InvalidInputError("truth", "0 triangles", "a mesh with a surface")
     truth_scene = raycasting_scene(truth.vertices_m, truth.triangles)
     mesh_scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
-    visible = _visible_truth(truth, truth_scene, views, max_range_m, rng)
-    points = sample_surface(mesh.vertices_m, mesh.triangles, SAMPLES, rng)
+    visible = _visible_truth(truth, truth_scene, views, voxel_size_m, max_range_m, rng)
+    points = sample_surface(mesh.vertices_m, mesh.triangles, voxel_size_m, MOST_POINTS, rng)
     to_truth_m = _distances(points.points_m, truth_scene)
     to_mesh_m = _distances(visible.points_m, mesh_scene)
-    top_m = float(mesh.vertices_m[:, 2].max())
-    holes, area_m2 = _holes(mesh_scene, top_m, visible, voxel_size_m)
-    metrics = _metrics(voxel_size_m, to_truth_m, to_mesh_m, holes, area_m2)
+    holes = _holes(mesh_scene, visible, voxel_size_m)
+    metrics = _metrics(voxel_size_m, to_truth_m, to_mesh_m, holes, visible)
     return Evaluation(metrics, points, to_truth_m, visible, to_mesh_m)
 
 
@@ -152,7 +155,7 @@ def _metrics(
     to_truth_m: FloatArray,
     to_mesh_m: FloatArray,
     hole_ratio: float,
-    area_m2: float,
+    visible: SurfacePoints,
 ) -> ReconstructionMetrics:
     precision, precision_2 = (float((to_truth_m <= n * voxel_size_m).mean()) for n in (1, 2))
     completion, completion_2 = (float((to_mesh_m <= n * voxel_size_m).mean()) for n in (1, 2))
@@ -169,7 +172,7 @@ def _metrics(
         f_score=_harmonic_mean(precision, completion),
         f_score_2=_harmonic_mean(precision_2, completion_2),
         hole_ratio=hole_ratio,
-        surveyed_area_m2=area_m2,
+        surveyed_area_m2=float(np.abs(visible.normals[:, 2]).sum()) * visible.area_m2,
         visible_samples=len(to_mesh_m),
         reconstruction_samples=len(to_truth_m),
     )
@@ -183,46 +186,20 @@ def _visible_truth(
     truth: TriangleMesh,
     scene: Any,
     views: Sequence[View] | None,
+    voxel_size_m: float,
     max_range_m: float,
     rng: np.random.Generator,
 ) -> SurfacePoints:
+    triangles = truth.triangles
     if views is None:
-        return sample_surface(truth.vertices_m, truth.triangles, SAMPLES, rng)
-    near = _near_views(truth, views, max_range_m)
-    points = sample_surface(truth.vertices_m, truth.triangles[near], SAMPLES, rng)
-    seen = visible_from_any(points, views, scene, max_range_m)
-    if not seen.any():
-        raise InvalidInputError("views", f"{len(views)} views", "views that see the truth")
-    return SurfacePoints(points.points_m[seen], points.normals[seen], points.triangle_ids[seen])
-
-
-def _near_views(
-    truth: TriangleMesh, views: Sequence[View], max_range_m: float
-) -> NDArray[np.bool_]:
-    """Return (T,) which triangles have a corner in some image, occlusion apart, and its margin.
-
-    Only spares samples on truth that no view can see; a margin of half an image keeps large
-    triangles.
-    """
-    corners = truth.vertices_m
-    near = np.zeros(len(corners), bool)
-    for view in views:
-        T = view.T_map_camera
-        camera_m = (corners - T[:3, 3]) @ T[:3, :3]
-        z = camera_m[:, 2]
-        camera = view.intrinsics
-        with np.errstate(divide="ignore", invalid="ignore"):
-            u = camera.fx_px * camera_m[:, 0] / z + camera.cx_px
-            v = camera.fy_px * camera_m[:, 1] / z + camera.cy_px
-        margin_x, margin_y = camera.width_px / 2, camera.height_px / 2
-        near |= (
-            (z > 0)
-            & (z <= 2 * max_range_m)
-            & (np.abs(u - camera.cx_px) <= camera.width_px / 2 + margin_x)
-            & (np.abs(v - camera.cy_px) <= camera.height_px / 2 + margin_y)
-        )
-    kept = near[truth.triangles].any(axis=1)
-    return kept if kept.any() else np.ones(len(truth.triangles), bool)
+        return sample_surface(truth.vertices_m, triangles, voxel_size_m, MOST_POINTS, rng)
+    triangles = triangles[within_reach(truth, views, max_range_m)]
+    if len(triangles):
+        points = sample_surface(truth.vertices_m, triangles, voxel_size_m, MOST_POINTS, rng)
+        seen = visible_from_any(points, views, scene, max_range_m)
+        if seen.any():
+            return points.only(seen)
+    raise InvalidInputError("views", f"{len(views)} views", "views that see the truth")
 
 
 def _distances(points_m: FloatArray, scene: Any) -> FloatArray:
@@ -231,29 +208,32 @@ def _distances(points_m: FloatArray, scene: Any) -> FloatArray:
     return np.asarray(scene.compute_distance(query).numpy(), np.float64)
 
 
-def _holes(
-    scene: Any, top_m: float, visible: SurfacePoints, voxel_size_m: float
-) -> tuple[float, float]:
-    """Return the share of the surveyed area with nothing reconstructed, and that area in m².
+def _holes(mesh_scene: Any, visible: SurfacePoints, voxel_size_m: float) -> float:
+    """Return `ReconstructionMetrics.hole_ratio`.
 
-    The area is made of square cells of two voxels with visible truth in them; its outer rim does
-    not count. A cell is a hole where a vertical line through its middle meets no triangle.
+    A line along the normal finds the border of a hole where it is; distances would shrink a hole
+    by their tolerance all around.
     """
-    cell_m = 2 * voxel_size_m
-    low = visible.points_m[:, :2].min(axis=0)
-    cells = np.floor((visible.points_m[:, :2] - low) / cell_m).astype(np.intp)
-    seen = np.zeros(cells.max(axis=0) + 1, bool)
+    reach_m = HOLE_VOXELS * voxel_size_m
+    inside = _off_the_rim(visible, reach_m)
+    normals = visible.normals[inside]
+    rays = np.column_stack((visible.points_m[inside] - reach_m * normals, 2 * reach_m * normals))
+    # The rays are as long as the line, so what lies on it is met before 1.
+    met = mesh_scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
+    return float((met > 1).mean())
+
+
+def _off_the_rim(visible: SurfacePoints, rim_m: float) -> NDArray[np.bool_]:
+    """Return (N,) which points lie further than ``rim_m`` inside the surveyed area.
+
+    The area is made of square cells with visible points in them, from above; gaps inside it (the
+    blind side of a rock) do not make a rim. Where it is all rim, all of it counts.
+    """
+    cell_m = max(rim_m, 2 * float(np.sqrt(visible.area_m2)))
+    xy_m = visible.points_m[:, :2]
+    cells = np.floor((xy_m - xy_m.min(axis=0)) / cell_m).astype(np.intp) + 2
+    seen = np.zeros(cells.max(axis=0) + 3, bool)
     seen[tuple(cells.T)] = True
-    area_m2 = float(seen.sum()) * cell_m**2
-    rim = max(1, BORDER_VOXELS // 2)
-    filled = ndimage.binary_fill_holes(ndimage.binary_closing(np.pad(seen, 2)))[2:-2, 2:-2]
-    inside = seen & ndimage.binary_erosion(filled, iterations=rim)
-    if not inside.any():
-        inside = seen
-    middles_m = low + (np.argwhere(inside) + 0.5) * cell_m
-    rays = np.zeros((len(middles_m), 6), np.float32)
-    rays[:, :2] = middles_m
-    rays[:, 2] = top_m + 1
-    rays[:, 5] = -1
-    missed = ~np.isfinite(scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy())
-    return float(missed.mean()), area_m2
+    area = ndimage.binary_fill_holes(ndimage.binary_closing(seen, np.ones((3, 3))))
+    inside = ndimage.binary_erosion(area, np.ones((3, 3)))[tuple(cells.T)]
+    return np.asarray(inside if inside.any() else np.ones_like(inside))

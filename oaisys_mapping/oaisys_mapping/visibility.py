@@ -1,4 +1,8 @@
-"""Which points of a surface some camera could see."""
+"""Which part of a surface some camera could see.
+
+Visibility is decided for points spread evenly over the surface, not for pixels: pixels are dense
+where a surface is near and faces the camera, so that counting them would weigh its parts unevenly.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +14,8 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from oaisys_core.geometry import invert, project
-from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_core.geometry import invert, project, unproject
+from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints
 
 OCCLUSION_TOLERANCE = 2e-3
@@ -28,6 +32,46 @@ class View:
 
     intrinsics: PinholeIntrinsics
     T_map_camera: FloatArray
+
+
+def within_reach(
+    truth: TriangleMesh, views: Sequence[View], max_range_m: float
+) -> NDArray[np.bool_]:
+    """Return (T,) which triangles touch the box around everything that some view could see.
+
+    None that a view sees is left out, however large it is; it spares samples on a truth that is
+    much larger than what was surveyed.
+    """
+    heights_m = truth.vertices_m[:, 2]
+    slab_m = (float(heights_m.min()), float(heights_m.max()))
+    corners_m = [_frustum_in_slab(view, max_range_m, slab_m) for view in views]
+    found_m = np.concatenate([np.empty((0, 3)), *corners_m])
+    if not len(found_m):
+        return np.zeros(len(truth.triangles), bool)
+    outside = np.zeros(len(truth.vertices_m), np.uint8)
+    for axis in range(3):
+        outside |= (truth.vertices_m[:, axis] < found_m[:, axis].min()).astype(np.uint8) << axis
+        outside |= (truth.vertices_m[:, axis] > found_m[:, axis].max()).astype(np.uint8) << axis + 3
+    a, b, c = (outside[truth.triangles[:, corner]] for corner in range(3))
+    return np.asarray((a & b & c) == 0)
+
+
+def _frustum_in_slab(view: View, max_range_m: float, slab_m: tuple[float, float]) -> FloatArray:
+    """Return the (N, 3) corners of a view's pyramid, cut off below and above two heights."""
+    camera = view.intrinsics
+    pixels = [(u, v) for v in (0, camera.height_px - 1) for u in (0, camera.width_px - 1)]
+    far_m = unproject(pixels, [max_range_m] * 4, camera)
+    corners_m = np.vstack((np.zeros(3), far_m)) @ view.T_map_camera[:3, :3].T
+    corners_m += view.T_map_camera[:3, 3]
+    low_m, high_m = slab_m[0] - 1e-6, slab_m[1] + 1e-6
+    kept = [corners_m[(corners_m[:, 2] >= low_m) & (corners_m[:, 2] <= high_m)]]
+    edges = ((0, 1), (0, 2), (0, 3), (0, 4), (1, 2), (2, 4), (4, 3), (3, 1))
+    for start_m, end_m in (corners_m[list(edge)] for edge in edges):
+        for height_m in (low_m, high_m):
+            if (start_m[2] - height_m) * (end_m[2] - height_m) < 0:
+                share = (height_m - start_m[2]) / (end_m[2] - start_m[2])
+                kept.append((start_m + share * (end_m - start_m))[None])
+    return np.concatenate(kept)
 
 
 def raycasting_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:

@@ -6,7 +6,13 @@ import pytest
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_looking_down, pose_to_matrix
+from oaisys_core.geometry import (
+    T_LINK_OPTICAL,
+    pixel_rays,
+    pose_looking_at,
+    pose_looking_down,
+    pose_to_matrix,
+)
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 from oaisys_mapping.mesh import ColoredMesh, sample_surface, triangle_areas_m2
 from oaisys_mapping.metrics import ReconstructionMetrics, Thresholds, evaluate_reconstruction
@@ -15,6 +21,9 @@ from oaisys_mapping.visibility import View
 
 CAMERA = PinholeIntrinsics(160, 120, 135.285, 135.285, 79.5, 59.5)
 VOXEL_M = 0.10
+IMAGE_AT_6_M_M2 = (159 / 135.285 * 6) * (119 / 135.285 * 6)
+"""What the camera sees of level ground 6 m below, from the first pixel's centre to the last's."""
+
 CLOSED = Thresholds(max_rmse_m=0.05, min_completion=0.95, min_f_score=0.95)
 
 
@@ -72,8 +81,8 @@ def test_a_hole_of_known_area_is_found() -> None:
     centres_m = vertices_m[triangles].mean(axis=1)
     kept = np.abs(centres_m[:, :2]).max(axis=1) > 1.0
     figures = measure(colored(vertices_m, triangles[kept]), TriangleMesh(vertices_m, triangles))
-    assert figures.surveyed_area_m2 == pytest.approx(64, rel=0.06)
-    # The rim of one cell of 2 voxels, where a missing surface is no hole, is not in the area.
+    assert figures.surveyed_area_m2 == pytest.approx(64)
+    # The rim of 2 voxels, where a missing surface is no hole, is not in the area.
     assert figures.hole_ratio == pytest.approx(4 / 7.6**2, rel=0.02)
 
 
@@ -95,13 +104,9 @@ def test_only_what_the_views_see_must_be_complete() -> None:
     )
     view = down(0.0, 0.0, 6.0)
     figures = measure(colored(truth.vertices_m, truth.triangles), truth, [view])
-    # On the floor an image of 160 x 120 pixels at 6 m; the roof, at 4 m, hides 1.5 times its edge.
-    # The surveyed area is counted on the ground.
-    width_m, height_m = 159 / 135.285 * 6, 119 / 135.285 * 6
-    expected_m2 = width_m * height_m - 3 * 3 + 2 * 2
-    # A cell that is seen in part counts, which adds half a cell of 0.2 m along every edge.
-    edges_m = 2 * (width_m + height_m) + 4 * 3 + 4 * 2
-    assert figures.surveyed_area_m2 == pytest.approx(expected_m2 + 0.1 * edges_m, rel=0.05)
+    # The roof, at 4 m, hides 1.5 times its edge. The surveyed area is counted on the ground.
+    expected_m2 = IMAGE_AT_6_M_M2 - 3 * 3 + 2 * 2
+    assert figures.surveyed_area_m2 == pytest.approx(expected_m2, rel=0.01)
     assert figures.completion_ratio == 1.0
     only_floor = measure(colored(*floor), truth, [view])
     assert only_floor.completion_ratio == pytest.approx(1 - 4 / expected_m2, abs=0.01)
@@ -123,10 +128,68 @@ def test_samples_are_spread_by_area() -> None:
     vertices_m = np.array([(0, 0, 0), (4, 0, 0), (0, 4, 0), (9, 0, 0), (10, 0, 0), (9, 1, 0.0)])
     triangles = np.array([[0, 1, 2], [3, 4, 5]], np.int32)
     assert triangle_areas_m2(vertices_m, triangles).tolist() == [8.0, 0.5]
-    points = sample_surface(vertices_m, triangles, 17_000, np.random.default_rng(0))
-    assert (points.triangle_ids == 1).sum() == pytest.approx(1000, abs=2)
-    middle_m = points.points_m[points.triangle_ids == 0].mean(axis=0)
-    assert np.allclose(middle_m, (4 / 3, 4 / 3, 0), atol=0.05)
+    points = sample_surface(vertices_m, triangles, 1e-3, 34_000, np.random.default_rng(0))
+    is_small = points.points_m[:, 0] > 5
+    assert len(is_small) == 34_000
+    assert is_small.sum() == pytest.approx(2000, abs=1)
+    assert points.area_m2 == pytest.approx(8.5 / 34_000)
+    assert np.allclose(points.points_m[~is_small].mean(axis=0), (4 / 3, 4 / 3, 0), atol=0.05)
+    assert np.allclose(points.normals, (0, 0, 1))
+
+
+def test_a_surface_without_area_is_an_error() -> None:
+    line_m = np.array([(0, 0, 0), (1, 0, 0), (2, 0, 0.0)])
+    mesh = colored(line_m, np.array([[0, 1, 2]], np.int32))
+    with pytest.raises(InvalidInputError, match="area"):
+        measure(mesh, TriangleMesh(*grid_mesh((-1, 1), (-1, 1), 0.0)))
+
+
+def test_triangles_larger_than_the_view_count() -> None:
+    """Two triangles make the ground, with all corners far outside of the image."""
+    corners_m = np.array([(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0.0)])
+    ground = TriangleMesh(corners_m, np.array([[0, 1, 2], [0, 2, 3]], np.int32))
+    rock_m, rock = grid_mesh((-0.5, 0.5), (-0.5, 0.5), 0.5)
+    truth = TriangleMesh(
+        np.vstack((corners_m, rock_m)), np.vstack((ground.triangles, rock + 4)).astype(np.int32)
+    )
+    view = down(0.3, -0.2, 6.0)
+    figures = measure(colored(truth.vertices_m, truth.triangles), truth, [view])
+    hidden_m2 = (6 / 5.5) ** 2 - 1
+    assert figures.surveyed_area_m2 == pytest.approx(IMAGE_AT_6_M_M2 - hidden_m2, rel=0.02)
+    without_rock = measure(colored(*grid_mesh((-9, 9), (-9, 9), 0.0)), truth, [view])
+    assert without_rock.completion_ratio == pytest.approx(
+        1 - 1 / figures.surveyed_area_m2, abs=3e-3
+    )
+
+
+def test_what_lies_out_of_range_is_not_asked_for() -> None:
+    floor = grid_mesh((-6, 6), (-6, 6), 0.0)
+    step = grid_mesh((-1, 1), (-1, 1), 2.0)
+    truth = TriangleMesh(
+        np.vstack((floor[0], step[0])), np.vstack((floor[1], step[1] + len(floor[0])))
+    )
+    rng = np.random.default_rng(0)
+    found = evaluate_reconstruction(
+        colored(*step), truth, [down(0, 0, 6.0)], VOXEL_M, max_range_m=5.0, rng=rng
+    )
+    assert found.metrics.surveyed_area_m2 == pytest.approx(4, rel=0.02)
+    assert found.metrics.completion_ratio == 1.0
+
+
+def test_an_oblique_view_sees_the_near_side_of_a_ridge() -> None:
+    """A ridge of 45 degrees along y, looked at from beside: its far side is hidden."""
+    x_m = np.array([-6.0, -2.0, 0.0, 2.0, 6.0])
+    z_m = np.array([0.0, 0.0, 2.0, 0.0, 0.0])
+    near, far = (np.column_stack((x_m, np.full(5, y), z_m)) for y in (-9.0, 9.0))
+    strip = np.array([(i, i + 1, i + 6, i, i + 6, i + 5) for i in range(4)], np.int32)
+    truth = TriangleMesh(np.vstack((near, far)), strip.reshape(-1, 3))
+    T = pose_to_matrix(pose_looking_at((-5, 0, 1.5), (0, 0, 1.0))) @ T_LINK_OPTICAL
+    rng = np.random.default_rng(0)
+    seen = evaluate_reconstruction(
+        colored(truth.vertices_m, truth.triangles), truth, [View(CAMERA, T)], VOXEL_M, 60, rng
+    ).visible_truth
+    assert (seen.points_m[:, 0] <= 1e-6).all()
+    assert (seen.normals[seen.points_m[:, 0] > -2] @ (-1, 0, 1) > 1.4).all()
 
 
 @pytest.fixture(scope="module")
