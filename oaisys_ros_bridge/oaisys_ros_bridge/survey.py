@@ -218,7 +218,7 @@ def _write_config(options: SurveyOptions) -> Path:
     result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     if result.returncode != 0:
         fault = result.stderr.strip().removeprefix("oaisys: ")
-        raise ConfigError(fault) if result.returncode == 2 else OaisysError(fault)  # noqa: PLR2004
+        raise ConfigError(fault) if result.returncode == 2 else OaisysError(fault)
     path = options.out / "config.yaml"
     path.write_text(result.stdout, encoding="utf-8")
     return path
