@@ -11,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -27,6 +28,7 @@ _LOG = logging.getLogger(__name__)
 _POLL_S = 0.05
 _LINES_KEPT = 20
 _END_S = 2.0
+_FOLDER = "oaisys-worker-"
 _OTHER_ENVIRONMENTS = ("LD_LIBRARY_PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX")
 """Of this interpreter's environment; another interpreter must not get them."""
 
@@ -39,6 +41,10 @@ class WorkerProcess:
 
         The kernel ends a worker with the thread that started it.
         """
+        # Blender's own temporary files would stay behind when it is killed.
+        self._folder = tempfile.TemporaryDirectory(
+            prefix="oaisys-worker-", ignore_cleanup_errors=True
+        )
         ours, theirs = socket.socketpair()
         with theirs:
             command = [python, "-m", "oaisys_grpc.worker"]
@@ -49,7 +55,7 @@ class WorkerProcess:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 pass_fds=[theirs.fileno()],
-                env=worker_environment(python, os.environ),
+                env={**worker_environment(python, os.environ), "TMPDIR": self._folder.name},
                 process_group=0,
             )
         self._connection = Connection(ours)
@@ -124,6 +130,7 @@ class WorkerProcess:
         self.strike()
         self._process.wait()
         self._connection.close()
+        self._folder.cleanup()
 
     def _read_log(self) -> None:
         assert self._process.stdout is not None

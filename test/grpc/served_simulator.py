@@ -66,14 +66,7 @@ class Server:
     def worker(self) -> psutil.Process:
         """The worker's process, once there is one."""
         return wait_until(
-            lambda: next(
-                (
-                    child
-                    for child in psutil.Process(self.process.pid).children(recursive=True)
-                    if "oaisys_grpc.worker" in child.cmdline()
-                ),
-                None,
-            )
+            lambda: next(filter(_is_worker, psutil.Process(self.process.pid).children()), None)
         )
 
     def end(self) -> None:
@@ -83,6 +76,13 @@ class Server:
         finally:
             self.process.kill()
             self.process.wait()
+
+
+def _is_worker(process: psutil.Process) -> bool:
+    try:
+        return "oaisys_grpc.worker" in process.cmdline()
+    except psutil.Error:  # it ended meanwhile
+        return False
 
 
 def wait_until(condition: Callable[[], Any]) -> Any:

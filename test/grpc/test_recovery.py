@@ -10,6 +10,7 @@ import psutil
 import pytest
 from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, wait_until
 
+from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import (
     BackendUnavailableError,
     DeadlineExceededError,
@@ -17,7 +18,8 @@ from oaisys_core.errors import (
     WorkerLostError,
 )
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.types import Progress, Sample
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata, Progress, Sample
 from oaisys_grpc.client import SimulatorClient
 from oaisys_grpc.faults import ServerUnavailableError
 
@@ -43,12 +45,12 @@ def render_until(client: SimulatorClient, begun: threading.Event) -> Sample:
 def test_a_killed_worker_is_replaced_and_goes_on_as_if_nothing_had_happened(
     start_server: StartServer,
 ) -> None:
-    with start_server(ROCKY_WORLD).client() as control:
-        control.step_batch()
-        control.step_batch(reuse_stage=True)
-        control.render_sample(POSES[0])
-        expected = control.render_sample(POSES[1])
-    server = start_server(ROCKY_WORLD, OAISYS_FAULT="slow", **TEST_BUILD)
+    control = Simulation(config_from_mapping(ROCKY_WORLD))
+    control.step_batch()
+    control.step_batch(reuse_stage=True)
+    control.step_sample(ModuleMetadata(sensor={"pose": POSES[0]}))
+    expected = control.step_sample(ModuleMetadata(sensor={"pose": POSES[1]}))
+    server = start_server(ROCKY_WORLD, OAISYS_FAULT="slow:0.3", **TEST_BUILD)
     with server.client() as client, ThreadPoolExecutor() as pool:
         client.step_batch()
         client.step_batch(reuse_stage=True)
@@ -133,7 +135,7 @@ def test_a_killed_server_takes_its_worker_along(start_server: StartServer) -> No
             client.info()
 
 
-@pytest.mark.parametrize("signals", [[signal.SIGINT], [signal.SIGTERM], [signal.SIGINT] * 2])
+@pytest.mark.parametrize("signals", [[signal.SIGTERM], [signal.SIGINT] * 2])
 def test_a_signal_ends_everything_quietly_even_while_it_renders(
     start_server: StartServer, signals: list[signal.Signals]
 ) -> None:
@@ -189,3 +191,28 @@ def test_what_cannot_be_served_is_refused_with_one_line(
     assert said in server.stderr.read_text()
     assert "Traceback" not in server.stderr.read_text()
     assert server.stdout.read_text() == ""
+
+
+@pytest.mark.blender
+def test_a_killed_blender_is_replaced_and_renders_the_same(start_server: StartServer) -> None:
+    camera = {"width_px": 32, "height_px": 24, "fx_px": 27.0, "fy_px": 27.0}
+    world = {**ROCKY_WORLD, "backend": "blender", "sensors": {"cameras": [camera]}}
+    server = start_server(world, OAISYS_FAULT="slow:0.5", **TEST_BUILD)
+    with server.client() as client, ThreadPoolExecutor() as pool:
+        client.step_batch()
+        client.render_sample(POSES[0], modalities=["depth"])
+        begun = threading.Event()
+        killed = pool.submit(render_until, client, begun)
+        assert begun.wait(PATIENCE_S)
+        server.worker().kill()
+        with pytest.raises(WorkerLostError, match="SIGKILL"):
+            killed.result(PATIENCE_S)
+        sample = client.render_sample(POSES[1])
+        client.step_batch(seed=sample.provenance.batch_seed)
+        control = client.render_sample(POSES[1])
+    assert sample.sample_id == 2
+    assert labels_of(sample) == labels_of(control)
+    assert (sample.frame("camera", "depth").data > 1).all()
+    rgb, control_rgb = (s.frame("camera", "rgb").data.astype(int) for s in (sample, control))
+    assert rgb.std() > 1
+    assert np.abs(rgb - control_rgb).max() <= 2
