@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_looking_at, pose_to_matrix
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_mapping import tsdf
+from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume, VolumeFullError
 
 CAMERA = PinholeIntrinsics(320, 240, 270.57, 270.57, 159.5, 119.5)
 
@@ -129,3 +130,53 @@ def test_images_that_do_not_fit_are_refused(field: str, change: dict[str, object
 def test_sizes_must_be_above_zero(name: str) -> None:
     with pytest.raises(InvalidInputError, match=name):
         TsdfConfig(**{name: 0.0})
+
+
+def fused(volume: TsdfVolume) -> TsdfVolume:
+    for x in (-1.0, 0.0, 1.0):
+        T = camera_at((x, 0.5, 7), (x + 0.2, 0, 0))
+        volume.integrate(plane_depth_m(T, np.array([0.1, 0, 0.995]), 0), None, CAMERA, T)
+    return volume
+
+
+def test_growing_does_not_change_the_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+    reserved = fused(TsdfVolume()).extract_mesh()
+    monkeypatch.setattr(tsdf, "INITIAL_BLOCKS", 2)
+    grown = fused(TsdfVolume()).extract_mesh()
+    assert grown.vertices_m.tobytes() == reserved.vertices_m.tobytes()
+    assert grown.triangles.tobytes() == reserved.triangles.tobytes()
+
+
+def test_a_full_volume_says_so_and_stays_as_it_was() -> None:
+    volume = TsdfVolume(TsdfConfig(max_blocks=400))
+    T = camera_at((0.01, 0, 6), (0, 0, 0))
+    volume.integrate(plane_depth_m(T, np.array([0, 0, 1.0]), 0), None, CAMERA, T)
+    before = volume.extract_mesh()
+    far = camera_at((0.01, 0, 40), (0, 0, 0))
+    with pytest.raises(VolumeFullError, match="400 may be used"):
+        volume.integrate(plane_depth_m(far, np.array([0, 0, 1.0]), 0), None, CAMERA, far)
+    assert volume.frames == 1
+    assert np.array_equal(volume.extract_mesh().vertices_m, before.vertices_m)
+
+
+def test_a_few_pixels_do_not_stop_the_mapper() -> None:
+    """Open3D looks at every fourth pixel for where to map, and stops where that finds nothing."""
+    T = camera_at((0.01, 0, 6), (0, 0, 0))
+    volume = TsdfVolume()
+    for place in (101, 100):
+        depth_m = np.full((240, 320), np.inf, np.float32)
+        depth_m[place, place] = 5.0
+        volume.integrate(depth_m, None, CAMERA, T)
+    assert volume.frames == 2
+
+
+def test_a_file_that_is_no_such_volume_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "volume.npz"
+    with pytest.raises(InvalidInputError, match="a saved volume"):
+        TsdfVolume().load(path)
+    path.write_bytes(b"not a volume")
+    with pytest.raises(InvalidInputError, match="a saved volume"):
+        TsdfVolume().load(path)
+    fused(TsdfVolume(TsdfConfig(voxel_size_m=0.2))).save(path)
+    with pytest.raises(InvalidInputError, match=r"0\.1 m"):
+        TsdfVolume().load(path)
