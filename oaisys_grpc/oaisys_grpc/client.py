@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import time
-import uuid
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from types import TracebackType
 from typing import Self
 
 import grpc
 import numpy as np
-from google.protobuf.duration_pb2 import Duration
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from numpy.typing import ArrayLike
 
@@ -25,7 +23,7 @@ from oaisys_core.types import (
     SimulatorInfo,
     TriangleMesh,
 )
-from oaisys_grpc import chunks, conversions
+from oaisys_grpc import chunks, conversions, requests
 from oaisys_grpc.errors import error_from_rpc
 from oaisys_grpc.operation import OperationStatus, status_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -158,10 +156,7 @@ class SimulatorClient:
             sensors: Which of them to render; none named: all.
             on_progress: Told how far it is, on this thread. If it raises, the render is cancelled.
         """
-        request = pb.RenderSampleRequest(
-            request_id=_new_request_id(), modalities=modalities, sensors=sensors
-        )
-        _set_metadata(request, pose, metadata)
+        request = requests.render_sample(pose, metadata, modalities, sensors)
         with _translated():
             call = self._stub.RenderSample(request, timeout=self._timeout_s)
             try:
@@ -182,14 +177,9 @@ class SimulatorClient:
         Args:
             request_id: Makes a repeated request harmless; empty: this call is a new request.
         """
-        request = pb.StepBatchRequest(
-            request_id=request_id or _new_request_id(),
-            reuse_stage=reuse_stage,
-            timeout=self._timeout(),
+        request = requests.step_batch(
+            self._timeout_s, seed, reuse_stage, metadata, request_id=request_id
         )
-        if seed is not None:
-            request.seed = _checked_seed(seed)
-        _set_metadata(request, None, metadata)
         with _translated():
             answer = self._stub.StepBatch(request, timeout=self._timeout_s)
         return answer.operation.name
@@ -204,13 +194,9 @@ class SimulatorClient:
         request_id: str = "",
     ) -> str:
         """Ask for a sample and return the operation's name at once; see `render_sample`."""
-        request = pb.StepSampleRequest(
-            request_id=request_id or _new_request_id(),
-            modalities=modalities,
-            sensors=sensors,
-            timeout=self._timeout(),
+        request = requests.step_sample(
+            self._timeout_s, pose, metadata, modalities, sensors, request_id=request_id
         )
-        _set_metadata(request, pose, metadata)
         with _translated():
             answer = self._stub.StepSample(request, timeout=self._timeout_s)
         return answer.operation.name
@@ -281,11 +267,6 @@ class SimulatorClient:
         """Close the connection; the simulator goes on."""
         self._channel.close()
 
-    def _timeout(self) -> Duration:
-        timeout = Duration()
-        timeout.FromMilliseconds(int(self._timeout_s * 1000))
-        return timeout
-
 
 @contextlib.contextmanager
 def _translated() -> Iterator[None]:
@@ -305,24 +286,3 @@ def _parts_after_progress(
             yield event.part
         elif on_progress is not None:
             on_progress(conversions.progress_from_proto(event.operation.progress))
-
-
-def _set_metadata(
-    request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest,
-    pose: Pose | None,
-    metadata: ModuleMetadata | None,
-) -> None:
-    if metadata is not None:
-        request.metadata.CopyFrom(conversions.metadata_to_proto(metadata))
-    if pose is not None:
-        request.metadata.sensor.pose.CopyFrom(conversions.pose_to_proto(pose))
-
-
-def _new_request_id() -> str:
-    return uuid.uuid4().hex
-
-
-def _checked_seed(seed: int) -> int:
-    if not -(2**63) <= seed < 2**63:
-        raise InvalidInputError("seed", seed, "a whole number from 0 to 2**63 - 1")
-    return seed

@@ -50,7 +50,7 @@ class Server:
         command += ["--address", "127.0.0.1:0", *options]
         with self.stdout.open("w") as out, self.stderr.open("w") as err:
             self.process = subprocess.Popen(
-                command, stdout=out, stderr=err, env={**os.environ, **env}
+                command, stdout=out, stderr=err, env={**os.environ, "TMPDIR": str(folder), **env}
             )
 
     @property
@@ -65,6 +65,7 @@ class Server:
 
     def worker(self) -> psutil.Process:
         """The worker's process, once there is one."""
+        assert self.process.poll() is None, self.stderr.read_text()
         return wait_until(
             lambda: next(filter(_is_worker, psutil.Process(self.process.pid).children()), None)
         )
