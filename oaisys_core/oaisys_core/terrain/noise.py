@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from oaisys_core.types import FloatArray
 
 Field = NDArray[np.float32]
+Coordinates = FloatArray | Field
 
 LATTICE = 256
 """Cells after which noise repeats that need not tile: more than any ground has."""
 
 
 def gradient_noise(
-    x: FloatArray, y: FloatArray, rng: np.random.Generator, period: int = LATTICE
+    x: Coordinates, y: Coordinates, rng: np.random.Generator, period: int = LATTICE
 ) -> Field:
     """Return noise of about -1 to 1 at lattice coordinates; it repeats after ``period`` cells.
 
@@ -53,8 +54,8 @@ def _fade(t: Field) -> Field:
 
 
 def fractal(
-    x: FloatArray,
-    y: FloatArray,
+    x: Coordinates,
+    y: Coordinates,
     rng: np.random.Generator,
     *,
     octaves: int,
@@ -88,7 +89,11 @@ def fractal(
 
 
 def warped(
-    x: FloatArray, y: FloatArray, rng: np.random.Generator, strength: float, octaves: int = 3
+    x: FloatArray,
+    y: FloatArray,
+    rng: np.random.Generator,
+    strength: float,
+    octaves: int = 3,
 ) -> tuple[FloatArray, FloatArray]:
     """Return coordinates displaced by noise (domain warping), by up to about ``strength`` cells."""
     dx = fractal(x, y, rng, octaves=octaves)

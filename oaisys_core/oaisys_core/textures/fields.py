@@ -1,45 +1,54 @@
-"""Tileable fields that textures are made of: noise, stones, cracks, shading by height."""
+"""Tileable fields that textures are made of: noise, cracks, layers, shading by height."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import cv2
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
-from oaisys_core.terrain.noise import Field, fractal, warped
-from oaisys_core.types import FloatArray
+from oaisys_core.terrain.noise import Field, fractal
 
 OCCLUDING_SLOPE = 1.1
 """How deep a hollow, relative to its width, no longer sees half of the sky."""
 
 
-class Stones(NamedTuple):
-    """A layer of stones seen from above.
-
-    Attributes:
-        height: (N, N) float32, 0 where there is none, up to about 1 on the largest.
-        ids: (N, N) int64, which stone; -1 where there is none.
-    """
-
-    height: Field
-    ids: NDArray[np.int64]
-
-
-def unit_grid(size_px: int, cells: int) -> tuple[FloatArray, FloatArray]:
+def unit_grid(size_px: int, cells: int) -> tuple[Field, Field]:
     """Return (N, N) coordinates from 0 to ``cells`` at pixel centres of one tile."""
-    axis = (np.arange(size_px) + 0.5) * (cells / size_px)
+    axis = ((np.arange(size_px) + 0.5) * (cells / size_px)).astype(np.float32)
     x, y = np.meshgrid(axis, axis)
     return x, y
 
 
-def tile_noise(
-    size_px: int, cells: int, rng: np.random.Generator, octaves: int, kind: str = "fbm"
-) -> Field:
-    """Return (N, N) fractal noise that tiles, its largest features a ``cells``-th of the tile."""
+def tile_noise(size_px: int, cells: int, rng: np.random.Generator, rough: float = 1.85) -> Field:
+    """Return (N, N) fractal noise that tiles, of standard deviation 1.
+
+    White noise whose spectrum falls with frequency (Saupe, in "The Science of Fractal Images",
+    1988, spectral synthesis).
+
+    Args:
+        size_px: Edge length of the tile.
+        cells: Lowest frequency, in waves per tile; nothing is larger.
+        rng: Gives the white noise.
+        rough: Exponent of the fall: 1.5 is crumbly, 2.5 smooth.
+    """
+    white = rng.standard_normal((size_px, size_px), dtype=np.float32)
+    frequency = np.hypot(
+        scipy.fft.fftfreq(size_px, 1 / size_px)[:, None],
+        scipy.fft.rfftfreq(size_px, 1 / size_px)[None, :],
+    ).astype(np.float32)
+    gain = np.where(frequency >= cells, np.maximum(frequency, 1) ** np.float32(-rough), 0)
+    # Frequencies just below the lowest one fade in, or the noise would ring.
+    gain += np.where(frequency < cells, (frequency / cells) ** 4, 0) * np.float32(cells**-rough)
+    gain[0, 0] = 0
+    field = scipy.fft.irfft2(scipy.fft.rfft2(white) * gain, s=white.shape)
+    return np.asarray(field / (field.std() + 1e-12), np.float32)
+
+
+def crests(size_px: int, cells: int, rng: np.random.Generator, octaves: int = 5) -> Field:
+    """Return (N, N) ridged noise of 0 to 1 that tiles: sharp crests between hollows."""
     x, y = unit_grid(size_px, cells)
-    return fractal(x, y, rng, octaves=octaves, kind=kind, period=cells, gain=0.55)
+    return fractal(x, y, rng, octaves=octaves, kind="ridged", period=cells, gain=0.55)
 
 
 def grains(size_px: int, rng: np.random.Generator, width_px: float) -> Field:
@@ -57,55 +66,12 @@ def blurred(field: Field, sigma_px: float) -> Field:
     return np.asarray(soft[pad:-pad, pad:-pad], np.float32)
 
 
-def stones(
-    size_px: int, cells: int, rng: np.random.Generator, cover: float, radius: tuple[float, float]
-) -> Stones:
-    """Return irregular stones, at most one a cell of a jittered lattice.
-
-    Args:
-        size_px: Edge length of the tile.
-        cells: Lattice cells along an edge.
-        rng: Gives place, size, shape and turn of each stone.
-        cover: Share of the cells that hold one.
-        radius: Smallest and largest radius in cells, at most 0.9.
-    """
-    x, y = unit_grid(size_px, cells)
-    x, y = _ragged(x, y, cells, rng)
-    shape = (cells, cells)
-    centre_x, centre_y = rng.uniform(0.2, 0.8, shape), rng.uniform(0.2, 0.8, shape)
-    size = rng.uniform(*radius, shape) * (rng.uniform(size=shape) < cover)
-    stretch = rng.uniform(0.65, 1.0, shape)
-    turn = rng.uniform(0, np.pi, shape)
-    facet = rng.uniform(-0.5, 0.5, (2, *shape))
-    height = np.zeros((size_px, size_px), np.float32)
-    ids = np.full((size_px, size_px), -1, np.int64)
-    column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    for d_row in (-1, 0, 1):
-        for d_column in (-1, 0, 1):
-            c, r = column + d_column, row + d_row
-            flat = (r % cells) * cells + c % cells
-            dx = x - c - centre_x.ravel()[flat]
-            dy = y - r - centre_y.ravel()[flat]
-            cos, sin = np.cos(turn).ravel()[flat], np.sin(turn).ravel()[flat]
-            reach = size.ravel()[flat] + 1e-6
-            u = (cos * dx + sin * dy) / reach
-            v = (cos * dy - sin * dx) / (reach * stretch.ravel()[flat])
-            squared = u * u + v * v
-            tilt = 1 + 0.35 * (facet[0].ravel()[flat] * u + facet[1].ravel()[flat] * v)
-            dome = np.sqrt(np.maximum(1 - squared * squared, 0)) * reach * tilt
-            higher = (dome > height) & (reach > 1e-3)
-            height[higher] = dome[higher]
-            ids[higher] = flat[higher]
-    return Stones(height, ids)
-
-
-def _ragged(
-    x: FloatArray, y: FloatArray, cells: int, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Return coordinates warped so that outlines are neither round nor smooth."""
-    dx = fractal(x, y, rng, octaves=3, period=cells, gain=0.6)
-    dy = fractal(x, y, rng, octaves=3, period=cells, gain=0.6)
-    return x + 0.28 * dx, y + 0.28 * dy
+def _warped(
+    x: Field, y: Field, cells: int, rng: np.random.Generator, strength: float
+) -> tuple[Field, Field]:
+    """Return coordinates displaced by smooth, tiling noise of standard deviation ``strength``."""
+    dx, dy = (tile_noise(len(x), cells, rng, 2.4) for _ in range(2))
+    return x + np.float32(strength) * dx, y + np.float32(strength) * dy
 
 
 def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> Field:
@@ -115,10 +81,10 @@ def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> 
     cellular texture basis function", SIGGRAPH 1996).
     """
     x, y = unit_grid(size_px, cells)
-    x, y = _ragged(x, y, cells, rng)
-    jitter = rng.uniform(0.1, 0.9, (2, cells, cells))
-    nearest = np.full(x.shape, 9.0)
-    second = np.full(x.shape, 9.0)
+    x, y = _warped(x, y, cells, rng, 0.16)
+    jitter = rng.uniform(0.1, 0.9, (2, cells, cells)).astype(np.float32)
+    nearest = np.full(x.shape, 9.0, np.float32)
+    second = np.full(x.shape, 9.0, np.float32)
     column, row = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     for d_row in (-1, 0, 1):
         for d_column in (-1, 0, 1):
@@ -133,7 +99,7 @@ def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> 
 def strata(size_px: int, bands: int, rng: np.random.Generator) -> Field:
     """Return (N, N) wavy layers of -1 to 1 along the tile's rows, ``bands`` of them, that tile."""
     x, y = unit_grid(size_px, 4)
-    _, y = warped_tile(x, y, rng)
+    _, y = _warped(x, y, 4, rng, 0.15)
     profile = np.interp(
         np.linspace(0, bands, 512, endpoint=False),
         np.arange(bands + 1),
@@ -142,13 +108,14 @@ def strata(size_px: int, bands: int, rng: np.random.Generator) -> Field:
     return np.asarray(profile[np.floor(y / 4 * 512).astype(np.int64) % 512], np.float32)
 
 
-def warped_tile(
-    x: FloatArray, y: FloatArray, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
-    """Return coordinates of a tile of 4 cells, displaced by noise that tiles with it."""
-    dx = fractal(x, y, rng, octaves=4, period=4)
-    dy = fractal(x, y, rng, octaves=4, period=4)
-    return x + 0.6 * dx, y + 0.6 * dy
+def ripples(size_px: int, waves: tuple[int, int], rng: np.random.Generator, bend: float) -> Field:
+    """Return (N, N) wavy crests of -1 to 1 that tile, ``waves`` of them along x and y.
+
+    ``bend`` is how far a crest strays, as a share of the tile.
+    """
+    x, y = unit_grid(size_px, 1)
+    x, y = _warped(x, y, 3, rng, bend)
+    return np.asarray(np.sin(np.float32(2 * np.pi) * (waves[0] * x + waves[1] * y)), np.float32)
 
 
 def occlusion(height: Field, radius_px: float) -> Field:
@@ -172,17 +139,3 @@ def normals_from_height(height: Field, relief_m: float, tile_m: float) -> NDArra
     normal = np.stack((-right, -up, np.ones_like(height)), axis=-1)
     normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
     return np.asarray(np.rint((normal * 0.5 + 0.5) * 255), np.uint8)
-
-
-__all__ = [
-    "Stones",
-    "blurred",
-    "cracks",
-    "grains",
-    "normals_from_height",
-    "occlusion",
-    "stones",
-    "strata",
-    "tile_noise",
-    "warped",
-]

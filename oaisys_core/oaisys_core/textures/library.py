@@ -19,7 +19,7 @@ from oaisys_core.textures.procedural import RECIPES
 
 LOG = logging.getLogger(__name__)
 
-RECIPE_VERSION = 1
+RECIPE_VERSION = 2
 """Part of the cache's key; raised whenever a recipe changes."""
 
 TEXTURES = frozenset(RECIPES)
@@ -54,13 +54,14 @@ def make_texture_set(name: str, size_px: int, seed: int) -> PbrMaps:
     """Return a built-in texture set, made anew."""
     recipe = RECIPES[name]
     surface = recipe.make(size_px, randomness.stream(seed, f"texture/{name}"))
-    low, high = surface.height.min(), surface.height.max()
-    height = ((surface.height - low) / max(high - low, np.float32(1e-9))).astype(np.float32)
+    low, high = float(surface.height.min()), float(surface.height.max())
+    relief = max(high - low, 1e-9)
+    height = ((surface.height - np.float32(low)) / np.float32(relief)).astype(np.float32)
     return PbrMaps(
         name=name,
         color_srgb=np.rint(surface.color * 255).astype(np.uint8),
         height=height,
-        normal_gl=normals_from_height(height, recipe.relief_m, recipe.tile_m),
+        normal_gl=normals_from_height(height, relief * recipe.tile_m, recipe.tile_m),
         roughness=np.rint(surface.roughness * 255).astype(np.uint8),
         tile_m=recipe.tile_m,
     )

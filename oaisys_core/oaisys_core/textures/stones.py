@@ -1,0 +1,166 @@
+"""Stones poured over a tile: convex, faceted, overlapping, each resting on what lies below it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.terrain.noise import Field
+from oaisys_core.types import FloatArray
+
+SIDES, TOPS = 8, 3
+"""Facets around a stone and on top of it."""
+
+CHUNK_PX = 400_000
+"""Pixels computed at once; the stones of one chunk do not rest on each other."""
+
+
+class Pour(NamedTuple):
+    """One pour of stones.
+
+    Attributes:
+        number: How many fall on the tile.
+        radius: (smallest, largest) radius as a share of the tile's edge.
+        exponent: Power law of sizes: the number above radius R goes as R**-exponent.
+        flatness: Height of a stone relative to its radius.
+        edge: Softness of its edges, 0.02 for broken and 0.15 for worn stones.
+        buried: Share of its height that is in the ground.
+    """
+
+    number: int
+    radius: tuple[float, float]
+    exponent: float = 2.0
+    flatness: float = 0.8
+    edge: float = 0.05
+    buried: float = 0.3
+
+
+class Bed:
+    """A tile's surface while stones are poured on it.
+
+    Attributes:
+        height: (N, N) float32 in tile edges.
+        ids: (N, N) int64, the stone on top, -1 on bare ground.
+        above: (N, N) float32, height over the stone's foot relative to its top, 0 on bare ground.
+        count: Stones so far.
+    """
+
+    def __init__(self, height: Field) -> None:
+        self.height = np.ascontiguousarray(height)
+        self.ids = np.full(height.shape, -1, np.int64)
+        self.above = np.zeros(height.shape, np.float32)
+        self.count = 0
+
+    def pour(self, pour: Pour, rng: np.random.Generator, density: Field | None = None) -> None:
+        """Add stones, small ones first.
+
+        Args:
+            pour: Which stones.
+            rng: Gives their places and shapes.
+            density: (N, N) 0 to 1, how likely a stone stays where it falls; None: everywhere.
+        """
+        size_px = len(self.height)
+        centre = rng.uniform(0, size_px, (pour.number, 2))
+        stays = rng.uniform(size=pour.number)
+        if density is not None:
+            row, column = centre.astype(np.intp).T
+            centre = centre[stays < density[row, column]]
+        radius_px = np.sort(_power_law(len(centre), pour, rng)) * size_px
+        facets = _facets(len(centre), rng)
+        first = 0
+        while first < len(centre):
+            half = int(np.ceil(1.25 * radius_px[first] + 1))
+            # A window fits the stones up to a fifth larger than the first.
+            half = int(np.ceil(1.2 * half))
+            room = max(1, CHUNK_PX // (2 * half + 1) ** 2)
+            fits = int(np.searchsorted(radius_px, (half - 1) / 1.25, side="right"))
+            last = max(first + 1, min(first + room, fits))
+            part = slice(first, last)
+            self._lay(centre[part], radius_px[part], facets[part], half, pour)
+            first = last
+
+    def _lay(
+        self,
+        centre: FloatArray,
+        radius_px: FloatArray,
+        facets: NDArray[np.float32],
+        half: int,
+        pour: Pour,
+    ) -> None:
+        size_px = len(self.height)
+        corner = np.floor(centre).astype(np.int64)
+        offset = np.arange(-half, half + 1)
+        scale = radius_px[:, None]
+        v = ((corner[:, :1] + offset + 0.5 - centre[:, :1]) / scale).astype(np.float32)
+        u = ((corner[:, 1:] + offset + 0.5 - centre[:, 1:]) / scale).astype(np.float32)
+        dome = _soft_hull(u, v, facets, np.float32(pour.edge))
+        dome *= np.float32(pour.flatness)
+        inside = dome > 0
+        rows, columns = (
+            (corner[:, :1] + offset) % size_px,
+            (corner[:, 1:] + offset) % size_px,
+        )
+        flat = rows[:, :, None] * size_px + columns[:, None, :]
+        ground = self.height.ravel()[flat]
+        rest = (ground * inside).sum((1, 2)) / np.maximum(inside.sum((1, 2)), 1)
+        top = dome.max((1, 2))
+        rise = (radius_px / size_px).astype(np.float32)
+        base = rest - np.float32(pour.buried) * top * rise
+        z = base[:, None, None] + dome * rise[:, None, None]
+        stone, y, x = np.nonzero(inside & (z > ground))
+        # Written from low to high, so that the highest stone of the chunk stays.
+        order = np.argsort(z[stone, y, x], kind="stable")
+        stone, y, x = stone[order], y[order], x[order]
+        target = flat[stone, y, x]
+        self.height.ravel()[target] = z[stone, y, x]
+        self.ids.ravel()[target] = self.count + stone
+        self.above.ravel()[target] = dome[stone, y, x] / top[stone]
+        self.count += len(centre)
+
+
+def _power_law(count: int, pour: Pour, rng: np.random.Generator) -> FloatArray:
+    """Return (count,) radii by the inverse of the truncated power law's distribution."""
+    low, high = pour.radius
+    tail = 1 - (low / high) ** pour.exponent
+    share = rng.uniform(size=count) * tail
+    return np.asarray(low * (1 - share) ** (-1 / pour.exponent))
+
+
+def _facets(count: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Return (count, SIDES + TOPS, 3): height = a + b * u + c * v of each facet's plane."""
+    shape = (count, SIDES)
+    azimuth = (np.arange(SIDES) + rng.uniform(-0.45, 0.45, shape)) * (2 * np.pi / SIDES)
+    azimuth = np.concatenate((azimuth, rng.uniform(0, 2 * np.pi, (count, TOPS))), axis=1)
+    elevation = np.concatenate(
+        (rng.uniform(0.15, 0.9, shape), rng.uniform(1.15, np.pi / 2, (count, TOPS))),
+        axis=1,
+    )
+    distance = np.concatenate(
+        (rng.uniform(0.62, 0.92, shape), rng.uniform(0.5, 0.85, (count, TOPS))), axis=1
+    )
+    # Stones are longer one way: planes of a stretched shape are stretched planes.
+    turn, narrow = rng.uniform(0, np.pi, (count, 1)), rng.uniform(0.55, 1.0, (count, 1))
+    along, across = np.cos(azimuth), np.sin(azimuth) / narrow
+    tilt = 1 / np.tan(elevation)
+    b = -tilt * (np.cos(turn) * along - np.sin(turn) * across)
+    c = -tilt * (np.sin(turn) * along + np.cos(turn) * across)
+    planes = np.stack((distance / np.sin(elevation), b, c), axis=-1)
+    return np.asarray(planes, np.float32)
+
+
+def _soft_hull(
+    u: NDArray[np.float32],
+    v: NDArray[np.float32],
+    facets: NDArray[np.float32],
+    edge: np.float32,
+) -> NDArray[np.float32]:
+    """Return (S, W, W) heights under all planes, their edges rounded by a soft minimum."""
+    total = np.zeros((len(u), v.shape[1], u.shape[1]), np.float32)
+    for k in range(facets.shape[1]):
+        a, b, c = (facets[:, k, i, None, None] for i in range(3))
+        plane = a + c * v[:, :, None]
+        plane = plane + b * u[:, None, :]
+        total += np.exp(np.minimum(-plane / edge, 60))
+    return np.asarray(-edge * np.log(total), np.float32)
