@@ -1,7 +1,8 @@
 """Pure conversions between the simulator's data and ROS messages, in pairs of inverses.
 
-Large arrays enter messages as `array.array` straight from memory: rclpy checks every element of
-anything else.
+Large arrays enter messages as `array.array` straight from memory, by assignment and with
+``check_fields``: anything else is taken element by element, a constructor's argument is copied
+twice, and a message that does not check its fields copies what it is given.
 """
 
 from __future__ import annotations
@@ -159,15 +160,17 @@ def image_to_msg(data: NDArray[Any], encoding: str, header: Header) -> Image:
         raise InvalidInputError("image.data", (data.shape, str(data.dtype)), f"{form} {dtype}")
     height, width = data.shape[:2]
     step = data.itemsize * width * (3 if encoding == "rgb8" else 1)
-    return Image(
+    msg = Image(
         header=header,
         height=height,
         width=width,
         encoding=encoding,
         is_bigendian=int(sys.byteorder == "big"),
         step=step,
-        data=buffer_of(data),
+        check_fields=True,
     )
+    msg.data = buffer_of(data)
+    return msg
 
 
 def image_from_msg(msg: Image) -> NDArray[Any]:
