@@ -36,7 +36,7 @@ def read_views(path: Path) -> list[View]:
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
-        views = data["views"]
+        views = list(data["views"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         expected = f'a JSON file {{"views": [...]}} ({error})'
         raise InvalidInputError("poses", str(path), expected) from error
@@ -53,5 +53,10 @@ def _view(item: Any, field: str) -> View:
         raise InvalidInputError(field, item, expected) from error
     if K.shape != (3, 3) or T_map_camera.shape != (4, 4):
         raise InvalidInputError(field, (K.shape, T_map_camera.shape), "K (3, 3), pose (4, 4)")
-    intrinsics = PinholeIntrinsics(*size, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
-    return View(intrinsics, T_map_camera)
+    fx_px, fy_px, cx_px, cy_px = (float(K[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    if not (np.isfinite(K).all() and fx_px > 0 and fy_px > 0 and min(size) > 0):
+        raise InvalidInputError(field, (size, K.tolist()), "a camera with a size and focal lengths")
+    R = T_map_camera[:3, :3]
+    if not (np.isfinite(T_map_camera).all() and np.allclose(R @ R.T, np.eye(3), atol=1e-4)):
+        raise InvalidInputError(field, T_map_camera.tolist(), "a finite, rigid T_map_camera")
+    return View(PinholeIntrinsics(*size, fx_px, fy_px, cx_px, cy_px), T_map_camera)

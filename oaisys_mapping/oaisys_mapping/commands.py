@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import typer
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.certificate import read_views
 from oaisys_mapping.mesh_io import read_ply, read_truth
 from oaisys_mapping.metrics import Thresholds, evaluate_reconstruction
@@ -24,9 +26,13 @@ def evaluate(
     voxel_size: Annotated[float, typer.Option(help="Metres; the tolerance.", min=1e-6)] = 0.10,
     max_range: Annotated[float, typer.Option(help="Metres of depth that count.", min=1e-3)] = 60.0,
     max_rmse: Annotated[float | None, typer.Option(help="Metres.", min=0)] = None,
-    min_completion: Annotated[float | None, typer.Option(min=0, max=1)] = None,
-    min_f_score: Annotated[float | None, typer.Option(min=0, max=1)] = None,
-    max_holes: Annotated[float | None, typer.Option(min=0, max=1)] = None,
+    min_completion: Annotated[
+        float | None, typer.Option(help="Share of visible truth within a voxel.", min=0, max=1)
+    ] = None,
+    min_f_score: Annotated[float | None, typer.Option(help="At one voxel.", min=0, max=1)] = None,
+    max_holes: Annotated[
+        float | None, typer.Option(help="Share of the surveyed surface.", min=0, max=1)
+    ] = None,
     seed: Annotated[int, typer.Option(help="Of the points that are measured.", min=0)] = 0,
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write the figures here too.")
@@ -36,23 +42,26 @@ def evaluate(
 
     Without --poses all of the truth counts as visible.
     """
+    if json_path is not None and not json_path.parent.is_dir():
+        raise InvalidInputError("--json", str(json_path), "a file in an existing folder")
     views = None if poses is None else read_views(poses)
     rng = np.random.default_rng(seed)
     evaluation = evaluate_reconstruction(
         read_ply(mesh), read_truth(truth), views, voxel_size, max_range, rng
     )
-    missed = Thresholds(max_rmse, min_completion, min_f_score, max_holes).missed_by(
-        evaluation.metrics
-    )
+    thresholds = Thresholds(max_rmse, min_completion, min_f_score, max_holes)
+    missed = thresholds.missed_by(evaluation.metrics)
     figures = {
         **evaluation.metrics.to_dict(),
-        "visible_from": "poses" if views is not None else "everywhere",
+        "max_range_m": max_range,
+        "visible_from": "everywhere" if views is None else f"{len(views)} poses",
+        "thresholds": asdict(thresholds),
         "missed": missed,
         "closed": not missed,
     }
     text = json.dumps(figures, indent=2)
     if json_path is not None:
-        json_path.write_text(text, encoding="utf-8")
+        json_path.write_text(f"{text}\n", encoding="utf-8")
     typer.echo(text)
     if missed:
         raise typer.Exit(1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,9 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import TriangleMesh
 from oaisys_mapping.mesh import ColoredMesh
+
+HEADER_BYTES = 8192
+"""How far into a file its header is looked for."""
 
 
 def write_ply(path: Path, mesh: ColoredMesh) -> None:
@@ -40,23 +44,45 @@ def write_ply(path: Path, mesh: ColoredMesh) -> None:
     path.write_bytes(header.encode("ascii") + vertex.tobytes() + face.tobytes())
 
 
-def read_ply(path: Path) -> ColoredMesh:
+def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
     """Return the mesh in a PLY file, or in any mesh file that Open3D reads; grey without colours.
 
+    Args:
+        path: The file.
+        field: What an error calls it.
+
     Raises:
-        InvalidInputError: It cannot be read or holds no triangles.
+        InvalidInputError: It cannot be read, is cut off, or holds no valid triangles.
     """
     if not path.is_file():
-        raise InvalidInputError("mesh", str(path), "an existing file")
+        raise InvalidInputError(field, str(path), "an existing file")
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
         mesh = o3d.io.read_triangle_mesh(str(path))
-    if not mesh.has_triangles():
-        raise InvalidInputError("mesh", str(path), "a mesh file with triangles")
     vertices_m = np.asarray(mesh.vertices, np.float64)
+    triangles = np.asarray(mesh.triangles, np.int32)
+    if not len(triangles):
+        raise InvalidInputError(field, str(path), "a mesh file with triangles")
+    if len(vertices_m) < _promised(path, b"vertex") or len(triangles) < _promised(path, b"face"):
+        raise InvalidInputError(field, str(path), "a whole file; this one ends too early")
+    if not np.isfinite(vertices_m).all():
+        raise InvalidInputError(field, str(path), "a mesh with finite coordinates")
+    if triangles.min() < 0 or triangles.max() >= len(vertices_m):
+        raise InvalidInputError(field, str(path), "triangles of vertices that are in the file")
     colors: NDArray[np.uint8] = np.full(vertices_m.shape, 128, np.uint8)
     if mesh.has_vertex_colors():
         colors = np.rint(np.asarray(mesh.vertex_colors) * 255).astype(np.uint8)
-    return ColoredMesh(vertices_m, np.asarray(mesh.triangles, np.int32), colors)
+    return ColoredMesh(vertices_m, triangles, colors)
+
+
+def _promised(path: Path, element: bytes) -> int:
+    """Return how many of an element a PLY file's header announces; 0 for other files.
+
+    Open3D returns what it found of a file that is cut off.
+    """
+    with path.open("rb") as file:
+        header = file.read(HEADER_BYTES).split(b"end_header")[0]
+    found = re.search(rb"\belement " + element + rb" (\d+)", header)
+    return int(found[1]) if header.startswith(b"ply") and found else 0
 
 
 def write_truth(path: Path, truth: TriangleMesh) -> None:
@@ -71,5 +97,5 @@ def read_truth(path: Path) -> TriangleMesh:
     Raises:
         InvalidInputError: It cannot be read or holds no triangles.
     """
-    mesh = read_ply(path)
+    mesh = read_ply(path, "truth")
     return TriangleMesh(mesh.vertices_m, mesh.triangles)

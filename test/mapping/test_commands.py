@@ -3,11 +3,15 @@
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import transform
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
 from oaisys_mapping.certificate import read_views, write_views
 from oaisys_mapping.mesh import ColoredMesh, in_canonical_order
@@ -62,10 +66,60 @@ def test_a_missing_file_is_exit_2(files: tuple[Path, Path], tmp_path: Path, name
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.parametrize(
+    ("damage", "expected"),
+    [
+        (lambda data: data[:-9], "ends too early"),
+        (lambda data: b"junk" * 50, "with triangles"),
+        (lambda data: data.replace(np.float32(-2).tobytes(), b"\0\0\xc0\x7f"), "finite"),
+        (lambda data: data[:-4] + np.int32(9).tobytes(), "vertices that are in the file"),
+    ],
+)
+def test_a_damaged_mesh_is_refused(
+    files: tuple[Path, Path], damage: Callable[[bytes], bytes], expected: str
+) -> None:
+    mesh, _ = files
+    mesh.write_bytes(damage(mesh.read_bytes()))
+    with pytest.raises(InvalidInputError, match=expected):
+        read_ply(mesh)
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({"K": [[50, 0], [0, 50]]}, r"K \(3, 3\)"),
+        ({"K": [[0, 0, 9], [0, 50, 9], [0, 0, 1]]}, "focal lengths"),
+        ({"width_px": 0}, "a size"),
+        ({"T_map_camera": (2 * np.eye(4)).tolist()}, "rigid"),
+        ({"T_map_camera": np.full((4, 4), np.nan).tolist()}, "finite"),
+    ],
+)
+def test_a_view_that_is_none_is_refused(
+    tmp_path: Path, change: dict[str, object], expected: str
+) -> None:
+    path = tmp_path / "poses.json"
+    write_views(path, [View(PinholeIntrinsics(64, 48, 50, 50, 31.5, 23.5), np.eye(4))])
+    data = json.loads(path.read_text(encoding="utf-8"))
+    data["views"][0].update(change)
+    path.write_text(json.dumps(data), encoding="utf-8")
+    with pytest.raises(InvalidInputError, match=expected) as caught:
+        read_views(path)
+    assert "views.0" in caught.value.field
+
+
+@pytest.mark.parametrize("text", ["[", "[]", "{}", '{"views": 3}'])
+def test_a_file_without_views_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "poses.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInputError, match="views"):
+        read_views(path)
+
+
 def test_views_come_back_exactly(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     camera = PinholeIntrinsics(64, 48, 50.5, 51.25, 30.0, 22.75)
-    views = [View(camera, rng.normal(size=(4, 4))) for _ in range(3)]
+    rotations = Rotation.random(3, rng).as_matrix()
+    views = [View(camera, transform(R, rng.normal(size=3))) for R in rotations]
     write_views(tmp_path / "poses.json", views)
     back = read_views(tmp_path / "poses.json")
     assert [view.intrinsics for view in back] == [camera] * 3
