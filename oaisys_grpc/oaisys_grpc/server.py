@@ -51,7 +51,7 @@ class SimulatorServer:
             address: ``host:port``, port 0 for any free one, or ``unix:PATH``.
             worker_python: Interpreter of the worker, which has Blender.
             grace_s: How long after a deadline a worker that hangs is killed.
-            on_end: Told that a client asked for the end, or that the worker's thread failed.
+            on_end: Told that a client asked for the end.
 
         Raises:
             OaisysError: The address cannot be bound.
@@ -93,7 +93,7 @@ class SimulatorServer:
         """Start the worker and work off the queue; the worker lives as long as this thread."""
         try:
             self._supervisor.start()
-        except OaisysError as error:
+        except Exception as error:  # noqa: BLE001 - the main thread raises it
             self._started.set_exception(error)
         else:
             self._started.set_result(None)

@@ -20,7 +20,12 @@ from typing import Any
 
 import oaisys_core
 import oaisys_grpc
-from oaisys_core.errors import CancelledError, DeadlineExceededError, WorkerLostError
+from oaisys_core.errors import (
+    BackendUnavailableError,
+    CancelledError,
+    DeadlineExceededError,
+    WorkerLostError,
+)
 from oaisys_core.types import Progress
 from oaisys_grpc.wire import Connection, Message
 
@@ -40,6 +45,9 @@ class WorkerProcess:
         """Start the process; the calling thread must live as long as the worker shall.
 
         The kernel ends a worker with the thread that started it.
+
+        Raises:
+            BackendUnavailableError: ``python`` cannot be run.
         """
         # Blender's own temporary files would stay behind when it is killed.
         self._folder = tempfile.TemporaryDirectory(
@@ -47,22 +55,28 @@ class WorkerProcess:
         )
         ours, theirs = socket.socketpair()
         with theirs:
-            command = [python, "-m", "oaisys_grpc.worker"]
-            command += ["--fd", str(theirs.fileno()), "--parent", str(os.getpid())]
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.STDOUT,
-                pass_fds=[theirs.fileno()],
-                env={**worker_environment(python, os.environ), "TMPDIR": self._folder.name},
-                process_group=0,
-            )
+            self._process = self._start(python, theirs.fileno())
         self._connection = Connection(ours)
         self._calls = 0
         self._lines: collections.deque[str] = collections.deque(maxlen=_LINES_KEPT)
         self._log = threading.Thread(target=self._read_log, name="worker-log", daemon=True)
         self._log.start()
+
+    def _start(self, python: str, descriptor: int) -> subprocess.Popen[bytes]:
+        command = [python, "-m", "oaisys_grpc.worker"]
+        command += ["--fd", str(descriptor), "--parent", str(os.getpid())]
+        try:
+            return subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                pass_fds=[descriptor],
+                env={**worker_environment(python, os.environ), "TMPDIR": self._folder.name},
+                process_group=0,
+            )
+        except OSError as error:
+            raise BackendUnavailableError(f"cannot start a worker: {error}") from error
 
     @property
     def pid(self) -> int:

@@ -180,6 +180,7 @@ def test_end_simulation_ends_everything(start_server: StartServer) -> None:
     [
         (["--address", "0.0.0.0:0"], 2, "--insecure"),
         (["--worker-python", "/bin/false"], 1, "exited with 1"),
+        (["--worker-python", "/nowhere/python"], 1, "cannot start"),
         (["--backend", "paper"], 2, "paper"),
     ],
 )
