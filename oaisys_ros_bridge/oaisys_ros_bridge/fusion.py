@@ -75,7 +75,7 @@ class Fusion:
         self._resets = 0
         self._volume_lock = threading.Lock()
         self._settled = threading.Condition()
-        self._thread = threading.Thread(target=self._run, name="fusion")
+        self._thread = threading.Thread(target=self._run, name="fusion", daemon=True)
         self._thread.start()
 
     @property

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import rclpy
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
@@ -42,7 +43,7 @@ def run_node(
     rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = make_node()
-    except (OaisysError, OSError) as error:
+    except (OaisysError, OSError, ParameterException) as error:
         sys.stderr.write(f"{error}\n")
         rclpy.try_shutdown()
         return 2

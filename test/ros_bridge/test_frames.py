@@ -18,6 +18,7 @@ def test_a_chain_of_moving_and_fixed_frames_multiplies_from_the_root():
 
     T_map_camera = buffer.lookup("map", "camera", 7)
 
+    assert T_map_camera is not None
     # The camera sits 1 m ahead of a body that was turned to face +y.
     np.testing.assert_allclose(T_map_camera[:3, 3], (10, 1, 5), atol=1e-12)
     np.testing.assert_allclose(T_map_camera[:3, 0], (0, 1, 0), atol=1e-12)

@@ -117,7 +117,10 @@ class Peer:
     def show_all(self) -> None:
         for index, pose in enumerate(POSES):
             self.show(pose, Time(sec=1 + index))
-            self.wait_until(lambda n=index + 1: self.latest["metrics"].frames_integrated == n)
+            self.wait_for_frames(index + 1)
+
+    def wait_for_frames(self, frames: int) -> None:
+        self.wait_until(lambda: self.latest["metrics"].frames_integrated == frames)
 
     def call(self, kind: type[Any], name: str, request: Any) -> Any:
         client = self.node.create_client(kind, f"oaisys_mapper/{name}")
@@ -204,7 +207,7 @@ def test_a_reset_empties_the_map(peer: Peer, tmp_path: Path) -> None:
 
     assert peer.call(Trigger, "reset", Trigger.Request()).success
 
-    peer.wait_until(lambda: peer.latest["metrics"].frames_integrated == 0)
+    peer.wait_for_frames(0)
     request = SaveMesh.Request(path=str(tmp_path / "empty.ply"))
     assert peer.call(SaveMesh, "save_mesh", request).triangles == 0
 
@@ -217,3 +220,21 @@ def test_ctrl_c_ends_it_without_a_word(ros_domain_id: int, no_process_left: None
 
     assert code == 0
     assert "Traceback" not in said
+
+
+@pytest.mark.parametrize("parameter", ["voxel_size:=-0.1", "voxel_size:=1", "use_color:=perhaps"])
+def test_a_wrong_parameter_is_told_in_one_line(ros_domain_id: int, parameter: str) -> None:
+    command = [
+        sys.executable,
+        "-m",
+        "oaisys_ros_bridge.nodes.mapper",
+        "--ros-args",
+        "-p",
+        parameter,
+    ]
+
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1
+    assert parameter.split(":=")[0] in ended.stderr
