@@ -1,12 +1,14 @@
 """Noise fields on square grids, drawn from a generator that is passed in.
 
-All fields are gradient noise after Perlin, "Improving noise", SIGGRAPH 2002: random gradients on
-an integer lattice, blended with the quintic 6t^5 - 15t^4 + 10t^3.
+Gradient noise is after Perlin, "Improving noise", SIGGRAPH 2002: random gradients on an integer
+lattice, blended with the quintic 6t^5 - 15t^4 + 10t^3. Spectral noise is after Saupe, in "The
+Science of Fractal Images", 1988.
 """
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
@@ -106,3 +108,24 @@ def grid(extent: float, size: int, cell: float) -> tuple[FloatArray, FloatArray]
     axis = np.linspace(0.0, extent / cell, size)
     x, y = np.meshgrid(axis, axis)
     return x, y
+
+
+def spectral(size: int, lowest: float, rng: np.random.Generator, rough: float) -> Field:
+    """Return (size, size) fractal noise that tiles, of standard deviation 1.
+
+    Args:
+        size: Edge length.
+        lowest: Frequency of its largest features, in waves per edge.
+        rng: Gives the white noise that is filtered.
+        rough: Exponent by which amplitudes fall with frequency: 1.4 is crumbly, 2.5 smooth.
+    """
+    white = rng.standard_normal((size, size), dtype=np.float32)
+    frequency = np.hypot(
+        scipy.fft.fftfreq(size, 1 / size)[:, None], scipy.fft.rfftfreq(size, 1 / size)[None, :]
+    ).astype(np.float32)
+    relative = frequency / np.float32(lowest)
+    # Below the lowest frequency it fades out, because a sudden end would ring.
+    gain = np.where(relative >= 1, np.maximum(relative, 1) ** np.float32(-rough), relative**4)
+    gain[0, 0] = 0
+    field = scipy.fft.irfft2(scipy.fft.rfft2(white) * gain, s=white.shape)
+    return np.asarray(field / (field.std() + 1e-12), np.float32)

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
-from oaisys_core.terrain.noise import Field, fractal
+from oaisys_core.terrain.noise import Field, fractal, spectral
 
 OCCLUDING_SLOPE = 1.1
 """How deep a hollow, relative to its width, no longer sees half of the sky."""
@@ -21,28 +20,8 @@ def unit_grid(size_px: int, cells: int) -> tuple[Field, Field]:
 
 
 def tile_noise(size_px: int, cells: int, rng: np.random.Generator, rough: float = 1.85) -> Field:
-    """Return (N, N) fractal noise that tiles, of standard deviation 1.
-
-    White noise whose spectrum falls with frequency (Saupe, in "The Science of Fractal Images",
-    1988, spectral synthesis).
-
-    Args:
-        size_px: Edge length of the tile.
-        cells: Lowest frequency, in waves per tile; nothing is larger.
-        rng: Gives the white noise.
-        rough: Exponent of the fall: 1.5 is crumbly, 2.5 smooth.
-    """
-    white = rng.standard_normal((size_px, size_px), dtype=np.float32)
-    frequency = np.hypot(
-        scipy.fft.fftfreq(size_px, 1 / size_px)[:, None],
-        scipy.fft.rfftfreq(size_px, 1 / size_px)[None, :],
-    ).astype(np.float32)
-    gain = np.where(frequency >= cells, np.maximum(frequency, 1) ** np.float32(-rough), 0)
-    # Frequencies just below the lowest one fade in, or the noise would ring.
-    gain += np.where(frequency < cells, (frequency / cells) ** 4, 0) * np.float32(cells**-rough)
-    gain[0, 0] = 0
-    field = scipy.fft.irfft2(scipy.fft.rfft2(white) * gain, s=white.shape)
-    return np.asarray(field / (field.std() + 1e-12), np.float32)
+    """Return (N, N) fractal noise that tiles, of standard deviation 1; see `spectral`."""
+    return spectral(size_px, cells, rng, rough)
 
 
 def crests(size_px: int, cells: int, rng: np.random.Generator, octaves: int = 5) -> Field:

@@ -68,7 +68,7 @@ def gravel(size_px: int, rng: np.random.Generator) -> Surface:
     bed.pour(Pour(21000, (0.0024, 0.007), 2.2, edge=0.06, buried=0.2), rng)
     bed.pour(Pour(2600, (0.007, 0.02), 2.2, edge=0.06, buried=0.25), rng, crowded)
     bed.pour(
-        Pour(190, (0.016, 0.036), 2.0, flatness=0.7, edge=0.05, buried=0.35),
+        Pour(260, (0.015, 0.042), 2.0, flatness=0.7, edge=0.05, buried=0.3),
         rng,
         crowded,
     )
@@ -79,18 +79,18 @@ def gravel(size_px: int, rng: np.random.Generator) -> Surface:
 def sand(size_px: int, rng: np.random.Generator) -> Surface:
     """Wind-blown sand: faint ripples, hummocks, grit and pebbles in patches."""
     patches = fields.tile_noise(size_px, 2, rng)
-    ripples = fields.ripples(size_px, (24, 11), rng, bend=0.035)
-    ripples *= np.clip(0.5 + 0.5 * patches, 0, 1)
+    ripples = fields.ripples(size_px, (24, 11), rng, bend=0.02)
+    ripples *= np.clip(0.6 + 0.4 * patches, 0, 1)
     hummocks = fields.tile_noise(size_px, 5, rng, 2.1)
     grain = fields.grains(size_px, rng, 0.7)
     crumbs = fields.tile_noise(size_px, 60, rng, 1.5)
-    height = 0.0009 * ripples + 0.0016 * hummocks + 0.00018 * grain + 0.00016 * crumbs
+    height = 0.0005 * ripples + 0.0016 * hummocks + 0.00018 * grain + 0.00016 * crumbs
     color = _dusty(size_px, rng, (0.64, 0.54, 0.41), 0.035)
-    color *= (1 + 0.02 * patches + 0.015 * hummocks + 0.025 * ripples + 0.02 * crumbs)[..., None]
+    color *= (1 + 0.02 * patches + 0.015 * hummocks + 0.008 * ripples + 0.02 * crumbs)[..., None]
     bed = Bed(height.astype(np.float32))
     gritty = np.clip(0.35 + 0.35 * fields.tile_noise(size_px, 3, rng), 0.06, 1)
     bed.pour(Pour(14000, (0.0011, 0.003), 2.4, buried=0.15), rng, gritty)
-    bed.pour(Pour(2600, (0.003, 0.016), 2.2, edge=0.08, buried=0.25), rng, gritty)
+    bed.pour(Pour(2600, (0.003, 0.02), 2.0, edge=0.08, buried=0.25), rng, gritty)
     return _covered(color, bed, GRAVEL_STONES, rng, roughness=0.93)
 
 
