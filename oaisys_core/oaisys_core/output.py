@@ -8,12 +8,13 @@ batch.
 from __future__ import annotations
 
 import csv
-import os
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.exr import write_grey
 from oaisys_core.geometry import checked_pose
 from oaisys_core.types import DEPTH, INSTANCE, RGB, Frame, Pose, Sample
 
@@ -95,11 +96,10 @@ def write_image(path: Path, frame: Frame) -> None:
     Raises:
         RenderError: It could not be written, or a label does not fit 16 bits.
     """
-    # OpenCV reads this when it first meets an EXR file, so it must stand before that.
-    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
-    import cv2
-
     data = frame.data
+    if frame.modality == DEPTH:
+        write_grey(path, data)
+        return
     if frame.modality == RGB:
         data = np.ascontiguousarray(data[..., ::-1])
     elif frame.modality == INSTANCE:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.exr import write_grey
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures import TEXTURES, default_cache_dir, load_texture_folder, texture_set
 from oaisys_core.textures.fields import normals_from_height
@@ -119,6 +120,15 @@ def test_only_the_colour_map_must_be_there(tmp_path: Path) -> None:
     maps = load_texture_folder(tmp_path, 1.0)
     assert (maps.normal_gl == (128, 128, 255)).all()
     assert (maps.roughness == round(0.9 * 255)).all()
+
+
+def test_a_height_map_may_be_an_exr_image(tmp_path: Path) -> None:
+    write_folder(tmp_path, {"ground_col.png": np.full((16, 16, 3), 90, np.uint8)})
+    write_grey(tmp_path / "ground_disp.exr", np.full((16, 16), 0.375, np.float32))
+    assert (load_texture_folder(tmp_path, 1.0).height == 0.375).all()
+    (tmp_path / "ground_disp.exr").write_bytes(b"not an image")
+    with pytest.raises(InvalidInputError, match=r"ground_disp\.exr"):
+        load_texture_folder(tmp_path, 1.0)
 
 
 def test_a_folder_without_colour_is_refused(tmp_path: Path) -> None:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.exr import read_channels
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures.fields import normals_from_height
 
@@ -83,10 +84,17 @@ def _image(path: Path) -> NDArray[np.float32]:
     Raises:
         InvalidInputError: It cannot be read.
     """
-    # OpenCV reads this when it first meets an EXR file, so it must stand before that.
-    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
-    import cv2
+    image = _exr_image(path) if path.suffix.lower() == ".exr" else _integer_image(path)
+    return np.clip(image, 0, 1).astype(np.float32)
 
+
+def _exr_image(path: Path) -> NDArray[np.float32]:
+    channels = read_channels(path)
+    grey = next(iter(channels.values()))
+    return np.stack([channels.get(name, grey) for name in "RGB"], axis=-1)
+
+
+def _integer_image(path: Path) -> NDArray[np.float32]:
     image: Any = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InvalidInputError("folder", str(path), "a readable image")
@@ -94,7 +102,7 @@ def _image(path: Path) -> NDArray[np.float32]:
         image = np.repeat(image[..., None], 3, axis=2)
     scale = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0
     rgb = image[..., 2::-1] if image.shape[2] >= 3 else np.repeat(image[..., :1], 3, axis=2)
-    return np.clip(rgb.astype(np.float32) / np.float32(scale), 0, 1)
+    return np.asarray(rgb / np.float32(scale), np.float32)
 
 
 def _grey(path: Path | None, size: int) -> NDArray[np.float32] | None:
@@ -102,8 +110,6 @@ def _grey(path: Path | None, size: int) -> NDArray[np.float32] | None:
 
 
 def _resized(image: NDArray[np.float32], size: int) -> NDArray[np.float32]:
-    import cv2
-
     if image.shape[:2] == (size, size):
         return image
     shrinks = size < min(image.shape[:2])
