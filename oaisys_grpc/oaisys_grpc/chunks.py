@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.types import Frame, Provenance, Sample, TriangleMesh
+from oaisys_core.types import Frame, Sample, TriangleMesh
 from oaisys_grpc import conversions
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
@@ -137,7 +137,7 @@ def sample_from_parts(parts: Iterable[pb.SamplePart]) -> Sample:
         rig_pose=conversions.pose_from_proto(header.rig_pose),
         frames=tuple(_frame(frame, assembly.array()) for frame, assembly in begun),
         render_time_s=header.render_time_s,
-        provenance=_provenance(header),
+        provenance=conversions.provenance_from_proto(header.provenance),
     )
 
 
@@ -197,7 +197,3 @@ def _frame(header: pb.FrameHeader, data: AnyArray) -> Frame:
         intrinsics=conversions.intrinsics_from_proto(header.intrinsics),
         T_map_camera=conversions.matrix_from_proto(header.t_map_camera),
     )
-
-
-def _provenance(header: pb.SampleHeader) -> Provenance:
-    return conversions.provenance_from_proto(header.provenance)

@@ -12,9 +12,11 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import grpc
 import psutil
 import yaml
 
+from oaisys_core.errors import OaisysError
 from oaisys_grpc.client import SimulatorClient
 
 PATIENCE_S = 60.0
@@ -66,9 +68,11 @@ class Server:
     def worker(self) -> psutil.Process:
         """The worker's process, once there is one."""
         assert self.process.poll() is None, self.stderr.read_text()
-        return wait_until(
-            lambda: next(filter(_is_worker, psutil.Process(self.process.pid).children()), None)
+        server = psutil.Process(self.process.pid)
+        worker: psutil.Process = wait_until(
+            lambda: next(filter(_is_worker, server.children()), None)
         )
+        return worker
 
     def end(self) -> None:
         self.process.send_signal(signal.SIGTERM)
@@ -77,6 +81,13 @@ class Server:
         finally:
             self.process.kill()
             self.process.wait()
+
+
+def code_of(error: OaisysError) -> grpc.StatusCode:
+    """The status that the failed call had."""
+    call: Any = error.__cause__
+    code: grpc.StatusCode = call.code()
+    return code
 
 
 def _is_worker(process: psutil.Process) -> bool:

@@ -69,7 +69,7 @@ def make_sample(height_px: int = 480, width_px: int = 640) -> Sample:
     size = (height_px, width_px)
     depth_m = rng.uniform(0, 50, size).astype(np.float32)
     depth_m[0] = np.inf
-    images = {
+    images: dict[str, Any] = {
         "rgb": rng.integers(0, 256, (*size, 3), dtype=np.uint8),
         "depth": depth_m,
         "semantic_0": rng.integers(0, 2**16, size, dtype=np.uint16),
