@@ -8,7 +8,7 @@ import pytest
 from blender_process import in_blender
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
-from synthetic_worlds import BOX, CENTRED, SKEWED, camera, rocky_world
+from synthetic_worlds import BOX, CENTRED, SKEWED, SUNNY, camera, rocky_world
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down, project, transform
 from oaisys_core.types import DEPTH, INSTANCE, RGB, PinholeIntrinsics
@@ -84,3 +84,14 @@ def test_shadows_fall_away_from_the_sun(azimuth_deg: float) -> None:
     pixels = project(ground @ T_camera_map[:3, :3].T + T_camera_map[:3, 3], frame.intrinsics)
     shaded, lit = (frame.data[round(v), round(u)].mean() for u, v in pixels)
     assert shaded < 0.7 * lit
+
+
+def test_the_sky_glows_on_the_side_of_the_sun() -> None:
+    low = replace(SUNNY, sun_azimuth_rad=1.0, sun_elevation_rad=0.1)
+    towards = np.array([np.cos(1.0), np.sin(1.0), 0.1])
+    cameras = [
+        camera(pose_looking_at((0, 0, 30), (0, 0, 30) + side * towards), modalities=(RGB,))
+        for side in ((1, 1, 1), (-1, -1, 1))
+    ]
+    glowing, away = in_blender("views", replace(rocky_world(), sky=low), cameras)
+    assert glowing.data.mean() > away.data.mean() + 10

@@ -8,6 +8,10 @@ Socket = Any
 """An output socket of a node."""
 
 
+MIX_FIRST, MIX_SECOND, MIX_RESULT = 6, 7, 2
+"""Indices of a mix node's colour sockets."""
+
+
 class NodeTree:
     """Adds nodes to a tree and connects them in the same breath."""
 
@@ -43,6 +47,14 @@ class NodeTree:
             for index, value in enumerate(operands)
         }
         return self.add("VectorMath", inputs, operation=operation).outputs[0]
+
+    def color_mix(self, factor: Any, first: Any, second: Any) -> Any:
+        """Return a node that goes from the first colour at factor 0 to the second at 1.
+
+        Its colour sockets share their names with those for numbers, hence `MIX_FIRST` ff.
+        """
+        inputs = {"Factor": factor, MIX_FIRST: first, MIX_SECOND: second}
+        return self.add("Mix", inputs, data_type="RGBA")
 
     def scaled(self, vector: Any, factor: Any) -> Socket:
         """Return a vector times a scalar."""
