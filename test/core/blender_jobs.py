@@ -16,7 +16,7 @@ from oaisys_core.backend.blender import BlenderBackend
 from oaisys_core.errors import CancelledError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.scene import PlacedCamera, Primitive, Scene
-from oaisys_core.types import RGB, Frame, Progress, TriangleMesh
+from oaisys_core.types import RGB, FloatArray, Frame, Progress, TriangleMesh
 
 
 def ignore(progress: Progress) -> None:
@@ -100,11 +100,11 @@ def shadow(sun_azimuth_rad: float, box: Primitive) -> tuple[Frame, ...]:
     return views(scene, [camera(pose_looking_down(0, 0, 12), modalities=(RGB,))])
 
 
-def mesh(scene: Scene) -> TriangleMesh:
-    """A world's surface."""
+def surface(scene: Scene, xy_m: FloatArray) -> tuple[TriangleMesh, FloatArray]:
+    """A world's mesh, and its heights at points."""
     backend = BlenderBackend()
     backend.build(scene, ignore)
-    return backend.ground_truth_mesh()
+    return backend.ground_truth_mesh(), backend.surface_height_m(xy_m)
 
 
 def _cancel_at_objects(progress: Progress) -> None:

@@ -1,5 +1,6 @@
 """The Blender backend: agreement with Cycles, colour, and what stays in Blender."""
 
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
 from synthetic_worlds import BOX, CENTRED, SKEWED, SUNNY, camera, rocky_world
 
+from oaisys_core.backend import make_backend
+from oaisys_core.backend.analytic import AnalyticBackend
+from oaisys_core.errors import BackendUnavailableError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down, project, transform
 from oaisys_core.types import DEPTH, INSTANCE, RGB, PinholeIntrinsics
 
@@ -46,6 +50,26 @@ def test_depth_and_ids_are_those_that_cycles_renders_beside_the_colour() -> None
         assert (cycles_ids[inner] == instance.data[inner]).all()
         assert (cycles_ids == instance.data).mean() > 0.999
         assert (cycles_depth_m[~hit] > 1e9).all()
+
+
+def test_mesh_and_heights_are_those_of_the_scene() -> None:
+    scene = replace(rocky_world(), primitives=(BOX,))
+    xy_m = np.random.default_rng(1).uniform(-21, 21, (400, 2))
+    mesh, height_m = in_blender("surface", scene, xy_m)
+    analytic = AnalyticBackend()
+    analytic.build(scene, lambda _: None)
+    expected = analytic.ground_truth_mesh()
+    np.testing.assert_allclose(mesh.vertices_m, expected.vertices_m, atol=1e-5)
+    assert (mesh.triangles == expected.triangles).all()
+    assert (mesh.semantic_ids == expected.semantic_ids).all()
+    assert (mesh.instance_ids == expected.instance_ids).all()
+    np.testing.assert_allclose(height_m, analytic.surface_height_m(xy_m), atol=1e-4)
+
+
+def test_without_bpy_the_backend_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    with pytest.raises(BackendUnavailableError, match="bpy cannot be imported"):
+        make_backend("blender")
 
 
 @pytest.fixture(scope="module")

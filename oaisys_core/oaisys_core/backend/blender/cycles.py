@@ -73,14 +73,17 @@ class Cycles:
         """Return the (H, W, 3) sRGB image of the scene's camera.
 
         Raises:
-            RenderError: Blender rendered nothing.
+            RenderError: Blender failed, or its image could not be written.
         """
         self._file.unlink(missing_ok=True)
-        bpy.ops.render.render()
-        bpy.data.images["Render Result"].save_render(str(self._file))
+        try:
+            bpy.ops.render.render()
+            bpy.data.images["Render Result"].save_render(str(self._file))
+        except RuntimeError as error:
+            raise RenderError(f"Blender could not render: {error}") from error
         image = cv2.imread(str(self._file), cv2.IMREAD_COLOR)
         if image is None:
-            raise RenderError("Blender wrote no image")
+            raise RenderError(f"Blender wrote no image to {self._file}")
         return np.ascontiguousarray(image[..., ::-1])
 
     def close(self) -> None:

@@ -10,6 +10,11 @@ from numpy.typing import NDArray
 
 from oaisys_core.scene import PbrMaps
 
+BYTE = np.float32(1 / 255)
+"""What one step of a byte is to Blender, which takes all pixels as floats."""
+
+OPAQUE = np.full((1, 1), 255, dtype=np.uint8)
+
 
 class ImageStore:
     """Blender's images of texture sets; a map is converted when it is first asked for."""
@@ -19,15 +24,15 @@ class ImageStore:
 
     def color(self, maps: PbrMaps) -> Any:
         """Return the albedo."""
-        return self._stored(maps, "color", maps.color_srgb, alpha=255, is_color=True)
+        return self._stored(maps, "color", maps.color_srgb, is_color=True)
 
     def normal_roughness(self, maps: PbrMaps) -> Any:
         """Return the normal with the roughness in alpha: one lookup for both."""
-        return self._stored(maps, "normal", maps.normal_gl, alpha=maps.roughness)
+        return self._stored(maps, "normal", maps.normal_gl, maps.roughness)
 
     def height(self, maps: PbrMaps) -> Any:
         """Return the height, 0 to 1."""
-        return self._stored(maps, "height", maps.height[..., None] * np.float32(255), alpha=255)
+        return self._stored(maps, "height", maps.height[..., None] * 255)
 
     def remove_unused(self) -> None:
         """Remove what no material uses any more."""
@@ -39,16 +44,15 @@ class ImageStore:
         maps: PbrMaps,
         kind: str,
         rgb: NDArray[Any],
+        alpha: NDArray[np.uint8] = OPAQUE,
         *,
-        alpha: Any,
         is_color: bool = False,
     ) -> Any:
         key = (id(maps), kind)
         if key not in self._images:
             pixels = np.empty((*rgb.shape[:2], 4), dtype=np.float32)
-            pixels[..., :3] = rgb[::-1]
-            pixels[..., 3] = alpha[::-1] if isinstance(alpha, np.ndarray) else alpha
-            pixels /= 255
+            np.multiply(rgb[::-1], BYTE, out=pixels[..., :3])
+            np.multiply(alpha[::-1], BYTE, out=pixels[..., 3])
             image = new_image(f"{maps.name}_{kind}", pixels, is_float=False, is_color=is_color)
             # Its only user beside materials, so that purging leaves it to this store.
             image.use_fake_user = True

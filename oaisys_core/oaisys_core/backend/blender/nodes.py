@@ -53,7 +53,7 @@ class NodeTree:
 
         Its colour sockets share their names with those for numbers, hence `MIX_FIRST` ff.
         """
-        inputs = {"Factor": factor, MIX_FIRST: first, MIX_SECOND: second}
+        inputs: dict[str | int, Any] = {"Factor": factor, MIX_FIRST: first, MIX_SECOND: second}
         return self.add("Mix", inputs, data_type="RGBA")
 
     def scaled(self, vector: Any, factor: Any) -> Socket:
