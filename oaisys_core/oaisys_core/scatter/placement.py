@@ -7,10 +7,15 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.scene import HeightField
+from oaisys_core.terrain.noise import Field, spectral
 from oaisys_core.types import FloatArray
 
-ROUNDS = 12
+ROUNDS = 16
 """How often places that were refused are drawn anew before fewer are accepted."""
+
+PATCH_M = 6.0
+PATCHES_PX = 128
+"""Width of the patches where things lie closer, and texels of the map of them."""
 
 
 def power_law_sizes(
@@ -38,6 +43,7 @@ def scatter_on(
     sink: tuple[float, float] = (0.15, 0.4),
     max_slope_deg: float = 40.0,
     max_tilt_deg: float = 25.0,
+    clumping: float = 0.7,
 ) -> tuple[FloatArray, FloatArray]:
     """Return poses of up to ``count`` things on the ground.
 
@@ -51,22 +57,39 @@ def scatter_on(
         sink: Least and most share of its size that a thing is in the ground.
         max_slope_deg: Steepest ground.
         max_tilt_deg: Most that a thing leans out of the vertical.
+        clumping: 0 spreads them evenly; with 1 some patches hold hardly any.
 
     Returns:
         (N, 4, 4) rotation times uniform scale with translation, and (N,) sizes in metres, largest
         first.
     """
     sizes_m = np.sort(power_law_sizes(count, size_range_m, size_exponent, rng))[::-1]
+    density = np.clip(0.5 + 0.5 * clumping * _patches(ground, rng), 0.05, 1)
     xy = np.zeros((0, 2))
     for _ in range(ROUNDS):
         missing = count - len(xy)
         if missing == 0:
             break
         drawn = _random_places(ground, missing, sizes_m[0], rng)
+        drawn = drawn[rng.uniform(size=missing) < _nearest(density, ground, drawn)]
         drawn = drawn[_slope_deg(ground, drawn) <= max_slope_deg]
         xy = _spaced(np.vstack((xy, drawn)), sizes_m, min_spacing)
     sizes_m = sizes_m[: len(xy)]
     return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg), sizes_m
+
+
+def _patches(ground: HeightField, rng: np.random.Generator) -> Field:
+    """Return noise over the ground, its features about `PATCH_M` wide."""
+    x0, _, x1, _ = ground.extent_m
+    return spectral(PATCHES_PX, max((x1 - x0) / (2 * PATCH_M), 1.0), rng, rough=2.0)
+
+
+def _nearest(field: Field, ground: HeightField, xy: FloatArray) -> FloatArray:
+    """Return (N,) values of a square field that spans the ground, at (N, 2) points on it."""
+    x0, y0, x1, y1 = ground.extent_m
+    share = (xy - (x0, y0)) / (x1 - x0, y1 - y0)
+    column, row = np.minimum((share * len(field)).astype(np.intp), len(field) - 1).T
+    return np.asarray(field[row, column])
 
 
 def _random_places(

@@ -21,7 +21,9 @@ class RockStyle:
         cut: (least, most) distance of a plane from the centre, the sphere's radius being 1.
         edge: Softness of the facets' edges; 0 is sharp.
         axes: (least, most) length of the second and third axis relative to the first.
-        lumps, grain: Height of coarse and fine unevenness.
+        lumps: Height of the unevenness that the planes cut through.
+        grain: Height of the fine unevenness on all of it.
+        ledges: Depth of the layers that stand out around it.
     """
 
     facets: int
@@ -30,13 +32,14 @@ class RockStyle:
     axes: tuple[tuple[float, float], tuple[float, float]]
     lumps: float
     grain: float
+    ledges: float
 
 
 STYLES = {
-    "angular": RockStyle(16, (0.55, 0.85), 0.015, ((0.65, 0.95), (0.5, 0.8)), 0.05, 0.012),
-    "rounded": RockStyle(7, (0.75, 0.95), 0.16, ((0.75, 0.95), (0.55, 0.8)), 0.07, 0.006),
-    "slab": RockStyle(12, (0.6, 0.85), 0.02, ((0.6, 0.9), (0.22, 0.36)), 0.04, 0.010),
-    "boulder": RockStyle(20, (0.62, 0.9), 0.05, ((0.75, 0.95), (0.65, 0.9)), 0.10, 0.016),
+    "angular": RockStyle(20, (0.6, 0.86), 0.022, ((0.7, 0.95), (0.5, 0.8)), 0.12, 0.010, 0.01),
+    "rounded": RockStyle(9, (0.72, 0.92), 0.10, ((0.75, 0.95), (0.55, 0.8)), 0.08, 0.005, 0.0),
+    "slab": RockStyle(16, (0.66, 0.88), 0.022, ((0.6, 0.9), (0.22, 0.36)), 0.10, 0.007, 0.03),
+    "boulder": RockStyle(16, (0.64, 0.9), 0.035, ((0.75, 0.95), (0.65, 0.9)), 0.16, 0.008, 0.02),
 }
 
 ROCK_KINDS = frozenset(STYLES)
@@ -57,9 +60,10 @@ def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
         raise InvalidInputError("kind", kind, f"one of {', '.join(sorted(ROCK_KINDS))}")
     style = STYLES[kind]
     directions, triangles = icosphere(subdivisions)
-    radius = _cut_radius(directions, style, rng)
-    radius *= 1 + style.lumps * _waves(directions, rng, frequency=2.5, octaves=3)
-    radius *= 1 + style.grain * _waves(directions, rng, frequency=11.0, octaves=3)
+    body = 1 + style.lumps * _waves(directions, rng, frequency=2.5, octaves=3)
+    radius = _cut_radius(directions, body, style, rng)
+    radius *= 1 + style.ledges * _layers(directions[:, 2] * radius, rng)
+    radius *= 1 + style.grain * _waves(directions, rng, frequency=11.0, octaves=2)
     axes = np.array([1.0, rng.uniform(*style.axes[0]), rng.uniform(*style.axes[1])])
     points = directions * radius[:, None] * axes
     low, high = points.min(axis=0), points.max(axis=0)
@@ -96,21 +100,29 @@ def _subdivided(
     return np.vstack((points, middles)), split.reshape(-1, 3).astype(np.int32)
 
 
-def _cut_radius(directions: FloatArray, style: RockStyle, rng: np.random.Generator) -> FloatArray:
-    """Return how far the sphere reaches in each direction after planes cut pieces off it."""
+def _cut_radius(
+    directions: FloatArray, body: FloatArray, style: RockStyle, rng: np.random.Generator
+) -> FloatArray:
+    """Return how far the body reaches in each direction after planes cut pieces off it."""
     normals = rng.normal(size=(style.facets, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     distance = rng.uniform(*style.cut, style.facets)
     cosine = directions @ normals.T
     reach = np.where(cosine > 1e-3, distance / np.maximum(cosine, 1e-3), np.inf)
     reach = np.minimum(reach, 1.0 / 1e-3)
-    bounded = np.column_stack((reach, np.ones(len(directions))))
-    if style.edge == 0:
-        return np.asarray(bounded.min(axis=1))
+    bounded = np.column_stack((reach, body))
     # A soft minimum rounds the edges between facets.
     nearest = bounded.min(axis=1, keepdims=True)
     soft = np.exp(-(bounded - nearest) / style.edge).sum(axis=1)
     return np.asarray(nearest[:, 0] - style.edge * np.log(soft))
+
+
+def _layers(height: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Return how far each of some flat-lying layers stands out, -1 to 1, at heights of -1 to 1."""
+    borders = np.sort(rng.uniform(-1, 1, 10))
+    levels = rng.uniform(-1, 1, 11)
+    steps = 0.5 + 0.5 * np.tanh((height[:, None] - borders) / 0.03)
+    return np.asarray(levels[0] + steps @ np.diff(levels))
 
 
 def _waves(
