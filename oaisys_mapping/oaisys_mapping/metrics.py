@@ -9,7 +9,7 @@ a planner did not look at.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -70,6 +70,34 @@ class ReconstructionMetrics:
 
 
 @dataclass(frozen=True)
+class Criterion:
+    """A figure against its limit.
+
+    Attributes:
+        name: Of the figure among `ReconstructionMetrics`.
+        is_upper: Whether the figure may be at most the limit, not at least.
+    """
+
+    name: str
+    value: float
+    limit: float
+    is_upper: bool
+
+    @property
+    def holds(self) -> bool:
+        """Whether the limit is kept; a figure that is no number keeps none."""
+        return self.value <= self.limit if self.is_upper else self.value >= self.limit
+
+    @property
+    def asked(self) -> str:
+        """The limit in words."""
+        return f"at {'most' if self.is_upper else 'least'} {self.limit:g}"
+
+    def __str__(self) -> str:
+        return f"{self.name} is {self.value:.4g}, expected {self.asked}"
+
+
+@dataclass(frozen=True)
 class Thresholds:
     """What a reconstruction must reach to count as closed; None: not asked for."""
 
@@ -78,23 +106,23 @@ class Thresholds:
     min_f_score: float | None = None
     max_holes: float | None = None
 
+    def applied_to(self, metrics: ReconstructionMetrics) -> list[Criterion]:
+        """Return what was asked for, and whether the figures reach it."""
+        wanted = (
+            ("rmse_m", self.max_rmse_m, True),
+            ("completion_ratio", self.min_completion, False),
+            ("f_score", self.min_f_score, False),
+            ("hole_ratio", self.max_holes, True),
+        )
+        return [
+            Criterion(name, float(getattr(metrics, name)), limit, is_upper)
+            for name, limit, is_upper in wanted
+            if limit is not None
+        ]
+
     def missed_by(self, metrics: ReconstructionMetrics) -> list[str]:
         """Return one sentence for each threshold that is missed."""
-        wanted: Mapping[str, tuple[float, float | None, bool]] = {
-            "rmse_m": (metrics.rmse_m, self.max_rmse_m, True),
-            "completion_ratio": (metrics.completion_ratio, self.min_completion, False),
-            "f_score": (metrics.f_score, self.min_f_score, False),
-            "hole_ratio": (metrics.hole_ratio, self.max_holes, True),
-        }
-        missed = []
-        for name, (value, limit, is_upper) in wanted.items():
-            if limit is None:
-                continue
-            holds = value <= limit if is_upper else value >= limit
-            if not holds:
-                word = "at most" if is_upper else "at least"
-                missed.append(f"{name} is {value:.4g}, expected {word} {limit:g}")
-        return missed
+        return [str(found) for found in self.applied_to(metrics) if not found.holds]
 
 
 @dataclass(frozen=True)

@@ -20,17 +20,24 @@ from oaisys_mapping.visibility import raycasting_scene
 Image = NDArray[np.uint8]
 """(H, W, 3) uint8 RGB."""
 
-BACKGROUND = (236, 238, 240)
+BACKGROUND = (250, 251, 252)
+PAGE_COLOR = "#fafbfc"
+"""The page's, for meshes and for plots."""
+
 SUN = np.array((0.4, 0.35, 0.85)) / np.linalg.norm((0.4, 0.35, 0.85))
-PICTURE = PinholeIntrinsics(960, 600, 1000.0, 1000.0, 479.5, 299.5)
 THUMBNAIL_WIDTH_PX = 220
+OVERSAMPLING = 2
+"""Rays along a pixel's edge in pictures of a mesh."""
+
+MARGIN = 0.02
+"""Share of a picture's size that stays free around a mesh."""
 
 MESH_SIDES = {
-    "from the south-west": (-0.7, -0.7, 0.62),
-    "from the east": (1.1, 0.1, 0.5),
-    "from above": (0.0, -1e-3, 1.3),
+    "from the south-west": ((-0.75, -1.0, 0.75), (1120, 560)),
+    "from the east": ((1.2, 0.1, 0.45), (640, 360)),
+    "from above": ((0.0, -1e-3, 1.5), (640, 360)),
 }
-"""Where pictures of a mesh are taken from, in units of its diagonal."""
+"""Where pictures of a mesh are taken from, in units of its diagonal, and their sizes in pixels."""
 
 LABEL_COLORS: Image = np.array(
     [
@@ -69,26 +76,47 @@ def mesh_views(mesh: ColoredMesh) -> dict[str, Image]:
     """Return shaded pictures of a mesh from several sides, by name."""
     scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
     low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
-    middle, size_m = (low + high) / 2, float(np.linalg.norm((high - low)[:2]))
-    return {
-        name: _mesh_picture(mesh, scene, middle + np.array(way) * size_m, middle)
-        for name, way in MESH_SIDES.items()
-    }
+    middle_m, size_m = (low + high) / 2, float(np.linalg.norm((high - low)[:2]))
+    pictures = {}
+    for name, (way, (width_px, height_px)) in MESH_SIDES.items():
+        pose = pose_looking_at(middle_m + np.array(way) * size_m, middle_m)
+        T_map_camera = pose_to_matrix(pose) @ T_LINK_OPTICAL
+        camera = _filled_by(mesh, T_map_camera, width_px * OVERSAMPLING, height_px * OVERSAMPLING)
+        large = _mesh_picture(mesh, scene, camera, T_map_camera)
+        small = cv2.resize(large, (width_px, height_px), interpolation=cv2.INTER_AREA)
+        pictures[name] = np.asarray(small, np.uint8)
+    return pictures
+
+
+def _filled_by(
+    mesh: ColoredMesh, T_map_camera: FloatArray, width_px: int, height_px: int
+) -> PinholeIntrinsics:
+    """Return the camera whose image a mesh just fills."""
+    camera_m = (mesh.vertices_m - T_map_camera[:3, 3]) @ T_map_camera[:3, :3]
+    slopes = camera_m[:, :2] / camera_m[:, 2:]
+    low, high = slopes.min(axis=0), slopes.max(axis=0)
+    size_px = np.array((width_px, height_px))
+    focal_px = float((size_px * (1 - 2 * MARGIN) / np.maximum(high - low, 1e-9)).min())
+    cx_px, cy_px = (size_px - 1) / 2 - focal_px * (low + high) / 2
+    return PinholeIntrinsics(width_px, height_px, focal_px, focal_px, float(cx_px), float(cy_px))
 
 
 def _mesh_picture(
-    mesh: ColoredMesh, scene: o3d.t.geometry.RaycastingScene, eye_m: FloatArray, at_m: FloatArray
+    mesh: ColoredMesh,
+    scene: o3d.t.geometry.RaycastingScene,
+    camera: PinholeIntrinsics,
+    T_map_camera: FloatArray,
 ) -> Image:
-    T = pose_to_matrix(pose_looking_at(eye_m, at_m)) @ T_LINK_OPTICAL
-    directions = pixel_rays(PICTURE) @ T[:3, :3].T
-    rays = np.concatenate((np.broadcast_to(T[:3, 3], directions.shape), directions), axis=-1)
-    found = scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))
+    directions = pixel_rays(camera) @ T_map_camera[:3, :3].T
+    rays = np.empty((*directions.shape[:2], 6), np.float32)
+    rays[..., :3], rays[..., 3:] = T_map_camera[:3, 3], directions
+    found = scene.cast_rays(o3d.core.Tensor(rays))
     hit = np.isfinite(found["t_hit"].numpy())
     corners = mesh.triangles[found["primitive_ids"].numpy()[hit]]
-    uv = found["primitive_uvs"].numpy()[hit]
-    weights = np.column_stack((1 - uv.sum(axis=1), uv))
-    colors = (mesh.colors_rgb[corners] * weights[..., None]).sum(axis=1)
-    light = 0.45 + 0.75 * np.abs(found["primitive_normals"].numpy()[hit] @ SUN)
+    u, v = found["primitive_uvs"].numpy()[hit].T
+    a, b, c = (mesh.colors_rgb[corners[:, corner]].astype(np.float32) for corner in range(3))
+    colors = (1 - u - v)[:, None] * a + u[:, None] * b + v[:, None] * c
+    light = 0.45 + 0.75 * np.abs(found["primitive_normals"].numpy()[hit] @ SUN.astype(np.float32))
     image = np.empty((*hit.shape, 3), np.uint8)
     image[:] = BACKGROUND
     image[hit] = np.clip(colors * light[:, None], 0, 255)
@@ -119,6 +147,13 @@ def depth_picture(depth_m: NDArray[np.float32], near_m: float, far_m: float) -> 
     image = (mpl.colormaps["viridis"](np.clip(share, 0, 1))[..., :3] * 255).astype(np.uint8)
     image[~hit] = 128
     return np.asarray(image, np.uint8)
+
+
+def depth_scale() -> Image:
+    """Return the colours of `depth_picture` from near (left) to far (right)."""
+    share = np.linspace(1, 0, 256)
+    row = (mpl.colormaps["viridis"](share)[..., :3] * 255).astype(np.uint8)
+    return np.repeat(row[None], 8, axis=0)
 
 
 def semantic_picture(ids: NDArray[np.uint16], labels: Mapping[int, str]) -> Image:
@@ -157,33 +192,38 @@ def distance_map(
     total = np.bincount(flat, distance_m, minlength=np.prod(shape))
     with np.errstate(invalid="ignore"):
         mean_m = (total / count).reshape(shape)
-    figure = Figure(figsize=(8, 5.2), layout="constrained")
+    figure = Figure(figsize=(6.6, 4.2), layout="constrained", facecolor=PAGE_COLOR)
     axes = figure.add_subplot()
     extent = (low[0], low[0] + shape[0] * cell_m, low[1], low[1] + shape[1] * cell_m)
     shown = axes.imshow(
         mean_m.T, origin="lower", extent=extent, cmap="magma_r", vmin=0, vmax=limit_m
     )
-    axes.set(xlabel="x in metres (map)", ylabel="y in metres (map)", title=title)
-    figure.colorbar(shown, label="metres", extend="max", shrink=0.85)
+    axes.set_facecolor("white")
+    axes.set(xlabel="x in metres (map)", ylabel="y in metres (map)")
+    axes.set_title(title, fontsize="medium")
+    figure.colorbar(shown, label="mean distance in metres", extend="max", shrink=0.85)
     return _figure_png(figure)
 
 
 def time_chart(seconds: Mapping[str, Sequence[float]]) -> bytes:
     """Return a bar a view, stacked by what the time went into, as PNG."""
-    figure = Figure(figsize=(8, 2.8), layout="constrained")
+    figure = Figure(figsize=(10.2, 3.0), layout="constrained", facecolor=PAGE_COLOR)
     axes = figure.add_subplot()
     count = len(next(iter(seconds.values())))
     base = np.zeros(count)
     for name, values in seconds.items():
-        axes.bar(np.arange(1, count + 1), values, bottom=base, label=name, width=0.8)
+        median = f"{name}: median {np.median(values):.3g} s"
+        axes.bar(np.arange(1, count + 1), values, bottom=base, label=median, width=0.8)
         base += np.asarray(values)
     axes.set(xlabel="view", ylabel="seconds", xlim=(0.3, count + 0.7))
     axes.spines[["top", "right"]].set_visible(False)
+    axes.set_facecolor("none")
+    axes.margins(y=0.22)
     axes.legend(frameon=False, ncols=len(seconds), loc="upper right")
     return _figure_png(figure)
 
 
 def _figure_png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110)
+    figure.savefig(buffer, format="png", dpi=130)
     return buffer.getvalue()

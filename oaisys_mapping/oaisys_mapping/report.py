@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import base64
 import json
+import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import jinja2
+import matplotlib as mpl
 import numpy as np
+import open3d as o3d
+import scipy
 from numpy.typing import NDArray
 
 from oaisys_mapping import pictures
@@ -75,6 +80,8 @@ def write_report(report: SurveyReport, out: Path) -> None:
         **report.evaluation.metrics.to_dict(),
         "closed": not report.missed,
         "missed": report.missed,
+        "thresholds": asdict(report.thresholds),
+        "versions": _versions(),
     }
     (out / "report.json").write_text(json.dumps(figures, indent=2), encoding="utf-8")
     images = _pictures(report)
@@ -83,6 +90,17 @@ def write_report(report: SurveyReport, out: Path) -> None:
     for name, data in images.items():
         (folder / name).write_bytes(data)
     (out / "report.html").write_text(_html(report, figures, images), encoding="utf-8")
+
+
+def _versions() -> dict[str, str]:
+    """Return the versions of what measured and drew."""
+    libraries = {"open3d": o3d, "numpy": np, "scipy": scipy, "matplotlib": mpl}
+    return {
+        "oaisys_mapping": metadata.version("oaisys_mapping"),
+        "python": platform.python_version(),
+        **{name: str(library.__version__) for name, library in libraries.items()},
+        "platform": platform.platform(),
+    }
 
 
 def _pictures(report: SurveyReport) -> dict[str, bytes]:
@@ -162,7 +180,9 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
         images={name: _data_url(name, data) for name, data in images.items()},
         mesh_sides=list(pictures.MESH_SIDES),
         legend=legend,
-        depth_range_m=depth_range_m(depth_m) if depth_m else None,
+        criteria=report.thresholds.applied_to(report.evaluation.metrics),
+        depth_ticks_m=np.linspace(*depth_range_m(depth_m), 5).tolist() if depth_m else [],
+        depth_scale=_data_url("scale.png", pictures.png(pictures.depth_scale())),
     )
 
 

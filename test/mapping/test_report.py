@@ -60,10 +60,20 @@ def make_report(max_rmse_m: float) -> SurveyReport:
 def test_the_page_is_whole_and_asks_for_nothing_else(tmp_path: Path) -> None:
     write_report(make_report(0.05), tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    for part in ("The loop closes", "20.0 mm", "oaisys survey --seed 1", "sand &amp; &lt;dust&gt;"):
+    parts = (
+        "The loop closes",
+        "20.0 mm",
+        "✓ rmse_m",
+        "at most 0.05",
+        "oaisys survey --seed 1",
+        "seed: 1",
+        "sand &amp; &lt;dust&gt;",
+        "<span>3.0</span>",
+    )
+    for part in parts:
         assert part in page
     sources = re.findall(r'(?:src|href)="([^"]{0,22})', page)
-    assert len(sources) == 10
+    assert len(sources) == 11
     assert all(source.startswith("data:image/") for source in sources)
     assert "http" not in page
 
@@ -73,9 +83,33 @@ def test_a_missed_threshold_is_told_in_both_reports(tmp_path: Path) -> None:
     figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert figures["closed"] is False
     assert "rmse_m" in figures["missed"][0]
+    assert figures["thresholds"]["max_rmse_m"] == 0.01
+    assert figures["versions"]["numpy"] == np.__version__
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert "does not close" in page
     assert figures["missed"][0] in page
+    assert "✗ rmse_m" in page
+
+
+def test_report_json_has_what_other_programs_read(tmp_path: Path) -> None:
+    report = make_report(0.05)
+    write_report(report, tmp_path)
+    figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert report.facts.items() <= figures.items()
+    promised = {"voxel_size_m", "rmse_m", "accuracy_mean_m", "completion_ratio", "f_score"}
+    assert promised | {"hole_ratio", "closed"} <= figures.keys()
+    assert figures["rmse_m"] == pytest.approx(0.02, abs=1e-5)
+
+
+def test_a_mesh_fills_its_pictures() -> None:
+    mesh = ColoredMesh(*square(0.0), np.full((4, 3), (200, 20, 20), np.uint8))
+    for image in pictures.mesh_views(mesh).values():
+        drawn = np.argwhere((image != pictures.BACKGROUND).any(axis=2))
+        size = np.array(image.shape[:2])
+        share = (drawn.max(axis=0) + 1 - drawn.min(axis=0)) / size
+        assert share.max() == pytest.approx(1 - 2 * pictures.MARGIN, abs=0.02)
+        assert np.abs((drawn.max(axis=0) + drawn.min(axis=0) + 1) / size - 1).max() < 0.02
+        assert image[tuple(drawn[len(drawn) // 2])][0] > 2 * image[tuple(drawn[len(drawn) // 2])][1]
 
 
 def test_pictures_can_be_opened(tmp_path: Path) -> None:
