@@ -17,9 +17,21 @@ CHANNELS = 4
 """Masks that one image holds."""
 
 BOX_BLEND = 0.25
+"""Share of a rock's surface over which projections from two sides run into each other."""
+
 ROCK_BUMP_M = 0.02
-VARIATION_TILES = 7.3
+"""Height that a rock texture's full range stands for."""
+
+ROCK_BRIGHTNESS = (0.85, 0.3)
+"""Least brightness of a rock, and how much more it may have at random."""
+
 VARIATION = 0.35
+"""Range of the slow change of the ground's brightness, around 1."""
+
+VARIATION_TILES = 7.3
+VARIATION_TURN_RAD = 0.65
+"""Size, in tiles of the first layer, and direction of the pattern that this change follows: so
+that the two never repeat together."""
 
 
 def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
@@ -68,7 +80,8 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     color = _box(tree, images.color(maps), place).outputs["Color"]
     height = _box(tree, images.height(maps), place).outputs["Color"]
     bump = tree.add("Bump", {"Height": height, "Distance": ROCK_BUMP_M, "Strength": 1.0})
-    brightness = tree.math("MULTIPLY_ADD", info.outputs["Random"], 0.3, 0.85)
+    least, range_ = ROCK_BRIGHTNESS
+    brightness = tree.math("MULTIPLY_ADD", info.outputs["Random"], range_, least)
     _finish(
         tree,
         tree.scaled(color, brightness),
@@ -109,7 +122,7 @@ def _weights(tree: NodeTree, material: TerrainMaterial, position: Socket) -> lis
 def _variation(tree: NodeTree, maps: PbrMaps, images: ImageStore, position: Socket) -> Socket:
     """Return a slowly varying brightness around 1, which hides that textures repeat."""
     turned = tree.add(
-        "VectorRotate", {"Vector": position, "Angle": 0.65}, rotation_type="Z_AXIS"
+        "VectorRotate", {"Vector": position, "Angle": VARIATION_TURN_RAD}, rotation_type="Z_AXIS"
     ).outputs[0]
     place = tree.scaled(turned, 1.0 / (maps.tile_m * VARIATION_TILES))
     texel = tree.add("TexImage", {"Vector": place}, image=images.height(maps))

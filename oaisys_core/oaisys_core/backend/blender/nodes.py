@@ -51,7 +51,7 @@ class NodeTree:
     def color_mix(self, factor: Any, first: Any, second: Any) -> Any:
         """Return a node that goes from the first colour at factor 0 to the second at 1.
 
-        Its colour sockets share their names with those for numbers, hence `MIX_FIRST` ff.
+        Its colour sockets share their names with those for numbers: use `MIX_RESULT`.
         """
         inputs: dict[str | int, Any] = {"Factor": factor, MIX_FIRST: first, MIX_SECOND: second}
         return self.add("Mix", inputs, data_type="RGBA")
