@@ -57,10 +57,13 @@ class MapperNode(Node):
 
     def __init__(self) -> None:
         super().__init__("oaisys_mapper")
+        usual = TsdfConfig()
         config = TsdfConfig(
-            voxel_size_m=self.declare_parameter("voxel_size", 0.10).value,
-            truncation_voxels=self.declare_parameter("truncation_voxels", 4.0).value,
-            max_range_m=self.declare_parameter("max_range", 60.0).value,
+            voxel_size_m=self.declare_parameter("voxel_size", usual.voxel_size_m).value,
+            truncation_voxels=self.declare_parameter(
+                "truncation_voxels", usual.truncation_voxels
+            ).value,
+            max_range_m=self.declare_parameter("max_range", usual.max_range_m).value,
         )
         self._config = config
         self._map_frame = self.declare_parameter("map_frame", "map").value
