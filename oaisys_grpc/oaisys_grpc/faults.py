@@ -33,6 +33,10 @@ ERROR_TYPES: dict[str, type[OaisysError]] = {
 """The errors that pass between processes, by name; any other passes as `OaisysError`."""
 
 
+LONGEST_TEXT = 800
+"""Characters of each text: a status travels in headers of 8 KiB, and its texts more than once."""
+
+
 @dataclass(frozen=True)
 class Fault:
     """An `OaisysError` as data.
@@ -54,8 +58,13 @@ def fault_from_error(error: OaisysError) -> Fault:
     reason = next(c.__name__ for c in type(error).__mro__ if c.__name__ in ERROR_TYPES)
     if isinstance(error, InvalidInputError):
         received = _to_json(error.received)
-        return Fault(reason, str(error), error.field, received, error.expected)
-    return Fault(reason, str(error))
+        texts = (str(error), error.field, received, error.expected)
+        return Fault(reason, *map(_cut, texts))
+    return Fault(reason, _cut(str(error)))
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= LONGEST_TEXT else f"{text[: LONGEST_TEXT - 3]}..."
 
 
 def error_from_fault(fault: Fault) -> OaisysError:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import ipaddress
 import logging
+import os
 import signal
 import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from types import FrameType
 
 import grpc
 from grpc_health.v1 import health, health_pb2, health_pb2_grpc
@@ -29,6 +30,7 @@ SERVICE = simulator_pb2.DESCRIPTOR.services_by_name["SimulatorService"].full_nam
 _THREADS = 2 * QUEUE_LIMIT + 16
 """Each waiting call holds one, and health must be answered all the same."""
 
+LARGEST_PORT = 65535
 _STOP_S = 1.0
 _WORKER_END_S = 2.5
 
@@ -130,25 +132,48 @@ def serve(
     Raises:
         OaisysError: The address cannot be bound, or the worker does not start.
     """
-    ended = threading.Event()
-
-    def end(_number: int, _frame: FrameType | None) -> None:
-        ended.set()
-
-    signal.signal(signal.SIGINT, end)
-    signal.signal(signal.SIGTERM, end)
+    end = EndRequest()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: end.request())
     server = SimulatorServer(
-        config, address, worker_python=worker_python, grace_s=grace_s, on_end=ended.set
+        config, address, worker_python=worker_python, grace_s=grace_s, on_end=end.request
     )
     started = server.start()
-    started.add_done_callback(lambda s: ended.set() if s.exception() else on_ready(server.address))
+
+    def tell(started: Future[None]) -> None:
+        if started.exception():
+            end.request()
+        else:
+            on_ready(server.address)
+
+    started.add_done_callback(tell)
     try:
-        ended.wait()
+        end.wait()
         asked = not started.done()
     finally:
         server.stop()
     if not asked and (failure := started.exception()):
         raise failure
+
+
+class EndRequest:
+    """Lets a thread wait until another one, or a signal handler, asks for the end.
+
+    A pipe, because a handler that runs while its own thread holds an event's lock waits for ever.
+    """
+
+    def __init__(self) -> None:
+        self._read, self._write = os.pipe()
+        os.set_blocking(self._write, False)
+
+    def request(self) -> None:
+        """Ask for the end; any thread and any signal handler may, more than once."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._write, b"e")
+
+    def wait(self) -> None:
+        """Return once the end was asked for."""
+        os.read(self._read, 1)
 
 
 def check_address(address: str, insecure: bool) -> None:
@@ -157,7 +182,14 @@ def check_address(address: str, insecure: bool) -> None:
     Raises:
         InvalidInputError: It is one, or is no address.
     """
-    if insecure or address.startswith("unix:"):
+    if address.startswith("unix:"):
+        return
+    _, _, port = address.rpartition(":")
+    if not (port.isdecimal() and int(port) <= LARGEST_PORT):
+        raise InvalidInputError(
+            "--address", address, f"HOST:PORT, with a port up to {LARGEST_PORT}"
+        )
+    if insecure:
         return
     host = _host(address).strip("[]")
     try:

