@@ -13,7 +13,12 @@ import numpy as np
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from numpy.typing import ArrayLike
 
-from oaisys_core.errors import DeadlineExceededError, InvalidInputError, OaisysError
+from oaisys_core.errors import (
+    CancelledError,
+    DeadlineExceededError,
+    InvalidInputError,
+    OaisysError,
+)
 from oaisys_core.types import (
     HeightQuery,
     ModuleMetadata,
@@ -97,8 +102,9 @@ class SimulatorClient:
         """Return whether the simulator says within ``timeout_s`` seconds that it serves."""
         request = health_pb2.HealthCheckRequest(service=SERVICE)
         try:
-            answer = self._health.Check(request, timeout=timeout_s)
-        except grpc.RpcError:
+            with _translated():
+                answer = self._health.Check(request, timeout=timeout_s)
+        except OaisysError:
             return False
         return bool(answer.status == health_pb2.HealthCheckResponse.SERVING)
 
@@ -275,6 +281,11 @@ def _translated() -> Iterator[None]:
         yield
     except grpc.RpcError as error:
         raise error_from_rpc(error) from error
+    except ValueError as error:
+        # grpc's word for a client that another thread has closed meanwhile.
+        if "closed" not in str(error):
+            raise
+        raise CancelledError("the connection was closed") from error
 
 
 def _parts_after_progress(

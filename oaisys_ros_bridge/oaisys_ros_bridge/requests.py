@@ -75,7 +75,7 @@ def metadata_of_modules(metadata_json: str) -> ModuleMetadata | None:
     for module, part in by_module.items():
         if module not in MODULES:
             expected = f"modules out of {', '.join(MODULES)}"
-            raise InvalidInputError("metadata_json", module, expected)
+            raise InvalidInputError(f"metadata_json.{module}", part, expected)
         if not isinstance(part, dict):
             raise InvalidInputError(f"metadata_json.{module}", part, "a JSON object")
     return _metadata(by_module)

@@ -168,7 +168,8 @@ class SimulatorLink:
         """
         if self._client is None:
             self._client = SimulatorClient(self.address, timeout_s=self._timeout_s)
-        self._client.wait_ready(HEALTH_TIMEOUT_S)
+        if not self._client.is_ready(HEALTH_TIMEOUT_S):
+            raise NotReadyError(f"no simulator serves at {self.address}")
         info = self._client.info()
         if info.batch_id == 0 and self._initial_batch:
             self._enter(info, "the first batch is being built")

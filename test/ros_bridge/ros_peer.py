@@ -1,0 +1,142 @@
+"""A node's process, and a user beside it who subscribes, calls and waits."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, Self
+
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from served_simulator import PATIENCE_S, Server
+from std_msgs.msg import Bool, Header
+
+from oaisys_core.types import Pose
+from oaisys_msgs.srv import SetPose
+from oaisys_ros_bridge.conversions import pose_to_stamped_msg
+from oaisys_ros_bridge.qos import LATCHED_QOS
+
+
+class NodeProcess:
+    """A node of ours in a process of its own; what it says goes to a file."""
+
+    def __init__(self, module: str, log: Path, *arguments: str) -> None:
+        self.log = log
+        with log.open("w") as output:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", f"oaisys_ros_bridge.nodes.{module}", *arguments],
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    def end(self, number: signal.Signals = signal.SIGINT) -> int:
+        """End it as Ctrl-C does; return its exit code."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        try:
+            return self.process.wait(PATIENCE_S)
+        finally:
+            self.process.kill()
+            self.process.wait()
+
+
+class User:
+    """A node in this process that keeps all messages it gets, by topic."""
+
+    def __init__(self) -> None:
+        self._context = rclpy.Context()
+        rclpy.init(context=self._context)
+        self.node = Node("user", context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._clients: dict[str, Any] = {}
+        self._subscriptions: list[Subscription] = []
+        self.received: dict[str, list[Any]] = {}
+        self.listen(Bool, "oaisys_bridge/ready", LATCHED_QOS)
+
+    def listen(self, kind: type[Any], topic: str, qos: QoSProfile) -> None:
+        self.received[topic] = []
+        subscription = self.node.create_subscription(kind, topic, self.received[topic].append, qos)
+        self._subscriptions.append(subscription)
+
+    def wait_until(self, condition: Callable[[], Any]) -> Any:
+        """Take messages in until the condition holds, and return what it returned."""
+        end_s = time.monotonic() + PATIENCE_S
+        while not (value := condition()):
+            assert time.monotonic() < end_s, "waited in vain"
+            self._executor.spin_once(timeout_sec=0.05)
+        return value
+
+    def wait_until_ready(self, ready: bool = True) -> None:
+        """Wait for the bridge to be (or not to be) ready, and to be heard on all topics."""
+        states = self.received["oaisys_bridge/ready"]
+        self.wait_until(lambda: states and states[-1].data is ready)
+        self.wait_until(lambda: all(s.get_publisher_count() for s in self._subscriptions))
+        # The publishers' side of the match cannot be seen from here; it follows at once.
+        settled_s = time.monotonic() + 0.5
+        self.wait_until(lambda: time.monotonic() > settled_s)
+
+    def call(self, kind: type[Any], name: str, request: Any) -> Any:
+        if name not in self._clients:
+            self._clients[name] = self.node.create_client(kind, f"oaisys_bridge/{name}")
+        client = self._clients[name]
+        self.wait_until(client.service_is_ready)
+        future = client.call_async(request)
+        return self.wait_until(lambda: future.result() if future.done() else None)
+
+    def set_pose(self, pose: Pose, **fields: Any) -> SetPose.Response:
+        return self.call(SetPose, "set_pose", SetPose.Request(pose=stamped(pose), **fields))
+
+    def close(self) -> None:
+        self.node.destroy_node()
+        self._executor.shutdown()
+        rclpy.shutdown(context=self._context)
+
+
+def stamped(pose: Pose, frame: str = "map") -> PoseStamped:
+    return pose_to_stamped_msg(pose, Header(frame_id=frame))
+
+
+def nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+class Stage:
+    """A folder with servers, nodes and one user that go when the ``with`` block is left."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._stack = ExitStack()
+        self.user = User()
+        self._stack.callback(self.user.close)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def start_world(self, config: dict[str, Any], *options: str) -> Server:
+        """Start a server for a world, on a free port unless options say otherwise."""
+        number = len(list(self._folder.iterdir()))
+        server = Server(self._folder / f"server{number}", config, list(options), {})
+        self._stack.callback(server.end)
+        return server
+
+    def start_node(self, module: str, *arguments: str) -> NodeProcess:
+        node = NodeProcess(module, self._folder / f"{module}.log", *arguments)
+        self._stack.callback(node.end)
+        return node
+
+    def start_bridge(self, address: str) -> NodeProcess:
+        return self.start_node("bridge", "--ros-args", "-p", f"address:={address}")
