@@ -15,6 +15,15 @@ from oaisys_mapping.certificate import read_views
 from oaisys_mapping.mesh_io import read_ply, read_truth
 from oaisys_mapping.metrics import Thresholds, evaluate_reconstruction
 
+LengthOption = Annotated[float | None, typer.Option(help="Metres.", min=0)]
+CompletionOption = Annotated[
+    float | None, typer.Option(help="Share of visible truth within a voxel.", min=0, max=1)
+]
+FScoreOption = Annotated[float | None, typer.Option(help="At one voxel.", min=0, max=1)]
+HolesOption = Annotated[
+    float | None, typer.Option(help="Share of the surveyed surface.", min=0, max=1)
+]
+
 
 def evaluate(
     mesh: Annotated[Path, typer.Option(help="Reconstructed mesh (PLY, OBJ, STL, GLB).")],
@@ -25,14 +34,10 @@ def evaluate(
     ] = None,
     voxel_size: Annotated[float, typer.Option(help="Metres; the tolerance.", min=1e-6)] = 0.10,
     max_range: Annotated[float, typer.Option(help="Metres of depth that count.", min=1e-3)] = 60.0,
-    max_rmse: Annotated[float | None, typer.Option(help="Metres.", min=0)] = None,
-    min_completion: Annotated[
-        float | None, typer.Option(help="Share of visible truth within a voxel.", min=0, max=1)
-    ] = None,
-    min_f_score: Annotated[float | None, typer.Option(help="At one voxel.", min=0, max=1)] = None,
-    max_holes: Annotated[
-        float | None, typer.Option(help="Share of the surveyed surface.", min=0, max=1)
-    ] = None,
+    max_rmse: LengthOption = None,
+    min_completion: CompletionOption = None,
+    min_f_score: FScoreOption = None,
+    max_holes: HolesOption = None,
     seed: Annotated[int, typer.Option(help="Of the points that are measured.", min=0)] = 0,
     json_path: Annotated[
         Path | None, typer.Option("--json", help="Write the figures here too.")
