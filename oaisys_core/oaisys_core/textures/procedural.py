@@ -83,15 +83,16 @@ def sand(size_px: int, rng: np.random.Generator) -> Surface:
     ripples *= np.clip(0.6 + 0.4 * patches, 0, 1)
     hummocks = fields.tile_noise(size_px, 5, rng, 2.1)
     grain = fields.grains(size_px, rng, 0.7)
-    crumbs = fields.tile_noise(size_px, 60, rng, 1.5)
-    height = 0.0005 * ripples + 0.0016 * hummocks + 0.00018 * grain + 0.00016 * crumbs
+    crumbs = fields.tile_noise(size_px, 40, rng, 1.3)
+    height = 0.0005 * ripples + 0.0016 * hummocks + 0.00018 * grain + 0.0003 * crumbs
     color = _dusty(size_px, rng, (0.64, 0.54, 0.41), 0.035)
-    color *= (1 + 0.02 * patches + 0.015 * hummocks + 0.008 * ripples + 0.02 * crumbs)[..., None]
+    color *= (1 + 0.02 * patches + 0.015 * hummocks + 0.008 * ripples + 0.045 * crumbs)[..., None]
     bed = Bed(height.astype(np.float32))
     gritty = np.clip(0.35 + 0.35 * fields.tile_noise(size_px, 3, rng), 0.06, 1)
-    bed.pour(Pour(14000, (0.0011, 0.003), 2.4, buried=0.15), rng, gritty)
-    bed.pour(Pour(2600, (0.003, 0.02), 2.0, edge=0.08, buried=0.25), rng, gritty)
-    return _covered(color, bed, GRAVEL_STONES, rng, roughness=0.93)
+    bed.pour(Pour(18000, (0.0011, 0.003), 2.2, buried=0.1), rng, gritty)
+    bed.pour(Pour(3200, (0.003, 0.018), 2.1, edge=0.08, buried=0.2), rng, gritty)
+    # Without the darkest stones: a few of them in plain sand would show that it repeats.
+    return _covered(color, bed, GRAVEL_STONES[:5], rng, roughness=0.93)
 
 
 def regolith(size_px: int, rng: np.random.Generator) -> Surface:
@@ -175,7 +176,7 @@ def _covered(
     """Return the surface of a bed; each stone has a tone of its own, and dust around its foot."""
     size_px = len(ground)
     tone = np.array(tones, np.float32)[rng.integers(len(tones), size=bed.count + 1)]
-    tone *= rng.normal(1.0, 0.10, (bed.count + 1, 1)).clip(0.7, 1.3).astype(np.float32)
+    tone *= rng.normal(1.0, 0.14, (bed.count + 1, 1)).clip(0.65, 1.4).astype(np.float32)
     mottle = 1 + 0.05 * fields.grains(size_px, rng, 0.8)
     mottle += 0.06 * fields.tile_noise(size_px, 30, rng, 1.5)
     stone = tone[bed.ids] * mottle[..., None]
