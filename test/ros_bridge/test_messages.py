@@ -8,6 +8,7 @@ import open3d as o3d
 import pytest
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose as PoseMsg
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image, PointField
 from std_msgs.msg import Header
@@ -144,7 +145,7 @@ def test_instance_ids_must_fit_the_encoding() -> None:
         (np.zeros((6, 8), np.uint8), "mono8", "image.encoding"),
     ],
 )
-def test_images_of_other_kinds_are_refused(data: np.ndarray, encoding: str, field: str) -> None:
+def test_images_of_other_kinds_are_refused(data: NDArray[Any], encoding: str, field: str) -> None:
     with pytest.raises(InvalidInputError) as caught:
         conversions.image_to_msg(data, encoding, HEADER)
     assert caught.value.field == field

@@ -1,199 +1,207 @@
-"""The recorder as a process: what was published is in a bag that other programs read."""
+"""The recorder's bags, opened with an independent reader."""
 
-import os
+from __future__ import annotations
+
 import signal
-import subprocess
-import sys
-import time
-from collections.abc import Callable, Iterator
-from typing import Any
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
-import rclpy
-from builtin_interfaces.msg import Time
-from mcap.reader import make_reader
-from rclpy.node import Node
-from rclpy.qos import QoSProfile
+from mcap.exceptions import EndOfFile
+from mcap.reader import NonSeekingReader
+from ros_peer import NodeProcess, Stage
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, TopicInfo
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Image
-from std_msgs.msg import Header, Int32
-from tf2_msgs.msg import TFMessage
+from served_simulator import FLAT_WORLD
 
-from oaisys_core.geometry import T_LINK_OPTICAL
-from oaisys_msgs.msg import SemanticLabel, SemanticLabels
-from oaisys_ros_bridge.bag_recovery import recover
-from oaisys_ros_bridge.conversions import image_to_msg, transform_to_msg
-from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
+from oaisys_core.geometry import pose_looking_down
+from oaisys_ros_bridge.conversions import image_from_msg
+from oaisys_ros_bridge.message_definition import message_definition, nested_types, type_hash
+from oaisys_ros_bridge.qos import SENSOR_QOS
 
-pytestmark = pytest.mark.ros
-
-DEADLINE_S = 60.0
-PIXELS = np.arange(480 * 640 * 3, dtype=np.uint32).astype(np.uint8).reshape(480, 640, 3)
-
-
-class World:
-    """A node whose topics are recorded: two latched ones, images, and one that comes late."""
-
-    def __init__(self) -> None:
-        self.context = rclpy.Context()
-        rclpy.init(context=self.context)
-        self.node = Node("world", context=self.context)
-        self.images = self.node.create_publisher(Image, "camera/color/image_raw", SENSOR_QOS)
-        frames = self.node.create_publisher(TFMessage, "/tf_static", LATCHED_QOS)
-        header = Header(frame_id="camera_link")
-        transform = transform_to_msg(T_LINK_OPTICAL, header, "camera_optical_frame")
-        frames.publish(TFMessage(transforms=[transform]))
-        labels = self.node.create_publisher(SemanticLabels, "camera/semantic_0/labels", LATCHED_QOS)
-        labels.publish(SemanticLabels(labels=[SemanticLabel(id=10, name="rock")]))
-
-    def publish_images(self, count: int) -> None:
-        # Discovery has two sides: the recorder may know this publisher before it is known to it.
-        wait_until(lambda: self.images.get_subscription_count() == 1)
-        for second in range(count):
-            header = Header(stamp=Time(sec=second), frame_id="camera_optical_frame")
-            self.images.publish(image_to_msg(PIXELS, "rgb8", header))
-            assert self.images.wait_for_all_acked(rclpy.duration.Duration(seconds=DEADLINE_S))
-
-    def publish_late(self, count: int) -> None:
-        publisher = self.node.create_publisher(Int32, "late", QoSProfile(depth=count))
-        wait_until(lambda: publisher.get_subscription_count() == 1)
-        for number in range(count):
-            publisher.publish(Int32(data=number))
-        assert publisher.wait_for_all_acked(rclpy.duration.Duration(seconds=DEADLINE_S))
-
-    def close(self) -> None:
-        self.node.destroy_node()
-        rclpy.shutdown(context=self.context)
+VIEWS = 3
+SAMPLE_TYPES = {
+    "/camera/color/image_raw": "sensor_msgs/msg/Image",
+    "/camera/color/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/camera/depth/image_raw": "sensor_msgs/msg/Image",
+    "/camera/depth/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/camera/depth_registered/points": "sensor_msgs/msg/PointCloud2",
+    "/camera/semantic_0/image_raw": "sensor_msgs/msg/Image",
+    "/camera/instance/image_raw": "sensor_msgs/msg/Image",
+    "/ground_truth/odometry": "nav_msgs/msg/Odometry",
+    "/oaisys_bridge/sample_info": "oaisys_msgs/msg/SampleInfo",
+    "/tf": "tf2_msgs/msg/TFMessage",
+}
+LATCHED_TYPES = {
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/camera/semantic_0/labels": "oaisys_msgs/msg/SemanticLabels",
+}
 
 
 @pytest.fixture
-def world(ros_domain_id: int, no_process_left: None) -> Iterator[World]:
-    made = World()
-    yield made
-    made.close()
+def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
+    with Stage(tmp_path) as stage:
+        yield stage
 
 
-def wait_until(is_so: Callable[[], bool]) -> None:
-    end_s = time.monotonic() + DEADLINE_S
-    while not is_so():
-        assert time.monotonic() < end_s, "waited too long"
-        time.sleep(0.02)
+def wait_for_line(stage: Stage, recorder: NodeProcess, line: str) -> None:
+    stage.user.wait_until(lambda: line in recorder.log.read_text().splitlines())
 
 
-def started_recorder(*arguments: str) -> subprocess.Popen[str]:
-    """Return a recorder that says it records."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "oaisys_ros_bridge.nodes.recorder", *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    assert process.stdout is not None
-    line = process.stdout.readline()
-    assert line.startswith("recording: "), process.communicate(timeout=DEADLINE_S)
-    return process
+def record_views(stage: Stage, folder: Path, *options: str) -> tuple[NodeProcess, list[Image]]:
+    """Record while `VIEWS` views are taken; return the depth images as a user gets them."""
+    stage.user.listen(Image, "camera/depth/image_raw", SENSOR_QOS)
+    stage.start_bridge(stage.start_world(FLAT_WORLD).address)
+    stage.user.wait_until_ready()
+    recorder = stage.start_node("recorder", "--out", str(folder), *options)
+    wait_for_line(stage, recorder, f"recording: {folder}")
+    for index in range(VIEWS):
+        answer = stage.user.set_pose(pose_looking_down(float(index), 0.0, 5.0))
+        assert answer.success, answer.message
+    images = stage.user.received["camera/depth/image_raw"]
+    stage.user.wait_until(lambda: len(images) == VIEWS)
+    return recorder, images
 
 
-def ended(process: subprocess.Popen[str], number: int) -> tuple[int, str]:
-    """End a process with a signal; return its exit code and what it said."""
-    process.send_signal(number)
-    _, said = process.communicate(timeout=DEADLINE_S)
-    return process.returncode, said
+@pytest.mark.ros
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_bag_holds_all_topics_with_their_types_and_counts(
+    number: signal.Signals, stage: Stage, tmp_path: Path
+) -> None:
+    folder = tmp_path / "bag"
+    expected = SAMPLE_TYPES | LATCHED_TYPES
+    recorder, images = record_views(stage, folder, "--all", "--topics", *expected)
+
+    assert recorder.end(number) == 0
+
+    assert "Traceback" not in recorder.log.read_text()
+    with Reader(folder) as reader:
+        topics: dict[str, TopicInfo] = reader.topics
+        for name, type_name in SAMPLE_TYPES.items():
+            assert (topics[name].msgtype, topics[name].msgcount) == (type_name, VIEWS), name
+        assert topics["/diagnostics"].msgtype == "diagnostic_msgs/msg/DiagnosticArray"
+        for name, type_name in LATCHED_TYPES.items():
+            # Published before the recorder came.
+            assert topics[name].msgtype == type_name
+            assert topics[name].msgcount == 1
+            assert topics[name].connections[0].ext.offered_qos_profiles[0].durability == (
+                QosDurability.TRANSIENT_LOCAL
+            )
+        read = sum(1 for _ in reader.messages())
+        assert read == reader.message_count == sum(t.msgcount for t in topics.values())
+    with AnyReader([folder]) as decoder:
+        depth = [c for c in decoder.connections if c.topic == "/camera/depth/image_raw"]
+        decoded = [decoder.deserialize(raw, c.msgtype) for c, _, raw in decoder.messages(depth)]
+    for image, original in zip(decoded, images, strict=True):
+        assert image.header.stamp.nanosec == original.header.stamp.nanosec
+        depth_m = image.data.view(np.float32).reshape(image.height, image.width)
+        np.testing.assert_array_equal(depth_m, image_from_msg(original))
 
 
-def messages_of(reader: AnyReader, topic: str) -> list[Any]:
-    connections = [c for c in reader.connections if c.topic == topic]
-    return [
-        reader.deserialize(data, connection.msgtype)
-        for connection, _, data in reader.messages(connections)
+@pytest.mark.ros
+def test_a_killed_recorder_leaves_what_it_had_taken(stage: Stage, tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    wanted = ["camera/depth/image_raw", "/oaisys_bridge/sample_info"]
+    recorder, _ = record_views(stage, folder, "--topics", *wanted)
+    file = folder / "bag_0.mcap"
+
+    def taken() -> list[str]:
+        try:
+            with file.open("rb") as stream:
+                found = NonSeekingReader(stream).iter_messages(log_time_order=False)
+                topics = []
+                for _, channel, _ in found:
+                    topics.append(channel.topic)
+        except EndOfFile:
+            pass
+        return topics
+
+    stage.user.wait_until(lambda: len(taken()) == 2 * VIEWS)
+    recorder.end(signal.SIGKILL)
+
+    assert sorted(taken()) == ["/camera/depth/image_raw"] * VIEWS + [wanted[1]] * VIEWS
+    assert not (folder / "metadata.yaml").exists()
+
+
+@pytest.mark.ros
+def test_topics_that_are_asked_for_are_waited_for(stage: Stage, tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    recorder = stage.start_node("recorder", "--out", str(folder), "--topics", "here", "/later")
+    here = stage.user.node.create_publisher(Image, "here", 5)
+    stage.user.wait_until(lambda: here.get_subscription_count() == 1)
+    assert "recording:" not in recorder.log.read_text()
+
+    later = stage.user.node.create_publisher(Image, "later", 5)
+    wait_for_line(stage, recorder, f"recording: {folder}")
+    later.publish(Image(width=3))
+    assert recorder.end() == 0
+
+    with Reader(folder) as reader:
+        assert {name: t.msgcount for name, t in reader.topics.items()} == {"/here": 0, "/later": 1}
+
+
+@pytest.mark.ros
+def test_without_names_it_records_what_appears_but_nothing_hidden(
+    stage: Stage, tmp_path: Path
+) -> None:
+    recorder = stage.start_node("recorder", "--out", str(tmp_path / "bag"))
+    publishers = [stage.user.node.create_publisher(Image, n, 5) for n in ("seen", "_hidden")]
+    stage.user.wait_until(lambda: publishers[0].get_subscription_count() == 1)
+    wait_for_line(stage, recorder, f"recording: {tmp_path / 'bag'}")
+    for publisher in publishers:
+        publisher.publish(Image())
+    assert recorder.end() == 0
+
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.topics["/seen"].msgcount == 1
+        assert "/_hidden" not in reader.topics
+
+
+@pytest.mark.ros
+def test_a_folder_with_something_in_it_is_refused(stage: Stage, tmp_path: Path) -> None:
+    (tmp_path / "bag").mkdir()
+    (tmp_path / "bag" / "precious").touch()
+
+    recorder = stage.start_node("recorder", "--out", str(tmp_path / "bag"))
+
+    assert recorder.process.wait(60) == 2
+    assert recorder.log.read_text().splitlines() == [
+        f"path: received '{tmp_path / 'bag'}', expected a folder that is new or empty"
     ]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_rosbags_reads_every_topic_with_its_type_and_all_its_messages(world, tmp_path, number):
-    bag = tmp_path / "bag"
-    process = started_recorder("--out", str(bag))
-    world.publish_images(5)
-    world.publish_late(30)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "diagnostic_msgs/msg/DiagnosticArray",
+        "nav_msgs/msg/Odometry",
+        "rcl_interfaces/msg/ParameterEvent",
+        "sensor_msgs/msg/PointCloud2",
+        "tf2_msgs/msg/TFMessage",
+        "visualization_msgs/msg/Marker",
+    ],
+)
+def test_definitions_and_hashes_agree_with_another_implementation(name: str) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    definition, _ = store.generate_msgdef(name, ros_version=2)
 
-    code, said = ended(process, number)
-
-    assert code == 0
-    assert "Traceback" not in said
-    # No type store is given: the definitions in the bag must do.
-    with AnyReader([bag]) as reader:
-        topics = {c.topic: (c.msgtype, c.msgcount) for c in reader.connections}
-        assert topics["/camera/color/image_raw"] == ("sensor_msgs/msg/Image", 5)
-        assert topics["/camera/semantic_0/labels"] == ("oaisys_msgs/msg/SemanticLabels", 1)
-        assert topics["/tf_static"] == ("tf2_msgs/msg/TFMessage", 1)
-        assert topics["/late"] == ("std_msgs/msg/Int32", 30)
-        images = messages_of(reader, "/camera/color/image_raw")
-        assert [image.header.stamp.sec for image in images] == [0, 1, 2, 3, 4]
-        assert all(np.array_equal(image.data, PIXELS.ravel()) for image in images)
-        assert [number.data for number in messages_of(reader, "/late")] == list(range(30))
-        (legend,) = messages_of(reader, "/camera/semantic_0/labels")
-        assert [(label.id, label.name) for label in legend.labels] == [(10, "rock")]
-        (static,) = messages_of(reader, "/tf_static")
-        assert static.transforms[0].child_frame_id == "camera_optical_frame"
+    assert type_hash(name) == store.hash_rihs01(name)
+    assert definition.count("MSG: ") == message_definition(name).count("\nMSG: ")
 
 
-def test_only_what_was_asked_for_is_recorded(world, tmp_path):
-    bag = tmp_path / "bag"
-    process = started_recorder("--out", str(bag), "--topics", "/camera/color/image_raw")
-    world.publish_images(2)
-
-    ended(process, signal.SIGINT)
-
-    with AnyReader([bag]) as reader:
-        assert {c.topic: c.msgcount for c in reader.connections} == {"/camera/color/image_raw": 2}
-
-
-def test_the_recorded_hash_is_the_one_of_the_running_type(world, tmp_path):
-    bag = tmp_path / "bag"
-    process = started_recorder("--out", str(bag), "--topics", "/camera/color/image_raw")
-    offered = world.node.get_publishers_info_by_topic("/camera/color/image_raw")[0]
-    ended(process, signal.SIGINT)
-
-    (file,) = bag.glob("*.mcap")
-    with file.open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-
-    assert summary is not None
-    (channel,) = summary.channels.values()
-    recorded = channel.metadata["topic_type_hash"]
-    assert recorded.startswith("RIHS01_")
-    assert recorded == str(offered.topic_type_hash)
-
-
-def test_a_killed_recorder_loses_nothing_that_it_had_taken(world, tmp_path):
-    bag = tmp_path / "bag"
-    process = started_recorder("--out", str(bag), "--topics", "/camera/color/image_raw")
-    world.publish_images(3)
-    (file,) = bag.glob("*.mcap")
-    wait_until(lambda: recover(file, tmp_path / f"try{time.monotonic_ns()}") == 3)
-
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate(timeout=DEADLINE_S)
-
-    assert recover(file, tmp_path / "saved") == 3
-    with AnyReader([tmp_path / "saved"]) as reader:
-        images = messages_of(reader, "/camera/color/image_raw")
-    assert [image.header.stamp.sec for image in images] == [0, 1, 2]
-
-
-def test_a_folder_with_something_in_it_is_left_alone(ros_domain_id, tmp_path):
-    (tmp_path / "diary.txt").write_text("mine")
-
-    process = subprocess.run(
-        [sys.executable, "-m", "oaisys_ros_bridge.nodes.recorder", "--out", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        timeout=DEADLINE_S,
-        check=False,
-    )
-
-    assert process.returncode == 2
-    assert str(tmp_path) in process.stderr
-    assert [path.name for path in tmp_path.iterdir()] == ["diary.txt"]
+def test_only_fields_of_message_types_are_nested() -> None:
+    definition = """
+    # comment pkg/Type x
+    uint8 OK=0
+    string<=10 name
+    float64[9] k
+    geometry_msgs/Point[] points
+    Own[<=4] own  # comment
+    wstring text "default"
+    """
+    nested = nested_types("my_msgs/msg/Whole", definition)
+    assert nested == ["geometry_msgs/msg/Point", "my_msgs/msg/Own"]

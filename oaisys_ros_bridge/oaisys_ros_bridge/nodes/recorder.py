@@ -27,8 +27,9 @@ from oaisys_ros_bridge.qos import LATCHED_QOS
 
 LOOK_PERIOD_S = 0.25
 """Between two looks for topics that have appeared."""
-CALM_LOOKS = 4
-"""Looks without anything new after which all topics that exist count as found."""
+CALM_LOOKS = 6
+"""Looks without anything new after which all topics that exist count as found. Discovery gives no
+sign of its end: only named topics are certain to be listened to by then."""
 QUEUE_DEPTH = 50
 LAST_MESSAGES_S = 0.5
 """At the end, recording goes on until nothing has come for this long ..."""
@@ -43,17 +44,22 @@ class RecorderNode(Node):
     Parameters:
         path: Folder of the bag; new or empty.
         topics: Names to record; empty: all that exist or appear, hidden ones apart.
+        all: Record all others too; then ``topics`` are those that must be there at the start.
 
     Once it listens to all requested topics (or to all that exist), it prints ``recording: PATH``
     and publishes true on the latched ``~/recording``. A full disk ends the recording with one
     error; the node stays, the bag is closed.
     """
 
-    def __init__(self, path: str = "", topics: Sequence[str] = ()) -> None:
+    def __init__(
+        self, path: str = "", topics: Sequence[str] = (), everything: bool = False
+    ) -> None:
         super().__init__("oaisys_recorder")
         path = self.declare_parameter("path", path).value
         names = self.declare_parameter("topics", ["", *topics]).value
         self._requested = {self.resolve_topic_name(name) for name in names if name}
+        everything = self.declare_parameter("all", everything).value
+        self._everything = everything or not self._requested
         self._folder = Path(path or time.strftime("bag_%Y_%m_%d-%H_%M_%S"))
         require_free_space(self._folder)
         self._bag = BagWriter(self._folder)
@@ -96,7 +102,7 @@ class RecorderNode(Node):
             sys.stdout.flush()
 
     def _wants(self, name: str) -> bool:
-        if self._requested:
+        if name in self._requested or not self._everything:
             return name in self._requested
         hidden = any(part.startswith("_") for part in name.split("/"))
         return not hidden and name not in self._own_topics and bool(self.count_publishers(name))
@@ -196,8 +202,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="recorder", description="Record a rosbag2 MCAP bag.")
     parser.add_argument("--out", default="", help="folder of the bag; new or empty")
     parser.add_argument("--topics", nargs="*", default=(), help="default: all")
+    parser.add_argument("--all", action="store_true", help="beside --topics: all others too")
     own = parser.parse_args(remove_ros_args(arguments)[1:])
-    return run_node(lambda: RecorderNode(own.out, own.topics), arguments)
+    return run_node(lambda: RecorderNode(own.out, own.topics, own.all), arguments)
 
 
 if __name__ == "__main__":
