@@ -87,6 +87,20 @@ def test_poses_are_rotations_times_the_size(ground: HeightField) -> None:
     assert np.allclose(np.linalg.det(R), 1)
 
 
+def test_things_lie_flat_on_a_slope() -> None:
+    x = np.linspace(-20, 20, 129)
+    slope = np.tile(np.tan(np.radians(30)) * x, (129, 1)).astype(np.float32)
+    ground = HeightField(slope, (-20.0, -20.0), 40 / 128)
+    T_map_object, sizes_m = scatter_on(
+        ground, 60, (0.3, 2.0), np.random.default_rng(8), sink=(0.0, 0.0), max_tilt_deg=0.0
+    )
+    up = T_map_object[:, :3, 2] / sizes_m[:, None]
+    assert np.allclose(up, (-0.5, 0.0, np.sqrt(0.75)), atol=1e-5)
+    assert np.allclose(
+        T_map_object[:, 2, 3], np.tan(np.radians(30)) * T_map_object[:, 0, 3], atol=1e-4
+    )
+
+
 def test_no_rock_stands_on_steep_ground() -> None:
     x = np.linspace(-20, 20, 129)
     slope = np.where(x > 0, np.tan(np.radians(50)) * x, 0).astype(np.float32)

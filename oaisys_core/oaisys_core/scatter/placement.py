@@ -42,7 +42,7 @@ def scatter_on(
     min_spacing: float = 0.5,
     sink: tuple[float, float] = (0.15, 0.4),
     max_slope_deg: float = 40.0,
-    max_tilt_deg: float = 25.0,
+    max_tilt_deg: float = 18.0,
     clumping: float = 0.7,
 ) -> tuple[FloatArray, FloatArray]:
     """Return poses of up to ``count`` things on the ground.
@@ -56,7 +56,7 @@ def scatter_on(
         min_spacing: Least distance of two things, in units of their mean size.
         sink: Least and most share of its size that a thing is in the ground.
         max_slope_deg: Steepest ground.
-        max_tilt_deg: Most that a thing leans out of the vertical.
+        max_tilt_deg: Most that a thing leans out of the ground's normal, about either axis.
         clumping: 0 spreads them evenly; with 1 some patches hold hardly any.
 
     Returns:
@@ -141,17 +141,39 @@ def _poses(
     depth_m = rng.uniform(*sink, count) * sizes_m * 0.6
     T_map_object = np.tile(np.eye(4), (count, 1, 1))
     if count:
+        slope, hollow_m = _bedding(ground, xy, sizes_m / 2)
         rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
+        rotation = _leaning(slope) * rotation
         T_map_object[:, :3, :3] = rotation.as_matrix() * sizes_m[:, None, None]
         T_map_object[:, :2, 3] = xy
-        T_map_object[:, 2, 3] = _lowest_under(ground, xy, sizes_m / 3) - depth_m
+        T_map_object[:, 2, 3] = ground.height_at(xy) - hollow_m - depth_m
     return T_map_object
 
 
-def _lowest_under(ground: HeightField, xy: FloatArray, radius_m: FloatArray) -> FloatArray:
-    """Return the (N,) lowest ground on a circle of each radius, and at its centre."""
-    angles = np.linspace(0, 2 * np.pi, 8, endpoint=False)
-    offsets = np.vstack((np.zeros((1, 2)), np.column_stack((np.cos(angles), np.sin(angles)))))
-    around = xy[:, None] + radius_m[:, None, None] * offsets
-    heights_m = ground.height_at(around.reshape(-1, 2)).reshape(len(xy), -1)
-    return np.asarray(np.nanmin(heights_m, axis=1))
+def _bedding(
+    ground: HeightField, xy: FloatArray, radius_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the plane that each thing lies on.
+
+    Returns:
+        (N, 2) slope of the ground along x and y over a circle of each radius, and (N,) depth of
+        the ground's deepest point on the circle below a plane of that slope through its centre.
+    """
+    angles = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    way = np.column_stack((np.cos(angles), np.sin(angles)))
+    around = xy[:, None] + radius_m[:, None, None] * way
+    centre_m = ground.height_at(xy)
+    rise_m = ground.height_at(around.reshape(-1, 2)).reshape(len(xy), -1) - centre_m[:, None]
+    rise_m = np.nan_to_num(rise_m)
+    # Least squares over directions spread evenly: the mean of each, as in a Fourier series.
+    slope = 2 * (rise_m @ way) / (len(way) * radius_m[:, None])
+    hollow_m = -(rise_m - (slope @ way.T) * radius_m[:, None]).min(axis=1)
+    return slope, np.maximum(hollow_m, 0)
+
+
+def _leaning(slope: FloatArray) -> Rotation:
+    """Return (N,) shortest rotations that bring the z axis onto the normals of (N, 2) slopes."""
+    steepness = np.linalg.norm(slope, axis=1)
+    axis = np.column_stack((slope[:, 1], -slope[:, 0], np.zeros(len(slope))))
+    angle_rad = np.arctan(steepness)
+    return Rotation.from_rotvec(axis * (angle_rad / np.maximum(steepness, 1e-12))[:, None])
