@@ -13,6 +13,9 @@ DEMO_ARGS ?= --out out/survey
 PYTEST_ARGS ?=
 
 IN_ENV := source '$(abspath $(VENV))/oaisys_env.sh' &&
+# Tests are checked, but need not annotate everything.
+TEST_TYPES := --allow-untyped-defs --allow-incomplete-defs --allow-any-generics --allow-untyped-calls \
+	--allow-subclassing-any --allow-untyped-decorators --no-warn-return-any --no-strict-equality
 TYPED := oaisys_core oaisys_grpc oaisys_mapping oaisys_ros_bridge
 
 help: ## Show this list
@@ -31,7 +34,7 @@ lint: setup ## Check style, formatting and types
 	@$(IN_ENV) ruff check .
 	@$(IN_ENV) ruff format --check .
 	@$(IN_ENV) mypy $(foreach package,$(TYPED),-p $(package)) -p tools
-	@$(IN_ENV) mypy test
+	@$(IN_ENV) mypy $(TEST_TYPES) test
 
 format: setup ## Rewrite the code in the project's format
 	@$(IN_ENV) ruff check --fix .

@@ -32,7 +32,9 @@ def small(tmp_path: Path) -> Path:
 
 
 def test_render_writes_the_batches_and_samples_asked_for(small: Path, tmp_path: Path) -> None:
-    result = oaisys("render", "--config", small, "--out", tmp_path, "--batches", 2, "--samples", 2)
+    result = oaisys(
+        "render", "--config", small, "--out", tmp_path, "--batches", "2", "--samples", "2"
+    )
     assert result.returncode == 0, result.stderr
     assert len(list(tmp_path.glob("batch_000[12]/camera/000[12]camera_rgb_00.png"))) == 4
     poses = tmp_path / "batch_0001" / "poses.csv"

@@ -32,7 +32,8 @@ def test_the_default_camera_is_the_papers() -> None:
     (sensor,) = SensorsModule(SimulationConfig().sensors).sensors
     K = sensor.intrinsics.K
     assert (sensor.intrinsics.width_px, sensor.intrinsics.height_px) == (640, 480)
-    assert np.array_equal(K, [[541.14, 0, 319.5], [0, 541.14, 239.5], [0, 0, 1]])
+    expected = np.array([(541.14, 0, 319.5), (0, 541.14, 239.5), (0, 0, 1)])
+    assert np.array_equal(K, expected)
 
 
 @pytest.mark.parametrize(

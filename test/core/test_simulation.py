@@ -140,9 +140,9 @@ def test_refused_metadata_changes_nothing(
     assert simulation.state() == before
 
 
-@pytest.mark.parametrize("names", [{"sensors": ["left"]}, {"modalities": ["smell"]}])
+@pytest.mark.parametrize("names", [{"sensors": ["left"]}, {"modalities": ["smell"]}], ids=str)
 def test_unknown_sensors_and_modalities_are_refused(
-    simulation: Simulation, names: dict[str, list[str]]
+    simulation: Simulation, names: dict[str, Any]
 ) -> None:
     with pytest.raises(InvalidInputError):
         simulation.step_sample(**names)

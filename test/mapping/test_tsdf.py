@@ -1,6 +1,7 @@
 """Fused planes and spheres against their closed forms."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -128,8 +129,9 @@ def test_images_that_do_not_fit_are_refused(field: str, change: dict[str, object
 
 @pytest.mark.parametrize("name", ["voxel_size_m", "truncation_voxels", "max_range_m"])
 def test_sizes_must_be_above_zero(name: str) -> None:
+    zero: dict[str, Any] = {name: 0}
     with pytest.raises(InvalidInputError, match=name):
-        TsdfConfig(**{name: 0.0})
+        TsdfConfig(**zero)
 
 
 def fused(volume: TsdfVolume) -> TsdfVolume:
