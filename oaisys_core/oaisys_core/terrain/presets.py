@@ -82,16 +82,16 @@ def mounds(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 
 def mountain_1(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     """One steep hill in the middle, with ridges and gullies down its flanks."""
-    height_m = 0.28 * spec.extent_m if spec.relief_m is None else spec.relief_m
+    height_m = 0.25 * spec.extent_m if spec.relief_m is None else spec.relief_m
     axis = np.linspace(-1, 1, spec.resolution_px)
     u, v = np.meshgrid(axis, axis)
     x, y = grid(spec.extent_m, spec.resolution_px, cell=spec.extent_m / 3.5)
-    wx, wy = warped(x, y, rng, strength=0.45)
+    wx, wy = warped(x, y, rng, strength=0.3)
     bend = fractal(x, y, rng, octaves=3)
     radius = np.hypot(u, v) * (1 + 0.3 * bend)
-    cone = np.exp(-np.square(radius / 0.42)).astype(np.float32)
-    ridges = fractal(wx, wy, rng, octaves=6, kind="ridged")
-    hill = cone * (0.55 + 0.6 * ridges) + 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
+    cone = np.exp(-np.power(radius / 0.45, 1.5)).astype(np.float32)
+    ridges = fractal(wx, wy, rng, octaves=6, kind="ridged", gain=0.42)
+    hill = cone * (0.62 + 0.5 * ridges) + 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
     return _grounded(_scaled(hill, height_m) + spec.roughness * _unevenness(spec, rng))
 
 
