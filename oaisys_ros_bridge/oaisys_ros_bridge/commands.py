@@ -41,7 +41,8 @@ def survey(
 ) -> None:
     """Survey a terrain over ROS, rebuild it, and measure the result; exit 0 if the loop closes."""
     from oaisys_ros_bridge.progress import Reporter
-    from oaisys_ros_bridge.survey import SurveyOptions, run_survey
+    from oaisys_ros_bridge.survey import run_survey
+    from oaisys_ros_bridge.survey_plan import SurveyOptions
 
     if config is not None and not config.is_file():
         raise InvalidInputError("--config", str(config), "an existing file")

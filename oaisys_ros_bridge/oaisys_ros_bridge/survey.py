@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import os
 import random
-import shlex
 import shutil
-import statistics
 import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,14 +27,15 @@ from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, Pose, SensorInfo
 from oaisys_grpc.client import SimulatorClient
 from oaisys_mapping.certificate import write_views
 from oaisys_mapping.mesh_io import read_ply, write_truth
-from oaisys_mapping.metrics import Evaluation, Thresholds, evaluate_reconstruction
-from oaisys_mapping.report import SurveyReport, ViewRecord, write_report
+from oaisys_mapping.metrics import evaluate_reconstruction
+from oaisys_mapping.report import write_report
 from oaisys_mapping.visibility import View
 from oaisys_ros_bridge.processes import ManagedProcess
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.sample_publisher import sensor_namespace
 from oaisys_ros_bridge.survey_client import ReceivedView, SurveyClient
-from oaisys_ros_bridge.survey_plan import NORTH_UP_YAW_RAD, SurveyPlan, plan_survey
+from oaisys_ros_bridge.survey_plan import NORTH_UP_YAW_RAD, SurveyOptions, SurveyPlan, plan_survey
+from oaisys_ros_bridge.survey_report import say_result, survey_report
 
 START_TIMEOUT_S = 600.0
 """Until a world must stand: textures are made on a machine's first run."""
@@ -44,30 +43,6 @@ START_TIMEOUT_S = 600.0
 VIEW_TIMEOUT_S = 300.0
 MAP_TIMEOUT_S = 120.0
 MAP_FRAME = "map"
-
-
-@dataclass(frozen=True)
-class SurveyOptions:
-    """What a survey is asked to do.
-
-    Attributes:
-        out: Folder for everything it writes.
-        config: Configuration file; None: the default world.
-        overrides: Options of ``oaisys config show`` that change the configuration.
-        worker_python: Interpreter that has ``bpy``; None: this one.
-    """
-
-    out: Path
-    config: Path | None
-    overrides: Mapping[str, str]
-    views: int
-    altitude_m: float
-    overlap: float
-    voxel_size_m: float
-    max_range_m: float
-    record: bool
-    worker_python: Path | None
-    command: Sequence[str]
 
 
 def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
@@ -90,7 +65,7 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
         mesh_path = options.out / "mesh.ply"
         system.client.save_mesh(str(mesh_path.resolve()), MAP_TIMEOUT_S)
         truth = system.simulator.ground_truth_mesh()
-        info, plan = system.simulator.info(), system.plan
+        info = system.simulator.info()
     reporter.say("measuring against the true surface")
     write_truth(options.out / "truth.ply", truth)
     mesh = read_ply(mesh_path)
@@ -98,38 +73,26 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
     evaluation = evaluate_reconstruction(
         mesh, truth, views, options.voxel_size_m, options.max_range_m, rng
     )
-    report = SurveyReport(
-        title="Survey of a rendered terrain",
-        facts=_facts(options, info, received, time.monotonic() - started_s),
-        evaluation=evaluation,
-        thresholds=thresholds_for(options.voxel_size_m),
-        mesh=mesh,
-        views=[_record(view) for view in received],
-        columns=plan.columns,
-        labels=info.semantic_labels,
-        command=shlex.join(options.command),
-        config_text=config_path.read_text(encoding="utf-8"),
+    report = survey_report(
+        options, info, evaluation, mesh, received, time.monotonic() - started_s, config_path
     )
     write_report(report, options.out)
-    _say_result(report, evaluation, options, reporter)
+    say_result(report, options, reporter)
     return not report.missed
-
-
-def thresholds_for(voxel_size_m: float) -> Thresholds:
-    """Return what counts as closed: errors of half a voxel, and nearly nothing missing."""
-    return Thresholds(
-        max_rmse_m=voxel_size_m / 2, min_completion=0.95, min_f_score=0.95, max_holes=0.02
-    )
 
 
 @dataclass(frozen=True)
 class System:
-    """The running processes, as the survey talks to them."""
+    """The running processes, as the survey talks to them.
+
+    Attributes:
+        posed_sensor: Whose pose is asked for; empty where the rig's is the sensor's own.
+    """
 
     simulator: SimulatorClient
     client: SurveyClient
     sensor: SensorInfo
-    is_only_sensor: bool
+    posed_sensor: str
     plan: SurveyPlan
 
 
@@ -172,7 +135,13 @@ def _running_system(
         plan = plan_survey(
             options.views, options.altitude_m, options.overlap, sensor.intrinsics, extent_m
         )
-        yield System(simulator, client, sensor, len(info.sensors) == 1, plan)
+        yield System(simulator, client, sensor, _posed_sensor(info), plan)
+
+
+def _posed_sensor(info: SimulatorInfo) -> str:
+    sensor = info.sensors[0]
+    is_rig = len(info.sensors) == 1 and np.allclose(sensor.T_base_camera, T_LINK_OPTICAL)
+    return "" if is_rig else sensor.name
 
 
 def _check_all(*processes: ManagedProcess) -> None:
@@ -183,13 +152,15 @@ def _check_all(*processes: ManagedProcess) -> None:
 def _visit(system: System, poses: Sequence[Pose], reporter: Reporter) -> list[ReceivedView]:
     """Look from every pose in turn."""
     received = []
-    sensor = "" if system.is_only_sensor else system.sensor.name
     for pose in reporter.track(poses, "views"):
-        view = system.client.view(pose, sensor, MAP_FRAME, VIEW_TIMEOUT_S)
+        view = system.client.view(pose, system.posed_sensor, MAP_FRAME, VIEW_TIMEOUT_S)
         received.append(view)
         reporter.step(f"rendered in {view.render_s:.2f} s, answered in {view.service_s:.2f} s")
-    system.client.wait_for_map(len(poses), MAP_TIMEOUT_S)
-    return received
+    integration_s = system.client.wait_for_map(len(poses), MAP_TIMEOUT_S)
+    return [
+        replace(view, integration_s=seconds)
+        for view, seconds in zip(received, integration_s, strict=True)
+    ]
 
 
 def _viewpoints(plan: SurveyPlan, simulator: SimulatorClient) -> list[Pose]:
@@ -264,54 +235,3 @@ def _remove_old_bag(folder: Path) -> None:
 
 def _recorder_arguments(options: SurveyOptions) -> list[str]:
     return ["oaisys_ros_bridge.nodes.recorder", "--out", str(options.out / "bag")]
-
-
-def _facts(
-    options: SurveyOptions,
-    info: SimulatorInfo,
-    received: Sequence[ReceivedView],
-    seconds_total: float,
-) -> dict[str, Any]:
-    is_blender = info.backend == "blender"
-    return {
-        "views": len(received),
-        "seed": info.seed,
-        "config_sha256": info.config_sha256,
-        "backend": info.backend,
-        "backend_version": info.backend_version,
-        "blender_version": info.backend_version if is_blender else None,
-        "quality": info.quality,
-        "altitude_m": options.altitude_m,
-        "overlap": options.overlap,
-        "seconds_total": seconds_total,
-        "seconds_per_view": statistics.median(view.service_s for view in received),
-        "seconds_per_render": statistics.median(view.render_s for view in received),
-    }
-
-
-def _record(view: ReceivedView) -> ViewRecord:
-    images = view.images
-    return ViewRecord(
-        rgb=images.get(RGB),
-        depth_m=images.get(DEPTH),
-        semantic_ids=images.get(SEMANTIC_0),
-        instance_ids=images.get(INSTANCE),
-        seconds={
-            "render": view.render_s,
-            "transfer and publish": max(view.service_s - view.render_s, 0.0),
-        },
-    )
-
-
-def _say_result(
-    report: SurveyReport, evaluation: Evaluation, options: SurveyOptions, reporter: Reporter
-) -> None:
-    figures = evaluation.metrics
-    reporter.say(
-        f"RMSE {figures.rmse_m:.4f} m, completion {figures.completion_ratio:.4f}, "
-        f"F-score {figures.f_score:.4f}, holes {figures.hole_ratio:.4f}"
-    )
-    for sentence in report.missed:
-        reporter.say(f"missed: {sentence}")
-    verdict = "does not close" if report.missed else "closes"
-    reporter.say(f"the loop {verdict}: {options.out / 'report.html'}")

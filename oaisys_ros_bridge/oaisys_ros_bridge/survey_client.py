@@ -42,11 +42,13 @@ class ReceivedView:
         images: By modality.
         render_s: What the simulator says that rendering took.
         service_s: From the call to the answer.
+        integration_s: What the mapper says that fusing it took; 0 until that is known.
     """
 
     images: Images
     render_s: float
     service_s: float
+    integration_s: float = 0.0
 
 
 class SurveyClient:
@@ -66,7 +68,7 @@ class SurveyClient:
         self._images: dict[tuple[int, int], dict[str, NDArray[Any]]] = {}
         self._modalities = modalities
         self._bridge_is_ready = False
-        self._map_status = MapStatus()
+        self._integration_s: dict[int, float] = {}
         self._namespace = namespace
         for modality in modalities:
             take = self._take(modality)
@@ -152,18 +154,20 @@ class SurveyClient:
             images = self._images.pop(key)
         return ReceivedView(images, answer.render_time, service_s)
 
-    def wait_for_map(self, frames: int, timeout_s: float) -> float:
-        """Wait until the map holds ``frames`` frames; return what the newest took, in seconds.
+    def wait_for_map(self, frames: int, timeout_s: float) -> list[float]:
+        """Wait until the map holds ``frames`` frames; return what each took, in seconds.
+
+        A time that was overtaken by the next frame's before it arrived is 0.
 
         Raises:
             DeadlineExceededError: It does not in time.
         """
         self._wait(
             f"{frames} frames in the map",
-            lambda: self._map_status.frames_integrated >= frames,
+            lambda: max(self._integration_s, default=0) >= frames,
             timeout_s,
         )
-        return float(self._map_status.integration_time)
+        return [self._integration_s.get(frame, 0.0) for frame in range(1, frames + 1)]
 
     def save_mesh(self, path: str, timeout_s: float) -> SaveMesh.Response:
         """Have the mapper write its mesh and return its answer.
@@ -224,7 +228,7 @@ class SurveyClient:
 
     def _on_map_status(self, msg: MapStatus) -> None:
         with self._changed:
-            self._map_status = msg
+            self._integration_s[msg.frames_integrated] = msg.integration_time
             self._changed.notify_all()
 
     def _spin(self) -> None:

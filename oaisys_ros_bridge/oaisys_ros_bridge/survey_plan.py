@@ -1,14 +1,41 @@
-"""Where a survey looks from: a grid of viewpoints that look straight down."""
+"""What a survey is asked to do, and its grid of viewpoints that look straight down."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, pi, sqrt
+from pathlib import Path
 
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, PinholeIntrinsics
+
+
+@dataclass(frozen=True)
+class SurveyOptions:
+    """What a survey is asked to do.
+
+    Attributes:
+        out: Folder for everything it writes.
+        config: Configuration file; None: the default world.
+        overrides: Options of ``oaisys config show`` that change the configuration.
+        worker_python: Interpreter that has ``bpy``; None: this one.
+    """
+
+    out: Path
+    config: Path | None
+    overrides: Mapping[str, str]
+    views: int
+    altitude_m: float
+    overlap: float
+    voxel_size_m: float
+    max_range_m: float
+    record: bool
+    worker_python: Path | None
+    command: Sequence[str]
+
 
 NORTH_UP_YAW_RAD = pi / 2
 """Yaw of a rig that looks down with the image's upper edge towards +y."""
@@ -21,12 +48,15 @@ class SurveyPlan:
     Attributes:
         xy_m: (N, 2) positions in ``map``.
         altitude_m: Height above the surface right below.
-        columns: Viewpoints in a row.
     """
 
     xy_m: FloatArray
     altitude_m: float
-    columns: int
+
+
+def survey_columns(views: int) -> int:
+    """Return how many viewpoints stand in a row: thirty are six by five."""
+    return ceil(sqrt(views * 6 / 5))
 
 
 def plan_survey(
@@ -54,7 +84,7 @@ def plan_survey(
         raise InvalidInputError("--altitude", altitude_m, "metres above 0")
     if not 0 <= overlap < 1:
         raise InvalidInputError("--overlap", overlap, "a share from 0 to below 1")
-    columns = ceil(sqrt(views * 6 / 5))
+    columns = survey_columns(views)
     rows = ceil(views / columns)
     step_x_m = altitude_m * intrinsics.width_px / intrinsics.fx_px * (1 - overlap)
     step_y_m = altitude_m * intrinsics.height_px / intrinsics.fy_px * (1 - overlap)
@@ -67,4 +97,4 @@ def plan_survey(
         size = f"{columns} x {rows} views, {columns * step_x_m:.1f} m x {rows * step_y_m:.1f} m"
         stage = f"{high[0] - low[0]:g} m x {high[1] - low[1]:g} m"
         raise InvalidInputError("the survey's grid", size, f"one that fits the stage of {stage}")
-    return SurveyPlan(xy_m, altitude_m, columns)
+    return SurveyPlan(xy_m, altitude_m)

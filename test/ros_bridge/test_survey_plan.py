@@ -5,7 +5,7 @@ import pytest
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import PinholeIntrinsics
-from oaisys_ros_bridge.survey_plan import plan_survey
+from oaisys_ros_bridge.survey_plan import plan_survey, survey_columns
 
 CAMERA = PinholeIntrinsics(640, 480, 541.14, 541.14, 319.5, 239.5)
 STAGE = (-32.0, -32.0, 32.0, 32.0)
@@ -13,7 +13,7 @@ STAGE = (-32.0, -32.0, 32.0, 32.0)
 
 def test_thirty_views_are_six_by_five_and_centred() -> None:
     plan = plan_survey(30, 10.0, 0.35, CAMERA, STAGE)
-    assert plan.columns == 6
+    assert survey_columns(30) == 6
     assert plan.xy_m.shape == (30, 2)
     assert np.allclose(plan.xy_m.mean(axis=0), 0)
     assert plan.xy_m[0, 0] < 0 < plan.xy_m[0, 1], "it begins in the north-west"

@@ -1,0 +1,99 @@
+"""What a survey found, as the mapping package's report takes it."""
+
+from __future__ import annotations
+
+import shlex
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SimulatorInfo
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.metrics import Evaluation, Thresholds
+from oaisys_mapping.report import SurveyReport, ViewRecord
+from oaisys_ros_bridge.progress import Reporter
+from oaisys_ros_bridge.survey_client import ReceivedView
+from oaisys_ros_bridge.survey_plan import SurveyOptions, survey_columns
+
+
+def thresholds_for(voxel_size_m: float) -> Thresholds:
+    """Return what counts as closed: errors of half a voxel, and nearly nothing missing."""
+    return Thresholds(
+        max_rmse_m=voxel_size_m / 2, min_completion=0.95, min_f_score=0.95, max_holes=0.02
+    )
+
+
+def survey_report(
+    options: SurveyOptions,
+    info: SimulatorInfo,
+    evaluation: Evaluation,
+    mesh: ColoredMesh,
+    received: Sequence[ReceivedView],
+    seconds_total: float,
+    config_path: Path,
+) -> SurveyReport:
+    """Return everything that the report shows."""
+    return SurveyReport(
+        title="Survey of a rendered terrain",
+        facts=_facts(options, info, received, seconds_total),
+        evaluation=evaluation,
+        thresholds=thresholds_for(options.voxel_size_m),
+        mesh=mesh,
+        views=[_record(view) for view in received],
+        columns=survey_columns(options.views),
+        labels=info.semantic_labels,
+        command=shlex.join(options.command),
+        config_text=config_path.read_text(encoding="utf-8"),
+    )
+
+
+def _facts(
+    options: SurveyOptions,
+    info: SimulatorInfo,
+    received: Sequence[ReceivedView],
+    seconds_total: float,
+) -> dict[str, Any]:
+    is_blender = info.backend == "blender"
+    return {
+        "views": len(received),
+        "seed": info.seed,
+        "config_sha256": info.config_sha256,
+        "backend": info.backend,
+        "backend_version": info.backend_version,
+        "blender_version": info.backend_version if is_blender else None,
+        "quality": info.quality,
+        "altitude_m": options.altitude_m,
+        "overlap": options.overlap,
+        "seconds_total": seconds_total,
+        "seconds_per_view": statistics.median(view.service_s for view in received),
+        "seconds_per_render": statistics.median(view.render_s for view in received),
+    }
+
+
+def _record(view: ReceivedView) -> ViewRecord:
+    images = view.images
+    return ViewRecord(
+        rgb=images.get(RGB),
+        depth_m=images.get(DEPTH),
+        semantic_ids=images.get(SEMANTIC_0),
+        instance_ids=images.get(INSTANCE),
+        seconds={
+            "render": view.render_s,
+            "transfer and publish": max(view.service_s - view.render_s, 0.0),
+            "integrate": view.integration_s,
+        },
+    )
+
+
+def say_result(report: SurveyReport, options: SurveyOptions, reporter: Reporter) -> None:
+    """Print the figures and the verdict."""
+    figures = report.evaluation.metrics
+    reporter.say(
+        f"RMSE {figures.rmse_m:.4f} m, completion {figures.completion_ratio:.4f}, "
+        f"F-score {figures.f_score:.4f}, holes {figures.hole_ratio:.4f}"
+    )
+    for sentence in report.missed:
+        reporter.say(f"missed: {sentence}")
+    verdict = "does not close" if report.missed else "closes"
+    reporter.say(f"the loop {verdict}: {options.out / 'report.html'}")
