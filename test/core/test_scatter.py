@@ -57,10 +57,12 @@ def test_an_icosphere_has_20_times_4_to_the_n_triangles(subdivisions: int) -> No
     assert np.allclose(np.linalg.norm(points, axis=1), 1)
 
 
-def test_no_rock_floats(ground: HeightField) -> None:
+@pytest.mark.parametrize("kind", sorted(ROCK_KINDS))
+def test_no_rock_floats(ground: HeightField, kind: str) -> None:
     rng = np.random.default_rng(1)
-    T_map_object, _ = scatter_on(ground, 300, (0.2, 1.5), rng)
-    rock = make_rock("angular", rng, 3).vertices_m
+    rock = make_rock(kind, rng, 3).vertices_m
+    height = float(rock[:, 2].max())
+    T_map_object, _ = scatter_on(ground, 300, (0.2, 1.5), rng, height_share=height)
     for T in T_map_object:
         vertices_m = rock @ T[:3, :3].T + T[:3, 3]
         above_m = vertices_m[:, 2] - ground.height_at(vertices_m[:, :2])

@@ -70,7 +70,7 @@ class AssetsModule(Module):
         next_id = 1
         for group in self._config.rocks:
             shapes = self._draw_shapes(group, rng)
-            T_map_object = _draw_poses(group, factor, ground, rng)
+            T_map_object = _draw_poses(group, factor, ground, shapes, rng)
             shape_of = rng.integers(len(shapes), size=len(T_map_object))
             ids = np.arange(next_id, next_id + len(T_map_object), dtype=np.uint32)
             next_id += len(T_map_object)
@@ -103,7 +103,11 @@ class AssetsModule(Module):
 
 
 def _draw_poses(
-    group: RockGroupConfig, factor: float, ground: HeightField, rng: np.random.Generator
+    group: RockGroupConfig,
+    factor: float,
+    ground: HeightField,
+    shapes: list[MeshPrototype],
+    rng: np.random.Generator,
 ) -> FloatArray:
     least, most = group.count
     count = round(factor * int(rng.integers(least, most, endpoint=True)))
@@ -115,6 +119,7 @@ def _draw_poses(
         size_exponent=group.size_exponent,
         sink=group.sink,
         max_slope_deg=group.max_slope_deg,
+        height_share=float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes])),
     )
     return T_map_object
 

@@ -13,6 +13,9 @@ from oaisys_core.types import FloatArray
 ROUNDS = 16
 """How often places that were refused are drawn anew before fewer are accepted."""
 
+MOST_BURIED = 0.8
+"""Share of its height that is in the ground at most, so that all are seen."""
+
 PATCH_M = 6.0
 PATCHES_PX = 128
 """Width of the patches where things lie closer, and texels of the map of them."""
@@ -44,6 +47,7 @@ def scatter_on(
     max_slope_deg: float = 40.0,
     max_tilt_deg: float = 18.0,
     clumping: float = 0.7,
+    height_share: float = 0.6,
 ) -> tuple[FloatArray, FloatArray]:
     """Return poses of up to ``count`` things on the ground.
 
@@ -54,10 +58,12 @@ def scatter_on(
         rng: Gives places, sizes and orientations.
         size_exponent: Of the power law of sizes.
         min_spacing: Least distance of two things, in units of their mean size.
-        sink: Least and most share of its size that a thing is in the ground.
+        sink: Least and most share of its height that a thing is in the ground; more where the
+            ground is hollow or the thing leans.
         max_slope_deg: Steepest ground.
         max_tilt_deg: Most that a thing leans out of the ground's normal, about either axis.
         clumping: 0 spreads them evenly; with 1 some patches hold hardly any.
+        height_share: Height of the things relative to their longest axis.
 
     Returns:
         (N, 4, 4) rotation times uniform scale with translation, and (N,) sizes in metres, largest
@@ -75,7 +81,7 @@ def scatter_on(
         drawn = drawn[_slope_deg(ground, drawn) <= max_slope_deg]
         xy = _spaced(np.vstack((xy, drawn)), sizes_m, min_spacing)
     sizes_m = sizes_m[: len(xy)]
-    return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg), sizes_m
+    return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
 
 
 def _patches(ground: HeightField, rng: np.random.Generator) -> Field:
@@ -134,11 +140,15 @@ def _poses(
     rng: np.random.Generator,
     sink: tuple[float, float],
     max_tilt_deg: float,
+    height_share: float,
 ) -> FloatArray:
     count = len(xy)
     yaw_rad = rng.uniform(-np.pi, np.pi, count)
     tilt_rad = np.radians(max_tilt_deg) * rng.uniform(-1, 1, (count, 2))
-    depth_m = rng.uniform(*sink, count) * sizes_m * 0.6
+    # Something that leans lifts one side of its foot, so it goes deeper.
+    depth_m = sizes_m * (
+        height_share * rng.uniform(*sink, count) + 0.3 * np.linalg.norm(tilt_rad, axis=1)
+    )
     T_map_object = np.tile(np.eye(4), (count, 1, 1))
     if count:
         slope, hollow_m = _bedding(ground, xy, sizes_m / 2)
@@ -146,7 +156,8 @@ def _poses(
         rotation = _leaning(slope) * rotation
         T_map_object[:, :3, :3] = rotation.as_matrix() * sizes_m[:, None, None]
         T_map_object[:, :2, 3] = xy
-        T_map_object[:, 2, 3] = ground.height_at(xy) - hollow_m - depth_m
+        depth_m = np.minimum(depth_m + hollow_m, MOST_BURIED * height_share * sizes_m)
+        T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
     return T_map_object
 
 

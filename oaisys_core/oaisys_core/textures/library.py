@@ -19,7 +19,7 @@ from oaisys_core.textures.procedural import RECIPES
 
 LOG = logging.getLogger(__name__)
 
-RECIPE_VERSION = 4
+RECIPE_VERSION = 5
 """Part of the cache's key; raised whenever a recipe changes."""
 
 TEXTURES = frozenset(RECIPES)

@@ -56,7 +56,6 @@ LUNAR_STONES: tuple[Color, ...] = (
     (0.48, 0.47, 0.45),
     (0.37, 0.36, 0.35),
 )
-DUST: Color = (0.60, 0.51, 0.40)
 
 
 def gravel(size_px: int, rng: np.random.Generator) -> Surface:
@@ -115,18 +114,28 @@ def soil(size_px: int, rng: np.random.Generator) -> Surface:
     crumbs = fields.tile_noise(size_px, 45, rng, 1.4)
     crust = np.clip(fields.tile_noise(size_px, 3, rng) * 0.8 + 0.2, 0, 1)
     split = fields.cracks(size_px, 14, rng, width=0.05) * crust
-    height = 0.0018 * clods + 0.0005 * crumbs * (1 - 0.7 * crust) - 0.0025 * split
+    height = 0.0014 * clods + 0.0004 * crumbs * (1 - 0.7 * crust) - 0.0025 * split
     color = _dusty(size_px, rng, (0.53, 0.43, 0.33), 0.05)
-    color *= (1 + 0.03 * clods + 0.05 * crumbs + 0.06 * crust - 0.3 * split)[..., None]
+    color *= (1 + 0.015 * clods + 0.04 * crumbs + 0.06 * crust - 0.3 * split)[..., None]
     bed = Bed(height.astype(np.float32))
     stony = np.clip(0.35 + 0.4 * fields.tile_noise(size_px, 4, rng), 0.05, 1)
-    bed.pour(Pour(14000, (0.0015, 0.004), 2.3, buried=0.2), rng, stony)
-    bed.pour(Pour(1800, (0.004, 0.02), 2.2, edge=0.07, buried=0.3), rng, stony)
+    bed.pour(Pour(16000, (0.0015, 0.004), 2.2, buried=0.15), rng, stony)
+    bed.pour(Pour(2600, (0.004, 0.02), 2.0, edge=0.07, buried=0.2), rng, stony)
     return _covered(color, bed, GRAVEL_STONES, rng, roughness=0.9)
 
 
 def rock(size_px: int, rng: np.random.Generator) -> Surface:
-    """Weathered rock: faint layers, broken steps, pits, cracks, stains and lichen."""
+    """Weathered, brown sandstone."""
+    return _weathered(size_px, rng, (0.55, 0.48, 0.40))
+
+
+def basalt(size_px: int, rng: np.random.Generator) -> Surface:
+    """Dark grey rock, to lie on regolith."""
+    return _weathered(size_px, rng, (0.40, 0.39, 0.38))
+
+
+def _weathered(size_px: int, rng: np.random.Generator, tone: Color) -> Surface:
+    """Return bare rock: faint layers, broken steps, pits, cracks, stains."""
     layers = fields.strata(size_px, 22, rng)
     mass = fields.tile_noise(size_px, 4, rng, 1.9)
     rough = fields.tile_noise(size_px, 14, rng, 1.7)
@@ -138,7 +147,7 @@ def rock(size_px: int, rng: np.random.Generator) -> Surface:
     pits = np.clip(fields.tile_noise(size_px, 45, rng, 1.7) - 1.6, 0, 1.5)
     height = 0.005 * layers + 0.005 * mass + 0.0011 * rough + 0.010 * steps
     height += 0.0002 * grain - 0.006 * split - 0.002 * pits
-    color = _dusty(size_px, rng, (0.55, 0.48, 0.40), 0.05)
+    color = _dusty(size_px, rng, tone, 0.05)
     color *= (1 + 0.05 * layers + 0.055 * rough + 0.16 * (steps - 0.6) - 0.3 * split)[..., None]
     stain = fields.tile_noise(size_px, 3, rng)[..., None]
     color *= 1 + 0.025 * stain * np.array((1.0, 0.4, -0.3), np.float32)
@@ -152,6 +161,7 @@ RECIPES: dict[str, Recipe] = {
     "regolith": Recipe(regolith, tile_m=3.4),
     "soil": Recipe(soil, tile_m=3.0),
     "rock": Recipe(rock, tile_m=2.0),
+    "basalt": Recipe(basalt, tile_m=2.0),
 }
 
 
