@@ -16,7 +16,7 @@ R = TypeVar("R")
 CHECK_PERIOD_S = 2.0
 """Between two looks at a server that answers."""
 FIRST_RETRY_S = 0.2
-LONGEST_RETRY_S = 3.0
+LONGEST_RETRY_S = 1.0
 HEALTH_TIMEOUT_S = 5.0
 
 
