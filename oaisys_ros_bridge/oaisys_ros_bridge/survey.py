@@ -129,6 +129,7 @@ def _running_system(
             _remove_old_bag(options.out / "bag")
             recorder = start("recorder", *_recorder_arguments(options))
             recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
+        client.wait_for_subscribers()
         extent_m = simulator.info().stage_extent_m
         if extent_m is None:
             raise OaisysError("the bridge is ready, but the simulator has no world")

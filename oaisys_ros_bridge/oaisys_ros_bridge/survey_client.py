@@ -11,6 +11,7 @@ from typing import Any, Self
 
 import rclpy
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
@@ -19,7 +20,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Bool, Header
 
 from oaisys_core.errors import DeadlineExceededError, RenderError
-from oaisys_core.types import DEPTH, Pose
+from oaisys_core.types import Pose
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import SaveMesh, SetPose
 from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
@@ -29,6 +30,9 @@ from oaisys_ros_bridge.transport import prepare_transport
 
 DISCOVERY_TIMEOUT_S = 30.0
 ARRIVAL_TIMEOUT_S = 20.0
+DIAGNOSTICS_DEPTH = 10
+SUBSCRIBERS = "subscribers "
+"""Begins the keys under which the bridge tells how many subscribers of a topic it has matched."""
 
 Images = Mapping[str, NDArray[Any]]
 """Images of one sample by modality."""
@@ -77,6 +81,10 @@ class SurveyClient:
         self._node.create_subscription(
             MapStatus, "oaisys_mapper/metrics", self._on_map_status, LATCHED_QOS
         )
+        self._matched: dict[str, int] = {}
+        self._node.create_subscription(
+            DiagnosticArray, "/diagnostics", self._on_diagnostics, DIAGNOSTICS_DEPTH
+        )
         self._set_pose = self._node.create_client(SetPose, "oaisys_bridge/set_pose")
         self._save_mesh = self._node.create_client(SaveMesh, "oaisys_mapper/save_mesh")
         self._executor = SingleThreadedExecutor()
@@ -108,7 +116,7 @@ class SurveyClient:
         self._wait("the bridge to be ready", lambda: self._bridge_is_ready, timeout_s, check)
 
     def wait_for_mapper(self) -> None:
-        """Wait until the mapper offers its services and will receive the depth images.
+        """Wait until the mapper offers its services.
 
         Raises:
             DeadlineExceededError: It does not in time.
@@ -117,11 +125,20 @@ class SurveyClient:
             raise DeadlineExceededError(
                 f"the mapper offered no save_mesh within {DISCOVERY_TIMEOUT_S:g} s"
             )
-        topic = self._topic(DEPTH)
-        self._wait(
-            f"the mapper to subscribe to {topic}",
-            lambda: self._node.count_subscribers(topic) > (DEPTH in self._modalities),
-            DISCOVERY_TIMEOUT_S,
+
+    def wait_for_subscribers(self) -> None:
+        """Wait until the bridge knows of every subscription that this node knows of.
+
+        A sample published earlier would not reach all of them.
+
+        Raises:
+            DeadlineExceededError: It does not in time.
+        """
+        self._wait("the bridge to know its subscribers", self._all_matched, DISCOVERY_TIMEOUT_S)
+
+    def _all_matched(self) -> bool:
+        return bool(self._matched) and all(
+            count >= self._node.count_subscribers(topic) for topic, count in self._matched.items()
         )
 
     def view(self, pose: Pose, sensor: str, map_frame: str, timeout_s: float) -> ReceivedView:
@@ -224,6 +241,12 @@ class SurveyClient:
     def _on_ready(self, msg: Bool) -> None:
         with self._changed:
             self._bridge_is_ready = msg.data
+            self._changed.notify_all()
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        found = {v.key: v.value for s in msg.status for v in s.values if SUBSCRIBERS in v.key}
+        with self._changed:
+            self._matched.update((k.removeprefix(SUBSCRIBERS), int(v)) for k, v in found.items())
             self._changed.notify_all()
 
     def _on_map_status(self, msg: MapStatus) -> None:

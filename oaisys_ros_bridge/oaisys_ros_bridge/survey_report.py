@@ -20,7 +20,7 @@ from oaisys_ros_bridge.survey_plan import SurveyOptions, survey_columns
 def thresholds_for(voxel_size_m: float) -> Thresholds:
     """Return what counts as closed: errors of half a voxel, and nearly nothing missing."""
     return Thresholds(
-        max_rmse_m=voxel_size_m / 2, min_completion=0.95, min_f_score=0.95, max_holes=0.02
+        max_rmse_m=voxel_size_m / 2, min_completion=0.95, min_f_score=0.95, max_holes=0.05
     )
 
 

@@ -225,6 +225,9 @@ class BridgeNode(Node):
             "connections": str(state.connections),
             "last_render_s": f"{self._last_render_s:.4f}",
         }
+        for publisher in self.publishers:
+            # A caller that must not lose the first sample waits until its subscribers are known.
+            values[f"subscribers {publisher.topic_name}"] = str(publisher.get_subscription_count())
         if state.info is not None:
             values["backend"] = f"{state.info.backend} {state.info.backend_version}"
             values["batch_id"] = str(state.info.batch_id)
