@@ -17,41 +17,10 @@ CONFIG = Path(__file__).resolve().parents[1] / "config"
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the processes and what can be said about them on the command line."""
+    """Return the programs and their arguments."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                "config",
-                default_value=str(CONFIG / "simulator.yaml"),
-                description="YAML file that describes the world and its cameras.",
-            ),
-            DeclareLaunchArgument(
-                "address",
-                default_value="127.0.0.1:50051",
-                description="Where the simulator serves gRPC: host:port.",
-            ),
-            DeclareLaunchArgument(
-                "backend",
-                default_value="",
-                choices=["", "blender", "analytic"],
-                description="What renders; empty: as the configuration says.",
-            ),
-            DeclareLaunchArgument(
-                "record",
-                default_value="",
-                description="Folder of a rosbag2 bag of all topics; empty: nothing is recorded.",
-            ),
-            DeclareLaunchArgument(
-                "rviz",
-                default_value="false",
-                choices=["true", "false"],
-                description="Whether to open RViz with a view of the map.",
-            ),
-            DeclareLaunchArgument(
-                "worker_python",
-                default_value="",
-                description="Python interpreter that has bpy; empty: the one that runs the server.",
-            ),
+            *declare_arguments(),
             OpaqueFunction(function=make_server),
             make_bridge(),
             Node(package=PACKAGE, executable="mapper", output="screen"),
@@ -64,6 +33,44 @@ def generate_launch_description() -> LaunchDescription:
             ),
         ]
     )
+
+
+def declare_arguments() -> list[Action]:
+    """Return what can be set on the command line."""
+    return [
+        DeclareLaunchArgument(
+            "config",
+            default_value=str(CONFIG / "simulator.yaml"),
+            description="YAML file that describes the world and its cameras.",
+        ),
+        DeclareLaunchArgument(
+            "address",
+            default_value="127.0.0.1:50051",
+            description="Where the simulator serves gRPC: host:port.",
+        ),
+        DeclareLaunchArgument(
+            "backend",
+            default_value="",
+            choices=["", "blender", "analytic"],
+            description="What renders; empty: as the configuration says.",
+        ),
+        DeclareLaunchArgument(
+            "record",
+            default_value="",
+            description="Folder of a rosbag2 bag of all topics; empty: nothing is recorded.",
+        ),
+        DeclareLaunchArgument(
+            "rviz",
+            default_value="false",
+            choices=["true", "false"],
+            description="Whether to open RViz with a view of the map.",
+        ),
+        DeclareLaunchArgument(
+            "worker_python",
+            default_value="",
+            description="Python interpreter that has bpy; empty: the one that runs the server.",
+        ),
+    ]
 
 
 def make_server(context: LaunchContext) -> list[Action]:

@@ -183,26 +183,15 @@ def bag_information(contents: BagContents, distribution: str = "jazzy") -> dict[
     count = sum(contents.counts.values())
     start = {"nanoseconds_since_epoch": contents.first_ns}
     duration = {"nanoseconds": contents.last_ns - contents.first_ns}
-    topics = [
-        {
-            "topic_metadata": {
-                "name": topic.name,
-                "type": topic.type_name,
-                "serialization_format": "cdr",
-                "offered_qos_profiles": list(topic.qos_profiles),
-                "type_description_hash": type_hash(topic.type_name),
-            },
-            "message_count": topic_count,
-        }
-        for topic, topic_count in contents.counts.items()
-    ]
     return {
         "version": METADATA_VERSION,
         "storage_identifier": "mcap",
         "duration": dict(duration),
         "starting_time": dict(start),
         "message_count": count,
-        "topics_with_message_count": topics,
+        "topics_with_message_count": [
+            _topic_information(*item) for item in contents.counts.items()
+        ],
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [contents.file_name],
@@ -216,6 +205,19 @@ def bag_information(contents: BagContents, distribution: str = "jazzy") -> dict[
         ],
         "custom_data": None,
         "ros_distro": distribution,
+    }
+
+
+def _topic_information(topic: RecordedTopic, count: int) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.type_name,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": list(topic.qos_profiles),
+            "type_description_hash": type_hash(topic.type_name),
+        },
+        "message_count": count,
     }
 
 

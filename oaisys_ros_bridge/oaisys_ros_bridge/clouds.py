@@ -42,15 +42,11 @@ def cloud_to_msg(
     if missing.any():
         cloud[missing, :3] = np.nan
     cloud.view(np.uint32)[..., 3] = 0 if rgb is None else _packed(rgb)
-    fields = [
-        PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
-        for i, name in enumerate(("x", "y", "z", "rgb"))
-    ]
     msg = PointCloud2(
         header=header,
         height=height,
         width=width,
-        fields=fields,
+        fields=_fields(),
         is_bigendian=False,
         point_step=CLOUD_POINT.itemsize,
         row_step=CLOUD_POINT.itemsize * width,
@@ -89,6 +85,13 @@ def cloud_from_msg(msg: PointCloud2) -> tuple[NDArray[np.float32], NDArray[np.ui
     points_m = np.stack([cloud[name] for name in "xyz"], axis=-1)
     rgb = np.stack([cloud["rgb"] >> shift & 0xFF for shift in (16, 8, 0)], axis=-1)
     return points_m, rgb.astype(np.uint8)
+
+
+def _fields() -> list[PointField]:
+    return [
+        PointField(name=name, offset=4 * i, datatype=PointField.FLOAT32, count=1)
+        for i, name in enumerate(("x", "y", "z", "rgb"))
+    ]
 
 
 def _packed(rgb: NDArray[np.uint8]) -> NDArray[np.uint32]:

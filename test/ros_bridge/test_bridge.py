@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import signal
-import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,14 +11,12 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Odometry
 from ros_peer import Stage, User, nanoseconds, stamped
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from served_simulator import FLAT_WORLD
-from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
@@ -158,6 +154,19 @@ def ball_depth_m(K: FloatArray, R: Rotation, eye_m: FloatArray, pixel: FloatArra
     return float((-b - math.sqrt(b * b - a * c)) / a)
 
 
+def outline_m(eye_m: FloatArray) -> FloatArray:
+    """Return points of the ball's outline: the circle where its tangents from the eye touch it."""
+    distance_m = np.linalg.norm(BALL_M - eye_m)
+    axis = (BALL_M - eye_m) / distance_m
+    side = np.cross(axis, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    angles = np.linspace(0, 2 * np.pi, 64, endpoint=False)[:, None]
+    rim = np.cos(angles) * side + np.sin(angles) * np.cross(axis, side)
+    circle_radius_m = RADIUS_M * math.sqrt(1 - (RADIUS_M / distance_m) ** 2)
+    points_m: FloatArray = BALL_M - axis * RADIUS_M**2 / distance_m + rim * circle_radius_m
+    return points_m
+
+
 def test_a_ball_is_seen_where_transforms_and_camera_info_say(bridged: User) -> None:
     last_ns = 0
     for pose in views_of_the_ball():
@@ -171,19 +180,7 @@ def test_a_ball_is_seen_where_transforms_and_camera_info_say(bridged: User) -> N
         K, D = info.k.reshape(3, 3), np.array(info.d)
         R, eye_m = lookup(bridged, sample["/tf"], "map", info.header.frame_id)
         rvec, tvec = R.inv().as_rotvec(), -R.inv().apply(eye_m)
-        # The ball's outline: the circle where its tangents from the eye touch it.
-        distance_m = np.linalg.norm(BALL_M - eye_m)
-        axis = (BALL_M - eye_m) / distance_m
-        side = np.cross(axis, [0.0, 0.0, 1.0])
-        side /= np.linalg.norm(side)
-        angles = np.linspace(0, 2 * np.pi, 64, endpoint=False)
-        rim = np.cos(angles)[:, None] * side + np.sin(angles)[:, None] * np.cross(axis, side)
-        touching_m = (
-            BALL_M
-            - axis * RADIUS_M**2 / distance_m
-            + rim * RADIUS_M * math.sqrt(1 - (RADIUS_M / distance_m) ** 2)
-        )
-        outline = cv2.projectPoints(touching_m, rvec, tvec, K, D)[0][:, 0]
+        outline = cv2.projectPoints(outline_m(eye_m), rvec, tvec, K, D)[0][:, 0]
         center = cv2.projectPoints(BALL_M[None], rvec, tvec, K, D)[0][0, 0]
 
         instance = image_from_msg(sample["camera/instance/image_raw"])
@@ -369,44 +366,3 @@ def test_sensors_of_a_rig_have_topics_and_frames_of_their_own(stage: Stage) -> N
     # Looking down at yaw 0, the rig's left is the map's +y.
     np.testing.assert_allclose(eyes_m["left"], [1.0, 2.1, 5.0], atol=1e-9)
     np.testing.assert_allclose(eyes_m["right"], [1.0, 1.9, 5.0], atol=1e-9)
-
-
-def test_the_bridge_waits_for_a_server_and_outlives_it(stage: Stage) -> None:
-    user = stage.user
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
-    user.listen(DiagnosticArray, "/diagnostics", SENSOR_QOS)
-    bridge = stage.start_bridge(address)
-    user.wait_until_ready(False)
-    assert not user.set_pose(pose_looking_down(0, 0, 5)).success
-    diagnostics = user.received["/diagnostics"]
-    user.wait_until(lambda: diagnostics and diagnostics[-1].status[0].level == b"\x02")
-
-    first = stage.start_world(FLAT_WORLD, "--address", address)
-    user.wait_until_ready()
-    assert user.set_pose(pose_looking_down(0, 0, 5)).success
-    first.process.kill()
-    user.wait_until_ready(False)
-    stage.start_world(FLAT_WORLD, "--address", address)
-    user.wait_until_ready()
-
-    assert user.set_pose(pose_looking_down(0, 0, 5)).success
-    user.wait_until(lambda: diagnostics[-1].status[0].level == b"\x00")
-    ended = user.call(Trigger, "end_simulation", Trigger.Request())
-    assert ended.success, ended.message
-    user.wait_until_ready(False)
-    assert bridge.end() == 0
-    assert "Traceback" not in bridge.log.read_text()
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_signals_end_it_in_peace_even_while_it_renders(
-    number: signal.Signals, stage: Stage
-) -> None:
-    server = stage.start_world({**WORLD, "stage": {"extent_m": 40, "resolution_px": 513}})
-    bridge = stage.start_bridge(server.address)
-    stage.user.wait_until(lambda: "first batch" in bridge.log.read_text())
-
-    assert bridge.end(number) == 0
-    assert "Traceback" not in bridge.log.read_text()

@@ -1,0 +1,66 @@
+"""The bridge through its server's deaths and its own."""
+
+from __future__ import annotations
+
+import signal
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from ros_peer import Stage
+from served_simulator import FLAT_WORLD
+from std_srvs.srv import Trigger
+
+from oaisys_core.geometry import pose_looking_down
+from oaisys_ros_bridge.qos import SENSOR_QOS
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
+    with Stage(tmp_path) as stage:
+        yield stage
+
+
+def test_the_bridge_waits_for_a_server_and_outlives_it(stage: Stage) -> None:
+    user = stage.user
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    user.listen(DiagnosticArray, "/diagnostics", SENSOR_QOS)
+    bridge = stage.start_bridge(address)
+    user.wait_until_ready(False)
+    assert not user.set_pose(pose_looking_down(0, 0, 5)).success
+    diagnostics = user.received["/diagnostics"]
+    user.wait_until(lambda: diagnostics and diagnostics[-1].status[0].level == b"\x02")
+
+    first = stage.start_world(FLAT_WORLD, "--address", address)
+    user.wait_until_ready()
+    assert user.set_pose(pose_looking_down(0, 0, 5)).success
+    first.process.kill()
+    user.wait_until_ready(False)
+    stage.start_world(FLAT_WORLD, "--address", address)
+    user.wait_until_ready()
+
+    assert user.set_pose(pose_looking_down(0, 0, 5)).success
+    user.wait_until(lambda: diagnostics[-1].status[0].level == b"\x00")
+    ended = user.call(Trigger, "end_simulation", Trigger.Request())
+    assert ended.success, ended.message
+    user.wait_until_ready(False)
+    assert bridge.end() == 0
+    assert "Traceback" not in bridge.log.read_text()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_end_it_in_peace_even_while_it_renders(
+    number: signal.Signals, stage: Stage
+) -> None:
+    server = stage.start_world({**FLAT_WORLD, "stage": {"extent_m": 40, "resolution_px": 513}})
+    bridge = stage.start_bridge(server.address)
+    stage.user.wait_until(lambda: "first batch" in bridge.log.read_text())
+
+    assert bridge.end(number) == 0
+    assert "Traceback" not in bridge.log.read_text()
