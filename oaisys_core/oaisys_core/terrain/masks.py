@@ -29,7 +29,7 @@ def blend_masks(
         return np.ones((1, size_px, size_px), np.float32)
     waves = max(extent_m / (2 * scale_m), 1.0)
     scores = np.stack([_patches(size_px, waves, rng) for _ in range(n_layers)])
-    temperature = 1.2 * (1 - sharpness) ** 1.5 + 1e-3
+    temperature = 0.6 * (1 - sharpness) ** 1.5 + 1e-3
     logits = scores / np.float32(temperature)
     logits -= logits.max(axis=0)
     weights = np.exp(logits)
