@@ -18,11 +18,23 @@ from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.transport import prepare_transport
 
 
+CALLBACKS_END_S = 3.0
+"""How long callbacks under way may take to end, before what they publish through is gone."""
+
+
 class Closable(Protocol):
     """What a node offers beside rclpy's own."""
 
     def close(self) -> None:
         """End threads and finish files; called once, while callbacks may still run."""
+
+
+class WaitingExecutor(MultiThreadedExecutor):
+    """An executor that can be waited for: rclpy's own `shutdown` (7.1) says so, but does not."""
+
+    def wait_for_callbacks(self, timeout_s: float) -> bool:
+        """Return whether all callbacks under way have ended within ``timeout_s``."""
+        return bool(self._work_tracker.wait(timeout_s))
 
 
 def run_node(
@@ -58,7 +70,7 @@ def run_node(
 
 
 def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
-    executor = MultiThreadedExecutor(num_threads=threads)
+    executor = WaitingExecutor(num_threads=threads)
     executor.add_node(node)
     ended_by_itself = threading.Event()
 
@@ -76,6 +88,7 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
     spinner.start()
     stop.wait()
     node.close()
-    executor.shutdown(timeout_sec=2.0)
+    executor.shutdown()
+    executor.wait_for_callbacks(CALLBACKS_END_S)
     spinner.join(timeout=2.0)
     return int(ended_by_itself.is_set())
