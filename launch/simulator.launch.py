@@ -57,7 +57,7 @@ def declare_arguments() -> list[Action]:
         DeclareLaunchArgument(
             "record",
             default_value="",
-            description="Folder of a rosbag2 bag of all topics; empty: nothing is recorded.",
+            description="true records all topics to a new bag_DATE; a path, to that folder.",
         ),
         DeclareLaunchArgument(
             "rviz",
@@ -99,9 +99,10 @@ def make_bridge() -> Node:
 
 def make_recorder(context: LaunchContext) -> list[Action]:
     """Return a recorder where a folder was named."""
-    folder = LaunchConfiguration("record").perform(context)
-    if not folder:
+    record = LaunchConfiguration("record").perform(context)
+    if record in {"", "false"}:
         return []
+    folder = "" if record == "true" else record
     recorder = Node(
         package=PACKAGE,
         executable="recorder",
