@@ -17,7 +17,6 @@ from rclpy.signals import SignalHandlerOptions
 from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.transport import prepare_transport
 
-
 CALLBACKS_END_S = 3.0
 """How long callbacks under way may take to end, before what they publish through is gone."""
 
