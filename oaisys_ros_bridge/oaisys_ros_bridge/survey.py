@@ -32,7 +32,7 @@ from oaisys_mapping.report import write_report
 from oaisys_mapping.visibility import View
 from oaisys_ros_bridge.processes import ManagedProcess
 from oaisys_ros_bridge.progress import Reporter
-from oaisys_ros_bridge.sample_publisher import sensor_namespace
+from oaisys_ros_bridge.sample_publisher import TOPIC_BY_MODALITY, sensor_namespace
 from oaisys_ros_bridge.survey_client import ReceivedView, SurveyClient
 from oaisys_ros_bridge.survey_plan import NORTH_UP_YAW_RAD, SurveyOptions, SurveyPlan, plan_survey
 from oaisys_ros_bridge.survey_report import say_result, survey_report
@@ -126,8 +126,9 @@ def _running_system(
         client.wait_for_bridge(START_TIMEOUT_S, lambda: _check_all(server, bridge, mapper))
         client.wait_for_mapper()
         if options.record:
-            _remove_old_bag(options.out / "bag")
-            recorder = start("recorder", *_recorder_arguments(options))
+            bag = options.out / "bag"
+            _remove_old_bag(bag)
+            recorder = start("recorder", *_recorder_arguments(bag, namespace, modalities))
             recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
         client.wait_for_subscribers()
         extent_m = simulator.info().stage_extent_m
@@ -234,5 +235,10 @@ def _remove_old_bag(folder: Path) -> None:
         shutil.rmtree(folder)
 
 
-def _recorder_arguments(options: SurveyOptions) -> list[str]:
-    return ["oaisys_ros_bridge.nodes.recorder", "--out", str(options.out / "bag")]
+def _recorder_arguments(folder: Path, namespace: str, modalities: Sequence[str]) -> list[str]:
+    """Return what records everything, and begins once the sample's own topics are heard."""
+    images = [f"{namespace}/{TOPIC_BY_MODALITY.get(m, m)}" for m in modalities]
+    topics = [f"{image}/image_raw" for image in images]
+    topics += ["/tf", "/tf_static", "ground_truth/odometry", "oaisys_bridge/sample_info"]
+    command = ["oaisys_ros_bridge.nodes.recorder", "--out", str(folder), "--all"]
+    return [*command, "--topics", *topics]
