@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from abc import abstractmethod
+from typing import Generic, TypeVar
 
+import numpy as np
 from pydantic import ValidationError
 
 from oaisys_core.config.section import Section
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.module import Metadata
+from oaisys_core.module import Metadata, Module, World
 
 SectionT = TypeVar("SectionT", bound=Section)
 
@@ -31,3 +33,32 @@ def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
         unknown = detail["type"] == "extra_forbidden"
         expected = f"one of the keys {known}" if unknown else detail["msg"]
         raise InvalidInputError(path, detail["input"], expected) from error
+
+
+class SectionModule(Module, Generic[SectionT]):
+    """A module that is a configuration section, any field of which a step may override.
+
+    A batch begins with the configured values; a sample's changes hold until the next batch.
+    """
+
+    def __init__(self, config: SectionT) -> None:
+        self._config = config
+        self._now = config
+
+    @abstractmethod
+    def apply(self, world: World, section: SectionT) -> None:
+        """Put what the section says into the world."""
+
+    def check(self, metadata: Metadata) -> None:
+        """Refuse unknown keys and values out of range."""
+        overridden(self._now, metadata, self.metadata_part)
+
+    def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Begin a batch with the configuration and the metadata's changes."""
+        self._now = overridden(self._config, metadata, self.metadata_part)
+        self.apply(world, self._now)
+
+    def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Change what the metadata says, for this and the following samples."""
+        self._now = overridden(self._now, metadata, self.metadata_part)
+        self.apply(world, self._now)
