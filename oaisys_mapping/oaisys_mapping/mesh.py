@@ -97,8 +97,8 @@ def in_canonical_order(mesh: ColoredMesh) -> ColoredMesh:
     triangles = rank[mesh.triangles]
     first = triangles.argmin(axis=1)
     turned = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
-    turned = turned[np.lexsort(turned.T[::-1])].astype(np.int32)
-    return ColoredMesh(mesh.vertices_m[order], turned, mesh.colors_rgb[order])
+    in_order = turned[np.lexsort(turned.T[::-1])]
+    return ColoredMesh(mesh.vertices_m[order], in_order.astype(np.int32), mesh.colors_rgb[order])
 
 
 def _cross(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> FloatArray:
