@@ -30,6 +30,9 @@ from oaisys_core.types import Progress
 from oaisys_grpc.wire import Connection, Message
 
 _LOG = logging.getLogger(__name__)
+RENDER_STATISTICS = "Fra:"
+"""Begins the lines that Blender 4.5 prints as it renders; they would push out what went wrong."""
+
 _POLL_S = 0.05
 _LINES_KEPT = 20
 _END_S = 2.0
@@ -151,6 +154,9 @@ class WorkerProcess:
         with self._process.stdout as lines:
             for raw in lines:
                 line = raw.decode(errors="replace").rstrip()
+                if line.startswith(RENDER_STATISTICS):
+                    _LOG.debug("worker: %s", line)
+                    continue
                 self._lines.append(line)
                 _LOG.info("worker: %s", line)
 

@@ -9,7 +9,8 @@ from oaisys_ros_bridge.surface import at_most, clustered
 def grid_mesh(cells: int, edge_m: float) -> ColoredMesh:
     """Return a flat square of 2 * cells**2 triangles at z = 3, coloured by its x."""
     x, y = np.meshgrid(np.arange(cells + 1), np.arange(cells + 1))
-    vertices_m = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size))) * edge_m / cells
+    vertices_m = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size))).astype(np.float64)
+    vertices_m *= edge_m / cells
     vertices_m[:, 2] = 3.0
     colors = np.repeat((vertices_m[:, :1] / edge_m * 200).astype(np.uint8), 3, axis=1)
     a = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
