@@ -6,6 +6,7 @@ import contextlib
 import ipaddress
 import logging
 import os
+import select
 import signal
 import sys
 import threading
@@ -31,6 +32,7 @@ _THREADS = 2 * QUEUE_LIMIT + 16
 """Each waiting call holds one, and health must be answered all the same."""
 
 LARGEST_PORT = 65535
+_LOOK_UP_S = 0.2
 _STOP_S = 1.0
 _WORKER_END_S = 2.5
 
@@ -172,8 +174,13 @@ class EndRequest:
             os.write(self._write, b"e")
 
     def wait(self) -> None:
-        """Return once the end was asked for."""
-        os.read(self._read, 1)
+        """Return once the end was asked for.
+
+        Looks up now and then: a signal that comes just before a blocking call begins does not
+        interrupt it, and its handler would have to wait.
+        """
+        while not select.select([self._read], [], [], _LOOK_UP_S)[0]:
+            pass
 
 
 def check_address(address: str, insecure: bool) -> None:

@@ -36,6 +36,9 @@ class WaitingExecutor(MultiThreadedExecutor):
         return bool(self._work_tracker.wait(timeout_s))
 
 
+LOOK_UP_S = 0.2
+
+
 def run_node(
     make_node: Callable[[], Node], arguments: Sequence[str] | None = None, *, threads: int = 6
 ) -> int:
@@ -85,7 +88,10 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
 
     spinner = threading.Thread(target=spin, name="executor", daemon=True)
     spinner.start()
-    stop.wait()
+    # Looks up now and then: a signal that comes just before a blocking call begins does not
+    # interrupt it, and its handler would have to wait.
+    while not stop.wait(LOOK_UP_S):
+        pass
     node.close()
     executor.shutdown()
     executor.wait_for_callbacks(CALLBACKS_END_S)

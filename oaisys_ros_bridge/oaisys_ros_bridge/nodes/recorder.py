@@ -68,7 +68,7 @@ class RecorderNode(Node):
         self._unknown: set[str] = set()
         self._calm_looks = 0
         self._announced = False
-        self._failed = False
+        self._ended = False
         self._last_message_s = 0.0
         self._recording = self.create_publisher(Bool, "~/recording", LATCHED_QOS)
         self._own_topics = {self._recording.topic_name}
@@ -81,7 +81,9 @@ class RecorderNode(Node):
         while time.monotonic() < min(end_s, max(start_s, self._last_message_s) + LAST_MESSAGES_S):
             time.sleep(0.05)
         with self._bag_lock:
-            if not self._failed:
+            # Callbacks may still come until the executor has ended.
+            if not self._ended:
+                self._ended = True
                 self._finish()
         self.get_logger().info(f"{self._bag.message_count} messages in {self._folder}")
 
@@ -135,7 +137,7 @@ class RecorderNode(Node):
 
     def _record(self, name: str, data: bytes, info: dict[str, int]) -> None:
         with self._bag_lock:
-            if self._failed:
+            if self._ended:
                 return
             received_ns = self.get_clock().now().nanoseconds
             try:
@@ -145,7 +147,7 @@ class RecorderNode(Node):
         self._last_message_s = time.monotonic()
 
     def _give_up(self, reason: str) -> None:
-        self._failed = True
+        self._ended = True
         self._recording.publish(Bool(data=False))
         self.get_logger().error(f"recording to {self._folder} has ended: {reason}")
         self._finish()
