@@ -53,9 +53,7 @@ class WorkerProcess:
             BackendUnavailableError: ``python`` cannot be run.
         """
         # Blender's own temporary files would stay behind when it is killed.
-        self._folder = tempfile.TemporaryDirectory(
-            prefix="oaisys-worker-", ignore_cleanup_errors=True
-        )
+        self._folder = tempfile.TemporaryDirectory(prefix=_FOLDER, ignore_cleanup_errors=True)
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = self._start(python, theirs.fileno())
