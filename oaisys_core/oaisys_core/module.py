@@ -12,7 +12,7 @@ import numpy as np
 from oaisys_core.backend.base import RenderSettings
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.scene import (
-    HeightField,
+    Ground,
     MeshPrototype,
     PlacedCamera,
     Placement,
@@ -30,7 +30,7 @@ Metadata = Mapping[str, Any] | None
 class World:
     """A world in the making: each module fills in its part and reads those of earlier ones."""
 
-    ground: HeightField | None = None
+    ground: Ground | None = None
     stage_hash: str = ""
     material: TerrainMaterial | None = None
     prototypes: tuple[MeshPrototype, ...] = ()
@@ -46,7 +46,9 @@ class World:
         self.ground, self.stage_hash = other.ground, other.stage_hash
         self.material = other.material
         layers = drawn(other.material).layers
-        self.semantic_labels.update({layer.semantic_id: layer.label for layer in layers})
+        ids = {semantic_id for layer in layers for semantic_id in layer.semantic_ids}
+        labels = other.semantic_labels
+        self.semantic_labels.update({i: labels[i] for i in ids if i in labels})
 
     def scene(self) -> Scene:
         """Return what the backend builds.
@@ -105,6 +107,10 @@ class Module(ABC):
         """
         for key, value in (metadata or {}).items():
             raise InvalidInputError(f"metadata.{self.metadata_part}.{key}", value, "no such key")
+
+    def check_sample(self, metadata: Metadata) -> None:
+        """As `check`, for metadata of a sample; they differ where a module draws once a batch."""
+        self.check(metadata)
 
     @abstractmethod
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:

@@ -5,14 +5,35 @@ Everything is in ``map`` (metres, z up). Nothing here draws random numbers or re
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+
+
+class Ground(Protocol):
+    """The ground of a stage, as every backend, label and query sees it."""
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """(min_x, min_y, max_x, max_y) of the ground."""
+
+    @property
+    def spacing_m(self) -> float:
+        """Typical distance of neighbouring vertices."""
+
+    def vertices_m(self) -> NDArray[np.float32]:
+        """Return (V, 3) float32 vertices in ``map``."""
+
+    def triangles(self) -> NDArray[np.int32]:
+        """Return (T, 3) int32 indices, counter-clockwise from above."""
+
+    def height_at(self, xy_m: ArrayLike) -> FloatArray:
+        """Return (N,) heights of the topmost ground at (N, 2) points; NaN off it."""
 
 
 @dataclass(frozen=True)
@@ -101,10 +122,10 @@ class PbrMaps:
 
 @dataclass(frozen=True)
 class TerrainLayer:
-    """A texture set on the ground together with the label its surface carries."""
+    """A texture set on the ground together with the labels its surface carries, by level."""
 
     label: str
-    semantic_id: int
+    semantic_ids: tuple[int, ...]
     maps: PbrMaps
 
 
@@ -144,9 +165,9 @@ class TerrainMaterial:
         """Return (N,) index of the heaviest layer at (N, 2) points; the first one wins a tie."""
         return np.asarray(np.argmax(self.weights_at(xy_m), axis=1), dtype=np.intp)
 
-    def semantic_ids_at(self, xy_m: ArrayLike) -> NDArray[np.uint16]:
+    def semantic_ids_at(self, xy_m: ArrayLike, level: int = 0) -> NDArray[np.uint16]:
         """Return (N,) uint16 label ids at (N, 2) points: those of the winning layers."""
-        ids = np.array([layer.semantic_id for layer in self.layers], dtype=np.uint16)
+        ids = np.array([id_of_level(la.semantic_ids, level) for la in self.layers], np.uint16)
         return np.asarray(ids[self.winning_layer(xy_m)])
 
 
@@ -174,14 +195,17 @@ class Placement:
 
     Attributes:
         prototype: Index into `Scene.prototypes`.
+        semantic_ids: From level 0 on.
         T_map_object: (N, 4, 4) float64, rotation times uniform scale, and translation.
         instance_ids: (N,) uint32, unique in the scene, from 1.
+        is_moving: Whether its poses change from sample to sample; all others only now and then.
     """
 
     prototype: int
-    semantic_id: int
+    semantic_ids: tuple[int, ...]
     T_map_object: FloatArray
     instance_ids: NDArray[np.uint32]
+    is_moving: bool = False
 
 
 @dataclass(frozen=True)
@@ -197,7 +221,7 @@ class Primitive:
     size_m: tuple[float, float, float]
     T_map_object: FloatArray
     instance_id: int
-    semantic_id: int
+    semantic_ids: tuple[int, ...]
     color_srgb: tuple[float, float, float]
 
 
@@ -212,7 +236,7 @@ class Sky:
         sun_angular_diameter_rad: Sets how soft shadows are.
         sky_strength: Factor on the sky's radiance.
         air, dust, ozone: Densities of the atmosphere, 1 is Earth's on a clear day.
-        semantic_id: Label of pixels that hit nothing.
+        semantic_ids: Labels of pixels that hit nothing, from level 0 on.
     """
 
     sun_elevation_rad: float
@@ -223,7 +247,11 @@ class Sky:
     air: float
     dust: float
     ozone: float
-    semantic_id: int = 0
+    semantic_ids: tuple[int, ...] = ()
+
+    def semantic_ids_at(self, directions: FloatArray, level: int) -> NDArray[np.uint16]:
+        """Return the (N,) labels of rays along (N, 3) directions in ``map`` that hit nothing."""
+        return np.full(len(directions), id_of_level(self.semantic_ids, level), np.uint16)
 
 
 @dataclass(frozen=True)
@@ -235,7 +263,7 @@ class Scene:
         semantic_labels: Name by id of everything in it.
     """
 
-    ground: HeightField
+    ground: Ground
     material: TerrainMaterial
     prototypes: tuple[MeshPrototype, ...]
     placements: tuple[Placement, ...]
@@ -245,6 +273,30 @@ class Scene:
     stage_hash: str = ""
     custom: Mapping[str, Any] = field(default_factory=dict)
 
+    def differs_from(self, other: Scene) -> bool:
+        """Return whether any part is another object, or another sky or label."""
+        kept = (
+            self.ground is other.ground
+            and self.material is other.material
+            and self.prototypes is other.prototypes
+            and self.placements is other.placements
+            and self.primitives is other.primitives
+        )
+        return not kept or self.sky != other.sky or self.semantic_labels != other.semantic_labels
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A thin lens, for depth of field in colour only.
+
+    Attributes:
+        focus_distance_m: Planar distance that is sharp.
+        f_number: Focal length over the aperture's diameter.
+    """
+
+    focus_distance_m: float
+    f_number: float
+
 
 @dataclass(frozen=True)
 class PlacedCamera:
@@ -253,12 +305,25 @@ class PlacedCamera:
     Attributes:
         T_map_camera: (4, 4) pose of its optical frame.
         modalities: What to render.
+        T_map_previous: (4, 4) pose at this camera's previous sample of the batch, for optical flow
+            and motion blur; None at its first.
+        lens: Depth of field; None: everything is sharp.
+        shutter_share: Share of the way from the previous pose during which the shutter is open;
+            0: no motion blur.
     """
 
     name: str
     intrinsics: PinholeIntrinsics
     T_map_camera: FloatArray
     modalities: tuple[str, ...]
+    T_map_previous: FloatArray | None = None
+    lens: Lens | None = None
+    shutter_share: float = 0.0
+
+
+def id_of_level(semantic_ids: Sequence[int], level: int) -> int:
+    """Return the id of a level, 0 where the ids do not reach that far."""
+    return semantic_ids[level] if level < len(semantic_ids) else 0
 
 
 def merge_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:

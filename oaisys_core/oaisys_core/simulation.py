@@ -103,7 +103,7 @@ class Simulation:
         if not 0 <= seed < 2**63:
             raise InvalidInputError("seed", seed, "a whole number from 0 to 2**63 - 1")
         stage_seed = self._current().stage_seed if reuse_stage else seed
-        self._check(metadata)
+        self._check(metadata, is_batch=True)
         self._build(batch_id, seed, stage_seed, metadata, progress)
         return batch_id
 
@@ -129,9 +129,7 @@ class Simulation:
         started_s = time.perf_counter()
         batch = self._current()
         metadata = metadata or ModuleMetadata()
-        self._check(metadata)
-        if metadata.asset:
-            raise InvalidInputError("metadata.asset", dict(metadata.asset), "none at a sample step")
+        self._check(metadata, is_batch=False)
         select(batch.world.cameras, modalities, sensors)
         metadata = self._with_admitted_pose(batch, metadata)
         self._apply(batch, metadata)
@@ -215,14 +213,15 @@ class Simulation:
             raise NotReadyError("there is no world yet: step a batch first (StepBatch)")
         return self._batch
 
-    def _check(self, metadata: ModuleMetadata) -> None:
+    def _check(self, metadata: ModuleMetadata, *, is_batch: bool) -> None:
         known = {module.metadata_part for module in self._modules} - OWN_PARTS
         for name, value in metadata.custom.items():
             if name not in known or not isinstance(value, Mapping):
                 expected = f"a mapping for one of the modules {', '.join(sorted(known))}"
                 raise InvalidInputError(f"metadata.custom.{name}", value, expected)
         for module in self._modules:
-            module.check(metadata.part(module.metadata_part))
+            check = module.check if is_batch else module.check_sample
+            check(metadata.part(module.metadata_part))
 
     def _build(
         self,
@@ -257,12 +256,13 @@ class Simulation:
         return replace(metadata, sensor={"pose": admitted})
 
     def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:
-        sky_before = batch.world.sky
+        before = batch.world.scene()
         for module in self._modules:
             rng = randomness.stream(batch.seed, module.name, batch.sample_id + 1)
             module.step_sample(batch.world, metadata.part(module.metadata_part), rng)
-        if batch.world.sky is not None and batch.world.sky != sky_before:
-            self._backend.set_sky(batch.world.sky)
+        after = batch.world.scene()
+        if after.differs_from(before):
+            self._backend.update(after)
         batch.metadata = batch.metadata.updated(metadata)
 
     def _provenance(self, batch: Batch, has_rgb: bool) -> Provenance:

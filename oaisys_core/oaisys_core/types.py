@@ -5,9 +5,10 @@ Nothing here knows Blender, gRPC or ROS. Arrays are numpy; units and frames are 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,13 +20,54 @@ DEPTH = "depth"
 SEMANTIC_0 = "semantic_0"
 INSTANCE = "instance"
 
-MODALITY_DTYPES: Mapping[str, np.dtype[Any]] = {
-    RGB: np.dtype(np.uint8),
-    DEPTH: np.dtype(np.float32),
-    SEMANTIC_0: np.dtype(np.uint16),
-    INSTANCE: np.dtype(np.uint32),
+RANGE = "range"
+NORMAL = "normal"
+FLOW = "flow"
+ALBEDO = "albedo"
+
+
+class ModalitySpec(NamedTuple):
+    """What the pixels of a modality are; ``channels`` is 1 for (H, W) images."""
+
+    dtype: np.dtype[Any]
+    channels: int
+
+
+_MODALITIES: Mapping[str, ModalitySpec] = {
+    RGB: ModalitySpec(np.dtype(np.uint8), 3),
+    DEPTH: ModalitySpec(np.dtype(np.float32), 1),
+    RANGE: ModalitySpec(np.dtype(np.float32), 1),
+    INSTANCE: ModalitySpec(np.dtype(np.uint32), 1),
+    NORMAL: ModalitySpec(np.dtype(np.float32), 3),
+    FLOW: ModalitySpec(np.dtype(np.float32), 2),
+    ALBEDO: ModalitySpec(np.dtype(np.uint8), 3),
 }
-"""Modalities that every backend renders: ``rgb`` is (H, W, 3), the others are (H, W)."""
+_SEMANTIC = ModalitySpec(np.dtype(np.uint16), 1)
+
+
+def modality_spec(modality: str) -> ModalitySpec:
+    """Return what the pixels of ``rgb``, ``depth``, ``semantic_0`` ... are.
+
+    * ``rgb``: sRGB. ``albedo``: sRGB-encoded reflectance, no light, no effects.
+    * ``depth``: planar z in metres; ``range``: metres along the ray; ``+inf`` for nothing.
+    * ``semantic_0`` to ``semantic_9``: label ids by level. ``instance``: object ids, 0 none.
+    * ``normal``: unit normals in the optical frame, towards the camera; 0 for nothing.
+    * ``flow``: pixels (du, dv) that the surface seen at a pixel moved since the previous sample
+      of that sensor, that is, its place now less its place then; NaN where it was not in front
+      of the camera, or there is no previous sample.
+
+    Raises:
+        KeyError: There is no such modality.
+    """
+    if semantic_level(modality) is not None:
+        return _SEMANTIC
+    return _MODALITIES[modality]
+
+
+def semantic_level(modality: str) -> int | None:
+    """Return the level of ``semantic_N``, None for any other modality."""
+    match = re.fullmatch(r"semantic_([0-9])", modality)
+    return None if match is None else int(match[1])
 
 
 @dataclass(frozen=True)
@@ -43,12 +85,14 @@ class Pose:
 
 @dataclass(frozen=True)
 class PinholeIntrinsics:
-    """Pinhole camera without distortion, in OpenCV's convention: pixel centres at integers.
+    """Pinhole camera in OpenCV's convention: pixel centres at integers.
 
     Attributes:
         width_px, height_px: Image size.
         fx_px, fy_px: Focal lengths in pixels.
         cx_px, cy_px: Principal point; (319.5, 239.5) is the centre of a 640x480 image.
+        distortion: Brown-Conrady (k1, k2, p1, p2, k3) as OpenCV and ROS's ``plumb_bob`` have it;
+            empty for none.
     """
 
     width_px: int
@@ -57,6 +101,7 @@ class PinholeIntrinsics:
     fy_px: float
     cx_px: float
     cy_px: float
+    distortion: tuple[float, ...] = ()
 
     @property
     def K(self) -> FloatArray:  # noqa: N802 - the field's name for the camera matrix
@@ -95,8 +140,8 @@ class Frame:
 
     Attributes:
         sensor: Name of the sensor.
-        modality: ``rgb``, ``depth``, ``semantic_0`` ... or ``instance``.
-        data: (H, W) or (H, W, 3), dtype by `MODALITY_DTYPES`. Depth is planar z in metres at the
+        modality: See `modality_spec`.
+        data: (H, W) or (H, W, channels) by `modality_spec`. Depth is planar z in metres at the
             pixel's centre, ``+inf`` where nothing was hit (REP-117).
         intrinsics: The camera.
         T_map_camera: (4, 4) pose of the camera's *optical* frame (z forward, x right, y down).
@@ -229,14 +274,25 @@ class ModuleMetadata:
         return part
 
     def updated(self, later: ModuleMetadata) -> ModuleMetadata:
-        """Return what holds after ``later`` was applied on top of this."""
+        """Return what holds after ``later`` was applied on top of this.
+
+        Mappings inside are merged key by key; any other value replaces what was.
+        """
         return ModuleMetadata(
-            sensor={**(self.sensor or {}), **(later.sensor or {})},
-            environment={**(self.environment or {}), **(later.environment or {})},
-            asset={**(self.asset or {}), **(later.asset or {})},
-            render={**(self.render or {}), **(later.render or {})},
-            custom={**self.custom, **later.custom},
+            sensor=_merged(self.sensor, later.sensor),
+            environment=_merged(self.environment, later.environment),
+            asset=_merged(self.asset, later.asset),
+            render=_merged(self.render, later.render),
+            custom=_merged(self.custom, later.custom),
         )
+
+
+def _merged(earlier: Mapping[str, Any] | None, later: Mapping[str, Any] | None) -> dict[str, Any]:
+    result = dict(earlier or {})
+    for key, value in (later or {}).items():
+        both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
+        result[key] = _merged(result[key], value) if both else value
+    return result
 
 
 @dataclass(frozen=True)

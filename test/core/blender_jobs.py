@@ -79,7 +79,7 @@ def life() -> dict[str, Any]:
 
     found["sunny"] = backend.render(view, settings(4), ignore)[0].data
     found["brighter"] = backend.render(view, settings(4, exposure_ev=1.0), ignore)[0].data
-    backend.set_sky(replace(SUNNY, sun_elevation_rad=-0.2))
+    backend.update(replace(scene, sky=replace(SUNNY, sun_elevation_rad=-0.2)))
     found["night"] = backend.render(view, settings(4), ignore)[0].data
     try:
         backend.build(scene, _cancel_at_objects)

@@ -30,14 +30,14 @@ SKEWED = PinholeIntrinsics(90, 50, 70.0, 95.0, 37.2, 30.9)
 """Off-centre, with pixels that are not square."""
 
 SPHERE = Primitive(
-    "sphere", (1.5, 1.5, 1.5), transform(np.eye(3), (2.0, 1.0, 1.0)), 901, 20, (0.6, 0.3, 0.2)
+    "sphere", (1.5, 1.5, 1.5), transform(np.eye(3), (2.0, 1.0, 1.0)), 901, (20,), (0.6, 0.3, 0.2)
 )
 BOX = Primitive(
     "box",
     (1.0, 2.0, 1.5),
     transform(Rotation.from_euler("xyz", (0.3, 0.2, 0.5)).as_matrix(), (-2.0, -1.0, 1.2)),
     902,
-    21,
+    (21,),
     (0.2, 0.3, 0.7),
 )
 
@@ -50,7 +50,7 @@ SUNNY = Sky(
     air=1.0,
     dust=1.0,
     ozone=1.0,
-    semantic_id=SKY_ID,
+    semantic_ids=(SKY_ID,),
 )
 
 
@@ -105,8 +105,8 @@ def _scene(
     share = 0.5 + 0.5 * np.sin(t)[None, :] * np.cos(t)[:, None]
     material = TerrainMaterial(
         layers=(
-            TerrainLayer("gravel", 1, texture("gravel", (120, 100, 80), 2.0)),
-            TerrainLayer("sand", 2, texture("sand", (210, 190, 140), 3.0)),
+            TerrainLayer("gravel", (1,), texture("gravel", (120, 100, 80), 2.0)),
+            TerrainLayer("sand", (2,), texture("sand", (210, 190, 140), 3.0)),
         ),
         masks=np.stack((share, 1 - share)).astype(np.float32),
         extent_m=ground.extent_m,
@@ -153,4 +153,4 @@ def _placement(ground: HeightField, count: int) -> Placement:
     T[:, :3, :3] *= rng.uniform(0.2, 0.8, (count, 1, 1))
     T[:, :2, 3] = xy_m
     T[:, 2, 3] = ground.height_at(xy_m)
-    return Placement(0, 10, T, np.arange(1, count + 1, dtype=np.uint32))
+    return Placement(0, (10,), T, np.arange(1, count + 1, dtype=np.uint32))

@@ -47,7 +47,9 @@ def test_frames_come_in_the_order_asked_for() -> None:
 
 def test_lambert_and_exposure_give_the_ball_its_colour() -> None:
     backend = built(flat_world())
-    backend.set_sky(replace(SUNNY, sun_elevation_rad=np.pi / 2, sky_strength=0.0))
+    backend.update(
+        replace(flat_world(), sky=replace(SUNNY, sun_elevation_rad=np.pi / 2, sky_strength=0.0))
+    )
     view = [camera(pose_looking_down(2, 1, 9), modalities=(RGB, "instance"))]
     frames = backend.render(view, settings(), lambda _: None)
     brighter = backend.render(view, settings(exposure_ev=0.5), lambda _: None)
@@ -64,7 +66,11 @@ def test_the_lit_side_is_the_one_towards_the_sun() -> None:
     backend = built(flat_world())
     view = [camera(pose_looking_down(2, 1, 9), modalities=(RGB, "instance"))]
     for azimuth, (d_row, d_col) in {0.0: (-1, 0), np.pi / 2: (0, -1)}.items():
-        backend.set_sky(replace(SUNNY, sun_azimuth_rad=azimuth, sun_elevation_rad=0.3))
+        backend.update(
+            replace(
+                flat_world(), sky=replace(SUNNY, sun_azimuth_rad=azimuth, sun_elevation_rad=0.3)
+            )
+        )
         image, ids = (f.data for f in backend.render(view, settings(), lambda _: None))
         rows, cols = np.nonzero(ids == SPHERE.instance_id)
         side = (rows - rows.mean()) * d_row + (cols - cols.mean()) * d_col

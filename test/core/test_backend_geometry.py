@@ -90,7 +90,7 @@ def test_depth_of_a_sphere_is_exact(backend: str, view: int) -> None:
     rays = rays_of(FLAT_VIEWS[view].intrinsics) @ T[:3, :3].T
     ball = seen[INSTANCE] == SPHERE.instance_id
     assert ball.sum() > 30
-    assert (seen[SEMANTIC_0][ball] == SPHERE.semantic_id).all()
+    assert (seen[SEMANTIC_0][ball] == SPHERE.semantic_ids[0]).all()
     to_centre = SPHERE.T_map_object[:3, 3] - T[:3, 3]
     along = rays[ball] @ to_centre
     squared = (rays[ball] ** 2).sum(axis=1)
@@ -107,7 +107,7 @@ def test_a_box_is_hit_on_its_faces_and_from_outside(backend: str, view: int) -> 
     T = FLAT_VIEWS[view].T_map_camera
     box = seen[INSTANCE] == BOX.instance_id
     assert box.sum() > 20
-    assert (seen[SEMANTIC_0][box] == BOX.semantic_id).all()
+    assert (seen[SEMANTIC_0][box] == BOX.semantic_ids[0]).all()
     points = T[:3, 3] + seen[DEPTH][box, None] * (
         rays_of(FLAT_VIEWS[view].intrinsics)[box] @ T[:3, :3].T
     )

@@ -48,7 +48,7 @@ def test_triangles_face_upwards(ground: HeightField) -> None:
 def test_weights_equal_opencvs_bilinear_remap() -> None:
     rng = np.random.default_rng(4)
     first = rng.uniform(0, 1, (16, 16)).astype(np.float32)
-    layers = (TerrainLayer("a", 3, maps("a")), TerrainLayer("b", 7, maps("b")))
+    layers = (TerrainLayer("a", (3,), maps("a")), TerrainLayer("b", (7,), maps("b")))
     material = TerrainMaterial(layers, np.stack((first, 1 - first)), (-4.0, -4.0, 4.0, 4.0))
     xy = rng.uniform(-3.7, 3.7, (300, 2))
     texel = ((xy + 4) / 8 * 16 - 0.5).astype(np.float32)

@@ -53,9 +53,9 @@ class AnalyticBackend(Backend):
         self._palette = Palette(scene)
         self._surface, self._sky = surface, scene.sky
 
-    def set_sky(self, sky: Sky) -> None:
-        """Change sun and sky."""
-        self._sky = sky
+    def update(self, scene: Scene) -> None:
+        """See `Backend.update`."""
+        self._sky = scene.sky
 
     def render(
         self,
@@ -69,7 +69,7 @@ class AnalyticBackend(Backend):
         for index, camera in enumerate(cameras):
             progress(Progress("rays", index / len(cameras)))
             view = surface.view(camera)
-            by_modality = frames_of(surface, view, camera, sky.semantic_id)
+            by_modality = frames_of(surface, view, camera, sky)
             if RGB in camera.modalities:
                 image = shaded(view, surface.normals(view), palette, sky, settings.exposure_ev)
                 by_modality[RGB] = frame_of(camera, RGB, image)
@@ -101,6 +101,6 @@ def placed_objects(scene: Scene) -> list[TriangleMesh]:
         prototype = scene.prototypes[placement.prototype]
         mesh = TriangleMesh(prototype.vertices_m.astype(np.float64), prototype.triangles)
         meshes.append(
-            placed(mesh, placement.T_map_object, placement.semantic_id, placement.instance_ids)
+            placed(mesh, placement.T_map_object, placement.semantic_ids, placement.instance_ids)
         )
     return meshes

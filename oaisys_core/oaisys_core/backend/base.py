@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from oaisys_core.scene import PlacedCamera, Scene, Sky
+from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh
 
 ProgressCallback = Callable[[Progress], None]
@@ -53,8 +53,12 @@ class Backend(ABC):
         """Replace the world by ``scene``; an unchanged ``stage_hash`` may keep the ground."""
 
     @abstractmethod
-    def set_sky(self, sky: Sky) -> None:
-        """Change sun and sky of the built world."""
+    def update(self, scene: Scene) -> None:
+        """Take over what a sample changed in the built world.
+
+        Parts that are the same objects as before, or equal where they are small, are kept: a
+        placement that did not move costs nothing.
+        """
 
     @abstractmethod
     def render(

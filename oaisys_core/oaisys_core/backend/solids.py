@@ -10,7 +10,7 @@ import numpy as np
 
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import invert
-from oaisys_core.scene import HeightField, Primitive
+from oaisys_core.scene import Ground, HeightField, Primitive
 from oaisys_core.types import FloatArray, TriangleMesh
 
 TESSELLATION_ERROR_M = 5e-4
@@ -113,8 +113,10 @@ def solid_of(primitive: Primitive) -> Solid:
     raise RenderError(f"primitive {primitive.instance_id} has the unknown shape {primitive.shape}")
 
 
-def flat_ground(ground: HeightField) -> Rectangle | None:
+def flat_ground(ground: Ground) -> Rectangle | None:
     """Return the rectangle that a ground is, or None where it is not exactly flat."""
+    if not isinstance(ground, HeightField):
+        return None
     height_m = ground.elevation_m.flat[0]
     if (ground.elevation_m == height_m).all():
         return Rectangle(ground.extent_m, float(height_m))

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from oaisys_core.backend.solids import Solid, flat_ground, solid_of, tessellated
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.raycast import NO_TRIANGLE, RayCaster
-from oaisys_core.scene import PlacedCamera, Scene, merge_meshes
+from oaisys_core.scene import PlacedCamera, Scene, Sky, id_of_level, merge_meshes
 from oaisys_core.types import (
     DEPTH,
     INSTANCE,
     RGB,
-    SEMANTIC_0,
     FloatArray,
     Frame,
     TriangleMesh,
+    semantic_level,
 )
 
 NO_SOLID = -1
@@ -77,12 +77,10 @@ class Surface:
         self._objects = tuple(objects)
         self._caster = RayCaster([*([ground] if ground else []), *objects])
         self._solids: list[Solid] = [solid_of(primitive) for primitive in scene.primitives]
-        self._solid_semantic = np.array([p.semantic_id for p in scene.primitives], np.uint16)
         self._solid_instance = np.array([p.instance_id for p in scene.primitives], np.uint32)
         flat = flat_ground(scene.ground) if ground is None else None
         if flat is not None:
             self._solids.append(flat)
-            self._solid_semantic = np.append(self._solid_semantic, np.uint16(0))
             self._solid_instance = np.append(self._solid_instance, np.uint32(0))
 
     def view(self, camera: PlacedCamera) -> View:
@@ -97,16 +95,26 @@ class Surface:
             points_m = origin_m + depth_m[..., None] * directions
         return View(depth_m, directions, points_m, triangle_ids, solid_ids, instance_ids)
 
-    def semantic_ids(self, view: View, sky_id: int) -> NDArray[np.uint16]:
+    def semantic_ids(self, view: View, sky: Sky, level: int = 0) -> NDArray[np.uint16]:
         """Return the (H, W) labels of a view: on the ground those of the heaviest layers."""
-        ids = self._caster.semantic_ids_of(view.triangle_ids)
-        on_solid = view.solid_ids != NO_SOLID
-        ids[on_solid] = self._solid_semantic[view.solid_ids[on_solid]]
+        ids = self._semantic_of_instance(level)[view.instance_ids]
         ids[view.is_ground] = self._scene.material.semantic_ids_at(
-            view.points_m[view.is_ground][:, :2]
+            view.points_m[view.is_ground][:, :2], level
         )
-        ids[~view.is_hit] = sky_id
+        ids[~view.is_hit] = sky.semantic_ids_at(view.directions[~view.is_hit], level)
         return ids
+
+    def _semantic_of_instance(self, level: int) -> NDArray[np.uint16]:
+        """Return label by instance id; ids are small, as they count objects."""
+        labels = {p.instance_id: id_of_level(p.semantic_ids, level) for p in self._scene.primitives}
+        placements = self._scene.placements
+        most = max([0, *labels, *(int(p.instance_ids.max(initial=0)) for p in placements)])
+        result = np.zeros(most + 1, np.uint16)
+        for placement in placements:
+            result[placement.instance_ids] = id_of_level(placement.semantic_ids, level)
+        for instance_id, label in labels.items():
+            result[instance_id] = label
+        return result
 
     def normals(self, view: View) -> FloatArray:
         """Return the (H, W, 3) unit normals, turned towards the camera; 0 where nothing was hit."""
@@ -127,7 +135,7 @@ class Surface:
         ground_m = self._scene.ground.height_at(xy_m)
         height_m = np.fmax(ground_m, self._caster.surface_height_m(xy_m))
         above_m = 1.0 + max(
-            [float(self._scene.ground.elevation_m.max())]
+            [float(self._scene.ground.vertices_m()[:, 2].max())]
             + [p.T_map_object[2, 3] + np.linalg.norm(p.size_m) for p in self._scene.primitives]
         )
         origins = np.column_stack((xy_m, np.full(len(xy_m), above_m)))
@@ -147,7 +155,7 @@ class Surface:
             instance_ids=np.zeros(len(ground.triangles), dtype=np.uint32),
         )
         solids = [
-            placed(tessellated(p), p.T_map_object[None], p.semantic_id, np.array([p.instance_id]))
+            placed(tessellated(p), p.T_map_object[None], p.semantic_ids, np.array([p.instance_id]))
             for p in self._scene.primitives
         ]
         return merge_meshes([labelled, *self._objects, *solids])
@@ -172,7 +180,10 @@ def ground_mesh(scene: Scene) -> TriangleMesh:
 
 
 def placed(
-    mesh: TriangleMesh, T_map_object: FloatArray, semantic_id: int, instance_ids: NDArray[Any]
+    mesh: TriangleMesh,
+    T_map_object: FloatArray,
+    semantic_ids: Sequence[int],
+    instance_ids: NDArray[Any],
 ) -> TriangleMesh:
     """Return one mesh of (N,) instances of ``mesh``, each at its own (N, 4, 4) pose."""
     count, vertices = len(T_map_object), len(mesh.vertices_m)
@@ -183,25 +194,27 @@ def placed(
     return TriangleMesh(
         vertices_m=points.reshape(-1, 3),
         triangles=triangles,
-        semantic_ids=np.full(len(triangles), semantic_id, dtype=np.uint16),
+        semantic_ids=np.full(len(triangles), id_of_level(semantic_ids, 0), dtype=np.uint16),
         instance_ids=np.repeat(instance_ids.astype(np.uint32), len(mesh.triangles)),
     )
 
 
-def geometry_frames(surface: Surface, camera: PlacedCamera, sky_id: int) -> dict[str, Frame]:
+def geometry_frames(surface: Surface, camera: PlacedCamera, sky: Sky) -> dict[str, Frame]:
     """Return the frames of depth and labels that a camera asks for, by modality."""
     if set(camera.modalities) <= {RGB}:
         return {}
-    return frames_of(surface, surface.view(camera), camera, sky_id)
+    return frames_of(surface, surface.view(camera), camera, sky)
 
 
-def frames_of(surface: Surface, view: View, camera: PlacedCamera, sky_id: int) -> dict[str, Frame]:
+def frames_of(surface: Surface, view: View, camera: PlacedCamera, sky: Sky) -> dict[str, Frame]:
     """Return, of one view, the frames of depth and labels that its camera asks for."""
     images: dict[str, NDArray[Any]] = {}
     if DEPTH in camera.modalities:
         images[DEPTH] = view.depth_m.astype(np.float32)
-    if SEMANTIC_0 in camera.modalities:
-        images[SEMANTIC_0] = surface.semantic_ids(view, sky_id)
+    for modality in camera.modalities:
+        level = semantic_level(modality)
+        if level is not None:
+            images[modality] = surface.semantic_ids(view, sky, level)
     if INSTANCE in camera.modalities:
         images[INSTANCE] = view.instance_ids
     return {name: frame_of(camera, name, image) for name, image in images.items()}

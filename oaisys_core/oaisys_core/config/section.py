@@ -10,8 +10,42 @@ Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
 
+MAX_LEVELS = 10
+"""Semantic levels: ``semantic_0`` to ``semantic_9``."""
+
 
 class Section(BaseModel):
     """Base of all sections: unknown keys and non-finite numbers are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class LabelConfig(Section):
+    """A name and the id that stands for it; an id has one name in the whole configuration."""
+
+    label: str
+    semantic_id: SemanticId
+
+
+class Labelled(Section):
+    """Base of everything that carries labels.
+
+    Attributes:
+        label, semantic_id: Of level 0.
+        levels: Labels of the levels from 1 on; levels that it does not reach are unlabelled (0).
+    """
+
+    label: str
+    semantic_id: SemanticId
+    levels: tuple[LabelConfig, ...] = Field(default=(), max_length=MAX_LEVELS - 1)
+
+    @property
+    def semantic_ids(self) -> tuple[int, ...]:
+        """Ids from level 0 on."""
+        return (self.semantic_id, *(level.semantic_id for level in self.levels))
+
+    @property
+    def labels(self) -> dict[int, str]:
+        """Name by id."""
+        names = {level.semantic_id: level.label for level in self.levels}
+        return {self.semantic_id: self.label} | names

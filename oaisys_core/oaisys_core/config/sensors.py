@@ -12,7 +12,9 @@ MAX_IMAGE_SIDE_PX = 16384
 MAX_IMAGE_PX = 100_000_000
 
 FrameName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-Modality = Literal["rgb", "depth", "semantic_0", "instance"]
+Modality = Annotated[
+    str, Field(pattern="^(rgb|depth|range|semantic_[0-9]|instance|normal|flow|albedo)$")
+]
 
 
 class CameraConfig(Section):

@@ -9,14 +9,14 @@ import numpy as np
 from pydantic import Field
 
 from oaisys_core import geometry
-from oaisys_core.config.model import AssetsConfig, PrimitiveConfig, RockGroupConfig
+from oaisys_core.config.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
 from oaisys_core.config.section import Section
-from oaisys_core.errors import ConfigError
+from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.modules.overrides import overridden
 from oaisys_core.scatter.placement import scatter_on
 from oaisys_core.scatter.rocks import ROCK_KINDS, make_rock
-from oaisys_core.scene import HeightField, MeshPrototype, PbrMaps, Placement, Primitive
+from oaisys_core.scene import Ground, MeshPrototype, PbrMaps, Placement, Primitive
 from oaisys_core.textures import default_cache_dir, texture_set
 from oaisys_core.types import FloatArray, Pose
 
@@ -61,6 +61,11 @@ class AssetsModule(Module):
         """Refuse unknown keys and values out of range."""
         overridden(AssetMetadata(), metadata, self.metadata_part)
 
+    def check_sample(self, metadata: Metadata) -> None:
+        """Refuse everything: what stands on the ground is drawn once a batch."""
+        if metadata:
+            raise InvalidInputError("metadata.asset", dict(metadata), "none at a sample step")
+
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Replace all objects of the world."""
         ground = drawn(world.ground)
@@ -79,20 +84,21 @@ class AssetsModule(Module):
                 placements.append(
                     Placement(
                         len(prototypes) + variant,
-                        group.semantic_id,
+                        group.semantic_ids,
                         T_map_object[chosen],
                         ids[chosen],
                     )
                 )
             prototypes.extend(shapes)
-            world.semantic_labels[group.semantic_id] = group.label
+            world.semantic_labels.update(group.labels)
         world.prototypes = tuple(prototypes)
         world.placements = tuple(placements)
         world.primitives = tuple(
             _primitive(primitive, next_id + index)
             for index, primitive in enumerate(self._config.primitives)
         )
-        world.semantic_labels.update({p.semantic_id: p.label for p in self._config.primitives})
+        for primitive in self._config.primitives:
+            world.semantic_labels.update(primitive.labels)
 
     def _draw_shapes(self, group: RockGroupConfig, rng: np.random.Generator) -> list[MeshPrototype]:
         subdivisions = 4 if group.size_m[1] > LARGE_ROCK_M else 3
@@ -105,7 +111,7 @@ class AssetsModule(Module):
 def _draw_poses(
     group: RockGroupConfig,
     factor: float,
-    ground: HeightField,
+    ground: Ground,
     shapes: list[MeshPrototype],
     rng: np.random.Generator,
 ) -> FloatArray:
@@ -131,6 +137,6 @@ def _primitive(config: PrimitiveConfig, instance_id: int) -> Primitive:
         size_m=config.size_m,
         T_map_object=geometry.pose_to_matrix(pose),
         instance_id=instance_id,
-        semantic_id=config.semantic_id,
+        semantic_ids=config.semantic_ids,
         color_srgb=config.color_srgb,
     )

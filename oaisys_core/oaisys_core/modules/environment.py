@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import radians
 
-from oaisys_core.config.model import EnvironmentConfig
+from oaisys_core.config.environment import EnvironmentConfig
 from oaisys_core.module import World
 from oaisys_core.modules.overrides import SectionModule
 from oaisys_core.scene import Sky
@@ -33,5 +33,5 @@ def _sky(config: EnvironmentConfig) -> Sky:
         air=config.air,
         dust=config.dust,
         ozone=config.ozone,
-        semantic_id=config.sky_semantic_id,
+        semantic_ids=(config.sky_semantic_id,),
     )

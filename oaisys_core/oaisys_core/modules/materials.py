@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from oaisys_core.config.model import LayerConfig, MaterialsConfig
+from oaisys_core.config.materials import LayerConfig, MaterialsConfig
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.scene import PbrMaps, TerrainLayer, TerrainMaterial
 from oaisys_core.terrain.masks import blend_masks
@@ -29,7 +29,7 @@ class MaterialsModule(Module):
     def setup(self) -> None:
         """Load or make the texture sets."""
         self._layers = tuple(
-            TerrainLayer(layer.label, layer.semantic_id, self._maps(layer))
+            TerrainLayer(layer.label, layer.semantic_ids, self._maps(layer))
             for layer in self._config.layers
         )
 
@@ -57,4 +57,5 @@ class MaterialsModule(Module):
             sharpness=mask.sharpness,
         )
         world.material = TerrainMaterial(self._layers, masks, extent_m)
-        world.semantic_labels.update({la.semantic_id: la.label for la in self._layers})
+        for layer in self._config.layers:
+            world.semantic_labels.update(layer.labels)

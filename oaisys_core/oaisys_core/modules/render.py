@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from oaisys_core.backend.base import RenderSettings
-from oaisys_core.config.model import RenderConfig
+from oaisys_core.config.render import RenderConfig
 from oaisys_core.module import World
 from oaisys_core.modules.overrides import SectionModule
 

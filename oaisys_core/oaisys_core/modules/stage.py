@@ -6,7 +6,7 @@ import hashlib
 
 import numpy as np
 
-from oaisys_core.config.model import StageConfig
+from oaisys_core.config.stage import StageConfig
 from oaisys_core.errors import ConfigError
 from oaisys_core.module import Metadata, Module, World
 from oaisys_core.scene import HeightField

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.scene import HeightField
+from oaisys_core.scene import Ground
 from oaisys_core.terrain.noise import Field, spectral
 from oaisys_core.types import FloatArray
 
@@ -36,7 +36,7 @@ def power_law_sizes(
 
 
 def scatter_on(
-    ground: HeightField,
+    ground: Ground,
     count: int,
     size_range_m: tuple[float, float],
     rng: np.random.Generator,
@@ -84,13 +84,13 @@ def scatter_on(
     return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
 
 
-def _patches(ground: HeightField, rng: np.random.Generator) -> Field:
+def _patches(ground: Ground, rng: np.random.Generator) -> Field:
     """Return noise over the ground, its features about `PATCH_M` wide."""
     x0, _, x1, _ = ground.extent_m
     return spectral(PATCHES_PX, max((x1 - x0) / (2 * PATCH_M), 1.0), rng, rough=2.0)
 
 
-def _nearest(field: Field, ground: HeightField, xy: FloatArray) -> FloatArray:
+def _nearest(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:
     """Return (N,) values of a square field that spans the ground, at (N, 2) points on it."""
     x0, y0, x1, y1 = ground.extent_m
     share = (xy - (x0, y0)) / (x1 - x0, y1 - y0)
@@ -99,7 +99,7 @@ def _nearest(field: Field, ground: HeightField, xy: FloatArray) -> FloatArray:
 
 
 def _random_places(
-    ground: HeightField, count: int, margin_m: float, rng: np.random.Generator
+    ground: Ground, count: int, margin_m: float, rng: np.random.Generator
 ) -> FloatArray:
     x0, y0, x1, y1 = ground.extent_m
     margin_m = min(margin_m, (x1 - x0) / 4, (y1 - y0) / 4)
@@ -108,7 +108,7 @@ def _random_places(
     return np.asarray(rng.uniform(low, high, (count, 2)))
 
 
-def _slope_deg(ground: HeightField, xy: FloatArray) -> FloatArray:
+def _slope_deg(ground: Ground, xy: FloatArray) -> FloatArray:
     step_m = ground.spacing_m
     east, north = np.array((step_m, 0.0)), np.array((0.0, step_m))
     rise = [ground.height_at(xy + way) - ground.height_at(xy - way) for way in (east, north)]
@@ -134,7 +134,7 @@ def _spaced(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArr
 
 
 def _poses(
-    ground: HeightField,
+    ground: Ground,
     xy: FloatArray,
     sizes_m: FloatArray,
     rng: np.random.Generator,
@@ -161,9 +161,7 @@ def _poses(
     return T_map_object
 
 
-def _bedding(
-    ground: HeightField, xy: FloatArray, radius_m: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _bedding(ground: Ground, xy: FloatArray, radius_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the plane that each thing lies on.
 
     Returns:

@@ -51,14 +51,14 @@ class BlenderBackend(Backend):
         self._world.build_ground(scene)
         progress(Progress("objects", 0.5))
         self._world.build_objects(scene)
-        self.set_sky(scene.sky)
+        self.update(scene)
         progress(Progress("surface", 0.7))
         self._surface = Surface(scene, self._world.ground_mesh(), self._world.object_meshes())
 
-    def set_sky(self, sky: Sky) -> None:
-        """Change sun and sky."""
-        self._sky = sky
-        self._lights.set(sky)
+    def update(self, scene: Scene) -> None:
+        """See `Backend.update`."""
+        self._sky = scene.sky
+        self._lights.set(scene.sky)
 
     def render(
         self,
@@ -72,7 +72,7 @@ class BlenderBackend(Backend):
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
             progress(Progress("geometry", index / len(cameras)))
-            by_modality = geometry_frames(surface, camera, sky.semantic_id)
+            by_modality = geometry_frames(surface, camera, sky)
             if RGB in camera.modalities:
                 progress(Progress("color", (index + 0.2) / len(cameras)))
                 place(self._camera, camera.T_map_camera)

@@ -26,7 +26,7 @@ class Group(NamedTuple):
     """The objects of one placement."""
 
     things: list[Any]
-    semantic_id: int
+    semantic_ids: tuple[int, ...]
     instance_ids: NDArray[np.uint32]
 
 
@@ -77,7 +77,7 @@ class World:
             placed(
                 evaluated_mesh(group.things[0]),
                 evaluated_poses(group.things),
-                group.semantic_id,
+                group.semantic_ids,
                 group.instance_ids,
             )
             for group in self._groups
@@ -102,7 +102,7 @@ def _group(mesh: Any, placement: Placement) -> Group:
         _instance(mesh, instance_id, T)
         for instance_id, T in zip(ids.tolist(), placement.T_map_object, strict=True)
     ]
-    return Group(things, placement.semantic_id, ids)
+    return Group(things, placement.semantic_ids, ids)
 
 
 def _instance(mesh: Any, instance_id: int, T_map_object: NDArray[np.float64]) -> Any:

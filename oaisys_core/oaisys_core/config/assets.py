@@ -1,0 +1,111 @@
+"""Things that stand on the ground.
+
+Lengths are metres, angles degrees (a person types them).
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from oaisys_core.config.section import Labelled, Positive, Section, SemanticId, Vector3
+
+
+class RockGroupConfig(Labelled):
+    """Rocks of one kind, scattered at random.
+
+    Attributes:
+        kind: Shape, see ``oaisys_core.scatter.rocks``.
+        count: (least, most) number of rocks.
+        size_m: (smallest, largest) longest axis.
+        size_exponent: Power law of sizes: the number above size D goes as D**-exponent.
+        variants: Different meshes of the kind.
+        sink: (least, most) share of a rock's height that is in the ground.
+        max_slope_deg: No rock stands on ground steeper than this.
+    """
+
+    kind: str = "angular"
+    count: tuple[int, int] = (120, 120)
+    size_m: tuple[float, float] = (0.15, 1.2)
+    size_exponent: Positive = 1.8
+    variants: int = Field(default=3, ge=1, le=64)
+    sink: tuple[float, float] = (0.15, 0.4)
+    max_slope_deg: float = Field(default=40.0, ge=0, le=90)
+    label: str = "rock"
+    semantic_id: SemanticId = 10
+
+    @field_validator("count", "size_m", "sink")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] < 0 or value[0] > value[1]:
+            raise ValueError("the first number must not be negative nor above the second")
+        return value
+
+    @field_validator("size_m")
+    @classmethod
+    def _positive(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] <= 0:
+            raise ValueError("sizes must be above 0")
+        return value
+
+
+class PrimitiveConfig(Labelled):
+    """An exact sphere or box, for calibration.
+
+    Attributes:
+        size_m: Radius (thrice, or once) of a sphere, edge lengths of a box.
+        position_m, quat_xyzw: Pose of its centre in ``map``.
+    """
+
+    shape: Literal["sphere", "box"]
+    size_m: Vector3
+    position_m: Vector3
+    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    label: str = "target"
+    semantic_id: SemanticId = 20
+    color_srgb: Vector3 = (0.6, 0.3, 0.2)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _radius_alone(cls, data: object) -> object:
+        """Let a sphere be given by its radius."""
+        if isinstance(data, dict) and "radius_m" in data and "size_m" not in data:
+            radius_m = data["radius_m"]
+            rest = {key: value for key, value in data.items() if key != "radius_m"}
+            return {**rest, "size_m": (radius_m, radius_m, radius_m)}
+        return data
+
+    @model_validator(mode="after")
+    def _solid(self) -> PrimitiveConfig:
+        if min(self.size_m) <= 0:
+            raise ValueError("size_m must be above 0")
+        if self.shape == "sphere" and len(set(self.size_m)) != 1:
+            raise ValueError("a sphere has one radius")
+        return self
+
+    @field_validator("quat_xyzw")
+    @classmethod
+    def _unit(cls, value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+        if abs(sum(v * v for v in value) ** 0.5 - 1) > 1e-3:
+            raise ValueError("must be a unit quaternion")
+        return value
+
+
+class AssetsConfig(Section):
+    """Things that stand on the ground.
+
+    Attributes:
+        rock_texture: Built-in texture set of the rocks.
+        rock_tile_m: Edge length of one tile of it on the rocks.
+    """
+
+    rocks: tuple[RockGroupConfig, ...] = (
+        RockGroupConfig(kind="angular", count=(650, 650), size_m=(0.15, 1.2)),
+        RockGroupConfig(kind="rounded", count=(400, 400), size_m=(0.15, 0.9)),
+        RockGroupConfig(kind="slab", count=(160, 160), size_m=(0.3, 1.4)),
+        RockGroupConfig(kind="boulder", count=(60, 60), size_m=(0.8, 2.4), variants=4),
+    )
+    primitives: tuple[PrimitiveConfig, ...] = ()
+    rock_texture: str = "rock"
+    rock_tile_m: Positive = 1.6
