@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Self
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -24,6 +25,7 @@ from oaisys_core.types import Pose
 from oaisys_msgs.srv import SetPose
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.survey_client import DIAGNOSTICS_DEPTH, SUBSCRIBERS
 
 
 class NodeProcess:
@@ -62,7 +64,11 @@ class User:
         self._clients: dict[str, Any] = {}
         self._subscriptions: list[Subscription] = []
         self.received: dict[str, list[Any]] = {}
+        self._matched: dict[str, int] = {}
         self.listen(Bool, "oaisys_bridge/ready", LATCHED_QOS)
+        self._diagnostics = self.node.create_subscription(
+            DiagnosticArray, "/diagnostics", self._on_diagnostics, DIAGNOSTICS_DEPTH
+        )
 
     def listen(self, kind: type[Any], topic: str, qos: QoSProfile) -> None:
         self.received[topic] = []
@@ -82,9 +88,23 @@ class User:
         states = self.received["oaisys_bridge/ready"]
         self.wait_until(lambda: states and states[-1].data is ready)
         self.wait_until(lambda: all(s.get_publisher_count() for s in self._subscriptions))
-        # The publishers' side of the match cannot be seen from here; it follows at once.
-        settled_s = time.monotonic() + 0.5
-        self.wait_until(lambda: time.monotonic() > settled_s)
+        if ready:
+            self.wait_until(lambda: self._matched)
+            own = {s.topic_name for s in self._subscriptions} & self._matched.keys()
+            self.wait_until_matched(own)
+
+    def wait_until_matched(self, topics: Iterable[str], subscribers: int = 1) -> None:
+        """Wait until the bridge says that its topics have this many subscribers.
+
+        A subscriber that knows its publisher may still be unknown to it, and then misses what is
+        published.
+        """
+        missing = set(topics)
+        self.wait_until(lambda: all(self._matched.get(t, 0) >= subscribers for t in missing))
+
+    def _on_diagnostics(self, msg: DiagnosticArray) -> None:
+        for value in (v for s in msg.status for v in s.values if v.key.startswith(SUBSCRIBERS)):
+            self._matched[value.key.removeprefix(SUBSCRIBERS)] = int(value.value)
 
     def call(self, kind: type[Any], name: str, request: Any) -> Any:
         if name not in self._clients:

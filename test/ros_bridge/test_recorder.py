@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -52,13 +52,18 @@ def wait_for_line(stage: Stage, recorder: NodeProcess, line: str) -> None:
     stage.user.wait_until(lambda: line in recorder.log.read_text().splitlines())
 
 
-def record_views(stage: Stage, folder: Path, *options: str) -> tuple[NodeProcess, list[Image]]:
-    """Record while `VIEWS` views are taken; return the depth images as a user gets them."""
+def record_views(
+    stage: Stage, folder: Path, topics: Collection[str], *options: str
+) -> tuple[NodeProcess, list[Image]]:
+    """Record topics while `VIEWS` views are taken; return the depth images as a user gets them."""
     stage.user.listen(Image, "camera/depth/image_raw", SENSOR_QOS)
     stage.start_bridge(stage.start_world(FLAT_WORLD).address)
     stage.user.wait_until_ready()
-    recorder = stage.start_node("recorder", "--out", str(folder), *options)
+    recorder = stage.start_node("recorder", "--out", str(folder), *options, "--topics", *topics)
     wait_for_line(stage, recorder, f"recording: {folder}")
+    stage.user.wait_until_matched(SAMPLE_TYPES.keys() & set(topics))
+    # Its other subscriber is the user.
+    stage.user.wait_until_matched(["/camera/depth/image_raw"], subscribers=2)
     for index in range(VIEWS):
         answer = stage.user.set_pose(pose_looking_down(float(index), 0.0, 5.0))
         assert answer.success, answer.message
@@ -71,7 +76,7 @@ def record_views(stage: Stage, folder: Path, *options: str) -> tuple[NodeProcess
 def test_a_bag_holds_all_topics_with_their_types_and_counts(stage: Stage, tmp_path: Path) -> None:
     folder = tmp_path / "bag"
     expected = SAMPLE_TYPES | LATCHED_TYPES
-    recorder, images = record_views(stage, folder, "--all", "--topics", *expected)
+    recorder, images = record_views(stage, folder, expected, "--all")
 
     assert recorder.end() == 0
 
@@ -102,8 +107,8 @@ def test_a_bag_holds_all_topics_with_their_types_and_counts(stage: Stage, tmp_pa
 @pytest.mark.ros
 def test_a_killed_recorder_leaves_what_it_had_taken(stage: Stage, tmp_path: Path) -> None:
     folder = tmp_path / "bag"
-    wanted = ["camera/depth/image_raw", "/oaisys_bridge/sample_info"]
-    recorder, _ = record_views(stage, folder, "--topics", *wanted)
+    wanted = ["/camera/depth/image_raw", "/oaisys_bridge/sample_info"]
+    recorder, _ = record_views(stage, folder, wanted)
     file = folder / "bag_0.mcap"
 
     def taken() -> list[str]:
@@ -134,6 +139,7 @@ def test_topics_that_are_asked_for_are_waited_for(stage: Stage, tmp_path: Path) 
 
     later = stage.user.node.create_publisher(Image, "later", 5)
     wait_for_line(stage, recorder, f"recording: {folder}")
+    stage.user.wait_until(lambda: later.get_subscription_count() == 1)
     later.publish(Image(width=3))
     assert recorder.end(signal.SIGTERM) == 0
 
