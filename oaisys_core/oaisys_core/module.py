@@ -28,7 +28,12 @@ Metadata = Mapping[str, Any] | None
 
 @dataclass
 class World:
-    """A world in the making: each module fills in its part and reads those of earlier ones."""
+    """A world in the making: each module fills in its part and reads those of earlier ones.
+
+    Attributes:
+        sample_id: Of the sample in the making, 0 for the batch itself. What a sample draws may
+            depend on it and the batch's seed alone, for a restored world begins in the middle.
+    """
 
     ground: Ground | None = None
     stage_hash: str = ""
@@ -40,6 +45,7 @@ class World:
     cameras: tuple[PlacedCamera, ...] = ()
     render: RenderSettings | None = None
     semantic_labels: dict[int, str] = field(default_factory=dict)
+    sample_id: int = 0
 
     def keep_stage(self, other: World) -> None:
         """Take the ground and its material over from another world."""

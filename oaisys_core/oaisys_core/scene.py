@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.sky import Sky
 from oaisys_core.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, id_of_level
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 
@@ -124,8 +125,12 @@ class MeshPrototype:
     Attributes:
         vertices_m: (V, 3) float32 in the object's own frame, origin at its base's centre.
         triangles: (T, 3) int32, counter-clockwise from outside.
-        maps: Surface texture, projected from three sides (triplanar), or None for ``color_srgb``.
-        color_srgb: Plain colour where there are no maps.
+        maps: Surface texture, projected from three sides (triplanar).
+        color_srgb: Plain colour where there is nothing else.
+        vertex_colors_srgb: (V, 3) uint8, blended over the triangles; where there are no maps.
+        uv: (T, 3, 2) float32 places of each triangle's corners in ``color_image_srgb``, from its
+            lower left corner (0, 0) to its upper right one (1, 1); repeated outside.
+        color_image_srgb: (H, W, 3) uint8, its first row on top; before colours of vertices.
     """
 
     name: str
@@ -133,6 +138,9 @@ class MeshPrototype:
     triangles: NDArray[np.int32]
     maps: PbrMaps | None = None
     color_srgb: tuple[float, float, float] = (0.5, 0.5, 0.5)
+    vertex_colors_srgb: NDArray[np.uint8] | None = None
+    uv: NDArray[np.float32] | None = None
+    color_image_srgb: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True)
@@ -169,35 +177,6 @@ class Primitive:
     instance_id: int
     semantic_ids: tuple[int, ...]
     color_srgb: tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Sky:
-    """Sun and sky.
-
-    Attributes:
-        sun_elevation_rad: Above the horizon.
-        sun_azimuth_rad: From +x (east) counter-clockwise towards +y (north), as in ``map``.
-        sun_strength_w_m2: Irradiance of the sun on a surface facing it.
-        sun_angular_diameter_rad: Sets how soft shadows are.
-        sky_strength: Factor on the sky's radiance.
-        air, dust, ozone: Densities of the atmosphere, 1 is Earth's on a clear day.
-        semantic_ids: Labels of pixels that hit nothing, from level 0 on.
-    """
-
-    sun_elevation_rad: float
-    sun_azimuth_rad: float
-    sun_strength_w_m2: float
-    sun_angular_diameter_rad: float
-    sky_strength: float
-    air: float
-    dust: float
-    ozone: float
-    semantic_ids: tuple[int, ...] = ()
-
-    def semantic_ids_at(self, directions: FloatArray, level: int) -> NDArray[np.uint16]:
-        """Return the (N,) labels of rays along (N, 3) directions in ``map`` that hit nothing."""
-        return np.full(len(directions), id_of_level(self.semantic_ids, level), np.uint16)
 
 
 @dataclass(frozen=True)

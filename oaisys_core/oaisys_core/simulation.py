@@ -257,6 +257,7 @@ class Simulation:
 
     def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:
         before = batch.world.scene()
+        batch.world.sample_id = batch.sample_id + 1
         for module in self._modules:
             rng = randomness.stream(batch.seed, module.name, batch.sample_id + 1)
             module.step_sample(batch.world, metadata.part(module.metadata_part), rng)

@@ -279,19 +279,20 @@ class ModuleMetadata:
         Mappings inside are merged key by key; any other value replaces what was.
         """
         return ModuleMetadata(
-            sensor=_merged(self.sensor, later.sensor),
-            environment=_merged(self.environment, later.environment),
-            asset=_merged(self.asset, later.asset),
-            render=_merged(self.render, later.render),
-            custom=_merged(self.custom, later.custom),
+            sensor=merged(self.sensor, later.sensor),
+            environment=merged(self.environment, later.environment),
+            asset=merged(self.asset, later.asset),
+            render=merged(self.render, later.render),
+            custom=merged(self.custom, later.custom),
         )
 
 
-def _merged(earlier: Mapping[str, Any] | None, later: Mapping[str, Any] | None) -> dict[str, Any]:
+def merged(earlier: Mapping[str, Any] | None, later: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Return mappings of ``earlier`` with those of ``later`` on top, key by key at any depth."""
     result = dict(earlier or {})
     for key, value in (later or {}).items():
         both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
-        result[key] = _merged(result[key], value) if both else value
+        result[key] = merged(result[key], value) if both else value
     return result
 
 

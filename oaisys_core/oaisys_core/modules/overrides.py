@@ -11,12 +11,15 @@ from pydantic import ValidationError
 from oaisys_core.config.section import Section
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import Metadata, Module, World
+from oaisys_core.types import merged
 
 SectionT = TypeVar("SectionT", bound=Section)
 
 
 def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
     """Return ``section`` with the fields in ``metadata`` replaced.
+
+    Mappings inside are merged key by key, as `ModuleMetadata.updated` does.
 
     Raises:
         InvalidInputError: A key is unknown or a value does not fit; its path starts with
@@ -25,7 +28,7 @@ def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
     if not metadata:
         return section
     try:
-        return type(section).model_validate({**section.model_dump(), **metadata})
+        return type(section).model_validate(merged(section.model_dump(), metadata))
     except ValidationError as error:
         detail = error.errors()[0]
         path = ".".join(("metadata", part, *(str(key) for key in detail["loc"])))
