@@ -39,7 +39,7 @@ class SimulationConfig(Section):
     def _one_label_per_id(self) -> SimulationConfig:
         labels: dict[int, str] = {}
         things: list[Labelled] = [
-            *self.materials.layers,
+            *self.materials.labelled,
             *self.assets.rocks,
             *self.assets.primitives,
         ]

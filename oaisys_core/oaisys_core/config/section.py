@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
 
 Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
+
+
+def _pair(value: Any) -> Any:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return (value, value) if is_number else value
+
+
+def _in_order(value: tuple[float, float]) -> tuple[float, float]:
+    if value[0] > value[1]:
+        raise ValueError("expected [least, most]")
+    return value
+
+
+Range = Annotated[
+    tuple[float, float],
+    BeforeValidator(_pair, json_schema_input_type=float | tuple[float, float]),
+    AfterValidator(_in_order),
+]
+"""``[least, most]`` of what is drawn at random; a single number stands for both."""
+
+PositiveRange = Annotated[
+    tuple[Positive, Positive],
+    BeforeValidator(_pair, json_schema_input_type=Positive | tuple[Positive, Positive]),
+    AfterValidator(_in_order),
+]
 
 MAX_LEVELS = 10
 """Semantic levels: ``semantic_0`` to ``semantic_9``."""

@@ -35,13 +35,13 @@ class MaterialsModule(Module):
 
     def _maps(self, layer: LayerConfig) -> PbrMaps:
         if layer.folder is not None:
-            tile_m = layer.tile_m or FOLDER_TILE_M
+            tile_m = layer.tile_m[0] if layer.tile_m else FOLDER_TILE_M
             return load_texture_folder(layer.folder, tile_m, size_px=None)
         config = self._config
         maps = texture_set(
             layer.texture, config.texture_size_px, config.texture_seed, default_cache_dir()
         )
-        return maps if layer.tile_m is None else replace(maps, tile_m=layer.tile_m)
+        return maps if layer.tile_m is None else replace(maps, tile_m=layer.tile_m[0])
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Lay the layers over the ground."""
