@@ -19,9 +19,6 @@ from oaisys_core.textures.procedural import RECIPES
 
 LOG = logging.getLogger(__name__)
 
-RECIPE_VERSION = 5
-"""Part of the cache's key; raised whenever a recipe changes."""
-
 TEXTURES = frozenset(RECIPES)
 
 
@@ -41,7 +38,7 @@ def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> P
         raise InvalidInputError("texture", name, f"one of {', '.join(sorted(TEXTURES))}")
     if cache_dir is None:
         return make_texture_set(name, size_px, seed)
-    key = hashlib.sha256(repr((RECIPE_VERSION, name, size_px, seed)).encode()).hexdigest()
+    key = hashlib.sha256(repr((RECIPES[name].version, name, size_px, seed)).encode()).hexdigest()
     path = cache_dir / f"{name}-{key[:16]}.npz"
     cached = _read(path, name)
     if cached is None:
