@@ -7,6 +7,7 @@ coordinates in ``a``. Quaternions are (x, y, z, w).
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,19 @@ from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
 
 QUATERNION_TOLERANCE = 1e-3
 """Largest deviation of a quaternion's norm from 1 that is normalised instead of refused."""
+
+INVERSE_TOLERANCE = 1e-12
+"""Greatest error, at z = 1, of a direction that a distorted pixel sees."""
+
+INVERSE_STEPS = 8
+NEWTON_STEPS = 6
+"""Steps from a lens's centre to a pixel, and of Newton's method when there."""
+
+INVERSE_CHUNK = 16384
+"""Pixels at a time: what is worked on then stays in the processor's cache."""
+
+LEAST_MAGNIFICATION = 1e-3
+"""A lens that shrinks areas more than this somewhere in the image is refused: it nearly folds."""
 
 R_LINK_OPTICAL: FloatArray = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation of ``camera_optical_frame`` in ``camera_link`` (REP-103)."""
@@ -104,11 +118,106 @@ def pose_looking_down(x_m: float, y_m: float, z_m: float, yaw_rad: float = 0.0) 
     return pose_from_matrix(transform(rotation.as_matrix(), (x_m, y_m, z_m)))
 
 
+def nadir_spacing_m(
+    altitude_m: float, overlap: float, intrinsics: PinholeIntrinsics
+) -> tuple[float, float]:
+    """Return the distance in x and y of views that look down on flat ground and overlap.
+
+    The images' rows lie along x. ``overlap`` is the share of an image's edge that neighbours see
+    both; what distortion bends is not counted.
+    """
+    step_x_m = altitude_m * intrinsics.width_px / intrinsics.fx_px * (1 - overlap)
+    step_y_m = altitude_m * intrinsics.height_px / intrinsics.fy_px * (1 - overlap)
+    return step_x_m, step_y_m
+
+
+def distorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
+    """Return (..., 2) image coordinates at z = 1 as a Brown-Conrady lens bends (..., 2) true ones.
+
+    Inverse: `undistorted`. ``distortion`` is (k1, k2, p1, p2, k3), or empty for none.
+    """
+    xy = np.asarray(xy, dtype=np.float64)
+    if not any(distortion):
+        return xy
+    x, y = xy[..., 0], xy[..., 1]
+    k1, k2, p1, p2, k3 = distortion
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    bent_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    bent_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.stack((bent_x, bent_y), axis=-1)
+
+
+def undistorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
+    """Return (..., 2) true image coordinates at z = 1 of (..., 2) bent ones; NaN for none.
+
+    Newton's method goes out from the lens's centre step by step, so that it never leaps to
+    another of the polynomial's solutions; the result is exact to `INVERSE_TOLERANCE`.
+    """
+    xy = np.asarray(xy, dtype=np.float64)
+    if not any(distortion):
+        return xy
+    targets = xy.reshape(-1, 2)
+    found = np.empty_like(targets)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for begin in range(0, len(targets), INVERSE_CHUNK):
+            chunk = slice(begin, begin + INVERSE_CHUNK)
+            found[chunk] = _unbent(targets[chunk], distortion)
+    return found.reshape(xy.shape)
+
+
+def _unbent(target: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
+    found = np.zeros_like(target)
+    is_valid = np.ones(len(target), dtype=bool)
+    steps = [(step + 1) / INVERSE_STEPS for step in range(INVERSE_STEPS)]
+    for share in [share for share in steps for _ in range(2)] + [1.0] * NEWTON_STEPS:
+        a, b, d = _magnification(found, distortion)
+        determinant = a * d - b * b
+        is_valid &= determinant > LEAST_MAGNIFICATION
+        u, v = (distorted(found, distortion) - share * target).T
+        found[:, 0] -= (d * u - b * v) / determinant
+        found[:, 1] -= (a * v - b * u) / determinant
+    error = np.abs(distorted(found, distortion) - target).max(axis=1)
+    found[~(is_valid & (error < INVERSE_TOLERANCE))] = np.nan
+    return found
+
+
+def _magnification(
+    xy: FloatArray, distortion: tuple[float, ...]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the (N,) entries xx, xy = yx and yy of the derivative of `distorted`."""
+    x, y = xy[:, 0], xy[:, 1]
+    k1, k2, p1, p2, k3 = distortion
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    slope = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
+    xx = radial + x * x * slope + 2 * p1 * y + 6 * p2 * x
+    yy = radial + y * y * slope + 6 * p1 * y + 2 * p2 * x
+    return xx, x * y * slope + 2 * p1 * x + 2 * p2 * y, yy
+
+
+def is_invertible(intrinsics: PinholeIntrinsics) -> bool:
+    """Return whether each point of the image, to its very edges, is seen in one direction only."""
+    if not any(intrinsics.distortion):
+        return True
+    w, h = intrinsics.width_px, intrinsics.height_px
+    columns, rows = np.linspace(-0.5, w - 0.5, 65), np.linspace(-0.5, h - 0.5, 65)
+    u, v = (grid.ravel() for grid in np.meshgrid(columns, rows))
+    pixels = np.column_stack((u, v))
+    rays = undistorted(_normalised(pixels, intrinsics), intrinsics.distortion)
+    return bool(np.isfinite(rays).all())
+
+
 def pixel_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
     """Return (H, W, 3) rays through pixel centres in the optical frame, scaled to z = 1.
 
-    A ray times a planar depth is the point it hit.
+    A ray times a planar depth is the point it hit. With distortion they are the true directions
+    that the lens bends into the pixels; they are kept, and cannot be written to.
     """
+    return _lens_rays(intrinsics) if any(intrinsics.distortion) else _pinhole_rays(intrinsics)
+
+
+def _pinhole_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
     u = (np.arange(intrinsics.width_px) - intrinsics.cx_px) / intrinsics.fx_px
     v = (np.arange(intrinsics.height_px) - intrinsics.cy_px) / intrinsics.fy_px
     rays = np.ones((intrinsics.height_px, intrinsics.width_px, 3))
@@ -117,20 +226,39 @@ def pixel_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
     return rays
 
 
+@lru_cache(maxsize=4)
+def _lens_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
+    rays = _pinhole_rays(intrinsics)
+    rays[..., :2] = undistorted(rays[..., :2], intrinsics.distortion)
+    rays.setflags(write=False)
+    return rays
+
+
 def project(points_camera_m: ArrayLike, intrinsics: PinholeIntrinsics) -> FloatArray:
-    """Return (N, 2) pixels of (N, 3) points in the optical frame; inverse: `unproject`."""
+    """Return (N, 2) pixels of (N, 3) points in the optical frame; inverse: `unproject`.
+
+    Distortion is what its polynomial says, also far outside the image, where it means nothing.
+    """
     points = np.asarray(points_camera_m, dtype=np.float64)
-    homogeneous = points @ intrinsics.K.T
-    return homogeneous[:, :2] / homogeneous[:, 2:]
+    if not any(intrinsics.distortion):
+        homogeneous = points @ intrinsics.K.T
+        return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
+    bent = distorted(points[:, :2] / points[:, 2:], intrinsics.distortion)
+    focal_px = (intrinsics.fx_px, intrinsics.fy_px)
+    return np.asarray(bent * focal_px + (intrinsics.cx_px, intrinsics.cy_px))
 
 
 def unproject(pixels: ArrayLike, depth_m: ArrayLike, intrinsics: PinholeIntrinsics) -> FloatArray:
     """Return (N, 3) points in the optical frame of (N, 2) pixels at (N,) planar depths."""
     uv = np.asarray(pixels, dtype=np.float64)
     z = np.asarray(depth_m, dtype=np.float64)
-    x = (uv[:, 0] - intrinsics.cx_px) / intrinsics.fx_px * z
-    y = (uv[:, 1] - intrinsics.cy_px) / intrinsics.fy_px * z
-    return np.column_stack((x, y, z))
+    xy = undistorted(_normalised(uv, intrinsics), intrinsics.distortion)
+    return np.column_stack((xy * z[:, None], z))
+
+
+def _normalised(pixels: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:
+    centre_px = (intrinsics.cx_px, intrinsics.cy_px)
+    return np.asarray((pixels - centre_px) / (intrinsics.fx_px, intrinsics.fy_px))
 
 
 def depth_to_points(
@@ -141,11 +269,15 @@ def depth_to_points(
     Pixels that hit nothing (``+inf``) give non-finite points.
     """
     z = np.asarray(depth_m, dtype=np.float32)
-    u = (np.arange(intrinsics.width_px) - intrinsics.cx_px) / intrinsics.fx_px
-    v = (np.arange(intrinsics.height_px) - intrinsics.cy_px) / intrinsics.fy_px
     points = np.empty((*z.shape, 3), dtype=np.float32)
     with np.errstate(invalid="ignore"):
-        np.multiply(z, u.astype(np.float32)[None, :], out=points[..., 0])
-        np.multiply(z, v.astype(np.float32)[:, None], out=points[..., 1])
+        if any(intrinsics.distortion):
+            rays = _lens_rays(intrinsics).astype(np.float32)
+            np.multiply(z[..., None], rays[..., :2], out=points[..., :2])
+        else:
+            u = (np.arange(intrinsics.width_px) - intrinsics.cx_px) / intrinsics.fx_px
+            v = (np.arange(intrinsics.height_px) - intrinsics.cy_px) / intrinsics.fy_px
+            np.multiply(z, u.astype(np.float32)[None, :], out=points[..., 0])
+            np.multiply(z, v.astype(np.float32)[:, None], out=points[..., 1])
     points[..., 2] = z
     return points

@@ -217,10 +217,16 @@ class Lens:
     Attributes:
         focus_distance_m: Planar distance that is sharp.
         f_number: Focal length over the aperture's diameter.
+        blades: Of the aperture; below 3: round.
+        blade_rotation_rad: Turn of the blades.
+        ratio: Width over height of what is blurred; 1 for a spherical lens.
     """
 
     focus_distance_m: float
     f_number: float
+    blades: int = 0
+    blade_rotation_rad: float = 0.0
+    ratio: float = 1.0
 
 
 @dataclass(frozen=True)

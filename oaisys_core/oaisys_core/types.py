@@ -205,12 +205,14 @@ class SensorInfo:
     Attributes:
         T_base_camera: (4, 4) pose of the optical frame in ``base_link``.
         modalities: What it renders.
+        stereo_baseline_m: How far to the right of its pair's left camera it is; 0 for all others.
     """
 
     name: str
     intrinsics: PinholeIntrinsics
     T_base_camera: FloatArray
     modalities: tuple[str, ...]
+    stereo_baseline_m: float = 0.0
 
 
 @dataclass(frozen=True)

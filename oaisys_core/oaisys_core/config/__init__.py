@@ -7,7 +7,7 @@ from oaisys_core.config.loading import config_from_mapping, config_sha256, load_
 from oaisys_core.config.materials import LayerConfig, MaskConfig, MaterialsConfig
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.render import RenderConfig
-from oaisys_core.config.sensors import CameraConfig, SensorsConfig
+from oaisys_core.config.sensors import CameraConfig, LensConfig, SensorsConfig, StereoConfig
 from oaisys_core.config.stage import StageConfig
 
 __all__ = [
@@ -15,6 +15,7 @@ __all__ = [
     "CameraConfig",
     "EnvironmentConfig",
     "LayerConfig",
+    "LensConfig",
     "MaskConfig",
     "MaterialsConfig",
     "PrimitiveConfig",
@@ -23,6 +24,7 @@ __all__ = [
     "SensorsConfig",
     "SimulationConfig",
     "StageConfig",
+    "StereoConfig",
     "adjusted",
     "config_from_mapping",
     "config_sha256",

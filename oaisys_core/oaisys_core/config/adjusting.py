@@ -41,8 +41,10 @@ def adjusted(
     if quality is not None:
         data["render"]["quality"] = quality
     if size is not None:
-        resized = [_resized(camera, *_parsed(size)) for camera in config.sensors.cameras]
-        data["sensors"]["cameras"] = resized
+        size_px = _parsed(size)
+        for kind in ("cameras", "stereo"):
+            cameras = getattr(config.sensors, kind)
+            data["sensors"][kind] = [_resized(camera, *size_px) for camera in cameras]
     try:
         return SimulationConfig.model_validate(data)
     except ValidationError as error:

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from oaisys_core.config.model import SimulationConfig
+from oaisys_core.config.sensors import SensorsConfig
 from oaisys_core.errors import ConfigError
 
 
@@ -79,7 +80,20 @@ def _with_absolute_folders(config: SimulationConfig, base: Path) -> SimulationCo
                 )
         layers.append(layer.model_copy(update={"folder": folder}))
     materials = config.materials.model_copy(update={"layers": tuple(layers)})
-    return config.model_copy(update={"materials": materials})
+    sensors = _with_absolute_motion(config.sensors, base)
+    return config.model_copy(update={"materials": materials, "sensors": sensors})
+
+
+def _with_absolute_motion(sensors: SensorsConfig, base: Path) -> SensorsConfig:
+    motion = sensors.motion
+    if motion.kind != "csv":
+        return sensors
+    path = (base / motion.path.expanduser()).resolve()
+    if not path.is_file():
+        raise ConfigError(
+            f"sensors.motion.path: received {str(motion.path)!r}, expected an existing CSV file"
+        )
+    return sensors.model_copy(update={"motion": motion.model_copy(update={"path": path})})
 
 
 def _root_causes(details: list[ErrorDetails]) -> list[ErrorDetails]:

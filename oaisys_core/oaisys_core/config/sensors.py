@@ -1,12 +1,16 @@
-"""The rig and its cameras."""
+"""The rig, its cameras and how it moves."""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from oaisys_core import geometry
+from oaisys_core.config.motion import AnyMotion, GivenMotion
 from oaisys_core.config.section import Positive, Section, Vector3
+from oaisys_core.types import PinholeIntrinsics
 
 MAX_IMAGE_SIDE_PX = 16384
 MAX_IMAGE_PX = 100_000_000
@@ -17,26 +21,96 @@ Modality = Annotated[
 ]
 
 
-class CameraConfig(Section):
-    """A pinhole camera on the rig.
+class DistortionConfig(Section):
+    """Brown-Conrady distortion, as OpenCV and ROS's ``plumb_bob`` have it.
 
     Attributes:
+        k1, k2, k3: Radial coefficients.
+        p1, p2: Tangential coefficients.
+    """
+
+    k1: float = 0.0
+    k2: float = 0.0
+    p1: float = 0.0
+    p2: float = 0.0
+    k3: float = 0.0
+
+
+class LensConfig(Section):
+    """A lens with an aperture, for depth of field in colour.
+
+    Attributes:
+        focus_distance_m: What is sharp, along the optical axis.
+        f_number: Focal length over the aperture's diameter.
+        blades: Of the aperture; below 3: round.
+        blade_rotation_deg: Turn of the blades.
+        ratio: Width over height of blur, 1 for a spherical lens, above it for an anamorphic one.
+    """
+
+    focus_distance_m: Positive = 10.0
+    f_number: Positive = 2.8
+    blades: int = Field(default=0, ge=0, le=16)
+    blade_rotation_deg: float = 0.0
+    ratio: float = Field(default=1.0, ge=0.1, le=10)
+
+
+class OpticsConfig(Section):
+    """What a sample's metadata may change of a camera.
+
+    Attributes:
+        fx_px, fy_px: Focal lengths; pixels are not square where they differ.
         cx_px, cy_px: Principal point, pixel centres at integers; None: the image's centre.
+        distortion: Of the lens; None: none.
+        lens: Depth of field; None: everything is sharp.
+        shutter_share: Share of the way from the camera's previous pose during which the shutter
+            is open; 0: no motion blur.
+    """
+
+    fx_px: Positive = 541.14
+    fy_px: Positive = 541.14
+    cx_px: float | None = None
+    cy_px: float | None = None
+    distortion: DistortionConfig | None = None
+    lens: LensConfig | None = None
+    shutter_share: float = Field(default=0.0, ge=0, le=1)
+
+
+class CameraConfig(OpticsConfig):
+    """A camera on the rig.
+
+    Attributes:
         mount_position_m, mount_quat_xyzw: Pose of the camera's link (x forward) in ``base_link``.
+        step_interval: It renders every so many samples.
+        step_offset: Samples before its first.
+        modality_intervals: It renders these modalities only every so many samples, out of those
+            at which it renders; all others always.
     """
 
     name: FrameName = "camera"
     width_px: int = Field(default=640, ge=1, le=MAX_IMAGE_SIDE_PX)
     height_px: int = Field(default=480, ge=1, le=MAX_IMAGE_SIDE_PX)
-    fx_px: Positive = 541.14
-    fy_px: Positive = 541.14
-    cx_px: float | None = None
-    cy_px: float | None = None
     mount_position_m: Vector3 = (0.0, 0.0, 0.0)
     mount_quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     modalities: tuple[Modality, ...] = Field(
         default=("rgb", "depth", "semantic_0", "instance"), min_length=1
     )
+    step_interval: int = Field(default=1, ge=1)
+    step_offset: int = Field(default=0, ge=0)
+    modality_intervals: dict[Modality, Annotated[int, Field(ge=1)]] = Field(default_factory=dict)
+
+    @property
+    def intrinsics(self) -> PinholeIntrinsics:
+        """The camera as all else sees it."""
+        d = self.distortion
+        return PinholeIntrinsics(
+            width_px=self.width_px,
+            height_px=self.height_px,
+            fx_px=self.fx_px,
+            fy_px=self.fy_px,
+            cx_px=(self.width_px - 1) / 2 if self.cx_px is None else self.cx_px,
+            cy_px=(self.height_px - 1) / 2 if self.cy_px is None else self.cy_px,
+            distortion=() if d is None else (d.k1, d.k2, d.p1, d.p2, d.k3),
+        )
 
     @model_validator(mode="after")
     def _bounded(self) -> CameraConfig:
@@ -46,19 +120,81 @@ class CameraConfig(Section):
             raise ValueError("mount_quat_xyzw must be a unit quaternion")
         return self
 
+    @model_validator(mode="after")
+    def _of_its_own(self) -> CameraConfig:
+        if len(set(self.modalities)) != len(self.modalities):
+            raise ValueError("modalities must differ")
+        for modality in self.modality_intervals:
+            if modality not in self.modalities:
+                raise ValueError(f"modality_intervals names {modality!r}, which it does not render")
+        return self
+
+    @model_validator(mode="after")
+    def _invertible(self) -> CameraConfig:
+        if not geometry.is_invertible(self.intrinsics):
+            raise ValueError(
+                "distortion folds the image: two directions would meet in one pixel, or none would"
+            )
+        return self
+
+
+class StereoConfig(CameraConfig):
+    """Two equal cameras side by side, called ``<name>_left`` and ``<name>_right``.
+
+    Attributes:
+        baseline_m: The right camera's distance from the left one, along the image's rows; the
+            mount is the left one's.
+    """
+
+    name: FrameName = "stereo"
+    baseline_m: Positive = 0.1
+
+    def cameras(self) -> tuple[CameraConfig, CameraConfig]:
+        """Return the left and the right camera."""
+        shared = self.model_dump(exclude={"baseline_m", "name"})
+        mount = geometry.checked_pose(self.mount_position_m, self.mount_quat_xyzw)
+        to_right = geometry.transform(_NO_TURN, (0.0, -self.baseline_m, 0.0))
+        right = geometry.pose_from_matrix(geometry.pose_to_matrix(mount) @ to_right)
+        return (
+            CameraConfig.model_validate({**shared, "name": f"{self.name}_left"}),
+            CameraConfig.model_validate(
+                {**shared, "name": f"{self.name}_right", "mount_position_m": right.position_m}
+            ),
+        )
+
+
+_NO_TURN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
 
 class SensorsConfig(Section):
     """The rig.
 
     Attributes:
+        cameras: One each; where only stereo pairs are given, there is no other camera.
+        stereo: Pairs of cameras.
+        motion: How the rig moves where no pose is given.
         pose_policy: What happens to a pose under the ground or off the stage: ``reject``,
             ``clamp`` (to the least clearance, inside the stage) or ``allow``.
         min_clearance_m: Least height of every camera above the topmost surface.
     """
 
-    cameras: tuple[CameraConfig, ...] = Field(default=(CameraConfig(),), min_length=1)
+    cameras: tuple[CameraConfig, ...] = (CameraConfig(),)
+    stereo: tuple[StereoConfig, ...] = ()
+    motion: AnyMotion = GivenMotion()
     pose_policy: Literal["reject", "clamp", "allow"] = "reject"
     min_clearance_m: float = Field(default=0.05, ge=0)
+
+    @property
+    def all_cameras(self) -> tuple[CameraConfig, ...]:
+        """The cameras, then the left and right ones of each pair."""
+        return (*self.cameras, *(camera for pair in self.stereo for camera in pair.cameras()))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _stereo_alone(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and data.get("stereo") and "cameras" not in data:
+            return {**data, "cameras": ()}
+        return data
 
     @field_validator("cameras")
     @classmethod
@@ -67,3 +203,14 @@ class SensorsConfig(Section):
         if len(set(names)) != len(names):
             raise ValueError("camera names must differ")
         return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SensorsConfig:
+        names = [camera.name for camera in self.all_cameras]
+        if not names:
+            raise ValueError("there must be a camera or a stereo pair")
+        if len(set(names)) != len(names):
+            raise ValueError("names of cameras and of those of stereo pairs must differ")
+        if self.motion.kind == "grid" and self.motion.camera not in (None, *names):
+            raise ValueError(f"motion.camera must be one of {', '.join(names)}")
+        return self

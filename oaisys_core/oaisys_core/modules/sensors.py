@@ -16,7 +16,6 @@ from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import (
     FloatArray,
     HeightQuery,
-    PinholeIntrinsics,
     Pose,
     SensorInfo,
 )
@@ -38,7 +37,7 @@ class SensorsModule(Module):
 
     def __init__(self, config: SensorsConfig) -> None:
         self._config = config
-        self.sensors = tuple(_sensor_info(camera) for camera in config.cameras)
+        self.sensors = tuple(_sensor_info(camera) for camera in config.all_cameras)
         self.rig_pose: Pose | None = None
 
     def check(self, metadata: Metadata) -> None:
@@ -158,13 +157,5 @@ def _sensor_info(camera: CameraConfig) -> SensorInfo:
     mount = geometry.checked_pose(
         camera.mount_position_m, camera.mount_quat_xyzw, f"sensors.cameras.{camera.name}.mount"
     )
-    intrinsics = PinholeIntrinsics(
-        width_px=camera.width_px,
-        height_px=camera.height_px,
-        fx_px=camera.fx_px,
-        fy_px=camera.fy_px,
-        cx_px=(camera.width_px - 1) / 2 if camera.cx_px is None else camera.cx_px,
-        cy_px=(camera.height_px - 1) / 2 if camera.cy_px is None else camera.cy_px,
-    )
     T_base_camera = geometry.pose_to_matrix(mount) @ geometry.T_LINK_OPTICAL
-    return SensorInfo(camera.name, intrinsics, T_base_camera, tuple(camera.modalities))
+    return SensorInfo(camera.name, camera.intrinsics, T_base_camera, tuple(camera.modalities))
