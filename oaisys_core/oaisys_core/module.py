@@ -52,7 +52,7 @@ class World:
         self.ground, self.stage_hash = other.ground, other.stage_hash
         self.material = other.material
         layers = drawn(other.material).layers
-        ids = {semantic_id for layer in layers for semantic_id in layer.semantic_ids}
+        ids = {semantic_id for layer in layers for semantic_id in layer.all_semantic_ids}
         labels = other.semantic_labels
         self.semantic_labels.update({i: labels[i] for i in ids if i in labels})
 

@@ -1,0 +1,188 @@
+"""How a texture lies on the ground so that its repetition is not seen.
+
+A tiling says of which places of the texture a point of the ground is mixed, and how. Points and
+places are in tiles: texture coordinates, u to the right and v up, of which whole numbers apart
+show the same. Backends and label images evaluate the same tables.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from oaisys_core.types import FloatArray
+
+PERIOD_CELLS = 16
+"""Cells along each direction after which the Voronoi pattern repeats."""
+
+CELL_PX = 32
+"""Texels along a Voronoi cell of its tables."""
+
+SEAM = (0.03, 0.22)
+"""Distance from a cell's edge, in cells, at which its own texture begins and covers all."""
+
+SHIFTS = 64
+"""Lattice points along each direction after which the shifts of a stochastic tiling repeat."""
+
+CRISPNESS = 3.0
+"""Power of the weights of a stochastic tiling; higher mixes less."""
+
+
+class Looks(NamedTuple):
+    """Of what points are mixed: K places each.
+
+    Attributes:
+        places: (K, N, 2) in tiles.
+        weights: (K, N), which sum to 1.
+    """
+
+    places: FloatArray
+    weights: FloatArray
+
+
+@dataclass(frozen=True)
+class PlainTiling:
+    """The texture as it is."""
+
+    def looks(self, xy_tiles: FloatArray) -> Looks:
+        """Return of what (N, 2) points are mixed: of themselves."""
+        return Looks(xy_tiles[None], np.ones((1, len(xy_tiles))))
+
+
+@dataclass(frozen=True)
+class VoronoiTiling:
+    """Turned and shifted from cell to cell of a Voronoi diagram, plain along the cells' edges.
+
+    Attributes:
+        cell_tiles: Mean size of a cell.
+        moves: (R, R, 3) float32 turn in radians and shift in tiles of the cell at each texel; the
+            nearest one counts. Row 0 is at v = 0; the table repeats after `PERIOD_CELLS`.
+        weights: (R, R) float32 weight of the moved texture, interpolated bilinearly.
+    """
+
+    cell_tiles: float
+    moves: NDArray[np.float32]
+    weights: NDArray[np.float32]
+
+    @property
+    def period_tiles(self) -> float:
+        """Edge length of the tables."""
+        return self.cell_tiles * PERIOD_CELLS
+
+    def looks(self, xy_tiles: FloatArray) -> Looks:
+        """Return of what (N, 2) points are mixed: of the moved and the plain texture."""
+        size = len(self.moves)
+        texel = xy_tiles / self.period_tiles * size
+        column, row = (np.floor(texel).astype(np.int64) % size).T
+        angle, shift_u, shift_v = self.moves[row, column].astype(np.float64).T
+        cos, sin = np.cos(angle), np.sin(angle)
+        x, y = xy_tiles.T
+        moved = np.column_stack((cos * x - sin * y + shift_u, sin * x + cos * y + shift_v))
+        weight = _bilinear_repeated(self.weights, texel - 0.5)
+        return Looks(np.stack((moved, xy_tiles)), np.stack((weight, 1 - weight)))
+
+
+@dataclass(frozen=True)
+class StochasticTiling:
+    """Shifted copies, one at each point of a triangular lattice, three of which are mixed.
+
+    After Heitz and Neyret, "High-Performance By-Example Noise using a Histogram-Preserving
+    Blending Operator", 2018.
+
+    Attributes:
+        cell_tiles: Distance of neighbouring lattice points.
+        shifts: (`SHIFTS`, `SHIFTS`, 2) float32 shift in tiles by row and column of the lattice.
+    """
+
+    cell_tiles: float
+    shifts: NDArray[np.float32]
+
+    def looks(self, xy_tiles: FloatArray) -> Looks:
+        """Return of what (N, 2) points are mixed: of the copies at a triangle's corners."""
+        x, y = (xy_tiles / self.cell_tiles).T
+        skewed = np.column_stack((x - y / np.sqrt(3), y * (2 / np.sqrt(3))))
+        base = np.floor(skewed)
+        s, t = (skewed - base).T
+        is_lower = s + t < 1
+        corner = np.where(is_lower, 0, 1)
+        corners = base + np.stack(
+            (
+                np.column_stack((corner, corner)),
+                np.broadcast_to((1, 0), base.shape),
+                np.broadcast_to((0, 1), base.shape),
+            )
+        )
+        weights = np.stack(
+            (abs(1 - s - t), np.where(is_lower, s, 1 - t), np.where(is_lower, t, 1 - s))
+        )
+        weights = weights**CRISPNESS
+        column, row = np.moveaxis(corners.astype(np.int64) % SHIFTS, -1, 0)
+        return Looks(xy_tiles + self.shifts[row, column], weights / weights.sum(axis=0))
+
+
+Tiling = PlainTiling | VoronoiTiling | StochasticTiling
+
+
+def voronoi_tiling(
+    cell_tiles: float, rotation_rad: float, rng: np.random.Generator
+) -> VoronoiTiling:
+    """Return a Voronoi tiling whose cells are turned by up to ``rotation_rad`` to either side."""
+    cells, weights = _voronoi_tables()
+    count = PERIOD_CELLS**2
+    moves = np.column_stack(
+        (rng.uniform(-rotation_rad, rotation_rad, count), rng.uniform(0, 1, (count, 2)))
+    )
+    return VoronoiTiling(cell_tiles, moves.astype(np.float32)[cells], weights)
+
+
+def stochastic_tiling(cell_tiles: float, rng: np.random.Generator) -> StochasticTiling:
+    """Return a stochastic tiling."""
+    return StochasticTiling(cell_tiles, rng.random((SHIFTS, SHIFTS, 2), dtype=np.float32))
+
+
+@lru_cache(maxsize=1)
+def _voronoi_tables() -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+    """Return the cell at each texel of the tables, and the weight of its own texture.
+
+    Cells belong to the points of a jittered grid, always the same one: moves differ, cells do not.
+    """
+    rng = np.random.default_rng(0)
+    rows, columns = np.mgrid[:PERIOD_CELLS, :PERIOD_CELLS]
+    corners = np.column_stack((columns.ravel(), rows.ravel()))
+    points = corners + rng.uniform(0.1, 0.9, (PERIOD_CELLS**2, 2))
+    axis = (np.arange(PERIOD_CELLS * CELL_PX) + 0.5) / CELL_PX
+    places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    _, near = cKDTree(points, boxsize=PERIOD_CELLS).query(places, k=8)
+    to_first = _wrapped(points[near[:, 0]] - places)
+    edge = np.full(len(places), np.inf)
+    for other in near[:, 1:].T:
+        to_other = _wrapped(points[other] - places)
+        apart = to_other - to_first
+        middle = (to_other + to_first) / 2
+        edge = np.minimum(edge, (middle * apart).sum(axis=1) / np.linalg.norm(apart, axis=1))
+    t = np.clip((edge - SEAM[0]) / (SEAM[1] - SEAM[0]), 0, 1)
+    size = PERIOD_CELLS * CELL_PX
+    weights = (t * t * (3 - 2 * t)).astype(np.float32).reshape(size, size)
+    return near[:, 0].reshape(size, size), weights
+
+
+def _wrapped(difference: FloatArray) -> FloatArray:
+    """Return differences of places on the repeating pattern by the shorter way."""
+    return np.asarray(difference - PERIOD_CELLS * np.rint(difference / PERIOD_CELLS))
+
+
+def _bilinear_repeated(image: NDArray[Any], texel: FloatArray) -> FloatArray:
+    """Return (N,) values between the texels of a square image that repeats."""
+    size = len(image)
+    low = np.floor(texel)
+    s, t = (texel - low).T
+    c0, r0 = low.astype(np.int64).T % size
+    c1, r1 = (c0 + 1) % size, (r0 + 1) % size
+    lower = image[r0, c0] * (1 - s) + image[r0, c1] * s
+    upper = image[r1, c0] * (1 - s) + image[r1, c1] * s
+    return np.asarray(lower * (1 - t) + upper * t)
