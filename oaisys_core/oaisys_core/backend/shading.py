@@ -5,11 +5,14 @@ from __future__ import annotations
 from math import cos, pi, sin
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from oaisys_core.backend.surface import View
+from oaisys_core.color import encoded, linear
 from oaisys_core.scene import PbrMaps, Scene, Sky
 from oaisys_core.types import FloatArray
+
+__all__ = ["Palette", "encoded", "linear", "mean_color", "shaded", "sky_color"]
 
 SKY_IRRADIANCE_W_M2 = 1.0
 """Irradiance of the whole sky on level ground, at a sky strength of 1."""
@@ -84,16 +87,3 @@ def mean_color(maps: PbrMaps) -> FloatArray:
             for channel in range(3)
         ]
     ) / (maps.color_srgb.size / 3)
-
-
-def linear(srgb: ArrayLike) -> FloatArray:
-    """Return linear values of sRGB-encoded ones in 0 to 1 (IEC 61966-2-1); inverse: `encoded`."""
-    s = np.asarray(srgb, dtype=np.float64)
-    return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
-
-
-def encoded(linear_color: FloatArray) -> NDArray[np.uint8]:
-    """Return sRGB bytes of linear values, clipped to 0 to 1; inverse: `linear`."""
-    c = np.clip(linear_color, 0.0, 1.0)
-    srgb = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(srgb * 255), dtype=np.uint8)

@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from oaisys_core.config.model import SimulationConfig
+from oaisys_core.config.paths import BASE
 from oaisys_core.config.sensors import SensorsConfig
 from oaisys_core.errors import ConfigError
 
@@ -60,7 +61,7 @@ def _checked(
     data: Mapping[str, Any], base: Path, source: str, root: yaml.Node | None
 ) -> SimulationConfig:
     try:
-        config = SimulationConfig.model_validate(data)
+        config = SimulationConfig.model_validate(data, context={BASE: base})
     except ValidationError as error:
         faults = _root_causes(error.errors())
         raise ConfigError("\n".join(_fault(fault, source, root) for fault in faults)) from error

@@ -1,37 +1,149 @@
-"""Sun and sky."""
+"""Sun, sky and air."""
 
 from __future__ import annotations
 
+from datetime import timedelta
 from math import radians
 
-from oaisys_core.config.environment import EnvironmentConfig
-from oaisys_core.module import World
-from oaisys_core.modules.overrides import SectionModule
-from oaisys_core.scene import Sky
+import numpy as np
+
+from oaisys_core.color import linear
+from oaisys_core.config.environment import EnvironmentConfig, HdriConfig, SkyConfig
+from oaisys_core.environment.draws import Draws
+from oaisys_core.environment.effects import load_effects
+from oaisys_core.environment.haze import haze_of
+from oaisys_core.environment.hdri import SkyImages, images_of
+from oaisys_core.environment.sun import azimuth_in_map, sun_position
+from oaisys_core.module import Metadata, World
+from oaisys_core.modules.overrides import SectionModule, overridden
+from oaisys_core.sky import Color, Gradient, Hdri, Sky
 
 
 class EnvironmentModule(SectionModule[EnvironmentConfig]):
-    """Holds the light of a batch; a step's metadata overrides any field of its configuration."""
+    """Draws the light of a batch; a step's metadata overrides any field of its configuration.
+
+    What is drawn depends on the batch's seed, the redraw's number and the field's name alone.
+    """
 
     name = "environment"
     metadata_part = "environment"
 
+    def __init__(self, config: EnvironmentConfig) -> None:
+        super().__init__(config)
+        self._images = SkyImages()
+        self._seed = 0
+
+    def setup(self) -> None:
+        """Refuse files and effects that do not exist."""
+        _check_names(self._config)
+
+    def check(self, metadata: Metadata) -> None:
+        """Refuse unknown keys, values out of range, and files and effects that do not exist."""
+        _check_names(overridden(self._config, metadata, self.metadata_part))
+
+    def check_sample(self, metadata: Metadata) -> None:
+        """As `check`, on top of what holds now."""
+        _check_names(overridden(self._now, metadata, self.metadata_part))
+
+    def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Begin a batch with the configuration and the metadata's changes."""
+        self._seed = int(rng.integers(2**63))
+        super().step_batch(world, metadata, rng)
+
     def apply(self, world: World, section: EnvironmentConfig) -> None:
         """Set sun and sky."""
-        world.sky = _sky(section)
-        if section.sky_semantic_id:
-            world.semantic_labels[section.sky_semantic_id] = "sky"
+        draws = Draws(self._seed, _redraw(section, world.sample_id))
+        sky = self._sky(section, draws, world.sample_id)
+        for index, effect in enumerate(load_effects(section.effects)):
+            sky = effect.apply(sky, draws.rng(f"effects.{index}"))
+        world.sky = sky
+        for thing in section.labelled:
+            world.semantic_labels.update({i: name for i, name in thing.labels.items() if i})
+
+    def _sky(self, config: EnvironmentConfig, draws: Draws, sample_id: int) -> Sky:
+        elevation_rad, azimuth_rad = _sun(config, draws, sample_id)
+        diameter_deg = draws.number("sun_angular_diameter_deg", config.sun_angular_diameter_deg)
+        ground = config.ground_beyond_label
+        return Sky(
+            sun_elevation_rad=elevation_rad,
+            sun_azimuth_rad=azimuth_rad,
+            sun_strength_w_m2=draws.number("sun_strength_w_m2", config.sun_strength_w_m2),
+            sun_angular_diameter_rad=radians(diameter_deg),
+            sky_strength=draws.number("sky_strength", config.sky_strength),
+            air=draws.number("air", config.air),
+            dust=draws.number("dust", config.dust),
+            ozone=draws.number("ozone", config.ozone),
+            semantic_ids=config.sky_labels.semantic_ids,
+            altitude_m=draws.number("altitude_m", config.altitude_m),
+            sun_disc=draws.number("sun_disc", config.sun_disc),
+            model=config.sky.model,
+            gradient=_gradient(config.sky),
+            hdri=self._hdri(config.hdri, config.sky_labels.semantic_ids, draws),
+            haze=haze_of(config.haze, draws),
+            has_plain=config.ground_beyond,
+            ground_semantic_ids=ground.semantic_ids if ground else None,
+        )
+
+    def _hdri(
+        self, config: HdriConfig | None, sky_ids: tuple[int, ...], draws: Draws
+    ) -> Hdri | None:
+        if config is None:
+            return None
+        images = images_of(config)
+        if config.use is not None:
+            image = next(each for each in images if each.file.stem == config.use)
+        elif config.choose == "random":
+            image = draws.pick("hdri", images)
+        elif config.choose == "shuffle":
+            image = draws.pick_shuffled("hdri", images)
+        else:
+            image = images[draws.index % len(images)]
+        ids = image.semantic_ids if any(image.semantic_ids) else sky_ids
+        rotation_deg = image.rotation_deg or config.rotation_deg
+        return Hdri(
+            image=self._images.load(image, ids),
+            rotation_rad=radians(draws.number("hdri.rotation_deg", rotation_deg)),
+            strength=draws.number("hdri.strength", image.strength or config.strength),
+            keeps_sun=config.keep_sun,
+            semantic_ids=ids,
+        )
 
 
-def _sky(config: EnvironmentConfig) -> Sky:
-    return Sky(
-        sun_elevation_rad=radians(config.sun_elevation_deg),
-        sun_azimuth_rad=radians(config.sun_azimuth_deg),
-        sun_strength_w_m2=config.sun_strength_w_m2,
-        sun_angular_diameter_rad=radians(config.sun_angular_diameter_deg),
-        sky_strength=config.sky_strength,
-        air=config.air,
-        dust=config.dust,
-        ozone=config.ozone,
-        semantic_ids=(config.sky_semantic_id,),
+def _redraw(config: EnvironmentConfig, sample_id: int) -> int:
+    """Return how many redraws there were before this sample of the batch."""
+    if config.redraw == "batch" or sample_id == 0:
+        return 0
+    return (sample_id - 1) // config.step_interval
+
+
+def _sun(config: EnvironmentConfig, draws: Draws, sample_id: int) -> tuple[float, float]:
+    """Return the sun's elevation and azimuth in ``map``."""
+    at = config.sun_from_time
+    if at is None:
+        elevation_deg = draws.number("sun_elevation_deg", config.sun_elevation_deg)
+        azimuth_deg = draws.number("sun_azimuth_deg", config.sun_azimuth_deg)
+        return radians(elevation_deg), radians(azimuth_deg)
+    elapsed_s = at.s_per_sample * max(sample_id - 1, 0)
+    later = timedelta(hours=draws.number("sun_from_time.later_h", at.later_h), seconds=elapsed_s)
+    seen = sun_position(at.date_time + later, at.latitude_deg, at.longitude_deg)
+    return seen.elevation_rad, azimuth_in_map(seen.azimuth_rad, radians(at.north_offset_deg))
+
+
+def _gradient(config: SkyConfig) -> Gradient:
+    return Gradient(
+        zenith=_color(config.zenith_srgb),
+        horizon=_color(config.horizon_srgb),
+        glow=_color(config.glow_srgb),
+        glow_rad=radians(config.glow_deg),
     )
+
+
+def _color(srgb: Color) -> Color:
+    red, green, blue = linear(srgb).tolist()
+    return (red, green, blue)
+
+
+def _check_names(config: EnvironmentConfig) -> None:
+    load_effects(config.effects)
+    if config.hdri is not None:
+        images_of(config.hdri)

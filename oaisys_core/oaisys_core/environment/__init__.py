@@ -1,0 +1,1 @@
+"""Sun, sky images and effects: what the environment module draws from."""

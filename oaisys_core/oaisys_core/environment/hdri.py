@@ -1,0 +1,160 @@
+"""Sky images and their label maps from files."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.config.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.exr import read_channels
+from oaisys_core.scene import id_of_level
+from oaisys_core.sky import SkyImage
+
+SUFFIXES = (".exr", ".hdr")
+
+KEPT = 4
+"""Images that stay loaded: at 8192 x 4096 each takes 0.4 GB."""
+
+BRIGHTEST = 65504.0
+"""Of a half float: what stands in for infinite radiance."""
+
+
+class SkyImages:
+    """Loads sky images; the last few stay, so that an image shown again is the same object."""
+
+    def __init__(self) -> None:
+        self._kept: OrderedDict[Any, SkyImage] = OrderedDict()
+
+    def load(self, config: HdriImageConfig, other_ids: tuple[int, ...]) -> SkyImage:
+        """Return an image with its labels.
+
+        Args:
+            config: Which files.
+            other_ids: Labels, by level, of directions for which its maps have none.
+
+        Raises:
+            InvalidInputError: A file cannot be read or has another layout.
+        """
+        key = (config.file, config.labels_from, other_ids)
+        if key not in self._kept:
+            maps = _label_maps(config.labels_from, other_ids)
+            radiance = read_radiance(config.file)
+            self._kept[key] = SkyImage(config.file.stem, radiance, tuple(sorted(maps.items())))
+        self._kept.move_to_end(key)
+        while len(self._kept) > KEPT:
+            self._kept.popitem(last=False)
+        return self._kept[key]
+
+
+def images_of(config: HdriConfig) -> tuple[HdriImageConfig, ...]:
+    """Return the images to choose from, those of the folder last.
+
+    Raises:
+        InvalidInputError: The folder has no image, or none is the one to ``use``.
+    """
+    found = [] if config.folder is None else _files_in(config.folder)
+    images = (*config.images, *(HdriImageConfig(file=file) for file in found))
+    if config.use is not None and config.use not in [image.file.stem for image in images]:
+        names = ", ".join(sorted(image.file.stem for image in images))
+        raise InvalidInputError("environment.hdri.use", config.use, f"one of {names}")
+    return images
+
+
+def read_radiance(file: Path) -> NDArray[np.float32]:
+    """Return the (H, 2H, 3) linear pixels of an ``.hdr`` or ``.exr`` image, the top row first.
+
+    Raises:
+        InvalidInputError: It cannot be read, or is not twice as wide as high.
+    """
+    if file.suffix.lower() not in SUFFIXES:
+        raise InvalidInputError("environment.hdri", str(file), f"a file {' or '.join(SUFFIXES)}")
+    pixels = _read_exr(file) if file.suffix.lower() == ".exr" else _read_hdr(file)
+    _check_layout(file, pixels)
+    # Some published images hold a few broken pixels.
+    pixels = np.nan_to_num(pixels, nan=0.0, posinf=BRIGHTEST, neginf=0.0)
+    return np.ascontiguousarray(np.maximum(pixels, 0.0), dtype=np.float32)
+
+
+def _read_hdr(file: Path) -> NDArray[Any]:
+    image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    if image is None or image.ndim != 3:
+        raise InvalidInputError("environment.hdri", str(file), "a readable Radiance image")
+    return np.asarray(image[..., ::-1])
+
+
+def _read_exr(file: Path) -> NDArray[Any]:
+    channels = read_channels(file)
+    names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
+    if not set(names) <= set(channels):
+        expected = f"channels R, G and B, or Y, not {', '.join(sorted(channels))}"
+        raise InvalidInputError("environment.hdri", str(file), expected)
+    return np.stack([channels[name] for name in names], axis=-1)
+
+
+def _label_maps(
+    sources: tuple[SkyLabelsConfig, ...], other_ids: tuple[int, ...]
+) -> dict[int, NDArray[np.uint16]]:
+    maps: dict[int, NDArray[np.uint16]] = {}
+    for source in sources:
+        values = _values(source.image)
+        wanted = {_number(value): each.semantic_ids for value, each in source.mapping.items()}
+        reach = max(len(ids) for ids in wanted.values())
+        for step in range(reach):
+            level = source.level + step
+            start = maps.get(level)
+            if start is None or start.shape != values.shape:
+                start = np.full(values.shape, id_of_level(other_ids, level), np.uint16)
+            maps[level] = _labelled(values, wanted, step, start)
+    return maps
+
+
+def _labelled(
+    values: NDArray[np.int64],
+    wanted: Mapping[int, tuple[int, ...]],
+    step: int,
+    start: NDArray[np.uint16],
+) -> NDArray[np.uint16]:
+    result = start.copy()
+    for value, ids in wanted.items():
+        if step < len(ids):
+            result[values == value] = ids[step]
+    return result
+
+
+def _values(file: Path) -> NDArray[np.int64]:
+    """Return (H, W) numbers of an image's pixels: its grey values, or -1 - colour as 0xrrggbb."""
+    image: Any = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InvalidInputError("environment.hdri.labels_from", str(file), "a readable image")
+    _check_layout(file, image)
+    pixels = image.astype(np.int64)
+    if pixels.ndim == 2:
+        return np.asarray(pixels)
+    return np.asarray(-1 - (pixels[..., 2] * 65536 + pixels[..., 1] * 256 + pixels[..., 0]))
+
+
+def _number(value: str) -> int:
+    return -1 - int(value[1:], 16) if value.startswith("#") else int(value)
+
+
+def _check_layout(file: Path, image: NDArray[Any]) -> None:
+    rows, cols = image.shape[:2]
+    if cols != 2 * rows:
+        expected = f"an equirectangular image, twice as wide as high, not {cols} x {rows}"
+        raise InvalidInputError("environment.hdri", str(file), expected)
+
+
+def _files_in(folder: Path) -> list[Path]:
+    files = sorted(folder.iterdir()) if folder.is_dir() else []
+    found = [file for file in files if file.suffix.lower() in SUFFIXES]
+    if not found:
+        expected = f"an existing folder with files {' or '.join(SUFFIXES)}"
+        raise InvalidInputError("environment.hdri.folder", str(folder), expected)
+    return found
