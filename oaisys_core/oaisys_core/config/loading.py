@@ -65,24 +65,8 @@ def _checked(
     except ValidationError as error:
         faults = _root_causes(error.errors())
         raise ConfigError("\n".join(_fault(fault, source, root) for fault in faults)) from error
-    return _with_absolute_folders(config, base)
-
-
-def _with_absolute_folders(config: SimulationConfig, base: Path) -> SimulationConfig:
-    layers = []
-    for index, layer in enumerate(config.materials.layers):
-        folder = layer.folder
-        if folder is not None:
-            folder = (base / folder.expanduser()).resolve()
-            if not folder.is_dir():
-                raise ConfigError(
-                    f"materials.layers.{index}.folder: received {str(layer.folder)!r},"
-                    " expected an existing folder of texture maps"
-                )
-        layers.append(layer.model_copy(update={"folder": folder}))
-    materials = config.materials.model_copy(update={"layers": tuple(layers)})
     sensors = _with_absolute_motion(config.sensors, base)
-    return config.model_copy(update={"materials": materials, "sensors": sensors})
+    return config.model_copy(update={"sensors": sensors})
 
 
 def _with_absolute_motion(sensors: SensorsConfig, base: Path) -> SensorsConfig:

@@ -7,11 +7,11 @@ number for both; it is drawn anew for each batch.
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from oaisys_core.config.paths import ConfigFile, ConfigFolder
 from oaisys_core.config.section import (
     Labelled,
     Positive,
@@ -51,7 +51,7 @@ class LabelImageConfig(Section):
             other value, are labelled as the layer is.
     """
 
-    image: Path
+    image: ConfigFile
     mapping: dict[MaskValue, Labelled] = Field(min_length=1)
 
 
@@ -130,7 +130,7 @@ class LookConfig(Section):
     """
 
     texture: str = "gravel"
-    folder: Path | None = None
+    folder: ConfigFolder | None = None
     tile_m: PositiveRange | None = None
     color: ColorConfig = ColorConfig()
     displacement_m: Range | None = None
@@ -169,7 +169,7 @@ class PoolConfig(Section):
     """
 
     layers: tuple[LayerConfig, ...] = ()
-    folder: Path | None = None
+    folder: ConfigFolder | None = None
     look: LookConfig = LookConfig()
     labels: dict[str, Labelled] = Field(default_factory=dict)
     first_semantic_id: SemanticId = 1000
