@@ -37,6 +37,7 @@ class WaitingExecutor(MultiThreadedExecutor):
 
 
 LOOK_UP_S = 0.2
+"""Between two looks of a waiting thread at whether it shall end."""
 
 
 def run_node(
@@ -74,11 +75,13 @@ def run_node(
 def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
     executor = WaitingExecutor(num_threads=threads)
     executor.add_node(node)
+    closed = threading.Event()
     ended_by_itself = threading.Event()
 
     def spin() -> None:
         try:
-            executor.spin()
+            while not closed.is_set():
+                executor.spin_once(timeout_sec=LOOK_UP_S)
         except ExternalShutdownException:
             pass
         finally:
@@ -93,7 +96,10 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
     while not stop.wait(LOOK_UP_S):
         pass
     node.close()
+    # The executor must not wait any more when its handles are destroyed.
+    closed.set()
+    executor.wake()
+    spinner.join(timeout=CALLBACKS_END_S)
     executor.shutdown()
     executor.wait_for_callbacks(CALLBACKS_END_S)
-    spinner.join(timeout=2.0)
     return int(ended_by_itself.is_set())

@@ -218,7 +218,7 @@ def test_ctrl_c_ends_it_without_a_word(ros_domain_id: int, no_process_left: None
 
     code, said = peer.end()
 
-    assert code == 0
+    assert code == 0, said
     assert "Traceback" not in said
 
 
