@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from oaisys_core.terrain.noise import Field, fractal, spectral
+from oaisys_core.types import FloatArray
 
 OCCLUDING_SLOPE = 1.1
 """How deep a hollow, relative to its width, no longer sees half of the sky."""
@@ -45,11 +47,11 @@ def blurred(field: Field, sigma_px: float) -> Field:
     return np.asarray(soft[pad:-pad, pad:-pad], np.float32)
 
 
-def _warped(
-    x: Field, y: Field, cells: int, rng: np.random.Generator, strength: float
+def warped(
+    x: Field, y: Field, cells: int, rng: np.random.Generator, strength: float, rough: float = 2.4
 ) -> tuple[Field, Field]:
     """Return coordinates displaced by smooth, tiling noise of standard deviation ``strength``."""
-    dx, dy = (tile_noise(len(x), cells, rng, 2.4) for _ in range(2))
+    dx, dy = (tile_noise(len(x), cells, rng, rough) for _ in range(2))
     return x + np.float32(strength) * dx, y + np.float32(strength) * dy
 
 
@@ -60,7 +62,7 @@ def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> 
     cellular texture basis function", SIGGRAPH 1996).
     """
     x, y = unit_grid(size_px, cells)
-    x, y = _warped(x, y, cells, rng, 0.16)
+    x, y = warped(x, y, cells, rng, 0.16)
     jitter = rng.uniform(0.1, 0.9, (2, cells, cells)).astype(np.float32)
     nearest = np.full(x.shape, 9.0, np.float32)
     second = np.full(x.shape, 9.0, np.float32)
@@ -78,7 +80,7 @@ def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> 
 def strata(size_px: int, bands: int, rng: np.random.Generator) -> Field:
     """Return (N, N) wavy layers of -1 to 1 along the tile's rows, ``bands`` of them, that tile."""
     x, y = unit_grid(size_px, 4)
-    _, y = _warped(x, y, 4, rng, 0.15)
+    _, y = warped(x, y, 4, rng, 0.15)
     profile = np.interp(
         np.linspace(0, bands, 512, endpoint=False),
         np.arange(bands + 1),
@@ -93,8 +95,108 @@ def ripples(size_px: int, waves: tuple[int, int], rng: np.random.Generator, bend
     ``bend`` is how far a crest strays, as a share of the tile.
     """
     x, y = unit_grid(size_px, 1)
-    x, y = _warped(x, y, 3, rng, bend)
+    x, y = warped(x, y, 3, rng, bend)
     return np.asarray(np.sin(np.float32(2 * np.pi) * (waves[0] * x + waves[1] * y)), np.float32)
+
+
+def narrow_band(
+    size_px: int, waves: float, rng: np.random.Generator, spread: tuple[float, float]
+) -> tuple[Field, Field]:
+    """Return (N, N) phase in radians and amplitude (mean 1) of waves that tile and have defects.
+
+    Random waves of nearly one length and direction, as wind makes them in sand: where the
+    amplitude vanishes a crest ends or forks.
+
+    Args:
+        size_px: Edge length of the tile.
+        waves: Waves along the tile's rows.
+        rng: Gives the amplitudes.
+        spread: How far wave numbers stray from ``waves``, as shares of it, along and across.
+    """
+    shape = (size_px, size_px)
+    noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
+    along = np.fft.fftfreq(size_px, 1 / size_px)[None, :]
+    across = np.fft.fftfreq(size_px, 1 / size_px)[:, None]
+    gain = np.exp(-0.5 * ((along - waves) / (spread[0] * waves)) ** 2)
+    gain = gain * np.exp(-0.5 * (across / (spread[1] * waves)) ** 2)
+    field = scipy.fft.ifft2(noise * gain)
+    amplitude = np.abs(field)
+    return (
+        np.angle(field).astype(np.float32),
+        (amplitude / amplitude.mean()).astype(np.float32),
+    )
+
+
+def windblown(
+    size_px: int, rng: np.random.Generator, lowest: tuple[float, float], rough: float
+) -> Field:
+    """Return (N, N) noise that tiles, of standard deviation 1, drawn out along the rows.
+
+    Args:
+        size_px: Edge length of the tile.
+        rng: Gives the noise.
+        lowest: Frequency of the largest features along and across the wind, in waves per tile.
+        rough: Exponent by which amplitudes fall with frequency.
+    """
+    white = rng.standard_normal((size_px, size_px)).astype(np.float32)
+    along = scipy.fft.rfftfreq(size_px, 1 / size_px)[None, :] / lowest[0]
+    across = scipy.fft.fftfreq(size_px, 1 / size_px)[:, None] / lowest[1]
+    relative = np.hypot(along, across).astype(np.float32)
+    gain = np.where(relative >= 1, np.maximum(relative, 1) ** np.float32(-rough), relative**4)
+    field = scipy.fft.irfft2(scipy.fft.rfft2(white) * gain, s=white.shape)
+    return np.asarray(field / (field.std() + 1e-12), np.float32)
+
+
+def domes(size_px: int, centre: FloatArray, radius: FloatArray) -> Field:
+    """Return (N, N) heights, in pixels, of half spheres on the tile, 0 between them.
+
+    Args:
+        size_px: Edge length of the tile.
+        centre: (D, 2) row and column, in pixels.
+        radius: (D,) pixels.
+    """
+    result = np.zeros((size_px, size_px), np.float32)
+    order = np.argsort(radius)
+    for part in np.array_split(order, max(1, len(order) // 500)):
+        half = int(np.ceil(radius[part].max(initial=0.0))) + 1
+        offset = np.arange(-half, half + 1)
+        corner = np.floor(centre[part]).astype(np.int64)
+        v = corner[:, :1] + offset + 0.5 - centre[part, :1]
+        u = corner[:, 1:] + offset + 0.5 - centre[part, 1:]
+        square = v[:, :, None] ** 2 + u[:, None, :] ** 2
+        high = np.sqrt(np.maximum(radius[part, None, None] ** 2 - square, 0))
+        rows, columns = (corner[:, :1] + offset) % size_px, (corner[:, 1:] + offset) % size_px
+        flat = rows[:, :, None] * size_px + columns[:, None, :]
+        np.maximum.at(result.ravel(), flat.ravel(), high.astype(np.float32).ravel())
+    return result
+
+
+def spread(
+    size_px: int,
+    number: int,
+    radius: tuple[float, float],
+    exponent: float,
+    rng: np.random.Generator,
+    density: Field | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Return centres and radii, in pixels, for `domes`: the number above R goes as R**-exponent.
+
+    Args:
+        size_px: Edge length of the tile.
+        number: How many are thrown.
+        radius: (smallest, largest) in tile edges.
+        exponent: Of the power law.
+        rng: Gives places and sizes.
+        density: (N, N) 0 to 1, how likely one stays where it falls; None: everywhere.
+    """
+    centre = rng.uniform(0, size_px, (number, 2))
+    share = rng.uniform(size=number) * (1 - (radius[0] / radius[1]) ** exponent)
+    size = radius[0] * size_px * (1 - share) ** (-1 / exponent)
+    if density is not None:
+        row, column = centre.astype(np.intp).T
+        stays = rng.uniform(size=number) < density[row, column]
+        centre, size = centre[stays], size[stays]
+    return centre, size
 
 
 def occlusion(height: Field, radius_px: float) -> Field:

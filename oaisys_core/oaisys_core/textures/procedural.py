@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from oaisys_core.textures import loose, rocks
+from oaisys_core.textures import earth, frozen, loose, organic, rocks
 from oaisys_core.textures.surface import Recipe
 
-RECIPES: dict[str, Recipe] = {**loose.RECIPES, **rocks.RECIPES}
+RECIPES: dict[str, Recipe] = {
+    **loose.RECIPES,
+    **rocks.RECIPES,
+    **earth.RECIPES,
+    **organic.RECIPES,
+    **frozen.RECIPES,
+}
