@@ -1,4 +1,4 @@
-"""A user's folder of PBR maps, named as Poly Haven (and the original simulator) name them."""
+"""A user's folder of PBR maps, named as Poly Haven and the original simulator name them."""
 
 from __future__ import annotations
 
@@ -17,19 +17,50 @@ from oaisys_core.textures.fields import normals_from_height
 KEYWORDS = {
     "color": ("diffuse", "diff", "albedo", "basecolor", "base_color", "color", "col"),
     "height": ("displacement", "disp", "height"),
-    "normal": ("nor_gl", "normal_gl", "normalgl", "nor", "normal", "nrm"),
-    "roughness": ("roughness", "rough"),
+    "normal_gl": ("nor_gl", "normal_gl", "normalgl", "nrm_gl"),
+    "normal_dx": ("nor_dx", "normal_dx", "normaldx", "nrm_dx"),
+    "normal": ("nor", "normal", "nrm"),
+    "roughness": ("roughness", "rough", "rgh"),
+    "gloss": ("gloss", "glossiness"),
+    "occlusion": ("ao", "ambientocclusion", "occlusion"),
+    "packed": ("arm",),
+    "unused": ("spec", "specular", "refl", "metal", "metalness", "mask", "opacity", "emissive"),
 }
+"""Parts of file names by kind of map; ``packed`` holds occlusion, roughness and metalness.
+
+Ground is neither metal nor mirror, so that maps of the kind ``unused`` change nothing.
+"""
+
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr"})
 FOLDER_RELIEF_M = 0.05
 """Height of a folder's displacement map where a normal map must be derived from it."""
 DEFAULT_ROUGHNESS = 0.9
+
+OCCLUSION_SHARE = 0.6
+"""How much of the occlusion map darkens the colour: sky light is kept out of cracks, sun less."""
+
+Maps = dict[str, Path]
+Image = NDArray[np.float32]
+
+
+def texture_folders(path: Path) -> list[Path]:
+    """Return the folders in a folder that hold a colour map, by name.
+
+    Raises:
+        InvalidInputError: There are none.
+    """
+    folders = sorted(each for each in path.iterdir() if each.is_dir() and "color" in _maps(each))
+    if not folders:
+        raise InvalidInputError("folder", str(path), "a folder of folders with a colour map each")
+    return folders
 
 
 def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -> PbrMaps:
     """Return the maps in a folder; only the colour map must be there.
 
     Missing normals are derived from the height map (flat without one), missing roughness is 0.9.
+    Normals in DirectX's convention are turned to OpenGL's, gloss to roughness; occlusion darkens
+    the colour.
 
     Args:
         path: The folder.
@@ -41,44 +72,82 @@ def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -
     """
     if not path.is_dir():
         raise InvalidInputError("folder", str(path), "an existing folder of texture maps")
-    files = {kind: _find(path, words) for kind, words in KEYWORDS.items()}
-    if files["color"] is None:
+    files = _maps(path)
+    if "color" not in files:
         words = ", ".join(KEYWORDS["color"])
         expected = f"an image with one of {words} in its name, for the colour map"
         raise InvalidInputError("folder", str(path), expected)
-    color = _image(files["color"])
+    color = _color(files["color"])
     size = size_px or min(color.shape[:2])
-    height = _grey(files["height"], size)
-    if files["normal"] is not None:
-        normal = np.rint(_resized(_image(files["normal"]), size) * 255).astype(np.uint8)
-    else:
-        flat = np.zeros((size, size), np.float32)
-        normal = normals_from_height(flat if height is None else height, FOLDER_RELIEF_M, tile_m)
-    roughness = _grey(files["roughness"], size)
-    if roughness is None:
-        roughness = np.full((size, size), DEFAULT_ROUGHNESS, np.float32)
+    height = _grey(files, "height", size)
+    roughness, occlusion = _roughness_and_occlusion(files, size)
+    color = _resized(color, size) * (1 - OCCLUSION_SHARE * (1 - occlusion))[..., None]
     return PbrMaps(
         name=path.name,
-        color_srgb=np.rint(_resized(color, size) * 255).astype(np.uint8),
+        color_srgb=_bytes(color),
         height=np.zeros((size, size), np.float32) if height is None else height,
-        normal_gl=normal,
-        roughness=np.rint(roughness * 255).astype(np.uint8),
+        normal_gl=_normals(files, size, height, tile_m),
+        roughness=_bytes(roughness),
         tile_m=tile_m,
     )
 
 
-def _find(path: Path, words: tuple[str, ...]) -> Path | None:
-    """Return the folder's image whose name holds the earliest of ``words`` as one of its parts."""
-    images = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
-    for word in words:
-        for file in images:
-            name = f"_{file.stem.lower()}_".replace("-", "_").replace(" ", "_")
-            if f"_{word}_" in name:
-                return file
-    return None
+def _maps(path: Path) -> Maps:
+    """Return the folder's images by kind; of several of one kind, the first by word and name."""
+    found: dict[str, tuple[int, Path]] = {}
+    for file in sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES):
+        kind, rank = _kind(file.stem)
+        if kind is not None and (kind not in found or rank < found[kind][0]):
+            found[kind] = (rank, file)
+    return {kind: file for kind, (_, file) in found.items()}
 
 
-def _image(path: Path) -> NDArray[np.float32]:
+def _kind(stem: str) -> tuple[str | None, int]:
+    """Return the kind that the last, and there the longest, key word in a name tells."""
+    name = f"_{stem.lower()}_".replace("-", "_").replace(" ", "_")
+    best: tuple[tuple[int, int], str | None, int] = ((-1, 0), None, 0)
+    for kind, words in KEYWORDS.items():
+        for rank, word in enumerate(words):
+            place = (name.rfind(f"_{word}_"), len(word))
+            if place[0] >= 0 and place > best[0]:
+                best = (place, kind, rank)
+    return best[1], best[2]
+
+
+def _normals(files: Maps, size: int, height: Image | None, tile_m: float) -> NDArray[np.uint8]:
+    for kind in ("normal_gl", "normal", "normal_dx"):
+        if kind in files:
+            image = _resized(_image(files[kind]), size)
+            if kind == "normal_dx":
+                image = np.stack((image[..., 0], 1 - image[..., 1], image[..., 2]), axis=-1)
+            return _bytes(image)
+    flat = np.zeros((size, size), np.float32)
+    return normals_from_height(flat if height is None else height, FOLDER_RELIEF_M, tile_m)
+
+
+def _roughness_and_occlusion(files: Maps, size: int) -> tuple[Image, Image]:
+    roughness, occlusion = _grey(files, "roughness", size), _grey(files, "occlusion", size)
+    if roughness is None and (gloss := _grey(files, "gloss", size)) is not None:
+        roughness = 1 - gloss
+    if "packed" in files:
+        packed = _resized(_image(files["packed"]), size)
+        roughness = packed[..., 1] if roughness is None else roughness
+        occlusion = packed[..., 0] if occlusion is None else occlusion
+    if roughness is None:
+        roughness = np.full((size, size), DEFAULT_ROUGHNESS, np.float32)
+    return roughness, np.ones((size, size), np.float32) if occlusion is None else occlusion
+
+
+def _color(path: Path) -> Image:
+    """Return (H, W, 3) sRGB-encoded colour; EXR images hold linear one."""
+    image = _image(path)
+    if path.suffix.lower() != ".exr":
+        return image
+    encoded = 1.055 * np.maximum(image, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(image <= 0.0031308, 12.92 * image, encoded).astype(np.float32)
+
+
+def _image(path: Path) -> Image:
     """Return (H, W, 3) RGB, 0 to 1.
 
     Raises:
@@ -105,13 +174,17 @@ def _integer_image(path: Path) -> NDArray[np.float32]:
     return np.asarray(rgb / np.float32(scale), np.float32)
 
 
-def _grey(path: Path | None, size: int) -> NDArray[np.float32] | None:
-    return None if path is None else _resized(_image(path), size)[..., 0]
+def _grey(files: Maps, kind: str, size: int) -> Image | None:
+    return _resized(_image(files[kind]), size)[..., 0] if kind in files else None
 
 
-def _resized(image: NDArray[np.float32], size: int) -> NDArray[np.float32]:
+def _resized(image: Image, size: int) -> Image:
     if image.shape[:2] == (size, size):
         return image
     shrinks = size < min(image.shape[:2])
     method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, (size, size), interpolation=method), np.float32)
+
+
+def _bytes(image: Image) -> NDArray[np.uint8]:
+    return np.asarray(np.rint(image * 255), np.uint8)
