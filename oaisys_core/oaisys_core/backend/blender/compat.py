@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from math import pi
 from typing import Any
 
 import bpy
+
+from oaisys_core.sky import Sky
 
 IS_BLENDER_5 = bpy.app.version >= (5, 0, 0)
 
@@ -21,10 +24,14 @@ def node_tree_of(owner: Any) -> Any:
     return owner.node_tree
 
 
-def set_up_sky_node(node: Any, air: float, dust: float, ozone: float) -> None:
-    """Choose the physical sky model and its densities, without the sun's disc."""
+def set_up_sky_node(node: Any, sky: Sky) -> None:
+    """Choose the physical sky model and its parameters, without the sun's disc."""
     node.sky_type = "MULTIPLE_SCATTERING" if IS_BLENDER_5 else "NISHITA"
     node.sun_disc = False
-    node.air_density = air
-    setattr(node, "aerosol_density" if IS_BLENDER_5 else "dust_density", dust)
-    node.ozone_density = ozone
+    node.sun_elevation = sky.sun_elevation_rad
+    # From +y clockwise.
+    node.sun_rotation = pi / 2 - sky.sun_azimuth_rad
+    node.altitude = sky.altitude_m
+    node.air_density = sky.air
+    setattr(node, "aerosol_density" if IS_BLENDER_5 else "dust_density", sky.dust)
+    node.ozone_density = sky.ozone

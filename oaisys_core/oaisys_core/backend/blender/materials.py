@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.haze import through_haze, without_light_sampling
 from oaisys_core.backend.blender.images import ImageStore, new_image
 from oaisys_core.backend.blender.nodes import NodeTree, Socket
 from oaisys_core.backend.shading import linear
@@ -39,7 +40,7 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
 
     The ground lies in ``map``, so object coordinates are metres there.
     """
-    result = bpy.data.materials.new("ground")
+    result = _new_material("ground")
     tree = NodeTree(node_tree_of(result))
     position = tree.add("TexCoord").outputs["Object"]
     weights = _weights(tree, material, position)
@@ -67,7 +68,7 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     An object's colour holds its scale, so that a texel has one size on all rocks; its place
     shifts the texture, so that no two look alike.
     """
-    result = bpy.data.materials.new(maps.name)
+    result = _new_material(maps.name)
     tree = NodeTree(node_tree_of(result))
     info = tree.add("ObjectInfo")
     position = tree.vector(
@@ -93,10 +94,16 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
 
 def plain_material(color_srgb: tuple[float, float, float]) -> Any:
     """Return a dull material of one colour."""
-    result = bpy.data.materials.new("plain")
+    result = _new_material("plain")
     red, green, blue = linear(color_srgb)
     _finish(NodeTree(node_tree_of(result)), (red, green, blue, 1.0), 0.5, None)
     return result
+
+
+def _new_material(name: str) -> Any:
+    material = bpy.data.materials.new(name)
+    without_light_sampling(material)
+    return material
 
 
 def _weights(tree: NodeTree, material: TerrainMaterial, position: Socket) -> list[Socket]:
@@ -136,8 +143,15 @@ def _box(tree: NodeTree, image: Any, place: Socket) -> Any:
 
 
 def _finish(tree: NodeTree, color: Any, roughness: Any, normal: Socket | None) -> None:
-    """Add a diffuse surface and the output: on dry ground, gloss costs noise and shows nothing."""
+    """Add a diffuse surface in hazy air, and the output.
+
+    On dry ground, gloss costs noise and shows nothing.
+    """
+    color, veil = through_haze(tree, color)
     inputs: dict[str | int, Any] = {"Color": color, "Roughness": roughness}
     if normal is not None:
         inputs["Normal"] = normal
-    tree.add("OutputMaterial", {"Surface": tree.add("BsdfDiffuse", inputs).outputs[0]})
+    surface = tree.add("BsdfDiffuse", inputs).outputs[0]
+    air = tree.add("Emission", {"Color": veil}).outputs[0]
+    both = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
+    tree.add("OutputMaterial", {"Surface": both})

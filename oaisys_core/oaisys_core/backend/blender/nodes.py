@@ -30,11 +30,15 @@ class NodeTree:
         for name, value in settings.items():
             setattr(node, name, value)
         for key, value in (inputs or {}).items():
-            if hasattr(value, "is_output"):
-                self._tree.links.new(value, node.inputs[key])
-            else:
-                node.inputs[key].default_value = value
+            self.connect(value, node.inputs[key])
         return node
+
+    def connect(self, value: Any, target: Any) -> None:
+        """Give an input socket an output socket to read from, or a value."""
+        if hasattr(value, "is_output"):
+            self._tree.links.new(value, target)
+        else:
+            target.default_value = value
 
     def math(self, operation: str, *operands: Any) -> Socket:
         """Return the result of a scalar operation."""
