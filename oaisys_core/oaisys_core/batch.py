@@ -19,6 +19,7 @@ class Batch:
         stage_seed: What its ground and materials were drawn from; differs on a reused stage.
         metadata: All metadata since the batch began, merged.
         sample_id: The last sample's; 0 before the first.
+        last_rig_poses: Where the rig was when each camera rendered last, by the camera's name.
     """
 
     id: int
@@ -27,6 +28,7 @@ class Batch:
     world: World = field(default_factory=World)
     metadata: ModuleMetadata = field(default_factory=ModuleMetadata)
     sample_id: int = 0
+    last_rig_poses: dict[str, Pose] = field(default_factory=dict)
 
     def to_state(self, rig_pose: Pose) -> dict[str, Any]:
         """Return JSON-able data from which `from_state` makes an equal batch, its world unbuilt."""
@@ -35,10 +37,9 @@ class Batch:
             "seed": self.seed,
             "stage_seed": self.stage_seed,
             "sample_id": self.sample_id,
-            "pose": {
-                "position_m": list(rig_pose.position_m),
-                "quat_xyzw": list(rig_pose.quat_xyzw),
-            },
+            "pose": _pose_to_state(rig_pose),
+            "last_rig_poses": {n: _pose_to_state(p) for n, p in self.last_rig_poses.items()},
+            "sensor": {k: v for k, v in (self.metadata.sensor or {}).items() if k != "pose"},
             "environment": dict(self.metadata.environment or {}),
             "asset": dict(self.metadata.asset or {}),
             "render": dict(self.metadata.render or {}),
@@ -48,9 +49,8 @@ class Batch:
     @classmethod
     def from_state(cls, state: Mapping[str, Any]) -> Batch:
         """Return the batch of a state, with an empty world; inverse: `to_state`."""
-        pose = state["pose"]
         metadata = ModuleMetadata(
-            sensor={"pose": Pose(tuple(pose["position_m"]), tuple(pose["quat_xyzw"]))},
+            sensor={**state["sensor"], "pose": _pose_from_state(state["pose"])},
             environment=state["environment"],
             asset=state["asset"],
             render=state["render"],
@@ -62,4 +62,13 @@ class Batch:
             stage_seed=int(state["stage_seed"]),
             metadata=metadata,
             sample_id=int(state["sample_id"]),
+            last_rig_poses={n: _pose_from_state(p) for n, p in state["last_rig_poses"].items()},
         )
+
+
+def _pose_to_state(pose: Pose) -> dict[str, Any]:
+    return {"position_m": list(pose.position_m), "quat_xyzw": list(pose.quat_xyzw)}
+
+
+def _pose_from_state(state: Mapping[str, Any]) -> Pose:
+    return Pose(tuple(state["position_m"]), tuple(state["quat_xyzw"]))

@@ -8,6 +8,7 @@ batch.
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -59,19 +60,23 @@ class SampleWriter:
             writer.writerow((sample.sample_id, *pose.position_m, *pose.quat_xyzw))
 
 
-def read_poses(path: Path) -> list[Pose]:
+def read_poses(path: Path, columns: Sequence[str] | None = None) -> list[Pose]:
     """Return the poses of a CSV file with the columns of `POSE_COLUMNS` (``sample_id`` optional).
+
+    Args:
+        path: The file.
+        columns: Names of its columns; None: they are in its first line.
 
     Raises:
         InvalidInputError: The file cannot be read or a row is no pose; names line and value.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
+            rows = list(csv.DictReader(file, columns))
     except (OSError, UnicodeDecodeError) as error:
         raise InvalidInputError("poses", str(path), f"a readable CSV file ({error})") from error
     poses = []
-    for line, row in enumerate(rows, start=2):
+    for line, row in enumerate(rows, start=2 if columns is None else 1):
         try:
             numbers = [float(row[column]) for column in POSE_COLUMNS[1:]]
         except (KeyError, TypeError, ValueError) as error:

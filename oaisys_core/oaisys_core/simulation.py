@@ -26,6 +26,7 @@ from oaisys_core.modules import (
     StageModule,
 )
 from oaisys_core.modules.sensors import select
+from oaisys_core.scene import Scene
 from oaisys_core.types import (
     OWN_PARTS,
     RGB,
@@ -118,13 +119,16 @@ class Simulation:
         """Move sensors and light as the metadata says, render, and return the frames.
 
         Args:
-            metadata: What changes from here on; ``sensor["pose"]`` moves the rig.
-            modalities: Which of them to render; none named: all of each sensor.
-            sensors: Which of them to render; none named: all.
+            metadata: What changes from here on; ``sensor["pose"]`` moves the rig, for this sample
+                alone where it moves by itself.
+            modalities: Which of them to render; none named: all of each sensor whose turn it is.
+            sensors: Which of them to render; none named: all whose turn it is. Sensors or
+                modalities that are named render whether it is their turn or not.
 
         Raises:
             NotReadyError: Before the first batch.
-            InvalidInputError: Metadata, pose, modality or sensor are refused; nothing changed.
+            InvalidInputError: Metadata, pose, modality or sensor are refused, and nothing changed;
+                or the rig's motion finds no pose.
         """
         started_s = time.perf_counter()
         batch = self._current()
@@ -133,14 +137,16 @@ class Simulation:
         select(batch.world.cameras, modalities, sensors)
         metadata = self._with_admitted_pose(batch, metadata)
         self._apply(batch, metadata)
-        cameras = select(batch.world.cameras, modalities, sensors)
+        cameras = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
         frames = self._backend.render(cameras, drawn(batch.world.render), progress)
         batch.sample_id += 1
+        rig_pose = drawn(self._sensors.rig_pose)
+        batch.last_rig_poses.update((camera.name, rig_pose) for camera in cameras)
         has_rgb = any(RGB in camera.modalities for camera in cameras)
         return Sample(
             batch_id=batch.id,
             sample_id=batch.sample_id,
-            rig_pose=drawn(self._sensors.rig_pose),
+            rig_pose=rig_pose,
             frames=frames,
             render_time_s=time.perf_counter() - started_s,
             provenance=self._provenance(batch, has_rgb),
@@ -163,6 +169,11 @@ class Simulation:
             sample_id=batch.sample_id if batch else 0,
             stage_extent_m=ground.extent_m if ground else None,
         )
+
+    @property
+    def scene(self) -> Scene:
+        """The world that stands now, as the backend was given it."""
+        return self._current().world.scene()
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return the surface of the world as rendered, in ``map``."""
@@ -201,6 +212,7 @@ class Simulation:
             wanted = Batch.from_state(standing)
             self._build(wanted.id, wanted.seed, wanted.stage_seed, wanted.metadata, progress)
             self._current().sample_id = wanted.sample_id
+            self._current().last_rig_poses = wanted.last_rig_poses
         self._last_batch_id = int(state["last_batch_id"])
 
     def close(self) -> None:
@@ -250,10 +262,13 @@ class Simulation:
         self._last_batch_id = batch_id
 
     def _with_admitted_pose(self, batch: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
-        pose = (metadata.sensor or {}).get("pose") or drawn(self._sensors.rig_pose)
+        sensor = dict(metadata.sensor or {})
+        if "pose" not in sensor and self._sensors.moves_itself:
+            return metadata
+        pose = sensor.get("pose") or drawn(self._sensors.rig_pose)
         extent_m = drawn(batch.world.ground).extent_m
-        admitted = self._sensors.admit(pose, self.query_height, extent_m)
-        return replace(metadata, sensor={"pose": admitted})
+        sensor["pose"] = self._sensors.admit(pose, self.query_height, extent_m)
+        return replace(metadata, sensor=sensor)
 
     def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:
         before = batch.world.scene()
@@ -265,6 +280,8 @@ class Simulation:
         if after.differs_from(before):
             self._backend.update(after)
         batch.metadata = batch.metadata.updated(metadata)
+        if "pose" not in (metadata.sensor or {}) and self._sensors.moves_itself:
+            self._sensors.move(batch.world, batch.seed, self.query_height)
 
     def _provenance(self, batch: Batch, has_rgb: bool) -> Provenance:
         render = drawn(batch.world.render)

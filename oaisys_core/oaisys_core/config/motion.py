@@ -8,11 +8,11 @@ pitch (y), yaw (z).
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
+from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import Positive, PositiveRange, Range, Section, Vector3
 
 MOST_ELEVATION_DEG = 89.9
@@ -88,7 +88,7 @@ class CsvMotion(MotionConfig):
     """
 
     kind: Literal["csv"]
-    path: Path
+    path: ConfigFile
     columns: tuple[str, ...] | None = None
     offset_m: Vector3 = (0.0, 0.0, 0.0)
     at_end: AtEnd = "refuse"

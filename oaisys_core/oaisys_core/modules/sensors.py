@@ -1,62 +1,82 @@
-"""The rig: where its cameras are when a sample is taken."""
+"""The rig: where its cameras are when a sample is taken, and which of them render."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import radians
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from pydantic import TypeAdapter, ValidationError
 
-from oaisys_core import geometry
-from oaisys_core.config.sensors import CameraConfig, SensorsConfig
+from oaisys_core import geometry, randomness
+from oaisys_core.config.motion import AnyMotion
+from oaisys_core.config.sensors import CameraConfig, LensConfig, OpticsConfig, SensorsConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.module import Metadata, Module, World
-from oaisys_core.scene import PlacedCamera
-from oaisys_core.types import (
-    FloatArray,
-    HeightQuery,
-    Pose,
-    SensorInfo,
-)
+from oaisys_core.module import Metadata, Module, World, drawn
+from oaisys_core.modules.clearance import Extent, HeightLookup, admitted
+from oaisys_core.modules.overrides import overridden
+from oaisys_core.motion import Motion, Step, make_motion
+from oaisys_core.scene import Lens, PlacedCamera
+from oaisys_core.types import FloatArray, Pose, SensorInfo
 
 START_HEIGHT_M = 10.0
 """Height above the ground's centre of the rig that was never given a pose; it looks down."""
 
-Extent = tuple[float, float, float, float]
+MOST_DRAWS = 64
+"""Poses that a motion draws for one sample before it is given up."""
 
-HeightLookup = Callable[[FloatArray], HeightQuery]
-"""Heights under (N, 3) points in ``map``."""
+MOTION_STREAM = "sensors.motion"
+"""Name of the random stream of what motions draw."""
 
 
 class SensorsModule(Module):
-    """Holds the cameras and the rig's pose; metadata understands ``pose`` (`Pose`)."""
+    """Holds the cameras, the rig's pose and its motion.
+
+    Metadata understands ``pose`` (`Pose`), which goes before any motion; ``cameras``, a mapping
+    from a camera's name to what changes of its optics until the next batch; and, for a batch,
+    ``motion``, which takes the place of the configured one.
+    """
 
     name = "sensors"
     metadata_part = "sensor"
 
     def __init__(self, config: SensorsConfig) -> None:
         self._config = config
-        self.sensors = tuple(_sensor_info(camera) for camera in config.all_cameras)
+        self._baselines_m = {f"{pair.name}_right": pair.baseline_m for pair in config.stereo}
+        self._cameras = self._changed(config.all_cameras, None)
+        self.sensors = self._described(self._cameras)
+        self._motion = make_motion(config.motion, self.sensors)
         self.rig_pose: Pose | None = None
 
+    @property
+    def moves_itself(self) -> bool:
+        """Whether the rig moves where a sample's metadata gives no pose."""
+        return self._motion is not None
+
     def check(self, metadata: Metadata) -> None:
-        """Refuse unknown keys and poses that are none."""
-        for key, value in (metadata or {}).items():
-            path = f"metadata.{self.metadata_part}.{key}"
-            if key != "pose":
-                raise InvalidInputError(path, value, "the key pose")
-            if not isinstance(value, Pose):
-                raise InvalidInputError(path, value, "a Pose")
-            geometry.checked_pose(value.position_m, value.quat_xyzw, path)
+        """Refuse unknown keys and values that do not fit."""
+        self._chosen_motion(metadata)
+        self._check(metadata, ("pose", "cameras", "motion"))
+        self._changed(self._config.all_cameras, metadata)
+
+    def check_sample(self, metadata: Metadata) -> None:
+        """As `check`; a motion is chosen for a whole batch."""
+        self._check(metadata, ("pose", "cameras"))
+        self._changed(self._cameras, metadata)
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Begin a batch above the ground's centre, or where the metadata says."""
         self.rig_pose = None
+        self._cameras = self._config.all_cameras
+        self._motion = self._chosen_motion(metadata)
         self.step_sample(world, metadata, rng)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Move the rig."""
+        """Move the rig where the metadata says, and change its cameras."""
+        self._cameras = self._changed(self._cameras, metadata)
+        self.sensors = self._described(self._cameras)
         pose = (metadata or {}).get("pose")
         if pose is not None:
             self.rig_pose = geometry.checked_pose(pose.position_m, pose.quat_xyzw)
@@ -65,41 +85,155 @@ class SensorsModule(Module):
             x, y = (x0 + x1) / 2, (y0 + y1) / 2
             z = float(world.ground.height_at([(x, y)])[0]) + START_HEIGHT_M
             self.rig_pose = geometry.pose_looking_down(x, y, z)
-        if self.rig_pose is not None:
-            world.cameras = tuple(placed(sensor, self.rig_pose) for sensor in self.sensors)
+        self._place(world)
 
-    def admit(self, pose: Pose, heights: HeightLookup, extent_m: Extent) -> Pose:
-        """Return the pose that the policy makes of ``pose``.
+    def move(self, world: World, batch_seed: int, heights: HeightLookup) -> None:
+        """Go where the motion leads at the world's sample.
 
-        Args:
-            extent_m: (min_x, min_y, max_x, max_y) of the stage.
+        A pose that the policy refuses is drawn again, up to `MOST_DRAWS` times, or lifted, where
+        the motion can do so.
 
         Raises:
-            InvalidInputError: Under the policy ``reject``: a camera would be off the stage or
-                nearer to the surface than the least clearance.
+            InvalidInputError: No pose was found that the policy admits, or the motion is over.
         """
-        policy = self._config.pose_policy
-        if policy == "allow":
-            return pose
-        if policy == "clamp":
-            pose = _moved(pose, _way_inside_m(self._camera_positions_m(pose), extent_m))
+        motion, ground = drawn(self._motion), drawn(world.ground)
+        index = (world.sample_id - 1) // motion.step_interval
+        step = Step(
+            index=index,
+            rng=randomness.stream(batch_seed, MOTION_STREAM, index + 1),
+            batch_rng=randomness.stream(batch_seed, MOTION_STREAM),
+            ground=ground,
+            locate=lambda instance_id: _located(world, instance_id),
+        )
+        self.rig_pose = self._found(motion, step, heights, ground.extent_m)
+        self._place(world)
+
+    def admit(self, pose: Pose, heights: HeightLookup, extent_m: Extent) -> Pose:
+        """Return the pose that the configured policy makes of ``pose``, see `admitted`."""
+        return self._admitted(pose, heights, extent_m, self._config.pose_policy)
+
+    def due(
+        self,
+        world: World,
+        last_rig_poses: Mapping[str, Pose],
+        modalities: Sequence[str],
+        sensors: Sequence[str],
+    ) -> tuple[PlacedCamera, ...]:
+        """Return the cameras that render the world's sample.
+
+        Where sensors or modalities are named these render, whatever their intervals; else those
+        whose turn it is, which may be none.
+
+        Args:
+            world: Says which sample it is.
+            last_rig_poses: Where the rig was at each camera's previous sample.
+            modalities: None named: all.
+            sensors: None named: all.
+        """
+        cameras = select(world.cameras, modalities, sensors)
+        if not modalities and not sensors:
+            cameras = tuple(self._in_turn(camera, world.sample_id) for camera in cameras)
+        mounts = {sensor.name: sensor.T_base_camera for sensor in self.sensors}
+        return tuple(
+            replace(c, T_map_previous=_previous(mounts[c.name], last_rig_poses.get(c.name)))
+            for c in cameras
+            if c.modalities
+        )
+
+    def _in_turn(self, camera: PlacedCamera, sample_id: int) -> PlacedCamera:
+        config = next(config for config in self._cameras if config.name == camera.name)
+        turn, rest = divmod(sample_id - 1 - config.step_offset, config.step_interval)
+        if turn < 0 or rest:
+            return replace(camera, modalities=())
+        intervals = config.modality_intervals
+        chosen = tuple(m for m in camera.modalities if turn % intervals.get(m, 1) == 0)
+        return replace(camera, modalities=chosen)
+
+    def _found(self, motion: Motion, step: Step, heights: HeightLookup, extent_m: Extent) -> Pose:
+        policy: str = self._config.pose_policy
+        if motion.is_lifted and policy == "reject":
+            policy = "lift"
+        reason = "the way leads off the stage"
+        draws = MOST_DRAWS if motion.can_redraw else 1
+        for _ in range(draws):
+            pose = motion.pose(step)
+            if pose is None:
+                continue
+            try:
+                return self._admitted(pose, heights, extent_m, policy)
+            except InvalidInputError as error:
+                reason = f"pose.position {error.received} has not {error.expected}"
+        tries = f"{draws} draws" if draws > 1 else "its only pose"
+        expected = f"a pose that sensors.pose_policy admits ({tries}; {reason})"
+        raise InvalidInputError("sensors.motion", f"step {step.index + 1}", expected)
+
+    def _admitted(self, pose: Pose, heights: HeightLookup, extent_m: Extent, policy: str) -> Pose:
         least_m = self._config.min_clearance_m
-        clearance_m = heights(self._camera_positions_m(pose)).clearance_m
-        if (clearance_m >= least_m).all():
-            return pose
-        if policy == "clamp" and np.isfinite(clearance_m).all():
-            return _moved(pose, (0.0, 0.0, float(least_m - clearance_m.min())))
-        worst = int(np.argmin(np.nan_to_num(clearance_m, nan=-np.inf)))
-        raise _refusal(self.sensors[worst].name, pose, float(clearance_m[worst]), least_m)
+        return admitted(pose, self.sensors, heights, extent_m, policy=policy, least_m=least_m)
 
-    def _camera_positions_m(self, pose: Pose) -> FloatArray:
-        return np.array([placed(sensor, pose).T_map_camera[:3, 3] for sensor in self.sensors])
+    def _place(self, world: World) -> None:
+        if self.rig_pose is None:
+            return
+        T_map_base = geometry.pose_to_matrix(self.rig_pose)
+        world.cameras = tuple(
+            PlacedCamera(
+                name=sensor.name,
+                intrinsics=sensor.intrinsics,
+                T_map_camera=T_map_base @ sensor.T_base_camera,
+                modalities=sensor.modalities,
+                lens=_lens(camera.lens),
+                shutter_share=camera.shutter_share,
+            )
+            for sensor, camera in zip(self.sensors, self._cameras, strict=True)
+        )
+
+    def _check(self, metadata: Metadata, known: Sequence[str]) -> None:
+        for key, value in (metadata or {}).items():
+            path = f"metadata.{self.metadata_part}.{key}"
+            if key not in known:
+                raise InvalidInputError(path, value, f"one of the keys {', '.join(known)}")
+            if key == "pose":
+                if not isinstance(value, Pose):
+                    raise InvalidInputError(path, value, "a Pose")
+                geometry.checked_pose(value.position_m, value.quat_xyzw, path)
+
+    def _chosen_motion(self, metadata: Metadata) -> Motion | None:
+        chosen = (metadata or {}).get("motion")
+        if chosen is None:
+            return make_motion(self._config.motion, self.sensors)
+        try:
+            config = _MOTIONS.validate_python(chosen)
+        except ValidationError as error:
+            detail = error.errors()[0]
+            path = ".".join(("metadata.sensor.motion", *(str(key) for key in detail["loc"])))
+            raise InvalidInputError(path, detail["input"], detail["msg"]) from error
+        return make_motion(config, self.sensors)
+
+    def _changed(
+        self, cameras: tuple[CameraConfig, ...], metadata: Metadata
+    ) -> tuple[CameraConfig, ...]:
+        changes = (metadata or {}).get("cameras", {})
+        names = [camera.name for camera in cameras]
+        path = f"{self.metadata_part}.cameras"
+        if not isinstance(changes, Mapping):
+            raise InvalidInputError(f"metadata.{path}", changes, "a mapping by camera name")
+        for name, values in changes.items():
+            if name not in names:
+                known = ", ".join(names)
+                raise InvalidInputError(f"metadata.{path}.{name}", values, f"one of {known}")
+            _check_optics(f"{path}.{name}", values)
+        return tuple(
+            overridden(camera, changes.get(camera.name), f"{path}.{camera.name}")
+            for camera in cameras
+        )
+
+    def _described(self, cameras: Sequence[CameraConfig]) -> tuple[SensorInfo, ...]:
+        return tuple(
+            _sensor_info(camera, self._baselines_m.get(camera.name, 0.0)) for camera in cameras
+        )
 
 
-def placed(sensor: SensorInfo, rig_pose: Pose) -> PlacedCamera:
-    """Return a sensor where the rig's pose puts it."""
-    T_map_camera = geometry.pose_to_matrix(rig_pose) @ sensor.T_base_camera
-    return PlacedCamera(sensor.name, sensor.intrinsics, T_map_camera, sensor.modalities)
+_MOTIONS: TypeAdapter[AnyMotion] = TypeAdapter(AnyMotion)
 
 
 def select(
@@ -126,36 +260,50 @@ def select(
     )
 
 
-def _moved(pose: Pose, offset_m: ArrayLike) -> Pose:
-    x, y, z = np.asarray(pose.position_m) + np.asarray(offset_m)
-    return Pose((float(x), float(y), float(z)), pose.quat_xyzw)
+def _check_optics(path: str, values: Any) -> None:
+    known = sorted(OpticsConfig.model_fields)
+    if not isinstance(values, Mapping):
+        raise InvalidInputError(f"metadata.{path}", values, f"a mapping of {', '.join(known)}")
+    for key, value in values.items():
+        if key not in known:
+            expected = f"one of the keys {', '.join(known)}"
+            raise InvalidInputError(f"metadata.{path}.{key}", value, expected)
 
 
-def _way_inside_m(positions_m: FloatArray, extent_m: Extent) -> FloatArray:
-    """Return the (3,) shift that brings points, which lie close together, onto the stage."""
-    low, high = np.array(extent_m[:2]), np.array(extent_m[2:])
-    too_low = np.maximum(low - positions_m[:, :2], 0).max(axis=0)
-    too_high = np.maximum(positions_m[:, :2] - high, 0).max(axis=0)
-    return np.append(too_low - too_high, 0.0)
+def _previous(T_base_camera: FloatArray, rig_pose: Pose | None) -> FloatArray | None:
+    return None if rig_pose is None else geometry.pose_to_matrix(rig_pose) @ T_base_camera
 
 
-def _refusal(sensor: str, pose: Pose, clearance_m: float, least_m: float) -> InvalidInputError:
-    if np.isnan(clearance_m):
-        where = f"sensor {sensor!r} would be off the stage"
-    elif clearance_m < 0:
-        where = f"sensor {sensor!r} would be {-clearance_m:.3f} m under the surface"
-    else:
-        where = f"sensor {sensor!r} would be only {clearance_m:.3f} m above the surface"
-    return InvalidInputError(
-        "pose.position",
-        list(pose.position_m),
-        f"a clearance of at least {least_m:g} m over the stage ({where})",
+def _lens(config: LensConfig | None) -> Lens | None:
+    if config is None:
+        return None
+    return Lens(
+        focus_distance_m=config.focus_distance_m,
+        f_number=config.f_number,
+        blades=config.blades,
+        blade_rotation_rad=radians(config.blade_rotation_deg),
+        ratio=config.ratio,
     )
 
 
-def _sensor_info(camera: CameraConfig) -> SensorInfo:
+def _located(world: World, instance_id: int) -> FloatArray:
+    """Return the (3,) place of an object in ``map``."""
+    for primitive in world.primitives:
+        if primitive.instance_id == instance_id:
+            return np.array(primitive.T_map_object[:3, 3])
+    for placement in world.placements:
+        (found,) = np.nonzero(placement.instance_ids == instance_id)
+        if len(found):
+            return np.array(placement.T_map_object[found[0], :3, 3])
+    raise InvalidInputError(
+        "sensors.motion.target_instance", instance_id, "the instance id of an object in this world"
+    )
+
+
+def _sensor_info(camera: CameraConfig, baseline_m: float) -> SensorInfo:
     mount = geometry.checked_pose(
         camera.mount_position_m, camera.mount_quat_xyzw, f"sensors.cameras.{camera.name}.mount"
     )
     T_base_camera = geometry.pose_to_matrix(mount) @ geometry.T_LINK_OPTICAL
-    return SensorInfo(camera.name, camera.intrinsics, T_base_camera, tuple(camera.modalities))
+    modalities = tuple(camera.modalities)
+    return SensorInfo(camera.name, camera.intrinsics, T_base_camera, modalities, baseline_m)

@@ -1,0 +1,85 @@
+"""Which poses of the rig are admitted: those whose cameras are on the stage and above it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from oaisys_core import geometry
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import FloatArray, HeightQuery, Pose, SensorInfo
+
+Extent = tuple[float, float, float, float]
+
+HeightLookup = Callable[[FloatArray], HeightQuery]
+"""Heights under (N, 3) points in ``map``."""
+
+
+def admitted(
+    pose: Pose,
+    sensors: Sequence[SensorInfo],
+    heights: HeightLookup,
+    extent_m: Extent,
+    *,
+    policy: str,
+    least_m: float,
+) -> Pose:
+    """Return the pose that the policy makes of ``pose``.
+
+    Args:
+        pose: Of the rig.
+        sensors: Its cameras.
+        heights: Knows the surface.
+        extent_m: (min_x, min_y, max_x, max_y) of the stage.
+        policy: ``allow``; ``reject``; ``lift``, to the least clearance; or ``clamp``, which also
+            moves the rig onto the stage.
+        least_m: Least height of every camera above the topmost surface.
+
+    Raises:
+        InvalidInputError: A camera would be off the stage or too near to the surface.
+    """
+    if policy == "allow":
+        return pose
+    if policy == "clamp":
+        pose = _moved(pose, _way_inside_m(_positions_m(sensors, pose), extent_m))
+    clearance_m = heights(_positions_m(sensors, pose)).clearance_m
+    if (clearance_m >= least_m).all():
+        return pose
+    if policy in ("clamp", "lift") and np.isfinite(clearance_m).all():
+        return _moved(pose, (0.0, 0.0, float(least_m - clearance_m.min())))
+    worst = int(np.argmin(np.nan_to_num(clearance_m, nan=-np.inf)))
+    raise _refusal(sensors[worst].name, pose, float(clearance_m[worst]), least_m)
+
+
+def _positions_m(sensors: Sequence[SensorInfo], pose: Pose) -> FloatArray:
+    T_map_base = geometry.pose_to_matrix(pose)
+    return np.array([(T_map_base @ sensor.T_base_camera)[:3, 3] for sensor in sensors])
+
+
+def _moved(pose: Pose, offset_m: ArrayLike) -> Pose:
+    x, y, z = np.asarray(pose.position_m) + np.asarray(offset_m)
+    return Pose((float(x), float(y), float(z)), pose.quat_xyzw)
+
+
+def _way_inside_m(positions_m: FloatArray, extent_m: Extent) -> FloatArray:
+    """Return the (3,) shift that brings points, which lie close together, onto the stage."""
+    low, high = np.array(extent_m[:2]), np.array(extent_m[2:])
+    too_low = np.maximum(low - positions_m[:, :2], 0).max(axis=0)
+    too_high = np.maximum(positions_m[:, :2] - high, 0).max(axis=0)
+    return np.append(too_low - too_high, 0.0)
+
+
+def _refusal(sensor: str, pose: Pose, clearance_m: float, least_m: float) -> InvalidInputError:
+    if np.isnan(clearance_m):
+        where = f"sensor {sensor!r} would be off the stage"
+    elif clearance_m < 0:
+        where = f"sensor {sensor!r} would be {-clearance_m:.3f} m under the surface"
+    else:
+        where = f"sensor {sensor!r} would be only {clearance_m:.3f} m above the surface"
+    return InvalidInputError(
+        "pose.position",
+        list(pose.position_m),
+        f"a clearance of at least {least_m:g} m over the stage ({where})",
+    )

@@ -1,0 +1,46 @@
+"""How the rig moves where nobody says: pure functions of a batch's seed and a sample's id."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from oaisys_core.config.motion import (
+    AnyMotion,
+    AroundTargetMotion,
+    CsvMotion,
+    GivenMotion,
+    GridMotion,
+    HoverMotion,
+    LookAtMotion,
+    RandomMotion,
+)
+from oaisys_core.motion.base import Motion, Step
+from oaisys_core.motion.paths import Csv, Grid, Spline
+from oaisys_core.motion.places import Hover, Random
+from oaisys_core.motion.targets import AroundTarget, LookAt
+from oaisys_core.types import SensorInfo
+
+__all__ = ["Motion", "Step", "make_motion"]
+
+
+def make_motion(config: AnyMotion, sensors: Sequence[SensorInfo]) -> Motion | None:
+    """Return the motion that a configuration describes; None where the rig stays.
+
+    Raises:
+        InvalidInputError: A file of poses cannot be read, or a camera does not exist.
+    """
+    if isinstance(config, GivenMotion):
+        return None
+    if isinstance(config, CsvMotion):
+        return Csv(config)
+    if isinstance(config, RandomMotion):
+        return Random(config)
+    if isinstance(config, HoverMotion):
+        return Hover(config)
+    if isinstance(config, AroundTargetMotion):
+        return AroundTarget(config)
+    if isinstance(config, LookAtMotion):
+        return LookAt(config)
+    if isinstance(config, GridMotion):
+        return Grid(config, sensors)
+    return Spline(config)

@@ -1,0 +1,129 @@
+"""What all motions are given, and what they are made of."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from oaisys_core import geometry
+from oaisys_core.config.motion import AnglesConfig, MotionConfig
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.scene import Ground
+from oaisys_core.types import FloatArray, Pose
+
+VERTICAL_COSINE = 1 - 1e-9
+"""A viewing direction nearer than this to the vertical has its image's upper edge towards +x."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of a motion.
+
+    Attributes:
+        index: Counted from 0.
+        rng: For what this step alone draws.
+        batch_rng: For what all steps of the batch draw alike; it begins anew for each step.
+        ground: To follow.
+        locate: Returns the (3,) place of the object with an instance id.
+    """
+
+    index: int
+    rng: np.random.Generator
+    batch_rng: np.random.Generator
+    ground: Ground
+    locate: Callable[[int], FloatArray]
+
+
+class Motion(ABC):
+    """A way to move.
+
+    Attributes:
+        step_interval: Samples for which the rig stays where it is.
+        can_redraw: Whether `pose`, called again, draws another pose.
+        is_lifted: Whether a pose too near to a surface is lifted rather than refused.
+    """
+
+    step_interval: int = 1
+    can_redraw: bool = False
+    is_lifted: bool = False
+
+    @abstractmethod
+    def pose(self, step: Step) -> Pose | None:
+        """Return where the rig goes; None where that is off the ground it would follow.
+
+        Raises:
+            InvalidInputError: There is no such step, or no such target.
+        """
+
+
+def drawn_from(ranges: tuple[float, float], rng: np.random.Generator) -> float:
+    """Return a number between the two."""
+    return float(rng.uniform(*ranges))
+
+
+def at_height(
+    position_m: FloatArray, config: MotionConfig, step: Step, rng: np.random.Generator
+) -> FloatArray | None:
+    """Return a (3,) position at the height that ``config`` wants; None where there is no ground."""
+    if config.height_above_ground_m is None:
+        return position_m
+    above_m = drawn_from(config.height_above_ground_m, rng)
+    above_m += config.height_noise_m * float(rng.standard_normal())
+    return on_ground(position_m, above_m, step.ground)
+
+
+def on_ground(position_m: FloatArray, above_m: float, ground: Ground) -> FloatArray | None:
+    """Return a (3,) position moved to ``above_m`` over the ground; None where there is none."""
+    height_m = float(ground.height_at(position_m[None, :2])[0]) + above_m
+    return np.array((*position_m[:2], height_m)) if isfinite(height_m) else None
+
+
+def attitude(config: AnglesConfig, rng: np.random.Generator) -> Rotation:
+    """Return a drawn rotation of the rig in ``map``."""
+    angles_deg = [
+        drawn_from(ranges, rng) for ranges in (config.roll_deg, config.pitch_deg, config.yaw_deg)
+    ]
+    rest_deg = 90.0 if config.look == "down" else 0.0
+    turned = Rotation.from_euler("xyz", angles_deg, degrees=True)
+    return turned * Rotation.from_euler("y", rest_deg, degrees=True)
+
+
+def posed(position_m: FloatArray, rotation: Rotation) -> Pose:
+    """Return the pose of a rig at a (3,) position."""
+    return geometry.pose_from_matrix(geometry.transform(rotation.as_matrix(), position_m))
+
+
+def looking_at(eye_m: FloatArray, target_m: FloatArray, roll_deg: float = 0.0) -> Pose:
+    """Return the pose at ``eye_m`` that looks at ``target_m``, turned about that direction.
+
+    Raises:
+        InvalidInputError: They are the same point.
+    """
+    way_m = target_m - eye_m
+    distance_m = float(np.linalg.norm(way_m))
+    if distance_m < 1e-6:
+        raise InvalidInputError("sensors.motion", eye_m.tolist(), "a rig that is off its target")
+    is_vertical = abs(way_m[2]) / distance_m > VERTICAL_COSINE
+    up = (1.0, 0.0, 0.0) if is_vertical else (0.0, 0.0, 1.0)
+    pose = geometry.pose_looking_at(eye_m, target_m, up)
+    roll = Rotation.from_euler("x", roll_deg, degrees=True)
+    x, y, z, w = (Rotation.from_quat(pose.quat_xyzw) * roll).as_quat(canonical=True).tolist()
+    return replace(pose, quat_xyzw=(x, y, z, w))
+
+
+def index_in(index: int, count: int, at_end: str, what: str) -> int:
+    """Return which of ``count`` things the step ``index`` takes.
+
+    Raises:
+        InvalidInputError: There are no more, and ``at_end`` is ``refuse``.
+    """
+    if index < count or at_end == "repeat":
+        return index % count
+    if at_end == "refuse":
+        raise InvalidInputError("sensors.motion", f"step {index + 1}", f"one of the {count} {what}")
+    return count - 1
