@@ -26,3 +26,14 @@ def stream(seed: int, name: str, index: int = 0) -> np.random.Generator:
     """
     key = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big")
     return np.random.default_rng(np.random.SeedSequence([seed, key, index]))
+
+
+def child(rng: np.random.Generator, name: str) -> np.random.Generator:
+    """Return the generator of one of several things that are drawn with ``rng``.
+
+    It depends on what ``rng`` was seeded with, not on what has been drawn from it, so that adding
+    or removing a thing does not reshuffle the others.
+    """
+    seeds = rng.bit_generator.seed_seq
+    words = seeds.generate_state(1, np.uint64)
+    return stream(int(words[0] >> np.uint64(1)), name)

@@ -9,7 +9,12 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from oaisys_core.config.groups import GroupConfig
+from oaisys_core.config.objects import MoverConfig, ObjectConfig, unit_quaternion
 from oaisys_core.config.section import Labelled, Positive, Section, SemanticId, Vector3
+
+MOST_GROUPS, MOST_OBJECTS = 1000, 2500
+"""How many there may be, so that each has instance ids of its own."""
 
 
 class RockGroupConfig(Labelled):
@@ -84,18 +89,18 @@ class PrimitiveConfig(Labelled):
             raise ValueError("a sphere has one radius")
         return self
 
-    @field_validator("quat_xyzw")
-    @classmethod
-    def _unit(cls, value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-        if abs(sum(v * v for v in value) ** 0.5 - 1) > 1e-3:
-            raise ValueError("must be a unit quaternion")
-        return value
+    _unit = field_validator("quat_xyzw")(unit_quaternion)
 
 
 class AssetsConfig(Section):
     """Things that stand on the ground.
 
     Attributes:
+        rocks: Scattered rocks, all drawn from one random stream.
+        primitives: Exact solids.
+        groups: Scattered things of any shape, each group drawn by itself.
+        objects: Things at fixed places.
+        movers: Things that move from sample to sample.
         rock_texture: Built-in texture set of the rocks.
         rock_tile_m: Edge length of one tile of it on the rocks.
     """
@@ -107,5 +112,22 @@ class AssetsConfig(Section):
         RockGroupConfig(kind="boulder", count=(60, 60), size_m=(0.8, 2.4), variants=4),
     )
     primitives: tuple[PrimitiveConfig, ...] = ()
+    groups: tuple[GroupConfig, ...] = Field(default=(), max_length=MOST_GROUPS)
+    objects: tuple[ObjectConfig, ...] = Field(default=(), max_length=MOST_OBJECTS)
+    movers: tuple[MoverConfig, ...] = Field(default=(), max_length=MOST_OBJECTS)
     rock_texture: str = "rock"
     rock_tile_m: Positive = 1.6
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> AssetsConfig:
+        for part in (self.groups, self.objects, self.movers):
+            names = [thing.name for thing in part]
+            twice = {name for name in names if names.count(name) > 1}
+            if twice:
+                raise ValueError(f"two of a kind are called {', '.join(sorted(twice))}")
+        return self
+
+    @property
+    def labelled(self) -> tuple[Labelled, ...]:
+        """Everything in it that carries labels."""
+        return (*self.rocks, *self.primitives, *self.groups, *self.objects, *self.movers)

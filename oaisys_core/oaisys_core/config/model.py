@@ -40,8 +40,8 @@ class SimulationConfig(Section):
         labels: dict[int, str] = {}
         things: list[Labelled] = [
             *self.materials.labelled,
-            *self.assets.rocks,
-            *self.assets.primitives,
+            *self.assets.labelled,
+            *self.environment.labelled,
         ]
         for thing in things:
             for semantic_id, label in thing.labels.items():

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from oaisys_core.scatter.spacing import Spacing, first_come, pairs_too_near
 from oaisys_core.scene import Ground
 from oaisys_core.terrain.noise import Field, spectral
 from oaisys_core.types import FloatArray
@@ -76,9 +76,9 @@ def scatter_on(
         missing = count - len(xy)
         if missing == 0:
             break
-        drawn = _random_places(ground, missing, sizes_m[0], rng)
+        drawn = random_places(ground, missing, sizes_m[0], rng)
         drawn = drawn[rng.uniform(size=missing) < _nearest(density, ground, drawn)]
-        drawn = drawn[_slope_deg(ground, drawn) <= max_slope_deg]
+        drawn = drawn[slope_deg(ground, drawn) <= max_slope_deg]
         xy = _spaced(np.vstack((xy, drawn)), sizes_m, min_spacing)
     sizes_m = sizes_m[: len(xy)]
     return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
@@ -98,9 +98,10 @@ def _nearest(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:
     return np.asarray(field[row, column])
 
 
-def _random_places(
+def random_places(
     ground: Ground, count: int, margin_m: float, rng: np.random.Generator
 ) -> FloatArray:
+    """Return (count, 2) places on the ground, ``margin_m`` off its rim where there is room."""
     x0, y0, x1, y1 = ground.extent_m
     margin_m = min(margin_m, (x1 - x0) / 4, (y1 - y0) / 4)
     low = (x0 + margin_m, y0 + margin_m)
@@ -108,7 +109,8 @@ def _random_places(
     return np.asarray(rng.uniform(low, high, (count, 2)))
 
 
-def _slope_deg(ground: Ground, xy: FloatArray) -> FloatArray:
+def slope_deg(ground: Ground, xy: FloatArray) -> FloatArray:
+    """Return (N,) slopes of the ground at (N, 2) points; 90 at its rim."""
     step_m = ground.spacing_m
     east, north = np.array((step_m, 0.0)), np.array((0.0, step_m))
     rise = [ground.height_at(xy + way) - ground.height_at(xy - way) for way in (east, north)]
@@ -118,19 +120,8 @@ def _slope_deg(ground: Ground, xy: FloatArray) -> FloatArray:
 
 def _spaced(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArray:
     """Return the places without those too near to an earlier one, in order."""
-    if len(xy) < 2:
-        return xy
-    radius_m = min_spacing * float(sizes_m[0])
-    pairs = cKDTree(xy).query_pairs(radius_m, output_type="ndarray")
-    first, second = pairs.min(axis=1), pairs.max(axis=1)
-    least_m = min_spacing * (sizes_m[first] + sizes_m[second]) / 2
-    too_near = np.linalg.norm(xy[first] - xy[second], axis=1) < least_m
-    keep = np.ones(len(xy), bool)
-    order = np.argsort(second[too_near], kind="stable")
-    for a, b in zip(first[too_near][order], second[too_near][order], strict=True):
-        if keep[a]:
-            keep[b] = False
-    return np.asarray(xy[keep])
+    pairs = pairs_too_near(xy, sizes_m[: len(xy)], Spacing(min_spacing))
+    return np.asarray(xy[first_come(len(xy), pairs)])
 
 
 def _poses(
@@ -151,9 +142,9 @@ def _poses(
     )
     T_map_object = np.tile(np.eye(4), (count, 1, 1))
     if count:
-        slope, hollow_m = _bedding(ground, xy, sizes_m / 2)
+        slope, hollow_m = bedding(ground, xy, sizes_m / 2)
         rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
-        rotation = _leaning(slope) * rotation
+        rotation = leaning(slope) * rotation
         T_map_object[:, :3, :3] = rotation.as_matrix() * sizes_m[:, None, None]
         T_map_object[:, :2, 3] = xy
         depth_m = np.minimum(depth_m + hollow_m, MOST_BURIED * height_share * sizes_m)
@@ -161,7 +152,7 @@ def _poses(
     return T_map_object
 
 
-def _bedding(ground: Ground, xy: FloatArray, radius_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+def bedding(ground: Ground, xy: FloatArray, radius_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the plane that each thing lies on.
 
     Returns:
@@ -180,9 +171,14 @@ def _bedding(ground: Ground, xy: FloatArray, radius_m: FloatArray) -> tuple[Floa
     return slope, np.maximum(hollow_m, 0)
 
 
-def _leaning(slope: FloatArray) -> Rotation:
-    """Return (N,) shortest rotations that bring the z axis onto the normals of (N, 2) slopes."""
+def leaning(slope: FloatArray, share: float = 1.0) -> Rotation:
+    """Return (N,) rotations that tilt the z axis by ``share`` of the way to the ground's normal.
+
+    Args:
+        slope: (N, 2) rise of the ground along x and y.
+        share: 1 brings the z axis onto the normal by the shortest rotation.
+    """
     steepness = np.linalg.norm(slope, axis=1)
     axis = np.column_stack((slope[:, 1], -slope[:, 0], np.zeros(len(slope))))
-    angle_rad = np.arctan(steepness)
+    angle_rad = share * np.arctan(steepness)
     return Rotation.from_rotvec(axis * (angle_rad / np.maximum(steepness, 1e-12))[:, None])

@@ -1,0 +1,198 @@
+"""Where the things of a group stand."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
+from scipy.spatial.transform import Rotation
+
+from oaisys_core import randomness
+from oaisys_core.config.groups import GroupConfig
+from oaisys_core.scatter.density import Density, make_density
+from oaisys_core.scatter.placement import (
+    MOST_BURIED,
+    bedding,
+    leaning,
+    slope_deg,
+)
+from oaisys_core.scatter.sizes import group_sizes_m
+from oaisys_core.scatter.spacing import Spacing, Taken, first_come, pairs_too_near
+from oaisys_core.scene import Ground, MeshPrototype
+from oaisys_core.types import FloatArray
+
+ROUNDS = 24
+"""How often places that were refused are drawn anew before fewer are accepted."""
+
+MOST_DRAWN = 400_000
+"""Places drawn at once."""
+
+SPARE = 64
+"""Places drawn beyond those that are expected to do."""
+
+SPARSEST = 1 / 64
+"""Share of places accepted below which no more are drawn at once to make up for it."""
+
+CELLS = 512
+"""Cells along an edge of the ground: where the density is 0 in and around one, none is drawn."""
+
+FULL = 0.01
+"""Share of the missing that a round must place, or there is no more room."""
+
+
+def scatter_group(
+    group: GroupConfig,
+    count: int,
+    shapes: list[MeshPrototype],
+    ground: Ground,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray]:
+    """Return poses of up to ``count`` things of a group, of sizes as it says, largest first.
+
+    Args:
+        shapes: What they look like, 1 m large each.
+        rng: Only seeds them: places, sizes and turns are drawn from streams of their own.
+
+    Returns:
+        (N, 4, 4) rotation times uniform scale with translation, and (N,) indices into ``shapes``.
+
+    Raises:
+        ConfigError: A density's image cannot be read.
+    """
+    sizes_m = group_sizes_m(group, count, randomness.child(rng, "sizes"))
+    shape_of = randomness.child(rng, "shapes").integers(len(shapes), size=count)
+    density = make_density(group.density, ground, rng)
+    xy = _places(group, sizes_m, density, ground, randomness.child(rng, "places"))
+    stands = np.isfinite(xy[:, 0])
+    xy, sizes_m, shape_of = xy[stands], sizes_m[stands], shape_of[stands]
+    rotations, depth_m = _stances(
+        group, ground, xy, sizes_m, _builds(shapes)[shape_of], randomness.child(rng, "turns")
+    )
+    T_map_object = np.tile(np.eye(4), (len(xy), 1, 1))
+    T_map_object[:, :3, :3] = rotations * sizes_m[:, None, None]
+    T_map_object[:, :2, 3] = xy
+    T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
+    return T_map_object, shape_of
+
+
+def _places(
+    group: GroupConfig,
+    sizes_m: FloatArray,
+    density: Density,
+    ground: Ground,
+    rng: np.random.Generator,
+) -> FloatArray:
+    """Return (N, 2) places for things of (N,) falling sizes, NaN where there was no room."""
+    spacing = Spacing(group.spacing, group.spacing_m)
+    taken = Taken(spacing)
+    xy = np.full((len(sizes_m), 2), np.nan)
+    wanted = _Wanted(group, density, ground, rng)
+    # By octaves of size, so that large ones find room, and few pairs need to be looked at.
+    octave = np.floor(np.log2(sizes_m[0] / sizes_m + 1e-9)) if len(sizes_m) else sizes_m
+    for start, stop in _runs(octave):
+        missing = np.arange(start, stop)
+        for _ in range(ROUNDS):
+            drawn = wanted.draw(len(missing))
+            slots = missing[: len(drawn)]
+            fits = taken.free(drawn, sizes_m[slots])
+            drawn, slots = drawn[fits], slots[fits]
+            fits = first_come(len(drawn), pairs_too_near(drawn, sizes_m[slots], spacing))
+            xy[slots[fits]] = drawn[fits]
+            taken.add(drawn[fits], sizes_m[slots[fits]])
+            enough = int(FULL * len(missing))
+            missing = np.setdiff1d(missing, slots[fits], assume_unique=True)
+            if not len(missing) or fits.sum() < enough:
+                break
+    return xy
+
+
+class _Wanted:
+    """Draws places as likely as a group's densities say, on ground that is not too steep."""
+
+    def __init__(
+        self, group: GroupConfig, density: Density, ground: Ground, rng: np.random.Generator
+    ) -> None:
+        self._density, self._ground, self._rng = density, ground, rng
+        self._max_slope_deg = group.max_slope_deg
+        x0, y0, x1, y1 = ground.extent_m
+        margin_m = min(group.size_m[1] / 2, (x1 - x0) / 4, (y1 - y0) / 4)
+        self._low = np.array((x0, y0)) + margin_m
+        self._cell = (np.array((x1, y1)) - margin_m - self._low) / CELLS
+        self._cells = self._possible_cells() if group.density else None
+        self._share = 1.0
+
+    def draw(self, count: int) -> FloatArray:
+        """Return (N, 2) places, ``count`` at most, and fewer where few of those drawn are kept."""
+        number = min(MOST_DRAWN, int(np.ceil(count / max(self._share, SPARSEST))) + SPARE)
+        drawn = self._anywhere(number)
+        drawn = drawn[self._rng.uniform(size=len(drawn)) < self._density(drawn)]
+        drawn = drawn[slope_deg(self._ground, drawn) <= self._max_slope_deg]
+        self._share = max(self._share / 4, len(drawn) / max(number, 1))
+        return drawn[:count]
+
+    def _anywhere(self, number: int) -> FloatArray:
+        """Return up to (number, 2) places in cells where something may stand."""
+        if self._cells is None:
+            span = self._cell * CELLS
+            return np.asarray(self._low + self._rng.uniform(size=(number, 2)) * span)
+        if not len(self._cells):
+            return np.zeros((0, 2))
+        chosen = self._cells[self._rng.integers(len(self._cells), size=number)]
+        within = self._rng.uniform(size=(number, 2))
+        return np.asarray(self._low + (chosen + within) * self._cell)
+
+    def _possible_cells(self) -> NDArray[np.intp]:
+        """Return (C, 2) columns and rows of cells in or beside which the density is not 0."""
+        index = np.arange(CELLS)
+        columns, rows = np.meshgrid(index, index)
+        cells = np.column_stack((columns.ravel(), rows.ravel()))
+        likely = self._density(self._low + (cells + 0.5) * self._cell) > 0
+        near = binary_dilation(likely.reshape(CELLS, CELLS), np.ones((3, 3), bool))
+        return np.asarray(cells[near.ravel()])
+
+
+def _runs(values: FloatArray) -> list[tuple[int, int]]:
+    """Return (start, stop) of the runs of equal values."""
+    borders = np.flatnonzero(np.diff(values)) + 1
+    edges = [0, *borders.tolist(), len(values)]
+    return [(a, b) for a, b in pairwise(edges) if a < b]
+
+
+def _builds(shapes: list[MeshPrototype]) -> FloatArray:
+    """Return (S, 2) height of each shape, and radius of its foot."""
+    builds = []
+    for shape in shapes:
+        vertices_m = shape.vertices_m.astype(np.float64)
+        height_m = float(vertices_m[:, 2].max())
+        foot = vertices_m[vertices_m[:, 2] <= 0.1 * height_m]
+        builds.append((height_m, float(np.hypot(foot[:, 0], foot[:, 1]).max(initial=0.0))))
+    return np.array(builds)
+
+
+def _stances(
+    group: GroupConfig,
+    ground: Ground,
+    xy: FloatArray,
+    sizes_m: FloatArray,
+    builds: FloatArray,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray]:
+    """Return (N, 3, 3) rotations, and (N,) depths of the bases under the ground."""
+    count = len(xy)
+    yaw_rad = np.radians(rng.uniform(*group.yaw_deg, count))
+    tilt_rad = np.radians(group.tilt_deg) * rng.uniform(-1, 1, (count, 2))
+    sink = rng.uniform(*group.sink, count)
+    if not count:
+        return np.zeros((0, 3, 3)), np.zeros(0)
+    height_m, foot_m = builds.T * sizes_m
+    slope, hollow_m = bedding(ground, xy, np.maximum(foot_m, ground.spacing_m / 2))
+    rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
+    rotation = leaning(slope, group.align) * rotation
+    # What leans out of the ground's normal lifts one side of its foot, so it goes deeper.
+    lean = np.linalg.norm(tilt_rad, axis=1)
+    lean += (1 - group.align) * np.arctan(np.linalg.norm(slope, axis=1))
+    depth_m = sink * height_m + foot_m * np.tan(np.minimum(lean, 1.2)) + hollow_m
+    # A base below the ground all around: only what is level with it may stay at its full height.
+    return rotation.as_matrix(), np.minimum(depth_m, MOST_BURIED * height_m)
