@@ -23,7 +23,8 @@ TIMEOUT_S = 300
 def in_blender(job: str, *arguments: Any) -> Any:
     """Return what the function ``job`` of `blender_jobs` returns in a new process.
 
-    Arguments and result are pickled. Skips the test where there is no ``bpy``.
+    ``module.function`` names one of another module. Arguments and result are pickled. Skips the
+    test where there is no ``bpy``.
     """
     if importlib.util.find_spec("bpy") is None:
         pytest.skip("bpy is not installed")
@@ -44,5 +45,6 @@ def in_blender(job: str, *arguments: Any) -> Any:
 
 if __name__ == "__main__":
     name, file = sys.argv[1], Path(sys.argv[2])
-    call = getattr(importlib.import_module("blender_jobs"), name)
+    module, _, function = name.rpartition(".")
+    call = getattr(importlib.import_module(module or "blender_jobs"), function)
     file.write_bytes(pickle.dumps(call(*pickle.loads(file.read_bytes()))))

@@ -1,0 +1,44 @@
+"""What tests of light and air have done in Blender's own process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+from synthetic_worlds import settings
+
+from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.backend.blender.cycles import BASE_EXPOSURE_EV
+from oaisys_core.scene import PlacedCamera, Scene, Sky
+from oaisys_core.types import RGB, Progress
+
+
+def ignore(progress: Progress) -> None:
+    """Do nothing with it."""
+
+
+def linear_views(
+    scene: Scene, cameras: Sequence[PlacedCamera], skies: Sequence[Sky], samples: int = 1
+) -> list[NDArray[np.float64]]:
+    """Linear colours, 0 to 1, of a world under several skies, camera by camera for each sky.
+
+    Taken through the middle of the pixels, without a view transform.
+    """
+    backend = BlenderBackend()
+    backend.build(replace(scene, sky=skies[0]), ignore)
+    blender_scene: Any = bpy.context.scene
+    blender_scene.view_settings.view_transform = "Raw"
+    blender_scene.cycles.filter_width = 0.01
+    wanted = settings(samples, exposure_ev=-BASE_EXPOSURE_EV)
+    seen = []
+    for sky in skies:
+        backend.update(replace(scene, sky=sky))
+        for camera in cameras:
+            only_rgb = replace(camera, modalities=(RGB,))
+            (frame,) = backend.render([only_rgb], wanted, ignore)
+            seen.append(frame.data / 255.0)
+    return seen
