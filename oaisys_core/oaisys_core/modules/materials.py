@@ -2,60 +2,187 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import hashlib
+from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
 
-from oaisys_core.config.materials import LayerConfig, MaterialsConfig
+from oaisys_core import randomness
+from oaisys_core.config.materials import ConditionConfig, LayerConfig, MaterialsConfig
+from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
-from oaisys_core.scene import PbrMaps, TerrainLayer, TerrainMaterial
-from oaisys_core.terrain.masks import blend_masks
-from oaisys_core.textures import default_cache_dir, load_texture_folder, texture_set
+from oaisys_core.modules.layers import (
+    DrawnLayer,
+    LayerLibrary,
+    check_layers,
+    chosen_layers,
+    labels_of,
+)
+from oaisys_core.modules.overrides import overridden
+from oaisys_core.scene import Ground, HeightField
+from oaisys_core.terrain.conditions import Relief, has_steep_parts, relief_of
+from oaisys_core.terrain.displacement import displaced
+from oaisys_core.terrain.masks import LayerNoise, blend_masks, gate, layered_masks
+from oaisys_core.terrain_material import TerrainMaterial, Variation
 
-FOLDER_TILE_M = 2.0
-"""Edge length of a tile of a user's texture folder that does not say its own."""
+NO_SHARE = 1.0
+"""Share of a layer that gives none, where another one does."""
+
+
+class MaterialsMetadata(MaterialsConfig):
+    """What a caller can set for a batch, with ``custom={"materials": ...}``.
+
+    Attributes:
+        seed: Of everything that is drawn about the material; None: the batch's.
+    """
+
+    seed: int | None = Field(default=None, ge=0, lt=2**63)
 
 
 class MaterialsModule(Module):
-    """Loads the layers once and draws new blend masks for each batch."""
+    """Draws the layers of each batch, how they look and where they lie."""
 
     name = "materials"
     metadata_part = "materials"
 
     def __init__(self, config: MaterialsConfig) -> None:
-        self._config = config
-        self._layers: tuple[TerrainLayer, ...] = ()
+        try:
+            check_layers(config)
+        except InvalidInputError as error:
+            raise ConfigError(str(error)) from error
+        self._config = MaterialsMetadata.model_validate(config.model_dump())
+        self._library = LayerLibrary()
 
     def setup(self) -> None:
-        """Load or make the texture sets."""
-        self._layers = tuple(
-            TerrainLayer(layer.label, layer.semantic_ids, self._maps(layer))
-            for layer in self._config.layers
-        )
+        """Load or make the texture sets of the layers that are always there."""
+        for layer in self._config.layers:
+            self._library.load(layer, self._config)
 
-    def _maps(self, layer: LayerConfig) -> PbrMaps:
-        if layer.folder is not None:
-            tile_m = layer.tile_m[0] if layer.tile_m else FOLDER_TILE_M
-            return load_texture_folder(layer.folder, tile_m, size_px=None)
-        config = self._config
-        maps = texture_set(
-            layer.texture, config.texture_size_px, config.texture_seed, default_cache_dir()
-        )
-        return maps if layer.tile_m is None else replace(maps, tile_m=layer.tile_m[0])
+    def check(self, metadata: Metadata) -> None:
+        """Refuse unknown keys, values out of range and layers that do not exist."""
+        check_layers(overridden(self._config, metadata, self.metadata_part))
+
+    def check_sample(self, metadata: Metadata) -> None:
+        """Refuse everything: the material is drawn once a batch."""
+        if metadata:
+            raise InvalidInputError(
+                "metadata.custom.materials", dict(metadata), "none at a sample step"
+            )
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Lay the layers over the ground."""
+        """Lay the layers over the ground.
+
+        Raises:
+            InvalidInputError: A map cannot be used, or the ground cannot be displaced.
+        """
+        config = overridden(self._config, metadata, self.metadata_part)
+        if config.seed is not None:
+            rng = randomness.stream(config.seed, self.name)
         ground = drawn(world.ground)
-        extent_m = ground.extent_m
-        mask = self._config.mask
-        masks = blend_masks(
-            len(self._layers),
-            extent_m[2] - extent_m[0],
+        layers = [
+            self._library.draw(layer, config, randomness.child(rng, f"layer/{index}"))
+            for index, layer in enumerate(chosen_layers(config, rng))
+        ]
+        material = TerrainMaterial(
+            layers=tuple(layer.layer for layer in layers),
+            masks=_masks(config, [layer.config for layer in layers], ground, rng),
+            extent_m=ground.extent_m,
+            label_cell_m=config.label_cell_m if config.label_borders == "soft" else None,
+            variation=Variation(**config.variation.model_dump()),
+            projects_sides=_projects_sides(config, ground),
+        )
+        if config.displacement == "geometry":
+            _displace(world, material, layers)
+        world.material = material
+        for layer in layers:
+            world.semantic_labels.update(labels_of(layer.config))
+
+
+def _masks(
+    config: MaterialsConfig,
+    layers: Sequence[LayerConfig],
+    ground: Ground,
+    rng: np.random.Generator,
+) -> NDArray[np.float32]:
+    mask = config.mask
+    size_m = (
+        ground.extent_m[2] - ground.extent_m[0],
+        ground.extent_m[3] - ground.extent_m[1],
+    )
+    shares = None
+    if any(layer.share is not None for layer in layers):
+        shares = [layer.share or NO_SHARE for layer in layers]
+    gates = _gates(layers, ground, mask.size_px)
+    if mask.method == "patches":
+        return blend_masks(
+            len(layers),
+            size_m[0],
             mask.size_px,
             rng,
             scale_m=mask.scale_m,
             sharpness=mask.sharpness,
+            shares=shares,
+            gates=gates,
         )
-        world.material = TerrainMaterial(self._layers, masks, extent_m)
-        for layer in self._config.layers:
-            world.semantic_labels.update(layer.labels)
+    rngs = [randomness.child(rng, f"noise/{index}") for index in range(len(layers))]
+    noise = mask.noise
+    ranges = (noise.scale, noise.detail, noise.roughness, noise.distortion)
+    noises = [LayerNoise(*(float(each.uniform(*bounds)) for bounds in ranges)) for each in rngs]
+    return layered_masks(
+        noises, size_m, mask.size_px, rngs, noise.borders, shares=shares, gates=gates
+    )
+
+
+def _gates(
+    layers: Sequence[LayerConfig], ground: Ground, size_px: int
+) -> NDArray[np.float32] | None:
+    """Return (L, M, M) how far each layer may lie where; None: all may lie everywhere."""
+    if len(layers) == 1 or all(layer.when is None for layer in layers):
+        return None
+    relief = relief_of(ground, size_px)
+    gates = np.ones((len(layers), size_px, size_px), np.float32)
+    for index, layer in enumerate(layers):
+        if layer.when is not None:
+            gates[index] = condition_gate(layer.when, relief)
+    return gates
+
+
+def condition_gate(when: ConditionConfig, relief: Relief) -> NDArray[np.float32]:
+    """Return how far a condition holds at each texel of a mask, 0 to 1."""
+    slope_deg = np.degrees(relief.slope_rad)
+    # A bound at the end of the scale is none: level ground is not half outside from 0 on.
+    least, most = when.slope_deg
+    bounds = (least if least > 0 else -np.inf, most if most < 90 else np.inf)
+    result = gate(slope_deg, bounds, when.soft_deg)
+    if when.height_m is not None:
+        result = np.minimum(result, gate(relief.height_m, when.height_m, when.soft_m))
+    if when.height_share is not None:
+        low, high = float(relief.height_m.min()), float(relief.height_m.max())
+        least, most = (low + share * (high - low) for share in when.height_share)
+        bounds = (
+            least if when.height_share[0] > 0 else -np.inf,
+            most if when.height_share[1] < 1 else np.inf,
+        )
+        result = np.minimum(result, gate(relief.height_m, bounds, when.soft_m))
+    return result
+
+
+def _projects_sides(config: MaterialsConfig, ground: Ground) -> bool:
+    if config.projection == "auto":
+        return has_steep_parts(ground)
+    return config.projection == "sides"
+
+
+def _displace(world: World, material: TerrainMaterial, layers: Sequence[DrawnLayer]) -> None:
+    ground = drawn(world.ground)
+    if not isinstance(ground, HeightField):
+        raise InvalidInputError(
+            "materials.displacement", "geometry", "bump on a ground that is no height field"
+        )
+    moved = displaced(ground, material, [layer.relief_m for layer in layers])
+    world.ground = moved
+    digest = hashlib.sha256(world.stage_hash.encode())
+    digest.update(np.ascontiguousarray(moved.elevation_m).tobytes())
+    world.stage_hash = digest.hexdigest()

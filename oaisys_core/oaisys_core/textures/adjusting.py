@@ -1,0 +1,97 @@
+"""Changes of a texture set: its colour, and how strong its relief is."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from oaisys_core.terrain_material import PbrMaps
+from oaisys_core.textures.fields import normals_from_height
+from oaisys_core.types import FloatArray
+
+CHANNELS = ("red", "green", "blue")
+ALL_CHANNELS = "combined"
+
+Curves = Mapping[str, Sequence[tuple[float, float]]]
+"""Points of tone curves by ``combined``, ``red``, ``green`` and ``blue``."""
+
+
+@dataclass(frozen=True)
+class ColorChange:
+    """What happens to a colour map, in linear light.
+
+    Attributes:
+        hue_deg: Turn of the hue.
+        saturation, value: Factors.
+        curves: Applied first: the combined one, then each channel's.
+    """
+
+    hue_deg: float = 0.0
+    saturation: float = 1.0
+    value: float = 1.0
+    curves: Curves = field(default_factory=dict)
+
+
+def recolored(maps: PbrMaps, change: ColorChange) -> PbrMaps:
+    """Return a texture set with its colour changed; the same one where nothing changes."""
+    has_curves = any(change.curves.values())
+    is_turned = (change.hue_deg % 360, change.saturation, change.value) != (0, 1, 1)
+    if not has_curves and not is_turned:
+        return maps
+    color = np.stack(
+        [
+            _tone(change.curves, name).astype(np.float32)[maps.color_srgb[..., index]]
+            for index, name in enumerate(CHANNELS)
+        ],
+        axis=-1,
+    )
+    if is_turned:
+        hsv = cv2.cvtColor(color, cv2.COLOR_RGB2HSV)
+        hsv[..., 0] = (hsv[..., 0] + change.hue_deg) % 360
+        hsv[..., 1] = np.minimum(hsv[..., 1] * change.saturation, 1)
+        hsv[..., 2] *= change.value
+        color = np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB), np.float32)
+    return replace(maps, color_srgb=_encoded(color))
+
+
+def with_relief(maps: PbrMaps, displacement_m: float | None, strength: float) -> PbrMaps:
+    """Return a texture set with other normals; the same one where nothing changes.
+
+    Args:
+        maps: What to change.
+        displacement_m: Height that the height map's full range stands for, from which normals are
+            derived; None: keep the normals.
+        strength: Factor on their slopes.
+    """
+    if displacement_m is not None:
+        normal = normals_from_height(maps.height, displacement_m * strength, maps.tile_m)
+        return replace(maps, normal_gl=normal)
+    if strength == 1:
+        return maps
+    slopes: NDArray[np.float32] = maps.normal_gl.astype(np.float32) / np.float32(127.5) - 1
+    slopes[..., :2] *= np.float32(strength)
+    unit = slopes / np.linalg.norm(slopes, axis=-1, keepdims=True)
+    return replace(maps, normal_gl=np.rint((unit + 1) * 127.5).astype(np.uint8))
+
+
+def _tone(curves: Curves, channel: str) -> FloatArray:
+    """Return (256,) linear values of a channel's sRGB bytes after its curves."""
+    s = np.arange(256) / 255
+    values = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+    for points in (curves.get(ALL_CHANNELS, ()), curves.get(channel, ())):
+        if points:
+            # Later points take the place of earlier ones at the same input.
+            through = dict(sorted(({0.0: 0.0, 1.0: 1.0} | dict(points)).items()))
+            values = PchipInterpolator(list(through), list(through.values()))(values)
+    return np.asarray(values)
+
+
+def _encoded(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
+    c = np.clip(linear, 0, 1)
+    s = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** np.float32(1 / 2.4) - 0.055)
+    return np.asarray(np.rint(s * 255), np.uint8)
