@@ -1,21 +1,17 @@
-"""Materials: the ground's blended layers, rocks textured from three sides, plain colours."""
+"""Materials of what stands on the ground: textured from three sides, or of one colour."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import bpy
-import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.haze import through_haze, without_light_sampling
-from oaisys_core.backend.blender.images import ImageStore, new_image
+from oaisys_core.backend.blender.images import ImageStore
 from oaisys_core.backend.blender.nodes import NodeTree, Socket
 from oaisys_core.backend.shading import linear
-from oaisys_core.scene import PbrMaps, TerrainMaterial
-
-CHANNELS = 4
-"""Masks that one image holds."""
+from oaisys_core.scene import PbrMaps
 
 BOX_BLEND = 0.25
 """Share of a rock's surface over which projections from two sides run into each other."""
@@ -25,41 +21,6 @@ ROCK_BUMP_M = 0.02
 
 ROCK_BRIGHTNESS = (0.85, 0.3)
 """Least brightness of a rock, and how much more it may have at random."""
-
-VARIATION = 0.35
-"""Range of the slow change of the ground's brightness, around 1."""
-
-VARIATION_TILES = 7.3
-VARIATION_TURN_RAD = 0.65
-"""Size, in tiles of the first layer, and direction of the pattern that this change follows: so
-that the two never repeat together."""
-
-
-def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
-    """Return the material of the ground: layers weighted by their masks.
-
-    The ground lies in ``map``, so object coordinates are metres there.
-    """
-    result = _new_material("ground")
-    tree = NodeTree(node_tree_of(result))
-    position = tree.add("TexCoord").outputs["Object"]
-    weights = _weights(tree, material, position)
-    color: Socket = (0.0, 0.0, 0.0)
-    detail: Socket = (0.0, 0.0, 0.0)
-    roughness: Socket = 0.0
-    for layer, weight in zip(material.layers, weights, strict=True):
-        maps = layer.maps
-        place = tree.scaled(position, 1.0 / maps.tile_m)
-        texel = tree.add("TexImage", {"Vector": place}, image=images.color(maps))
-        color = tree.vector("MULTIPLY_ADD", texel.outputs["Color"], weight, color)
-        texel = tree.add("TexImage", {"Vector": place}, image=images.normal_roughness(maps))
-        detail = tree.vector("MULTIPLY_ADD", texel.outputs["Color"], weight, detail)
-        roughness = tree.math("MULTIPLY_ADD", texel.outputs["Alpha"], weight, roughness)
-    color = tree.scaled(color, _variation(tree, material.layers[0].maps, images, position))
-    slope = tree.vector("MULTIPLY_ADD", detail, (2.0, 2.0, 0.0), (-1.0, -1.0, 0.0))
-    normal = tree.vector("ADD", tree.add("NewGeometry").outputs["Normal"], slope)
-    _finish(tree, color, roughness, tree.vector("NORMALIZE", normal))
-    return result
 
 
 def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
@@ -104,36 +65,6 @@ def _new_material(name: str) -> Any:
     material = bpy.data.materials.new(name)
     without_light_sampling(material)
     return material
-
-
-def _weights(tree: NodeTree, material: TerrainMaterial, position: Socket) -> list[Socket]:
-    """Return one socket per layer with its weight at ``position``."""
-    x0, y0, x1, y1 = material.extent_m
-    size_inverse = (1.0 / (x1 - x0), 1.0 / (y1 - y0), 0.0)
-    place = tree.vector(
-        "MULTIPLY_ADD", position, size_inverse, (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
-    )
-    sockets: list[Socket] = []
-    masks = material.masks
-    for first in range(0, len(masks), CHANNELS):
-        part = masks[first : first + CHANNELS]
-        pixels = np.zeros((*masks.shape[1:], CHANNELS), dtype=np.float32)
-        pixels[..., : len(part)] = np.moveaxis(part, 0, -1)
-        image = new_image(f"masks_{first}", pixels, is_float=True, is_color=False)
-        texel = tree.add("TexImage", {"Vector": place}, image=image, extension="EXTEND")
-        channels = tree.add("SeparateColor", {"Color": texel.outputs["Color"]})
-        sockets.extend([*channels.outputs, texel.outputs["Alpha"]][: len(part)])
-    return sockets
-
-
-def _variation(tree: NodeTree, maps: PbrMaps, images: ImageStore, position: Socket) -> Socket:
-    """Return a slowly varying brightness around 1, which hides that textures repeat."""
-    turned = tree.add(
-        "VectorRotate", {"Vector": position, "Angle": VARIATION_TURN_RAD}, rotation_type="Z_AXIS"
-    ).outputs[0]
-    place = tree.scaled(turned, 1.0 / (maps.tile_m * VARIATION_TILES))
-    texel = tree.add("TexImage", {"Vector": place}, image=images.height(maps))
-    return tree.math("MULTIPLY_ADD", texel.outputs["Color"], VARIATION, 1.0 - VARIATION / 2)
 
 
 def _box(tree: NodeTree, image: Any, place: Socket) -> Any:

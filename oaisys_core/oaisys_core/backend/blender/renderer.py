@@ -59,6 +59,7 @@ class BlenderBackend(Backend):
         """See `Backend.update`."""
         self._sky = scene.sky
         self._lights.set(scene.sky)
+        self._world.show_plain(scene.sky.has_plain and scene.sky.hdri is None)
 
     def render(
         self,

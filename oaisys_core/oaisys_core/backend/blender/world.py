@@ -8,14 +8,16 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.backend.blender.ground import ground_material
 from oaisys_core.backend.blender.images import ImageStore
-from oaisys_core.backend.blender.materials import ground_material, plain_material, rock_material
+from oaisys_core.backend.blender.materials import plain_material, rock_material
 from oaisys_core.backend.blender.meshes import (
     evaluated_mesh,
     evaluated_poses,
     new_mesh,
     new_object,
 )
+from oaisys_core.backend.blender.plain import Plain
 from oaisys_core.backend.solids import tessellated
 from oaisys_core.backend.surface import placed
 from oaisys_core.scene import MeshPrototype, Placement, Primitive, Scene
@@ -36,6 +38,7 @@ class World:
     def __init__(self) -> None:
         self._images = ImageStore()
         self._ground: Any = None
+        self._plain = Plain()
         self._ground_of: Scene | None = None
         self._groups: list[Group] = []
         self._solids: list[Any] = []
@@ -48,6 +51,7 @@ class World:
         if self._ground is not None and not _same_ground(self._ground_of, scene):
             bpy.data.batch_remove([self._ground])
             self._ground = None
+            self._plain.clear()
 
     def build_ground(self, scene: Scene) -> None:
         """Make the ground where none was kept."""
@@ -57,6 +61,11 @@ class World:
         mesh = new_mesh("ground", scene.ground.vertices_m(), scene.ground.triangles(), smooth=True)
         mesh.materials.append(ground_material(scene.material, self._images))
         self._ground = new_object("ground", mesh, np.eye(4))
+        self._plain.build(scene, mesh.materials[0])
+
+    def show_plain(self, is_shown: bool) -> None:
+        """Let the ground go on beyond the stage, or not."""
+        self._plain.show(is_shown)
 
     def build_objects(self, scene: Scene) -> None:
         """Make all that stands on the ground, then drop what nothing uses any more."""
