@@ -48,10 +48,14 @@ def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:
     message = pb.ModuleMetadata()
     if metadata.sensor is not None:
         message.sensor.SetInParent()
-    for key, value in (metadata.sensor or {}).items():
-        if key != "pose" or not isinstance(value, Pose):
-            raise InvalidInputError(f"metadata.sensor.{key}", value, "the key pose, with a Pose")
-        message.sensor.pose.CopyFrom(pose_to_proto(value))
+    settings = dict(metadata.sensor or {})
+    if "pose" in settings:
+        pose = settings.pop("pose")
+        if not isinstance(pose, Pose):
+            raise InvalidInputError("metadata.sensor.pose", pose, "a Pose")
+        message.sensor.pose.CopyFrom(pose_to_proto(pose))
+    if settings:
+        message.sensor.settings.CopyFrom(struct_to_proto(settings, "metadata.sensor"))
     for name in ("environment", "asset", "render"):
         part = metadata.part(name)
         if part is not None:
@@ -65,11 +69,15 @@ def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
     """Return a step's metadata; an absent part stays absent.
 
     Raises:
-        InvalidInputError: The pose has a number that is not finite, or no unit quaternion.
+        InvalidInputError: The pose has a number that is not finite, or no unit quaternion; or it
+            is among the other settings.
     """
     parts: dict[str, Any] = {}
     if message.HasField("sensor"):
-        parts["sensor"] = {}
+        parts["sensor"] = struct_from_proto(message.sensor.settings)
+        if "pose" in parts["sensor"]:
+            received = parts["sensor"]["pose"]
+            raise InvalidInputError("metadata.sensor.settings.pose", received, "the field pose")
         if message.sensor.HasField("pose"):
             pose = pose_from_proto(message.sensor.pose)
             geometry.checked_pose(pose.position_m, pose.quat_xyzw, "metadata.sensor.pose")
@@ -109,12 +117,14 @@ def _value_from_proto(message: Value) -> Any:
 
 def intrinsics_to_proto(intrinsics: PinholeIntrinsics) -> pb.Intrinsics:
     """Return the message of a camera's intrinsics; inverse: `intrinsics_from_proto`."""
-    return pb.Intrinsics(**{name: getattr(intrinsics, name) for name in _INTRINSICS})
+    values = {name: getattr(intrinsics, name) for name in _INTRINSICS}
+    return pb.Intrinsics(**values, distortion=intrinsics.distortion)
 
 
 def intrinsics_from_proto(message: pb.Intrinsics) -> PinholeIntrinsics:
     """Return a camera's intrinsics."""
-    return PinholeIntrinsics(**{name: getattr(message, name) for name in _INTRINSICS})
+    values = {name: getattr(message, name) for name in _INTRINSICS}
+    return PinholeIntrinsics(**values, distortion=tuple(message.distortion))
 
 
 _INTRINSICS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
@@ -206,6 +216,7 @@ def _sensor_to_proto(sensor: SensorInfo) -> pb.Sensor:
         intrinsics=intrinsics_to_proto(sensor.intrinsics),
         t_base_camera=matrix_to_proto(sensor.T_base_camera),
         modalities=sensor.modalities,
+        stereo_baseline_m=sensor.stereo_baseline_m,
     )
 
 
@@ -215,6 +226,7 @@ def _sensor_from_proto(message: pb.Sensor) -> SensorInfo:
         intrinsics=intrinsics_from_proto(message.intrinsics),
         T_base_camera=matrix_from_proto(message.t_base_camera),
         modalities=tuple(message.modalities),
+        stereo_baseline_m=message.stereo_baseline_m,
     )
 
 

@@ -86,11 +86,12 @@ class TsdfVolume:
         Args:
             depth_m: (H, W) float32 planar depth; what is not finite or not above 0 is skipped.
             rgb: (H, W, 3) uint8 of the same camera, or None: grey.
-            intrinsics: The camera.
+            intrinsics: The camera, without distortion; see `rectified`.
             T_map_camera: (4, 4) pose of its optical frame.
 
         Raises:
-            InvalidInputError: The images' sizes do not fit the camera, or the pose is not finite.
+            InvalidInputError: The images' sizes do not fit the camera, it distorts, or the pose is
+                not finite.
             VolumeFullError: The view would need more than ``max_blocks``; the volume is unchanged.
         """
         self._check(depth_m, rgb, intrinsics, T_map_camera)
@@ -191,6 +192,8 @@ class TsdfVolume:
             raise InvalidInputError("depth_m", depth_m.shape, f"an image of shape {size}")
         if rgb is not None and rgb.shape != (*size, 3):
             raise InvalidInputError("rgb", rgb.shape, f"an image of shape {(*size, 3)}")
+        if any(intrinsics.distortion):
+            raise InvalidInputError("intrinsics.distortion", intrinsics.distortion, "none")
         if np.shape(T_map_camera) != (4, 4) or not np.isfinite(T_map_camera).all():
             raise InvalidInputError("T_map_camera", T_map_camera, "a finite (4, 4) transform")
 

@@ -14,6 +14,7 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert, project, unproject
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints
@@ -24,7 +25,7 @@ OCCLUSION_TOLERANCE = 2e-3
 
 @dataclass(frozen=True)
 class View:
-    """A camera and where it was.
+    """A camera without distortion and where it was.
 
     Attributes:
         T_map_camera: (4, 4) pose of its optical frame.
@@ -32,6 +33,11 @@ class View:
 
     intrinsics: PinholeIntrinsics
     T_map_camera: FloatArray
+
+    def __post_init__(self) -> None:
+        """Refuse distortion: see `rectified_camera`."""
+        if any(self.intrinsics.distortion):
+            raise InvalidInputError("intrinsics.distortion", self.intrinsics.distortion, "none")
 
 
 def within_reach(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import array
 import sys
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from geometry_msgs.msg import Point, PoseStamped, Quaternion, TransformStamped, Vector3
@@ -20,18 +20,37 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import checked_pose, pose_from_matrix, pose_to_matrix
+from oaisys_core.geometry import checked_pose, is_invertible, pose_from_matrix, pose_to_matrix
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
 
 T = TypeVar("T")
 
-DTYPES_BY_ENCODING: dict[str, np.dtype[Any]] = {
-    "rgb8": np.dtype(np.uint8),
-    "32FC1": np.dtype(np.float32),
-    "16UC1": np.dtype(np.uint16),
-    "32SC1": np.dtype(np.int32),
+PLUMB_BOB = "plumb_bob"
+"""ROS's name of the Brown-Conrady model with five coefficients."""
+
+
+class Pixels(NamedTuple):
+    """What the pixels of an encoding are."""
+
+    dtype: np.dtype[Any]
+    channels: int
+
+    @property
+    def form(self) -> str:
+        """Shape and type of an image, in words."""
+        shape = "(H, W)" if self.channels == 1 else f"(H, W, {self.channels})"
+        return f"{shape} {self.dtype}"
+
+
+PIXELS_BY_ENCODING: dict[str, Pixels] = {
+    "rgb8": Pixels(np.dtype(np.uint8), 3),
+    "32FC1": Pixels(np.dtype(np.float32), 1),
+    "32FC2": Pixels(np.dtype(np.float32), 2),
+    "32FC3": Pixels(np.dtype(np.float32), 3),
+    "16UC1": Pixels(np.dtype(np.uint16), 1),
+    "32SC1": Pixels(np.dtype(np.int32), 1),
 }
-"""Encodings of images that are published, with the type of a channel."""
+"""Encodings of images that are published."""
 
 
 def checked_type(value: object, expected: type[T], field: str) -> T:
@@ -101,47 +120,59 @@ def odometry_from_msg(msg: Odometry) -> Pose:
     return pose_from_msg(checked_type(msg, Odometry, "odometry").pose.pose, "odometry.pose")
 
 
-def intrinsics_to_msg(intrinsics: PinholeIntrinsics, header: Header) -> CameraInfo:
-    """Return the camera info of an undistorted pinhole camera; inverse: `intrinsics_from_msg`."""
+def intrinsics_to_msg(
+    intrinsics: PinholeIntrinsics, header: Header, baseline_m: float = 0.0
+) -> CameraInfo:
+    """Return the camera info of a camera; inverse: `intrinsics_from_msg`.
+
+    P is that of the image without distortion, of the same K; for the right camera of a stereo
+    pair it leads from the left one's frame, ``baseline_m`` away, as REP-104 has it.
+    """
     checked_type(intrinsics, PinholeIntrinsics, "intrinsics")
     K = intrinsics.K
+    to_left = np.array((-K[0, 0] * baseline_m, 0.0, 0.0)) if baseline_m else np.zeros(3)
     return CameraInfo(
         header=header,
         width=intrinsics.width_px,
         height=intrinsics.height_px,
-        distortion_model="plumb_bob",
-        d=[0.0] * 5,
+        distortion_model=PLUMB_BOB,
+        d=list(intrinsics.distortion) or [0.0] * 5,
         k=K.ravel(),
         r=np.eye(3).ravel(),
-        p=np.column_stack((K, np.zeros(3))).ravel(),
+        p=np.column_stack((K, to_left)).ravel(),
     )
 
 
 def intrinsics_from_msg(msg: CameraInfo) -> PinholeIntrinsics:
-    """Return the pinhole camera of a message.
+    """Return the camera of a message.
 
     Raises:
         TypeError: ``msg`` is no ``sensor_msgs/CameraInfo``.
-        InvalidInputError: The camera is distorted, skewed, or not calibrated.
+        InvalidInputError: The camera is skewed, not calibrated, or distorted in a way that
+            plumb_bob does not describe, or that no pixel could be traced back through.
     """
     checked_type(msg, CameraInfo, "camera_info")
     K = np.asarray(msg.k).reshape(3, 3)
-    if np.any(np.asarray(msg.d)):
-        raise InvalidInputError("camera_info.d", list(msg.d), "no distortion")
+    distortion = tuple(float(value) for value in msg.d) if np.any(np.asarray(msg.d)) else ()
+    if distortion and (msg.distortion_model != PLUMB_BOB or len(distortion) != 5):
+        received = (msg.distortion_model, list(distortion))
+        raise InvalidInputError("camera_info.d", received, "plumb_bob with k1, k2, p1, p2, k3")
     expected = np.array([[K[0, 0], 0.0, K[0, 2]], [0.0, K[1, 1], K[1, 2]], [0.0, 0.0, 1.0]])
     if not np.array_equal(K, expected) or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
         raise InvalidInputError("camera_info.k", K.tolist(), "fx 0 cx, 0 fy cy, 0 0 1")
     fx, fy, cx, cy = (float(K[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    return PinholeIntrinsics(msg.width, msg.height, fx, fy, cx, cy)
+    intrinsics = PinholeIntrinsics(msg.width, msg.height, fx, fy, cx, cy, distortion)
+    if not is_invertible(intrinsics):
+        raise InvalidInputError("camera_info.d", list(distortion), "distortion without a fold")
+    return intrinsics
 
 
 def image_to_msg(data: NDArray[Any], encoding: str, header: Header) -> Image:
     """Return the message of an image; inverse: `image_from_msg`.
 
     Args:
-        data: (H, W, 3) for ``rgb8``, else (H, W); of the encoding's type. ``32SC1`` also takes
-            uint32, whose values must fit.
-        encoding: One of `DTYPES_BY_ENCODING`.
+        data: As `PIXELS_BY_ENCODING` says. ``32SC1`` also takes uint32, whose values must fit.
+        encoding: One of `PIXELS_BY_ENCODING`.
         header: Stamp and frame.
 
     Raises:
@@ -149,17 +180,16 @@ def image_to_msg(data: NDArray[Any], encoding: str, header: Header) -> Image:
         InvalidInputError: Unknown encoding, or data of another shape, type or range.
     """
     checked_type(data, np.ndarray, "image.data")
-    dtype = _dtype_of(encoding)
+    pixels = _pixels_of(encoding)
     if encoding == "32SC1" and data.dtype == np.uint32:
         if data.size and int(data.max()) > np.iinfo(np.int32).max:
             raise InvalidInputError("image.data", int(data.max()), "ids that fit 31 bits")
         data = data.view(np.int32)
-    shape_is_right = data.ndim == 2 if encoding != "rgb8" else data.shape[2:] == (3,)
-    if data.dtype != dtype or not shape_is_right:
-        form = "(H, W, 3)" if encoding == "rgb8" else "(H, W)"
-        raise InvalidInputError("image.data", (data.shape, str(data.dtype)), f"{form} {dtype}")
+    channels = data.shape[2:] if pixels.channels > 1 else (1,) * (data.ndim == 2)
+    if data.dtype != pixels.dtype or channels != (pixels.channels,):
+        raise InvalidInputError("image.data", (data.shape, str(data.dtype)), pixels.form)
     height, width = data.shape[:2]
-    step = data.itemsize * width * (3 if encoding == "rgb8" else 1)
+    step = data.itemsize * width * pixels.channels
     msg = Image(
         header=header,
         height=height,
@@ -174,15 +204,15 @@ def image_to_msg(data: NDArray[Any], encoding: str, header: Header) -> Image:
 
 
 def image_from_msg(msg: Image) -> NDArray[Any]:
-    """Return the (H, W, 3) or (H, W) array of an image; it shares the message's memory.
+    """Return the (H, W, channels) or (H, W) array of an image; it shares the message's memory.
 
     Raises:
         TypeError: ``msg`` is no ``sensor_msgs/Image``.
         InvalidInputError: Unknown encoding, or sizes that do not agree with each other.
     """
     checked_type(msg, Image, "image")
-    dtype: np.dtype[Any] = _dtype_of(msg.encoding).newbyteorder(">" if msg.is_bigendian else "<")
-    channels = 3 if msg.encoding == "rgb8" else 1
+    plain, channels = _pixels_of(msg.encoding)
+    dtype: np.dtype[Any] = plain.newbyteorder(">" if msg.is_bigendian else "<")
     row_bytes = dtype.itemsize * channels * msg.width
     if msg.step < row_bytes or len(msg.data) != msg.step * msg.height:
         received = {"step": msg.step, "bytes": len(msg.data)}
@@ -190,12 +220,11 @@ def image_from_msg(msg: Image) -> NDArray[Any]:
         raise InvalidInputError("image.data", received, expected)
     rows = np.frombuffer(msg.data, dtype=np.uint8).reshape(msg.height, msg.step)[:, :row_bytes]
     pixels = np.ascontiguousarray(rows).view(dtype)
-    return pixels.reshape(msg.height, msg.width, 3) if channels == 3 else pixels
+    return pixels.reshape(msg.height, msg.width, channels) if channels > 1 else pixels
 
 
-def _dtype_of(encoding: str) -> np.dtype[Any]:
-    if encoding not in DTYPES_BY_ENCODING:
-        raise InvalidInputError(
-            "image.encoding", encoding, "one of " + ", ".join(DTYPES_BY_ENCODING)
-        )
-    return DTYPES_BY_ENCODING[encoding]
+def _pixels_of(encoding: str) -> Pixels:
+    if encoding not in PIXELS_BY_ENCODING:
+        expected = "one of " + ", ".join(PIXELS_BY_ENCODING)
+        raise InvalidInputError("image.encoding", encoding, expected)
+    return PIXELS_BY_ENCODING[encoding]

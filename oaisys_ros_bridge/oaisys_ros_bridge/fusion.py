@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.visibility import View
 
@@ -29,6 +30,7 @@ class DepthFrame:
         stamp_ns: When it was taken.
         depth_m: (H, W) float32 planar depth, ``+inf`` where nothing was hit.
         rgb: (H, W, 3) uint8, or None.
+        intrinsics: The camera; distorted images are rectified before they are fused.
         T_map_camera: (4, 4) pose of the optical frame.
     """
 
@@ -144,12 +146,14 @@ class Fusion:
     def _integrate(self, frame: DepthFrame) -> None:
         start_s = time.perf_counter()
         try:
-            self._volume.integrate(frame.depth_m, frame.rgb, frame.intrinsics, frame.T_map_camera)
+            camera = rectified_camera(frame.intrinsics)
+            depth_m, rgb = rectified(frame.depth_m, frame.rgb, frame.intrinsics)
+            self._volume.integrate(depth_m, rgb, camera, frame.T_map_camera)
         except OaisysError as error:
             self._on_error(str(error))
             self._count(dropped=1)
             return
-        self._views.append(View(frame.intrinsics, frame.T_map_camera))
+        self._views.append(View(camera, frame.T_map_camera))
         duration_s = time.perf_counter() - start_s
         self._count(integrated=1, stamp_ns=frame.stamp_ns, duration_s=duration_s)
 

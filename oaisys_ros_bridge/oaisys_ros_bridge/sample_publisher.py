@@ -14,7 +14,19 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
-from oaisys_core.types import DEPTH, INSTANCE, RGB, Frame, Sample, SensorInfo, SimulatorInfo
+from oaisys_core.types import (
+    ALBEDO,
+    DEPTH,
+    FLOW,
+    INSTANCE,
+    NORMAL,
+    RANGE,
+    RGB,
+    Frame,
+    Sample,
+    SensorInfo,
+    SimulatorInfo,
+)
 from oaisys_msgs.msg import SampleInfo, SemanticLabel, SemanticLabels, SensorPose
 from oaisys_ros_bridge.clouds import depth_to_cloud_msg
 from oaisys_ros_bridge.conversions import (
@@ -39,7 +51,15 @@ def encoding_of(modality: str) -> str:
     """Return the image encoding that a modality is published in."""
     if modality.startswith("semantic_"):
         return "16UC1"
-    return {RGB: "rgb8", DEPTH: "32FC1", INSTANCE: "32SC1"}[modality]
+    return {
+        RGB: "rgb8",
+        DEPTH: "32FC1",
+        RANGE: "32FC1",
+        INSTANCE: "32SC1",
+        NORMAL: "32FC3",
+        FLOW: "32FC2",
+        ALBEDO: "rgb8",
+    }[modality]
 
 
 class SamplePublisher:
@@ -68,6 +88,7 @@ class SamplePublisher:
         self._base_frame = base_frame
         self._publish_points = publish_points
         self._namespaces = {s.name: sensor_namespace(s.name, info.sensors) for s in info.sensors}
+        self._baselines_m = {s.name: s.stereo_baseline_m for s in info.sensors}
         self._publishers: dict[str, Publisher] = {}
         self._odometry = self._publisher(Odometry, "ground_truth/odometry", SENSOR_QOS)
         self._tf = self._publisher(TFMessage, "/tf", TF_QOS)
@@ -159,7 +180,8 @@ class SamplePublisher:
         )
         if frame.modality in TOPIC_BY_MODALITY:
             camera_info = self._publisher(CameraInfo, f"{prefix}/camera_info", SENSOR_QOS)
-            camera_info.publish(intrinsics_to_msg(frame.intrinsics, header))
+            baseline_m = self._baselines_m[frame.sensor]
+            camera_info.publish(intrinsics_to_msg(frame.intrinsics, header, baseline_m))
         image = self._publisher(Image, f"{prefix}/image_raw", SENSOR_QOS)
         image.publish(image_to_msg(frame.data, encoding_of(frame.modality), header))
 
@@ -181,7 +203,9 @@ class SamplePublisher:
 
 
 def _sensors(info: SimulatorInfo) -> list[object]:
-    return [(s.name, s.modalities, s.T_base_camera.tolist()) for s in info.sensors]
+    return [
+        (s.name, s.modalities, s.T_base_camera.tolist(), s.stereo_baseline_m) for s in info.sensors
+    ]
 
 
 def sample_info_msg(sample: Sample, header: Header) -> SampleInfo:

@@ -28,6 +28,7 @@ from oaisys_grpc.client import SimulatorClient
 from oaisys_mapping.certificate import write_views
 from oaisys_mapping.mesh_io import read_ply, write_truth
 from oaisys_mapping.metrics import evaluate_reconstruction
+from oaisys_mapping.rectification import rectified_camera
 from oaisys_mapping.report import write_report
 from oaisys_mapping.visibility import View
 from oaisys_ros_bridge.processes import ManagedProcess
@@ -177,8 +178,9 @@ def _viewpoints(plan: SurveyPlan, simulator: SimulatorClient) -> list[Pose]:
 
 
 def _views(sensor: SensorInfo, poses: Sequence[Pose]) -> list[View]:
-    """Return the cameras: a pose is that of the sensor's link."""
-    return [View(sensor.intrinsics, pose_to_matrix(pose) @ T_LINK_OPTICAL) for pose in poses]
+    """Return the cameras as the mapper rectifies them: a pose is that of the sensor's link."""
+    camera = rectified_camera(sensor.intrinsics)
+    return [View(camera, pose_to_matrix(pose) @ T_LINK_OPTICAL) for pose in poses]
 
 
 def _write_config(options: SurveyOptions) -> Path:

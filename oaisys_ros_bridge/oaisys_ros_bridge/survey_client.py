@@ -154,7 +154,7 @@ class SurveyClient:
             RenderError: The bridge refused or failed; holds its message.
             DeadlineExceededError: No answer, or not all images, in time.
         """
-        request = SetPose.Request(sensor=sensor)
+        request = SetPose.Request(sensor=sensor, modalities=list(self._modalities))
         request.pose = pose_to_stamped_msg(pose, Header(frame_id=map_frame))
         started_s = time.monotonic()
         answer: SetPose.Response = self._call(self._set_pose, request, timeout_s)

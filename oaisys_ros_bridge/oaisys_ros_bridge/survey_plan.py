@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import nadir_spacing_m
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
 
@@ -86,8 +87,7 @@ def plan_survey(
         raise InvalidInputError("--overlap", overlap, "a share from 0 to below 1")
     columns = survey_columns(views)
     rows = ceil(views / columns)
-    step_x_m = altitude_m * intrinsics.width_px / intrinsics.fx_px * (1 - overlap)
-    step_y_m = altitude_m * intrinsics.height_px / intrinsics.fy_px * (1 - overlap)
+    step_x_m, step_y_m = nadir_spacing_m(altitude_m, overlap, intrinsics)
     column, row = np.meshgrid(np.arange(columns), np.arange(rows))
     x = (column - (columns - 1) / 2) * step_x_m
     y = ((rows - 1) / 2 - row) * step_y_m

@@ -171,7 +171,7 @@ def test_a_header_that_contradicts_itself_allocates_nothing() -> None:
     ("metadata", "field"),
     [
         (ModuleMetadata(sensor={"pose": (0, 0, 0)}), "metadata.sensor.pose"),
-        (ModuleMetadata(sensor={"zoom": 2}), "metadata.sensor.zoom"),
+        (ModuleMetadata(sensor={"cameras": object()}), "metadata.sensor"),
         (ModuleMetadata(environment={"sun": object()}), "metadata.environment"),
     ],
 )

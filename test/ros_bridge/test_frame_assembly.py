@@ -149,12 +149,12 @@ def test_frames_without_a_pose_are_bounded_and_the_oldest_is_given_up():
     assert stamps_ns == list(range(1, MOST_WITHOUT_POSE + 1))
 
 
-def test_a_frame_with_a_distorted_camera_is_refused_once():
+def test_a_frame_with_a_camera_that_folds_its_image_is_refused_once():
     made = assembler(use_color=False)
     made.add_static(static_msg())
     made.add_transforms(tf_msg())
     info = info_msg()
-    info.d = [0.1, 0.0, 0.0, 0.0, 0.0]
+    info.d = [-9.0, 0.0, 0.0, 0.0, 0.0]
     made.add_image("depth", depth_msg(), 0.0)
     made.add_image("info", info, 0.0)
 

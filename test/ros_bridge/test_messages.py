@@ -1,6 +1,7 @@
 """Messages against numpy, SciPy, OpenCV's camera model and Open3D's clouds."""
 
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -68,10 +69,28 @@ def test_camera_info_is_an_undistorted_pinhole_camera() -> None:
     assert conversions.intrinsics_from_msg(msg) == CAMERA
 
 
+def test_camera_info_tells_the_distortion_of_a_lens() -> None:
+    bent = replace(CAMERA, distortion=(-0.05, 0.01, 0.002, -0.001, 0.0003))
+
+    msg = conversions.intrinsics_to_msg(bent, HEADER)
+
+    assert (msg.distortion_model, list(msg.d)) == ("plumb_bob", list(bent.distortion))
+    assert list(msg.p) == [7.5, 0, 3.5, 0, 0, 7.25, 2.25, 0, 0, 0, 1, 0]
+    assert conversions.intrinsics_from_msg(msg) == bent
+
+
+def test_the_right_camera_of_a_pair_says_how_far_away_it_is() -> None:
+    msg = conversions.intrinsics_to_msg(CAMERA, HEADER, baseline_m=0.2)
+
+    # A point at (x, y, z) in the left camera's frame is at column (fx x + cx z - fx b) / z.
+    assert list(msg.p) == [7.5, 0, 3.5, -1.5, 0, 7.25, 2.25, 0, 0, 0, 1, 0]
+
+
 @pytest.mark.parametrize(
     ("change", "field"),
     [
-        ({"d": [0.1, 0.0, 0.0, 0.0, 0.0]}, "camera_info.d"),
+        ({"d": [0.1] * 8, "distortion_model": "rational_polynomial"}, "camera_info.d"),
+        ({"d": [-9.0, 0.0, 0.0, 0.0, 0.0]}, "camera_info.d"),
         ({"k": [7.5, 0.1, 3.5, 0.0, 7.25, 2.25, 0.0, 0.0, 1.0]}, "camera_info.k"),
         ({"k": [0.0] * 9}, "camera_info.k"),
     ],
@@ -91,6 +110,8 @@ def test_other_cameras_are_refused(change: dict[str, Any], field: str) -> None:
     [
         ("rgb8", np.uint8, (6, 8, 3), 3),
         ("32FC1", np.float32, (6, 8), 4),
+        ("32FC2", np.float32, (6, 8, 2), 8),
+        ("32FC3", np.float32, (6, 8, 3), 12),
         ("16UC1", np.uint16, (6, 8), 2),
         ("32SC1", np.int32, (6, 8), 4),
     ],

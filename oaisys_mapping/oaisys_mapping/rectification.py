@@ -1,0 +1,90 @@
+"""Images of a lens that distorts, made into those of a pinhole camera.
+
+The volume and the question what was visible know pinhole cameras only; both refuse distortion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import map_coordinates
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import pixel_rays, project, undistorted
+from oaisys_core.types import FloatArray, PinholeIntrinsics
+
+SAME_SURFACE = 0.05
+"""Greatest difference of neighbouring depths, as a share, between which depth is interpolated."""
+
+BORDER_POINTS = 256
+"""Points on each edge of an image at which its field of view is measured."""
+
+
+def rectified_camera(camera: PinholeIntrinsics) -> PinholeIntrinsics:
+    """Return the pinhole camera of the same size that sees nothing which ``camera`` does not.
+
+    Its image is the largest upright rectangle between the bent edges.
+    """
+    if not any(camera.distortion):
+        return camera
+    right, bottom = camera.width_px - 1, camera.height_px - 1
+    u, v = np.linspace(0, right, BORDER_POINTS), np.linspace(0, bottom, BORDER_POINTS)
+    x0 = _seen_from(camera, np.zeros_like(v), v)[:, 0].max()
+    x1 = _seen_from(camera, np.full_like(v, right), v)[:, 0].min()
+    y0 = _seen_from(camera, u, np.zeros_like(u))[:, 1].max()
+    y1 = _seen_from(camera, u, np.full_like(u, bottom))[:, 1].min()
+    fx, fy = float(right / (x1 - x0)), float(bottom / (y1 - y0))
+    return PinholeIntrinsics(
+        camera.width_px, camera.height_px, fx, fy, float(-x0 * fx), float(-y0 * fy)
+    )
+
+
+def rectified(
+    depth_m: NDArray[np.float32], rgb: NDArray[np.uint8] | None, camera: PinholeIntrinsics
+) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
+    """Return what `rectified_camera` sees: (H, W) depth and (H, W, 3) colour.
+
+    Depth is interpolated on one surface only (its inverse, which is linear on a plane); where
+    neighbours differ by more than `SAME_SURFACE`, or one is not finite, the nearest is taken.
+
+    Raises:
+        InvalidInputError: The camera distorts, and the images' sizes do not fit it.
+    """
+    if not any(camera.distortion):
+        return depth_m, rgb
+    size = (camera.height_px, camera.width_px)
+    for name, image in (("depth_m", depth_m), ("rgb", rgb)):
+        if image is not None and image.shape[:2] != size:
+            raise InvalidInputError(name, image.shape, f"an image of shape {size}")
+    rays = pixel_rays(rectified_camera(camera)).reshape(-1, 3)
+    v_u = project(rays, camera)[:, ::-1].T.reshape(2, *depth_m.shape)
+    with np.errstate(divide="ignore"):
+        inverse = 1 / depth_m.astype(np.float64)
+    least, most = _of_neighbours(inverse, v_u)
+    smooth = map_coordinates(inverse, v_u, order=1, mode="nearest")
+    nearest = map_coordinates(inverse, v_u, order=0, mode="nearest")
+    on_one = (least > 0) & (most <= least * (1 + SAME_SURFACE))
+    with np.errstate(divide="ignore"):
+        flat_m = (1 / np.where(on_one, smooth, nearest)).astype(np.float32)
+    if rgb is None:
+        return flat_m, None
+    channels = [
+        map_coordinates(rgb[..., i].astype(np.float32), v_u, order=1, mode="nearest")
+        for i in range(3)
+    ]
+    return flat_m, np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
+
+
+def _seen_from(camera: PinholeIntrinsics, u: FloatArray, v: FloatArray) -> FloatArray:
+    pixels = np.column_stack(((u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px))
+    return undistorted(pixels, camera.distortion)
+
+
+def _of_neighbours(image: FloatArray, v_u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the least and the greatest of the four pixels around each of (2, H, W) places."""
+    rows, columns = image.shape
+    v = np.clip(np.floor(v_u[0]).astype(np.intp), 0, rows - 1)
+    u = np.clip(np.floor(v_u[1]).astype(np.intp), 0, columns - 1)
+    below, beside = np.minimum(v + 1, rows - 1), np.minimum(u + 1, columns - 1)
+    four = np.stack((image[v, u], image[v, beside], image[below, u], image[below, beside]))
+    return four.min(axis=0), four.max(axis=0)

@@ -1,0 +1,78 @@
+"""Images of bent lenses made straight, against closed forms and against OpenCV."""
+
+import cv2
+import numpy as np
+import pytest
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import pixel_rays
+from oaisys_core.types import PinholeIntrinsics
+from oaisys_mapping.rectification import rectified, rectified_camera
+from oaisys_mapping.tsdf import TsdfVolume
+from oaisys_mapping.visibility import View
+
+BARREL = PinholeIntrinsics(160, 120, 130.0, 125.0, 82.0, 57.5, (-0.25, 0.06, 1e-3, -2e-3, 0.005))
+CUSHION = PinholeIntrinsics(160, 120, 130.0, 125.0, 82.0, 57.5, (0.15, 0.02, 1e-3, -2e-3, 0.0))
+NORMAL, OFFSET_M = np.array((0.3, -0.2, 1.0)), 8.0
+
+
+def plane_depth_m(camera: PinholeIntrinsics) -> np.ndarray:
+    """Planar depth of the plane ``NORMAL . p = OFFSET_M``, from the camera's frame."""
+    return (OFFSET_M / (pixel_rays(camera) @ NORMAL)).astype(np.float32)
+
+
+@pytest.mark.parametrize("camera", [BARREL, CUSHION], ids=["barrel", "cushion"])
+def test_a_straight_image_shows_nothing_that_the_lens_did_not_see(camera):
+    straight = rectified_camera(camera)
+
+    assert straight.distortion == ()
+    corners = pixel_rays(straight)[[0, 0, -1, -1, 60, 0], [0, -1, 0, -1, 0, 80]]
+    bent, _ = cv2.projectPoints(
+        corners, np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion)
+    )
+    assert (bent >= -1e-2).all()
+    assert (bent <= np.array((camera.width_px - 1, camera.height_px - 1)) + 1e-2).all()
+
+
+@pytest.mark.parametrize("camera", [BARREL, CUSHION], ids=["barrel", "cushion"])
+def test_a_plane_stays_a_plane(camera):
+    rays = pixel_rays(camera)
+    rgb = np.zeros((120, 160, 3), np.uint8)
+    rgb[..., 0] = np.rint(128 + 100 * rays[..., 0])
+
+    depth_m, straight_rgb = rectified(plane_depth_m(camera), rgb, camera)
+
+    straight = rectified_camera(camera)
+    np.testing.assert_allclose(depth_m, plane_depth_m(straight), rtol=2e-4)
+    red = 128 + 100 * pixel_rays(straight)[..., 0]
+    np.testing.assert_allclose(straight_rgb[..., 0], red, atol=1.1)
+
+
+def test_depth_is_never_mixed_between_surfaces_or_with_the_sky():
+    depth_m = np.full((120, 160), 5.0, np.float32)
+    depth_m[:, 50:] = 9.0
+    depth_m[:30] = np.inf
+
+    flat_m, _ = rectified(depth_m, None, BARREL)
+
+    assert set(np.unique(flat_m)) == {5.0, 9.0, np.inf}
+
+
+def test_volumes_and_views_refuse_a_lens_that_distorts():
+    depth_m = np.full((120, 160), 5.0, np.float32)
+    with pytest.raises(InvalidInputError, match="distortion"):
+        TsdfVolume().integrate(depth_m, None, BARREL, np.eye(4))
+    with pytest.raises(InvalidInputError, match="distortion"):
+        View(BARREL, np.eye(4))
+
+
+def test_images_of_another_size_are_refused():
+    with pytest.raises(InvalidInputError, match="depth_m"):
+        rectified(np.zeros((4, 5), np.float32), None, BARREL)
+
+
+def test_a_straight_lens_changes_nothing():
+    straight = rectified_camera(BARREL)
+    depth_m = plane_depth_m(straight)
+    assert rectified_camera(straight) is straight
+    assert rectified(depth_m, None, straight)[0] is depth_m
