@@ -70,7 +70,7 @@ def mud(size_px: int, rng: np.random.Generator) -> Surface:
     tone += 0.10 * np.clip(bed.above, 0, 1)
     color = tinted(tone, (0.118, 0.085, 0.056))
     color = blended(color, (0.068, 0.048, 0.031), 0.85 * wet)
-    color = blended(color, (0.060, 0.048, 0.034), 0.75 * water)
+    color = blended(color, (0.038, 0.031, 0.023), 0.85 * water)
     ripple = 0.00003 * fields.tile_noise(size_px, 20, rng, 2.2)
     height = np.where(above < 0, level + 0.04 * above + ripple, height)
     rough = 0.72 - 0.37 * wet + 0.03 * grain

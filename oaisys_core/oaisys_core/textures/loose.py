@@ -55,7 +55,7 @@ RIVER_STONES: tuple[Color, ...] = (
 )
 LUNAR_STONES: tuple[Color, ...] = (
     (0.42, 0.41, 0.40),
-    (0.48, 0.47, 0.45),
+    (0.46, 0.45, 0.435),
     (0.37, 0.36, 0.35),
 )
 
@@ -97,7 +97,7 @@ def sand(size_px: int, rng: np.random.Generator) -> Surface:
 
 def red_sand(size_px: int, rng: np.random.Generator) -> Surface:
     """Sand under the rust-coloured dust of Mars, with dusty pebbles."""
-    return _gritty_sand(size_px, rng, (0.60, 0.435, 0.315), RUSTY_STONES)
+    return _gritty_sand(size_px, rng, (0.59, 0.44, 0.33), RUSTY_STONES)
 
 
 def _gritty_sand(
@@ -156,8 +156,8 @@ def regolith(size_px: int, rng: np.random.Generator) -> Surface:
     lumps = fields.tile_noise(size_px, 4, rng, 1.9)
     crumbs = fields.tile_noise(size_px, 40, rng, 1.5)
     height = 0.0022 * lumps + 0.00035 * crumbs + 0.00015 * fields.grains(size_px, rng, 0.8)
-    height += _small_craters(size_px, rng, 420, (0.004, 0.05))
-    color = dusty(size_px, rng, (0.40, 0.39, 0.37), 0.05)
+    height += _small_craters(size_px, rng, 700, (0.004, 0.045))
+    color = dusty(size_px, rng, (0.40, 0.39, 0.375), 0.05, hue=0.004)
     color *= (1 + 0.025 * lumps + 0.03 * crumbs)[..., None]
     bed = Bed(height.astype(np.float32))
     patchy = np.clip(0.4 + 0.4 * fields.tile_noise(size_px, 3, rng), 0.08, 1)
@@ -173,7 +173,7 @@ def _small_craters(
     centres, radii = fields.spread(size_px, number, radius, 2.0, rng)
     fresh = rng.uniform(size=len(radii)) ** 2 * 0.9 + 0.1
     height = np.zeros((size_px, size_px), np.float32)
-    for (row, column), r, depth in zip(centres, radii, 0.28 * fresh * radii / size_px, strict=True):
+    for (row, column), r, depth in zip(centres, radii, 0.33 * fresh * radii / size_px, strict=True):
         reach = min(int(np.ceil(2.5 * r)), size_px // 2 - 1)
         offset = np.arange(-reach, reach + 1)
         rows, columns = int(row) + offset, int(column) + offset

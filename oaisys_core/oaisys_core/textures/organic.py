@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from oaisys_core.terrain.noise import Field, fractal
+from oaisys_core.terrain.noise import Field
 from oaisys_core.textures import fields, strokes
 from oaisys_core.textures.strokes import Profile, Ribbons, Thicket
 from oaisys_core.textures.surface import (
@@ -33,9 +33,9 @@ STRAW: tuple[Color, ...] = (
     (0.20, 0.15, 0.09),
 )
 MOSS: tuple[Color, ...] = (
-    (0.085, 0.110, 0.022),
-    (0.060, 0.085, 0.020),
-    (0.115, 0.135, 0.028),
+    (0.088, 0.106, 0.028),
+    (0.062, 0.082, 0.025),
+    (0.118, 0.130, 0.034),
     (0.100, 0.105, 0.030),
 )
 LEAVES: tuple[Color, ...] = (
@@ -127,7 +127,7 @@ def grass(size_px: int, rng: np.random.Generator) -> Surface:
         low=(0.0, 0.008),
         rise=(0.002, 0.014),
         arch=strokes.arc,
-        density=0.15 + 0.85 * tufts,
+        density=0.4 + 0.6 * tufts,
     )
     thicket.lay(lower)
     upper = _scattered(
@@ -168,18 +168,16 @@ def grass(size_px: int, rng: np.random.Generator) -> Surface:
 
 def moss(size_px: int, rng: np.random.Generator) -> Surface:
     """Cushions of moss: thousands of star-shaped shoots, older parts brown, over dark earth."""
-    x, y = fields.unit_grid(size_px, 5)
-    x, y = fields.warped(x, y, 5, rng, 0.12)
-    lumps = fractal(x, y, rng, octaves=3, kind="billow", period=5, gain=0.4)
-    cushion = smoothstep(0.0, 0.36, lumps)
+    cushions = fields.spread(size_px, 700, (0.02, 0.085), 1.6, rng)
+    cushion = np.sqrt(fields.domes(size_px, *cushions) / (0.05 * size_px))
+    cushion += 0.10 * fields.tile_noise(size_px, 8, rng, 1.9)
+    cushion = fields.blurred(cushion.astype(np.float32), size_px / 250)
     age = fields.tile_noise(size_px, 4, rng, 1.6)
-    cover = smoothstep(-1.9, -0.9, age + 0.8 * cushion) * (
-        0.25 + 0.75 * smoothstep(0, 0.3, cushion)
-    )
+    cover = smoothstep(-2.1, -1.2, age + 0.8 * cushion) * (0.3 + 0.7 * smoothstep(0, 0.5, cushion))
     thicket = Thicket(size_px, 0.08 * size_px)
     shoots = _shoots(size_px, rng, 60000, cover)
     row, column = shoots.root.astype(np.intp).T % size_px
-    base = (0.035 * cushion * size_px)[row, column]
+    base = (0.028 * np.maximum(cushion, 0) * size_px)[row, column]
     thicket.lay(shoots._replace(low=shoots.low + base))
     ids, along = thicket.ids, thicket.along
     shoot = np.maximum(ids, 0) // SHOOT_LEAVES
@@ -191,11 +189,11 @@ def moss(size_px: int, rng: np.random.Generator) -> Surface:
     earth = tinted(1 + 0.2 * fields.tile_noise(size_px, 40, rng, 1.3), (0.05, 0.038, 0.026))
     earth = blended(earth, (0.035, 0.042, 0.014), 0.8 * smoothstep(0.1, 0.5, cover))
     color = np.where((ids >= 0)[..., None], color, earth)
-    height = np.where(ids >= 0, thicket.height_px / size_px, 0.03 * cushion).astype(np.float32)
+    height = np.where(ids >= 0, thicket.height_px / size_px, 0.028 * cushion).astype(np.float32)
     color *= (0.5 + 0.5 * smoothstep(-0.004, 0.003, _over(height, 0.006)))[..., None]
     wide = fields.blurred(height, size_px / 200)
     relief = wide + 0.25 * (fields.blurred(height, 0.7) - wide)
-    return finished(color, relief, np.full_like(height, 0.9), albedo=0.085, shade=0.7)
+    return finished(color, relief, 0.92 - 0.12 * along, albedo=0.085, shade=0.7)
 
 
 SHOOT_LEAVES = 7
@@ -275,6 +273,6 @@ def _over(height: Field, width: float) -> Field:
 
 RECIPES: dict[str, Recipe] = {
     "grass": Recipe(grass, tile_m=1.8, version=1, albedo=(0.12, 0.25)),
-    "moss": Recipe(moss, tile_m=1.2, version=1, albedo=(0.05, 0.15)),
+    "moss": Recipe(moss, tile_m=1.4, version=1, albedo=(0.05, 0.15)),
     "leaf_litter": Recipe(leaf_litter, tile_m=1.6, version=1, albedo=(0.08, 0.2)),
 }

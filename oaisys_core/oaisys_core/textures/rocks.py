@@ -25,7 +25,7 @@ def rock(size_px: int, rng: np.random.Generator) -> Surface:
 
 def basalt(size_px: int, rng: np.random.Generator) -> Surface:
     """Dark grey rock with the bubbles of its lava, to lie on regolith."""
-    plain = _weathered(size_px, rng, (0.36, 0.355, 0.35))
+    plain = _weathered(size_px, rng, (0.36, 0.355, 0.348), staining=0.009)
     gassy = np.clip(0.3 + 0.5 * fields.tile_noise(size_px, 4, rng, 1.8), 0.02, 1)
     holes = fields.spread(size_px, 6500, (0.0014, 0.010), 2.4, rng, gassy)
     depth = fields.domes(size_px, *holes) / size_px
@@ -104,7 +104,9 @@ def lava(size_px: int, rng: np.random.Generator) -> Surface:
     return finished(color, height, 0.68 + 0.1 * low + 0.05 * wrinkle, albedo=0.068, shade=0.7)
 
 
-def _weathered(size_px: int, rng: np.random.Generator, tone: Color) -> Surface:
+def _weathered(
+    size_px: int, rng: np.random.Generator, tone: Color, staining: float = 0.025
+) -> Surface:
     """Return bare rock: faint layers, broken steps, pits, cracks, stains."""
     layers = fields.strata(size_px, 22, rng)
     mass = fields.tile_noise(size_px, 4, rng, 1.9)
@@ -120,7 +122,7 @@ def _weathered(size_px: int, rng: np.random.Generator, tone: Color) -> Surface:
     color = dusty(size_px, rng, tone, 0.05)
     color *= (1 + 0.05 * layers + 0.055 * rough + 0.16 * (steps - 0.6) - 0.3 * split)[..., None]
     stain = fields.tile_noise(size_px, 3, rng)[..., None]
-    color *= 1 + 0.025 * stain * np.array((1.0, 0.4, -0.3), np.float32)
+    color *= 1 + staining * stain * np.array((1.0, 0.4, -0.3), np.float32)
     color *= (1 - 0.18 * np.clip(pits, 0, 1))[..., None]
     return lit(color, height.astype(np.float32), rng, roughness=0.87)
 

@@ -100,13 +100,13 @@ def finished(
 
 
 def dusty(
-    size_px: int, rng: np.random.Generator, color: Color, variation: float
+    size_px: int, rng: np.random.Generator, color: Color, variation: float, hue: float = 0.012
 ) -> NDArray[np.float32]:
     """Return (N, N, 3) of one colour; brightness and, less so, hue vary finely and coarsely."""
     tone = 1 + variation * fields.grains(size_px, rng, 0.6)
     tone += 0.6 * variation * fields.tile_noise(size_px, 6, rng)
-    hue = 0.012 * fields.tile_noise(size_px, 2, rng)[..., None]
-    warm = 1 + hue * np.array((0.6, 0.0, -1.0), np.float32)
+    shift = hue * fields.tile_noise(size_px, 2, rng)[..., None]
+    warm = 1 + shift * np.array((0.6, 0.0, -1.0), np.float32)
     return np.asarray(tone[..., None] * warm * np.array(color, np.float32), np.float32)
 
 
