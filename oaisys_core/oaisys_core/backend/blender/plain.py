@@ -86,4 +86,5 @@ def _between_rings(rings: int, points: int) -> NDArray[np.int32]:
     index = np.arange(rings * points, dtype=np.int32).reshape(rings, points)
     a, b = index[:-1], index[1:]
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
-    return np.stack((a, b, b_next, a, b_next, a_next), axis=-1).reshape(-1, 3)
+    corners = np.stack((a, b, b_next, a, b_next, a_next), axis=-1).reshape(-1, 3)
+    return np.asarray(corners, dtype=np.int32)
