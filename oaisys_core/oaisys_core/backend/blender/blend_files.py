@@ -87,7 +87,7 @@ def _vertex_colors(mesh: Any) -> NDArray[np.uint8]:
         total = np.zeros((len(mesh.vertices), 3))
         np.add.at(total, vertex, values)
         values = total / np.maximum(np.bincount(vertex, minlength=len(total)), 1)[:, None]
-    return np.rint(np.clip(values, 0, 1) * 255).astype(np.uint8)
+    return np.asarray(np.rint(np.clip(values, 0, 1) * 255), np.uint8)
 
 
 def _principled(thing: Any) -> Any:
