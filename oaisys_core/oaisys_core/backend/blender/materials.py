@@ -29,7 +29,7 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     An object's colour holds its scale, so that a texel has one size on all rocks; its place
     shifts the texture, so that no two look alike.
     """
-    result = _new_material(maps.name)
+    result = new_material(maps.name)
     tree = NodeTree(node_tree_of(result))
     info = tree.add("ObjectInfo")
     position = tree.vector(
@@ -44,24 +44,23 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     bump = tree.add("Bump", {"Height": height, "Distance": ROCK_BUMP_M, "Strength": 1.0})
     least, range_ = ROCK_BRIGHTNESS
     brightness = tree.math("MULTIPLY_ADD", info.outputs["Random"], range_, least)
-    _finish(
-        tree,
-        tree.scaled(color, brightness),
-        float(maps.roughness.mean()) / 255,
-        bump.outputs["Normal"],
-    )
+    roughness = float(maps.roughness.mean()) / 255
+    color = tree.scaled(color, brightness)
+    show(tree, *diffuse(tree, color, roughness, bump.outputs[0]))
     return result
 
 
 def plain_material(color_srgb: tuple[float, float, float]) -> Any:
     """Return a dull material of one colour."""
-    result = _new_material("plain")
+    result = new_material("plain")
     red, green, blue = linear(color_srgb)
-    _finish(NodeTree(node_tree_of(result)), (red, green, blue, 1.0), 0.5, None)
+    tree = NodeTree(node_tree_of(result))
+    show(tree, *diffuse(tree, (red, green, blue, 1.0), 0.5, None))
     return result
 
 
-def _new_material(name: str) -> Any:
+def new_material(name: str) -> Any:
+    """Return a material without nodes of its own."""
     material = bpy.data.materials.new(name)
     without_light_sampling(material)
     return material
@@ -73,8 +72,10 @@ def _box(tree: NodeTree, image: Any, place: Socket) -> Any:
     )
 
 
-def _finish(tree: NodeTree, color: Any, roughness: Any, normal: Socket | None) -> None:
-    """Add a diffuse surface in hazy air, and the output.
+def diffuse(
+    tree: NodeTree, color: Any, roughness: Any, normal: Socket | None
+) -> tuple[Socket, Socket]:
+    """Return a diffuse surface in hazy air, and the radiance of that air.
 
     On dry ground, gloss costs noise and shows nothing.
     """
@@ -82,7 +83,11 @@ def _finish(tree: NodeTree, color: Any, roughness: Any, normal: Socket | None) -
     inputs: dict[str | int, Any] = {"Color": color, "Roughness": roughness}
     if normal is not None:
         inputs["Normal"] = normal
-    surface = tree.add("BsdfDiffuse", inputs).outputs[0]
+    return tree.add("BsdfDiffuse", inputs).outputs[0], veil
+
+
+def show(tree: NodeTree, surface: Socket, veil: Socket) -> None:
+    """Make a surface and the air before it a material's output."""
     air = tree.add("Emission", {"Color": veil}).outputs[0]
     both = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
     tree.add("OutputMaterial", {"Surface": both})

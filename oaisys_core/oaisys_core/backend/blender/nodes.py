@@ -64,3 +64,16 @@ class NodeTree:
         """Return a vector times a scalar."""
         node = self.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE")
         return node.outputs[0]
+
+    def clamped(self, operation: str, *operands: Any) -> Socket:
+        """Return the result of a scalar operation, clamped to 0 to 1."""
+        node = self.add("Math", dict(enumerate(operands)), operation=operation, use_clamp=True)
+        return node.outputs[0]
+
+    def combined(self, x: Any, y: Any, z: Any) -> Socket:
+        """Return a vector of three scalars."""
+        return self.add("CombineXYZ", {0: x, 1: y, 2: z}).outputs[0]
+
+    def mixed(self, factor: Any, first: Socket, second: Socket) -> Socket:
+        """Return a surface that goes from the first one at factor 0 to the second at 1."""
+        return self.add("MixShader", {0: factor, 1: first, 2: second}).outputs[0]

@@ -1,0 +1,213 @@
+"""The ground's material: layers weighted by their masks, each laid on as its tiling says."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.images import ImageStore, new_image
+from oaisys_core.backend.blender.materials import diffuse, new_material, show
+from oaisys_core.backend.blender.nodes import NodeTree, Socket
+from oaisys_core.backend.blender.tiling import Look, TilingNodes
+from oaisys_core.backend.shading import mean_color
+from oaisys_core.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
+
+CHANNELS = 4
+"""Masks that one image holds."""
+
+VARIATION_TILES = 7.3
+VARIATION_TURN_RAD = 0.65
+"""Size, in tiles of the first layer, and direction of the pattern that the ground's colour
+changes by: so that the two never repeat together."""
+
+STEEP_COS = (0.77, 0.57)
+"""Upward part of the normal (40 and 55 degrees) where sides begin to show, and where all is side.
+"""
+
+SIDE_BLEND = 2.5
+"""How quickly one side gives way to the next around a corner."""
+
+
+class Plane(NamedTuple):
+    """A plane that textures are projected onto.
+
+    Attributes:
+        place: Coordinates in it, in metres.
+        axes: Which axes of ``map`` its u and v run along; None: x and y.
+    """
+
+    place: Socket
+    axes: tuple[int, int] | None
+
+
+class Texel(NamedTuple):
+    """What a layer shows at a place."""
+
+    color: Socket
+    detail: Socket
+    roughness: Socket
+
+
+class GroundNodes:
+    """Makes the node tree of a terrain material."""
+
+    def __init__(self, tree: NodeTree, material: TerrainMaterial, images: ImageStore) -> None:
+        self._tree = tree
+        self._material = material
+        self._images = images
+        self._tilings = TilingNodes(tree)
+        # The ground lies in ``map``, so object coordinates are metres there.
+        self._position = tree.add("TexCoord").outputs["Object"]
+        self._normal = tree.add("NewGeometry").outputs["Normal"]
+        self._weights = _weights(tree, material, self._position)
+        self._variation = self._make_variation(material.layers[0].maps, material.variation)
+
+    def surface(self) -> tuple[Socket, Socket]:
+        """Return the ground's surface, and the radiance of the air before it."""
+        top, veil = self._diffuse(Plane(self._position, None))
+        if not self._material.projects_sides:
+            return top, veil
+        tree = self._tree
+        x, y, z = tree.add("SeparateXYZ", {0: self._position}).outputs
+        nx, ny, nz = (
+            tree.math("ABSOLUTE", part)
+            for part in tree.add("SeparateXYZ", {0: self._normal}).outputs
+        )
+        facing_x, _ = self._diffuse(Plane(tree.combined(y, z, 0.0), (1, 2)))
+        facing_y, _ = self._diffuse(Plane(tree.combined(x, z, 0.0), (0, 2)))
+        slope = 1 / (STEEP_COS[0] - STEEP_COS[1])
+        steep = tree.clamped("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
+        turn = tree.clamped("MULTIPLY_ADD", tree.math("SUBTRACT", nx, ny), SIDE_BLEND, 0.5)
+        # Cycles evaluates only that side of a mixture that shows: level ground costs no more.
+        return tree.mixed(steep, top, tree.mixed(turn, facing_y, facing_x)), veil
+
+    def _diffuse(self, plane: Plane) -> tuple[Socket, Socket]:
+        tree = self._tree
+        color: Socket = (0.0, 0.0, 0.0)
+        detail: Socket = (0.0, 0.0, 0.0)
+        roughness: Socket = 0.0
+        for layer, weight in zip(self._material.layers, self._weights, strict=True):
+            texel = self._texel(layer, plane)
+            color = tree.vector("MULTIPLY_ADD", texel.color, weight, color)
+            detail = tree.vector("MULTIPLY_ADD", texel.detail, weight, detail)
+            roughness = tree.math("MULTIPLY_ADD", texel.roughness, weight, roughness)
+        if self._variation is not None:
+            color = tree.vector("MULTIPLY", color, self._variation)
+        normal = tree.vector("ADD", self._normal, self._slope(detail, plane))
+        return diffuse(tree, color, roughness, tree.vector("NORMALIZE", normal))
+
+    def _slope(self, detail: Socket, plane: Plane) -> Socket:
+        """Return how far a coded normal of a plane leans, in ``map``."""
+        tree = self._tree
+        slope = tree.vector("MULTIPLY_ADD", detail, (2.0, 2.0, 0.0), (-1.0, -1.0, 0.0))
+        if plane.axes is None:
+            return slope
+        u, v, _ = tree.add("SeparateXYZ", {0: slope}).outputs
+        parts: list[Socket] = [0.0, 0.0, 0.0]
+        parts[plane.axes[0]], parts[plane.axes[1]] = u, v
+        return tree.combined(*parts)
+
+    def _texel(self, layer: TerrainLayer, plane: Plane) -> Texel:
+        tree, maps = self._tree, layer.maps
+        if layer.label_image is not None and plane.axes is not None:
+            # Its labels are a matter of what lies above, so its colours must be too.
+            plane = Plane(self._position, plane.axes)
+        place = tree.scaled(plane.place, 1.0 / maps.tile_m)
+        looks = self._tilings.looks(layer.tiling, place)
+        if len(looks) == 1:
+            return self._sample(maps, looks[0])
+        texels = [self._sample(maps, look) for look in looks]
+        weights = [look.weight for look in looks]
+        roughness: Socket = 0.0
+        for texel, weight in zip(texels, weights, strict=True):
+            roughness = tree.math("MULTIPLY_ADD", texel.roughness, weight, roughness)
+        gain = _contrast(tree, weights)
+        red, green, blue = mean_color(maps)
+        color = _mixture(tree, [t.color for t in texels], weights, gain, (red, green, blue))
+        x, y, z = maps.normal_gl.reshape(-1, 3).mean(axis=0) / 255
+        detail = _mixture(tree, [t.detail for t in texels], weights, gain, (x, y, z))
+        return Texel(tree.vector("MAXIMUM", color, (0.0, 0.0, 0.0)), detail, roughness)
+
+    def _sample(self, maps: PbrMaps, look: Look) -> Texel:
+        tree = self._tree
+        color = tree.add("TexImage", {"Vector": look.place}, image=self._images.color(maps))
+        image = self._images.normal_roughness(maps)
+        other = tree.add("TexImage", {"Vector": look.place}, image=image)
+        detail = other.outputs["Color"]
+        if look.angle is not None:
+            # The texture was turned one way under the place, so its slopes turn the other way.
+            inputs: dict[str | int, Any] = {
+                "Vector": detail,
+                "Center": (0.5, 0.5, 0.0),
+                "Angle": tree.math("MULTIPLY", look.angle, -1.0),
+            }
+            detail = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
+        return Texel(color.outputs["Color"], detail, other.outputs["Alpha"])
+
+    def _make_variation(self, maps: PbrMaps, variation: Variation) -> Socket | None:
+        """Return a slow change of colour around 1, which hides that textures repeat."""
+        if not (variation.brightness or variation.tint) or np.ptp(maps.height) == 0:
+            return None
+        tree = self._tree
+        inputs: dict[str | int, Any] = {"Vector": self._position, "Angle": VARIATION_TURN_RAD}
+        turned = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
+        size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
+        place = tree.scaled(turned, 1.0 / size_m)
+        texel = tree.add("TexImage", {"Vector": place}, image=self._images.height(maps))
+        ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
+        least = tuple((1 - ranges / 2).tolist())
+        return tree.vector("MULTIPLY_ADD", texel.outputs["Color"], tuple(ranges.tolist()), least)
+
+
+def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
+    """Return the material of the ground."""
+    result = new_material("ground")
+    tree = NodeTree(node_tree_of(result))
+    show(tree, *GroundNodes(tree, material, images).surface())
+    return result
+
+
+def _contrast(tree: NodeTree, weights: list[Socket]) -> Socket:
+    """Return the factor that gives a mixture the variance of its parts again."""
+    squares: Socket = 0.0
+    for weight in weights:
+        squares = tree.math("MULTIPLY_ADD", weight, weight, squares)
+    return tree.math("INVERSE_SQRT", squares)
+
+
+def _mixture(
+    tree: NodeTree,
+    parts: list[Socket],
+    weights: list[Socket],
+    gain: Socket,
+    mean: tuple[float, float, float],
+) -> Socket:
+    """Return the weighted sum of parts, its distance from their mean times a factor."""
+    total: Socket = tuple(-value for value in mean)
+    for part, weight in zip(parts, weights, strict=True):
+        total = tree.vector("MULTIPLY_ADD", part, weight, total)
+    return tree.vector("MULTIPLY_ADD", total, gain, mean)
+
+
+def _weights(tree: NodeTree, material: TerrainMaterial, position: Socket) -> list[Socket]:
+    """Return one socket per layer with its weight at ``position``."""
+    if len(material.layers) == 1:
+        return [1.0]
+    x0, y0, x1, y1 = material.extent_m
+    size_inverse = (1.0 / (x1 - x0), 1.0 / (y1 - y0), 0.0)
+    place = tree.vector(
+        "MULTIPLY_ADD", position, size_inverse, (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
+    )
+    sockets: list[Socket] = []
+    masks = material.masks
+    for first in range(0, len(masks), CHANNELS):
+        part = masks[first : first + CHANNELS]
+        pixels = np.zeros((*masks.shape[1:], CHANNELS), dtype=np.float32)
+        pixels[..., : len(part)] = np.moveaxis(part, 0, -1)
+        image = new_image(f"masks_{first}", pixels, is_float=True, is_color=False)
+        texel = tree.add("TexImage", {"Vector": place}, image=image, extension="MIRROR")
+        channels = tree.add("SeparateColor", {"Color": texel.outputs["Color"]})
+        sockets.extend([*channels.outputs, texel.outputs["Alpha"]][: len(part)])
+    return sockets
