@@ -40,7 +40,11 @@ STYLES = {
     "rounded": RockStyle(9, (0.72, 0.92), 0.10, ((0.75, 0.95), (0.55, 0.8)), 0.08, 0.005, 0.0),
     "slab": RockStyle(16, (0.66, 0.88), 0.022, ((0.6, 0.9), (0.22, 0.36)), 0.10, 0.007, 0.03),
     "boulder": RockStyle(16, (0.64, 0.9), 0.035, ((0.75, 0.95), (0.65, 0.9)), 0.16, 0.008, 0.02),
+    "pebble": RockStyle(5, (0.78, 0.95), 0.16, ((0.7, 0.95), (0.45, 0.75)), 0.06, 0.0, 0.0),
 }
+
+MOST_SUBDIVISIONS = {"pebble": 1}
+"""Kinds of which many thousands lie about, so that they must be simple."""
 
 ROCK_KINDS = frozenset(STYLES)
 
@@ -51,7 +55,7 @@ def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
     Args:
         kind: One of `ROCK_KINDS`.
         rng: Gives its shape.
-        subdivisions: Of the icosahedron: 20 * 4**n triangles.
+        subdivisions: Of the icosahedron: 20 * 4**n triangles; pebbles have 80 at most.
 
     Raises:
         InvalidInputError: There is no such kind.
@@ -59,7 +63,7 @@ def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
     if kind not in STYLES:
         raise InvalidInputError("kind", kind, f"one of {', '.join(sorted(ROCK_KINDS))}")
     style = STYLES[kind]
-    directions, triangles = icosphere(subdivisions)
+    directions, triangles = icosphere(min(subdivisions, MOST_SUBDIVISIONS.get(kind, subdivisions)))
     body = 1 + style.lumps * _waves(directions, rng, frequency=2.5, octaves=3)
     radius = _cut_radius(directions, body, style, rng)
     radius *= 1 + style.ledges * _layers(directions[:, 2] * radius, rng)

@@ -1,0 +1,156 @@
+"""Meshes put together from coloured parts: strips, tubes, boxes, cylinders and domes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from oaisys_core.scene import MeshPrototype
+from oaisys_core.types import FloatArray
+
+
+class Parts:
+    """Collects parts of a mesh; every part has vertices of its own, so that edges stay sharp."""
+
+    def __init__(self) -> None:
+        self._vertices: list[FloatArray] = []
+        self._triangles: list[NDArray[np.int32]] = []
+        self._colors: list[FloatArray] = []
+        self._count = 0
+
+    def add(self, vertices_m: ArrayLike, triangles: ArrayLike, color_srgb: ArrayLike) -> None:
+        """Add (V, 3) vertices, (T, 3) triangles, and one (3,) colour or (V, 3) of them, 0 to 1."""
+        vertices = np.asarray(vertices_m, dtype=np.float64)
+        self._vertices.append(vertices)
+        self._triangles.append(np.asarray(triangles, np.int32) + np.int32(self._count))
+        self._colors.append(np.broadcast_to(np.asarray(color_srgb, np.float64), vertices.shape))
+        self._count += len(vertices)
+
+    def strip(
+        self, left_m: FloatArray, right_m: FloatArray, colors: ArrayLike, *, pointed: bool = True
+    ) -> None:
+        """Add a leaf between two (K, 3) rims; colours are (3,) or (K, 3), from foot to tip.
+
+        Args:
+            pointed: Whether it ends in a point between the last two.
+        """
+        count = len(left_m)
+        colors = np.broadcast_to(np.asarray(colors, np.float64), (count, 3))
+        if pointed:
+            tip = (left_m[-1:] + right_m[-1:]) / 2
+            vertices = np.vstack((left_m[:-1], right_m[:-1], tip))
+            colors = np.vstack((colors[:-1], colors[:-1], colors[-1:]))
+            count -= 1
+        else:
+            vertices, colors = np.vstack((left_m, right_m)), np.vstack((colors, colors))
+        a = np.arange(count - 1)
+        b, c, d = a + count, a + count + 1, a + 1
+        triangles = np.vstack((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
+        if pointed:
+            last = [[count - 1, 2 * count - 1, 2 * count]]
+            triangles = np.vstack((triangles, last))
+        self.add(vertices, triangles, colors)
+
+    def tube(
+        self, points_m: ArrayLike, radii_m: ArrayLike, colors: ArrayLike, sides: int = 3
+    ) -> None:
+        """Add a round limb through (K, 3) points with (K,) radii, open at its ends."""
+        points = np.asarray(points_m, dtype=np.float64)
+        count = len(points)
+        radii = np.broadcast_to(np.asarray(radii_m, np.float64), count)
+        along = np.gradient(points, axis=0)
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
+        across = _across(along)
+        other = np.cross(along, across)
+        angle = np.arange(sides) * (2 * np.pi / sides)
+        ring = np.cos(angle)[:, None] * across[:, None] + np.sin(angle)[:, None] * other[:, None]
+        vertices = (points[:, None] + radii[:, None, None] * ring).reshape(-1, 3)
+        row, side = np.meshgrid(np.arange(count - 1), np.arange(sides), indexing="ij")
+        a = (row * sides + side).ravel()
+        b = (row * sides + (side + 1) % sides).ravel()
+        triangles = np.vstack(
+            (
+                np.column_stack((a, b, b + sides)),
+                np.column_stack((a, b + sides, a + sides)),
+            )
+        )
+        colors = np.broadcast_to(np.asarray(colors, np.float64), (count, 3))
+        self.add(vertices, triangles, np.repeat(colors, sides, axis=0))
+
+    def box(
+        self,
+        centre_m: ArrayLike,
+        size_m: ArrayLike,
+        color_srgb: ArrayLike,
+        R: ArrayLike | None = None,
+    ) -> None:
+        """Add a box with edges of (3,) lengths, turned by (3, 3) about its centre."""
+        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
+        faces = "0132 4675 0451 2376 0264 1573"
+        vertices = np.array([corners[int(i)] for face in faces.split() for i in face])
+        vertices = vertices * np.asarray(size_m, dtype=np.float64)
+        if R is not None:
+            vertices = vertices @ np.asarray(R, dtype=np.float64).T
+        corner = np.arange(24).reshape(6, 4)
+        triangles = np.vstack((corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]))
+        self.add(vertices + np.asarray(centre_m), triangles, color_srgb)
+
+    def rod(
+        self,
+        start_m: ArrayLike,
+        end_m: ArrayLike,
+        radius_m: float | tuple[float, float],
+        color_srgb: ArrayLike,
+        sides: int = 12,
+    ) -> None:
+        """Add a closed cylinder, or a cone cut off, between two points; sharp at its ends."""
+        start, end = np.asarray(start_m, np.float64), np.asarray(end_m, np.float64)
+        radii = (radius_m, radius_m) if isinstance(radius_m, int | float) else radius_m
+        along = (end - start) / np.linalg.norm(end - start)
+        across = _across(along[None])[0]
+        other = np.cross(along, across)
+        angle = np.arange(sides) * (2 * np.pi / sides)
+        ring = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * other
+        low, high = start + radii[0] * ring, end + radii[1] * ring
+        a = np.arange(sides)
+        b = (a + 1) % sides
+        side = np.vstack(
+            (np.column_stack((a, b, b + sides)), np.column_stack((a, b + sides, a + sides)))
+        )
+        self.add(np.vstack((low, high)), side, color_srgb)
+        fan = np.column_stack((np.zeros(sides - 2, int), a[1:-1], a[2:]))
+        self.add(low, fan[:, ::-1], color_srgb)
+        self.add(high, fan, color_srgb)
+
+    def mesh(self, name: str) -> MeshPrototype:
+        """Return what was put together, as it is."""
+        colors = np.clip(np.vstack(self._colors), 0, 1)
+        mean = colors.mean(axis=0)
+        return MeshPrototype(
+            name=name,
+            vertices_m=np.vstack(self._vertices).astype(np.float32),
+            triangles=np.vstack(self._triangles).astype(np.int32),
+            color_srgb=(float(mean[0]), float(mean[1]), float(mean[2])),
+            vertex_colors_srgb=np.rint(colors * 255).astype(np.uint8),
+        )
+
+    def mesh_of_size_1(self, name: str) -> MeshPrototype:
+        """Return what was put together with its longest axis 1 m, its foot's centre at (0, 0)."""
+        mesh = self.mesh(name)
+        vertices = mesh.vertices_m.astype(np.float64)
+        vertices /= np.ptp(vertices, axis=0).max()
+        return MeshPrototype(
+            name=name,
+            vertices_m=vertices.astype(np.float32),
+            triangles=mesh.triangles,
+            color_srgb=mesh.color_srgb,
+            vertex_colors_srgb=mesh.vertex_colors_srgb,
+        )
+
+
+def _across(along: FloatArray) -> FloatArray:
+    """Return (N, 3) unit vectors at right angles to (N, 3) unit vectors."""
+    steep = np.abs(along[:, 2:]) > 0.9
+    helper = np.where(steep, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    across = np.cross(helper, along)
+    return np.asarray(across / np.linalg.norm(across, axis=1, keepdims=True))

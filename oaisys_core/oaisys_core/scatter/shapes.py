@@ -1,0 +1,41 @@
+"""All built-in shapes by name."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.scatter.rocks import ROCK_KINDS, make_rock
+from oaisys_core.scatter.vegetation import PLANTS
+from oaisys_core.scatter.vehicles import VEHICLES
+from oaisys_core.scene import MeshPrototype
+
+SHAPES = ROCK_KINDS | PLANTS.keys() | VEHICLES.keys()
+
+ROCK_DETAIL = ((1.3, 4), (0.3, 3), (0.1, 2), (0.0, 1))
+"""Subdivisions of rocks by their largest size in metres."""
+
+
+def make_shape(
+    name: str, rng: np.random.Generator, largest_m: float = 1.0, detail: int | None = None
+) -> MeshPrototype:
+    """Return a built-in shape; rocks and plants are 1 m along their longest axis.
+
+    Args:
+        name: One of `SHAPES`.
+        rng: Gives its form.
+        largest_m: Size of the largest that is placed; large rocks have more triangles.
+        detail: Subdivisions of a rock; None: by ``largest_m``.
+
+    Raises:
+        InvalidInputError: There is no such shape.
+    """
+    if name in ROCK_KINDS:
+        if detail is None:
+            detail = next(n for least_m, n in ROCK_DETAIL if largest_m > least_m)
+        return make_rock(name, rng, detail)
+    if name in VEHICLES:
+        return VEHICLES[name]()
+    if name not in PLANTS:
+        raise InvalidInputError("shape", name, f"one of {', '.join(sorted(SHAPES))}")
+    return PLANTS[name](rng)
