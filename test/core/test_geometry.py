@@ -1,8 +1,12 @@
 """Frames and projections against closed forms and OpenCV."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from oaisys_core import geometry
@@ -105,3 +109,74 @@ def test_bad_poses_are_refused_by_field(position_m, quat_xyzw, field) -> None:
 def test_a_nearly_unit_quaternion_is_normalised() -> None:
     pose = geometry.checked_pose((0, 0, 0), (0, 0, 0, 1.0009))
     assert pose.quat_xyzw == (0, 0, 0, 1)
+
+
+LENSES = {
+    "barrel": (-0.28, 0.07, 1e-3, -2e-3, 0.01),
+    "cushion": (0.12, 0.03, -2e-3, 1e-3, 0.0),
+    "tangential": (0.0, 0.0, 5e-3, -4e-3, 0.0),
+}
+
+
+@pytest.mark.parametrize("distortion", LENSES.values(), ids=LENSES)
+def test_rays_of_bent_pixels_lead_back_to_them_in_opencv(distortion: tuple[float, ...]) -> None:
+    camera = PinholeIntrinsics(120, 90, 88.0, 94.0, 61.3, 40.2, distortion)
+    rays = geometry.pixel_rays(camera)
+    v, u = np.mgrid[:90, :120]
+    pixels = np.stack((u, v), axis=-1).reshape(-1, 2)
+
+    there, _ = cv2.projectPoints(
+        rays.reshape(-1, 3), np.zeros(3), np.zeros(3), camera.K, np.array(distortion)
+    )
+    assert np.abs(there[:, 0] - pixels).max() < 1e-9 * 88
+    assert np.allclose(geometry.project(rays.reshape(-1, 3), camera), there[:, 0], atol=1e-10)
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 500, 1e-13)
+    back = cv2.undistortPointsIter(
+        pixels[:, None].astype(np.float64), camera.K, np.array(distortion), None, None, criteria
+    )
+    assert np.abs(back[:, 0] - rays[..., :2].reshape(-1, 2)).max() < 1e-9
+
+
+def test_a_bent_depth_image_gives_points_on_its_rays() -> None:
+    camera = PinholeIntrinsics(40, 30, 30.0, 31.0, 19.0, 15.0, LENSES["barrel"])
+    depth_m = np.random.default_rng(1).uniform(1, 9, (30, 40)).astype(np.float32)
+    depth_m[3, 4] = np.inf
+    points_m = geometry.depth_to_points(depth_m, camera)
+    pixels = np.array([(0, 0), (39, 29), (20, 11)])
+    there_m = geometry.unproject(pixels, depth_m[pixels[:, 1], pixels[:, 0]], camera)
+    assert np.allclose(points_m[pixels[:, 1], pixels[:, 0]], there_m, rtol=1e-6)
+    assert np.allclose(geometry.project(there_m, camera), pixels, atol=1e-9)
+    assert not np.isfinite(points_m[3, 4]).any()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    k=st.tuples(*[st.floats(-0.4, 0.4)] * 3),
+    p=st.tuples(*[st.floats(-0.02, 0.02)] * 2),
+    focal_px=st.floats(40, 120),
+)
+def test_a_lens_is_either_refused_or_has_an_exact_inverse(
+    k: tuple[float, float, float], p: tuple[float, float], focal_px: float
+) -> None:
+    camera = PinholeIntrinsics(64, 48, focal_px, focal_px, 31.5, 23.5, (*k[:2], *p, k[2]))
+    rays = geometry.pixel_rays(camera)
+    if not geometry.is_invertible(camera):
+        return
+    there, _ = cv2.projectPoints(
+        rays.reshape(-1, 3), np.zeros(3), np.zeros(3), camera.K, np.array(camera.distortion)
+    )
+    v, u = np.mgrid[:48, :64]
+    assert np.abs(there[:, 0] - np.stack((u, v), axis=-1).reshape(-1, 2)).max() < 1e-9 * focal_px
+    # Neighbouring pixels see neighbouring directions, in the same order: nothing is folded over.
+    assert (np.diff(rays[..., 0], axis=1) > 0).all()
+    assert (np.diff(rays[..., 1], axis=0) > 0).all()
+
+
+def test_a_lens_whose_image_folds_is_known() -> None:
+    # r (1 - r**2 / 2) has its greatest value, 0.544, at r = 0.816: beyond it the image turns back.
+    focal_px = 50.5 / 0.5443
+    bent = (-0.5, 0.0, 0.0, 0.0, 0.0)
+    inside = PinholeIntrinsics(101, 1, 1.02 * focal_px, 100.0, 50.0, 0.0, bent)
+    outside = replace(inside, fx_px=0.98 * focal_px)
+    assert geometry.is_invertible(inside)
+    assert not geometry.is_invertible(outside)

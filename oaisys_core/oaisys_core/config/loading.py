@@ -14,7 +14,6 @@ from pydantic_core import ErrorDetails
 
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.paths import BASE
-from oaisys_core.config.sensors import SensorsConfig
 from oaisys_core.errors import ConfigError
 
 
@@ -65,20 +64,7 @@ def _checked(
     except ValidationError as error:
         faults = _root_causes(error.errors())
         raise ConfigError("\n".join(_fault(fault, source, root) for fault in faults)) from error
-    sensors = _with_absolute_motion(config.sensors, base)
-    return config.model_copy(update={"sensors": sensors})
-
-
-def _with_absolute_motion(sensors: SensorsConfig, base: Path) -> SensorsConfig:
-    motion = sensors.motion
-    if motion.kind != "csv":
-        return sensors
-    path = (base / motion.path.expanduser()).resolve()
-    if not path.is_file():
-        raise ConfigError(
-            f"sensors.motion.path: received {str(motion.path)!r}, expected an existing CSV file"
-        )
-    return sensors.model_copy(update={"motion": motion.model_copy(update={"path": path})})
+    return config
 
 
 def _root_causes(details: list[ErrorDetails]) -> list[ErrorDetails]:
