@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,7 +49,11 @@ class CameraHits:
 
 
 class RayCaster:
-    """Casts rays at a fixed set of triangle meshes."""
+    """Casts rays at a fixed set of triangle meshes.
+
+    Attributes:
+        low_m, high_m: (3,) corners of the box around them; infinite and reversed around nothing.
+    """
 
     def __init__(self, meshes: Sequence[TriangleMesh]) -> None:
         """Build the search structure over ``meshes``; ids that a mesh lacks count as 0."""
@@ -58,15 +62,16 @@ class RayCaster:
         self._semantic_ids = _ids([m.semantic_ids for m in meshes], counts, np.uint16)
         self._instance_ids = _ids([m.instance_ids for m in meshes], counts, np.uint32)
         self._embree: Any = None
+        self.low_m: FloatArray = np.full(3, np.inf)
+        self.high_m: FloatArray = np.full(3, -np.inf)
         if not meshes:
             return
         soup = merge_meshes([TriangleMesh(m.vertices_m, m.triangles) for m in meshes])
-        low, high = soup.vertices_m.min(axis=0), soup.vertices_m.max(axis=0)
-        self._origin_m: FloatArray = (low + high) / 2
-        self._top_m = float(high[2])
+        self.low_m, self.high_m = soup.vertices_m.min(axis=0), soup.vertices_m.max(axis=0)
+        self._origin_m: FloatArray = (self.low_m + self.high_m) / 2
         self._local_m = soup.vertices_m - self._origin_m
         self._triangles = soup.triangles
-        self._embree = _embree_scene(self._local_m, self._triangles)
+        self._embree = embree_scene(self._local_m, self._triangles)
 
     def cast(self, T_map_camera: FloatArray, intrinsics: PinholeIntrinsics) -> CameraHits:
         """Return what a camera with its optical frame at ``T_map_camera`` sees."""
@@ -85,14 +90,7 @@ class RayCaster:
 
     def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
         """Return the (N,) topmost heights at (N, 2) points, NaN where there is no triangle."""
-        xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
-        if self._embree is None:
-            return np.full(len(xy), np.nan)
-        above_m = self._top_m + 1.0
-        origins = np.column_stack((xy, np.full(len(xy), above_m)))
-        down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
-        distance_m, _ = self.intersect(origins, down)
-        return np.where(np.isfinite(distance_m), above_m - distance_m, np.nan)
+        return surface_height_m(self, xy_m)
 
     def intersect(
         self, origins_m: FloatArray, directions: FloatArray
@@ -133,9 +131,7 @@ class RayCaster:
 
     def normals_of(self, triangle_ids: NDArray[np.int64]) -> FloatArray:
         """Return the (N, 3) unit normals of (N,) triangle ids; 0 for triangles without area."""
-        _, normals = self._planes(triangle_ids)
-        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-        return np.asarray(normals / np.where(lengths > 0, lengths, 1.0))
+        return unit(self._planes(triangle_ids)[1])
 
     def _planes(self, triangle_ids: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
         """Return (N, 3) corners and (N, 3) normals of any length."""
@@ -161,7 +157,42 @@ class RayCaster:
         distances[hit] = np.where(trusted, to_plane, coarse)
 
 
-def _embree_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
+class Caster(Protocol):
+    """What rays can be cast at.
+
+    Attributes:
+        low_m, high_m: (3,) corners of the box around it; infinite and reversed around nothing.
+    """
+
+    low_m: FloatArray
+    high_m: FloatArray
+
+    def intersect(
+        self, origins_m: FloatArray, directions: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        """See `RayCaster.intersect`."""
+
+
+def surface_height_m(caster: Caster, xy_m: ArrayLike) -> FloatArray:
+    """Return the (N,) topmost heights at (N, 2) points, NaN where there is no triangle."""
+    xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
+    above_m = float(caster.high_m[2]) + 1.0
+    if not np.isfinite(above_m):
+        return np.full(len(xy), np.nan)
+    origins = np.column_stack((xy, np.full(len(xy), above_m)))
+    down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
+    distance_m, _ = caster.intersect(origins, down)
+    return np.where(np.isfinite(distance_m), above_m - distance_m, np.nan)
+
+
+def unit(vectors: FloatArray) -> FloatArray:
+    """Return (N, 3) vectors at length 1; those of no length stay so."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.asarray(vectors / np.where(lengths > 0, lengths, 1.0))
+
+
+def embree_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
+    """Return Embree's structure over (V, 3) vertices and (T, 3) triangles."""
     import open3d as o3d
 
     scene = o3d.t.geometry.RaycastingScene()

@@ -4,22 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 import oaisys_core
 from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
-from oaisys_core.backend.shading import Palette, shaded
+from oaisys_core.backend.flow import PoseMemory
+from oaisys_core.backend.passes import frame_of, frames_of
+from oaisys_core.backend.shading import Palette, encoded, shaded
 from oaisys_core.backend.solids import flat_ground
-from oaisys_core.backend.surface import (
-    Surface,
-    frame_of,
-    frames_of,
-    ground_mesh,
-    placed,
-)
+from oaisys_core.backend.surface import Surface, ground_mesh
 from oaisys_core.errors import NotReadyError
-from oaisys_core.scene import PlacedCamera, Scene, Sky
-from oaisys_core.types import RGB, FloatArray, Frame, Progress, TriangleMesh
+from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.types import ALBEDO, RGB, FloatArray, Frame, Progress, TriangleMesh
 
 
 class AnalyticBackend(Backend):
@@ -34,7 +28,7 @@ class AnalyticBackend(Backend):
     def __init__(self) -> None:
         self._surface: Surface | None = None
         self._palette: Palette | None = None
-        self._sky: Sky | None = None
+        self._memory = PoseMemory()
 
     @property
     def version(self) -> str:
@@ -44,18 +38,20 @@ class AnalyticBackend(Backend):
     def build(self, scene: Scene, progress: ProgressCallback) -> None:
         """Replace the world by ``scene``."""
         self.close()
-        progress(Progress("objects", 0.0))
-        objects = placed_objects(scene)
-        progress(Progress("ground", 0.3))
-        ground = None if flat_ground(scene.ground) else ground_mesh(scene)
-        surface = Surface(scene, ground, objects)
+        progress(Progress("ground", 0.0))
+        surface = Surface(scene, _ground(scene))
         progress(Progress("colours", 0.9))
         self._palette = Palette(scene)
-        self._surface, self._sky = surface, scene.sky
+        self._surface = surface
 
     def update(self, scene: Scene) -> None:
         """See `Backend.update`."""
-        self._sky = scene.sky
+        surface, palette = self._built()
+        if scene.ground is surface.scene.ground:
+            surface.update_objects(scene)
+        else:
+            surface.update(scene, _ground(scene))
+        palette.update(scene)
 
     def render(
         self,
@@ -64,16 +60,20 @@ class AnalyticBackend(Backend):
         progress: ProgressCallback,
     ) -> tuple[Frame, ...]:
         """See `Backend.render`."""
-        surface, palette, sky = self._built()
+        surface, palette = self._built()
+        sky = surface.scene.sky
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
             progress(Progress("rays", index / len(cameras)))
             view = surface.view(camera)
-            by_modality = frames_of(surface, view, camera, sky)
+            by_modality = frames_of(surface, view, camera, self._memory)
             if RGB in camera.modalities:
                 image = shaded(view, surface.normals(view), palette, sky, settings.exposure_ev)
                 by_modality[RGB] = frame_of(camera, RGB, image)
+            if ALBEDO in camera.modalities:
+                by_modality[ALBEDO] = frame_of(camera, ALBEDO, encoded(palette.albedo(view)))
             frames.extend(by_modality[modality] for modality in camera.modalities)
+        self._memory.remember(cameras, surface.scene)
         return tuple(frames)
 
     def ground_truth_mesh(self) -> TriangleMesh:
@@ -86,21 +86,14 @@ class AnalyticBackend(Backend):
 
     def close(self) -> None:
         """Drop the world."""
-        self._surface = self._palette = self._sky = None
+        self._surface = self._palette = None
+        self._memory.forget()
 
-    def _built(self) -> tuple[Surface, Palette, Sky]:
-        if self._surface is None or self._palette is None or self._sky is None:
+    def _built(self) -> tuple[Surface, Palette]:
+        if self._surface is None or self._palette is None:
             raise NotReadyError("the analytic backend has no scene: build one first")
-        return self._surface, self._palette, self._sky
+        return self._surface, self._palette
 
 
-def placed_objects(scene: Scene) -> list[TriangleMesh]:
-    """Return one mesh per placement, with the ids of its instances."""
-    meshes = []
-    for placement in scene.placements:
-        prototype = scene.prototypes[placement.prototype]
-        mesh = TriangleMesh(prototype.vertices_m.astype(np.float64), prototype.triangles)
-        meshes.append(
-            placed(mesh, placement.T_map_object, placement.semantic_ids, placement.instance_ids)
-        )
-    return meshes
+def _ground(scene: Scene) -> TriangleMesh | None:
+    return None if flat_ground(scene.ground) else ground_mesh(scene)

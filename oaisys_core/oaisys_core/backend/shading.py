@@ -2,43 +2,40 @@
 
 from __future__ import annotations
 
-from math import cos, pi, sin
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.backend.skylight import in_haze, sky_irradiance_w_m2, sky_radiance
 from oaisys_core.backend.surface import View
 from oaisys_core.color import encoded, linear
-from oaisys_core.scene import PbrMaps, Scene, Sky
+from oaisys_core.scene import MeshPrototype, PbrMaps, Scene, Sky
 from oaisys_core.types import FloatArray
 
-__all__ = ["Palette", "encoded", "linear", "mean_color", "shaded", "sky_color"]
-
-SKY_IRRADIANCE_W_M2 = 1.0
-"""Irradiance of the whole sky on level ground, at a sky strength of 1."""
-
-HORIZON_COLOR = np.array([0.55, 0.65, 0.75])
-ZENITH_COLOR = np.array([0.14, 0.28, 0.60])
-"""Linear colours that the sky's gradient runs between."""
+__all__ = ["Palette", "encoded", "linear", "mean_color", "shaded"]
 
 
 class Palette:
     """Linear colours of everything in a scene."""
 
     def __init__(self, scene: Scene) -> None:
+        self._means: dict[int, tuple[object, FloatArray]] = {}
+        self.update(scene)
+
+    def update(self, scene: Scene) -> None:
+        """Take over a changed scene; the means of textures are kept."""
         self._material = scene.material
-        self._layers = np.array([mean_color(layer.maps) for layer in scene.material.layers])
-        ids = [p.instance_ids for p in scene.placements]
-        ids.append(np.array([p.instance_id for p in scene.primitives], dtype=np.uint32))
-        colors = [np.empty((0, 3))]
+        self._layers = np.array([self._mean_of(layer.maps) for layer in scene.material.layers])
+        ids = [np.array([p.instance_id for p in scene.primitives], dtype=np.uint32)]
+        colors = [linear([p.color_srgb for p in scene.primitives]).reshape(-1, 3)]
         for placement in scene.placements:
-            prototype = scene.prototypes[placement.prototype]
-            color = mean_color(prototype.maps) if prototype.maps else linear(prototype.color_srgb)
-            colors.append(np.tile(color, (len(placement.instance_ids), 1)))
-        colors.extend(linear(p.color_srgb)[None] for p in scene.primitives)
-        order = np.argsort(np.concatenate(ids))
-        self._instance_ids = np.concatenate(ids)[order]
-        self._instance_colors = np.concatenate(colors)[order]
+            ids.append(placement.instance_ids)
+            color = self._mean_of(scene.prototypes[placement.prototype])
+            colors.append(np.broadcast_to(color, (len(placement.instance_ids), 3)))
+        all_ids = np.concatenate(ids)
+        self._of_instance = np.zeros((int(all_ids.max(initial=0)) + 1, 3))
+        self._of_instance[all_ids] = np.concatenate(colors)
 
     def albedo(self, view: View) -> FloatArray:
         """Return the (H, W, 3) linear reflectance of what a view sees, 0 for nothing."""
@@ -46,9 +43,14 @@ class Palette:
         ground_xy_m = view.points_m[view.is_ground][:, :2]
         albedo[view.is_ground] = self._material.weights_at(ground_xy_m) @ self._layers
         on_object = view.instance_ids > 0
-        rows = np.searchsorted(self._instance_ids, view.instance_ids[on_object])
-        albedo[on_object] = self._instance_colors[rows]
+        albedo[on_object] = self._of_instance[view.instance_ids[on_object]]
         return albedo
+
+    def _mean_of(self, thing: PbrMaps | MeshPrototype) -> FloatArray:
+        if id(thing) not in self._means:
+            color = mean_color(thing) if isinstance(thing, PbrMaps) else prototype_color(thing)
+            self._means[id(thing)] = (thing, color)
+        return self._means[id(thing)][1]
 
 
 def shaded(
@@ -59,31 +61,35 @@ def shaded(
     Radiance is albedo / π times the irradiance of sun and sky; the sky's share falls to half on
     a wall (a uniform hemisphere above level ground). White is a radiance of 1 at 0 EV.
     """
-    elevation, azimuth = sky.sun_elevation_rad, sky.sun_azimuth_rad
-    to_sun = np.array(
-        [cos(elevation) * cos(azimuth), cos(elevation) * sin(azimuth), sin(elevation)]
-    )
-    sun_w_m2 = sky.sun_strength_w_m2 * np.maximum(normals @ to_sun, 0.0) * (elevation > 0)
-    sky_w_m2 = SKY_IRRADIANCE_W_M2 * sky.sky_strength * (1 + normals[..., 2]) / 2
+    sun_w_m2 = sky.lamp_w_m2 * np.maximum(normals @ np.array(sky.to_sun), 0.0)
+    sky_w_m2 = sky_irradiance_w_m2(sky) * (1 + normals[..., 2]) / 2
     radiance = palette.albedo(view) * ((sun_w_m2 + sky_w_m2) / pi)[..., None]
     seen = view.is_hit
-    radiance[~seen] = sky.sky_strength * sky_color(view.directions[~seen])
+    if sky.haze is not None:
+        distance_m = view.depth_m[seen] * np.linalg.norm(view.directions[seen], axis=-1)
+        radiance[seen] = in_haze(radiance[seen], distance_m, sky.haze, sky)
+    radiance[~seen] = sky_radiance(sky, view.directions[~seen])
     return encoded(radiance * 2.0**exposure_ev)
 
 
-def sky_color(directions: FloatArray) -> FloatArray:
-    """Return the (N, 3) linear colour of the sky along (N, 3) directions in ``map``."""
-    up = directions[:, 2] / np.linalg.norm(directions, axis=1)
-    share = np.sqrt(np.maximum(up, 0.0))[:, None]
-    return np.asarray(HORIZON_COLOR * (1 - share) + ZENITH_COLOR * share)
+def prototype_color(prototype: MeshPrototype) -> FloatArray:
+    """Return the (3,) mean linear colour of a mesh, of whatever gives it one."""
+    if prototype.maps is not None:
+        return mean_color(prototype.maps)
+    if prototype.color_image_srgb is not None and prototype.uv is not None:
+        return _mean_of_bytes(prototype.color_image_srgb)
+    if prototype.vertex_colors_srgb is not None:
+        return _mean_of_bytes(prototype.vertex_colors_srgb)
+    return linear(prototype.color_srgb)
 
 
 def mean_color(maps: PbrMaps) -> FloatArray:
     """Return the (3,) mean linear colour of a texture."""
+    return _mean_of_bytes(maps.color_srgb)
+
+
+def _mean_of_bytes(srgb: NDArray[np.uint8]) -> FloatArray:
     levels = linear(np.arange(256) / 255)
-    return np.array(
-        [
-            np.bincount(maps.color_srgb[..., channel].ravel(), minlength=256) @ levels
-            for channel in range(3)
-        ]
-    ) / (maps.color_srgb.size / 3)
+    channels = srgb.reshape(-1, 3).T
+    counts = [np.bincount(channel, minlength=256) for channel in channels]
+    return np.array(counts) @ levels / len(srgb.reshape(-1, 3))

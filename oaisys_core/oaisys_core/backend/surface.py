@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.solids import Solid, flat_ground, solid_of, tessellated
+from oaisys_core.backend.instances import placed
+from oaisys_core.backend.objects import Objects
+from oaisys_core.backend.parts import Part, SolidPart, TrianglePart
+from oaisys_core.backend.solids import flat_ground, solid_of, tessellated
 from oaisys_core.geometry import pixel_rays
-from oaisys_core.raycast import NO_TRIANGLE, RayCaster
-from oaisys_core.scene import PlacedCamera, Scene, Sky, id_of_level, merge_meshes
-from oaisys_core.types import (
-    DEPTH,
-    INSTANCE,
-    RGB,
-    FloatArray,
-    Frame,
-    TriangleMesh,
-    semantic_level,
-)
+from oaisys_core.raycast import RayCaster
+from oaisys_core.scene import PlacedCamera, Scene, id_of_level, merge_meshes
+from oaisys_core.types import FloatArray, TriangleMesh
 
-NO_SOLID = -1
-"""Solid id of a pixel that sees none."""
+NO_PART = -1
+"""Part of a pixel that sees none."""
 
 
 @dataclass(frozen=True)
@@ -36,16 +29,16 @@ class View:
         depth_m: float64 planar z, ``+inf`` where nothing was hit.
         directions: float64 rays in ``map``, of planar length 1.
         points_m: float64 in ``map``; not finite where nothing was hit.
-        triangle_ids: int64, `NO_TRIANGLE` where a solid or nothing was hit.
-        solid_ids: int64, `NO_SOLID` where a triangle or nothing was hit.
+        parts: int64, which of the surface's parts was hit, `NO_PART` for none.
+        elements: int64, which element of that part was hit.
         instance_ids: uint32, 0 for ground and sky.
     """
 
     depth_m: FloatArray
     directions: FloatArray
     points_m: FloatArray
-    triangle_ids: NDArray[np.int64]
-    solid_ids: NDArray[np.int64]
+    parts: NDArray[np.int64]
+    elements: NDArray[np.int64]
     instance_ids: NDArray[np.uint32]
 
     @cached_property
@@ -60,48 +53,73 @@ class View:
 
 
 class Surface:
-    """The ground, the objects and the exact solids of a scene."""
+    """The ground, the objects and the exact solids of a scene, each rebuilt when it changes."""
 
-    def __init__(
-        self, scene: Scene, ground: TriangleMesh | None, objects: Sequence[TriangleMesh]
-    ) -> None:
-        """Take over a scene with its triangles.
+    def __init__(self, scene: Scene, ground: TriangleMesh | None) -> None:
+        """Take over a scene with its ground's triangles.
 
-        Args:
-            scene: Gives the labels, the solids and the height field.
-            ground: Its triangles; None takes the closed form of an exactly flat ground.
-            objects: Everything that was placed, with semantic and instance ids.
+        None takes the closed form of an exactly flat ground.
         """
-        self._scene = scene
-        self._ground = ground
-        self._objects = tuple(objects)
-        self._caster = RayCaster([*([ground] if ground else []), *objects])
-        self._solids: list[Solid] = [solid_of(primitive) for primitive in scene.primitives]
-        self._solid_instance = np.array([p.instance_id for p in scene.primitives], np.uint32)
+        self._objects = Objects(scene)
+        self.update(scene, ground)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that is seen."""
+        return self._scene
+
+    def update(self, scene: Scene, ground: TriangleMesh | None) -> None:
+        """Take over a changed scene, with new triangles of its ground (see `__init__`)."""
         flat = flat_ground(scene.ground) if ground is None else None
+        self._ground = ground
+        self._ground_part: Part
         if flat is not None:
-            self._solids.append(flat)
-            self._solid_instance = np.append(self._solid_instance, np.uint32(0))
+            self._ground_part = SolidPart(flat, 0, flat.height_m)
+        else:
+            self._ground = ground or ground_mesh(scene)
+            self._ground_part = TrianglePart(RayCaster([self._ground]))
+        self.update_objects(scene)
+
+    def update_objects(self, scene: Scene) -> None:
+        """Take over a scene whose ground is as before; its material may be another."""
+        self._scene = scene
+        self._objects.update(scene)
+        solids = [
+            SolidPart(
+                solid_of(p),
+                p.instance_id,
+                float(p.T_map_object[2, 3] + np.linalg.norm(p.size_m)),
+            )
+            for p in scene.primitives
+        ]
+        self._parts: list[Part] = [self._ground_part, *self._objects.parts, *solids]
 
     def view(self, camera: PlacedCamera) -> View:
         """Return what a camera sees."""
         origin_m = camera.T_map_camera[:3, 3]
         directions = pixel_rays(camera.intrinsics) @ camera.T_map_camera[:3, :3].T
-        depth_m, triangle_ids, solid_ids = self._nearest(origin_m, directions)
-        instance_ids = self._caster.instance_ids_of(triangle_ids)
-        on_solid = solid_ids != NO_SOLID
-        instance_ids[on_solid] = self._solid_instance[solid_ids[on_solid]]
+        shape = directions.shape[:-1]
+        depth_m = np.full(shape, np.inf)
+        parts = np.full(shape, NO_PART, dtype=np.int64)
+        elements = np.zeros(shape, dtype=np.int64)
+        instance_ids = np.zeros(shape, dtype=np.uint32)
+        for index, part in enumerate(self._parts):
+            part_depth_m, part_elements = part.nearest(origin_m, directions, depth_m)
+            nearer = part_depth_m < depth_m
+            depth_m[nearer], parts[nearer] = part_depth_m[nearer], index
+            elements[nearer] = part_elements[nearer]
+            instance_ids[nearer] = part.instance_ids(part_elements[nearer])
         with np.errstate(invalid="ignore"):
             points_m = origin_m + depth_m[..., None] * directions
-        return View(depth_m, directions, points_m, triangle_ids, solid_ids, instance_ids)
+        return View(depth_m, directions, points_m, parts, elements, instance_ids)
 
-    def semantic_ids(self, view: View, sky: Sky, level: int = 0) -> NDArray[np.uint16]:
+    def semantic_ids(self, view: View, level: int = 0) -> NDArray[np.uint16]:
         """Return the (H, W) labels of a view: on the ground those of the heaviest layers."""
         ids = self._semantic_of_instance(level)[view.instance_ids]
         ids[view.is_ground] = self._scene.material.semantic_ids_at(
             view.points_m[view.is_ground][:, :2], level
         )
-        ids[~view.is_hit] = sky.semantic_ids_at(view.directions[~view.is_hit], level)
+        ids[~view.is_hit] = self._scene.sky.semantic_ids_at(view.directions[~view.is_hit], level)
         return ids
 
     def _semantic_of_instance(self, level: int) -> NDArray[np.uint16]:
@@ -117,32 +135,21 @@ class Surface:
         return result
 
     def normals(self, view: View) -> FloatArray:
-        """Return the (H, W, 3) unit normals, turned towards the camera; 0 where nothing was hit."""
+        """Return the (H, W, 3) unit normals in ``map``, towards the camera; 0 for nothing."""
         normals = np.zeros_like(view.points_m)
-        on_triangle = view.triangle_ids != NO_TRIANGLE
-        if on_triangle.any():
-            normals[on_triangle] = self._caster.normals_of(view.triangle_ids[on_triangle])
-        for index, solid in enumerate(self._solids):
-            seen = view.solid_ids == index
+        for index, part in enumerate(self._parts):
+            seen = view.parts == index
             if seen.any():
-                normals[seen] = solid.normals_at(view.points_m[seen])
+                normals[seen] = part.normals(view.elements[seen], view.points_m[seen])
         away = (normals * view.directions).sum(axis=-1) > 0
         normals[away] *= -1
         return normals
 
     def height_m(self, xy_m: FloatArray) -> FloatArray:
         """Return the (N,) topmost heights at (N, 2) points, NaN off the ground and objects."""
-        ground_m = self._scene.ground.height_at(xy_m)
-        height_m = np.fmax(ground_m, self._caster.surface_height_m(xy_m))
-        above_m = 1.0 + max(
-            [float(self._scene.ground.vertices_m()[:, 2].max())]
-            + [p.T_map_object[2, 3] + np.linalg.norm(p.size_m) for p in self._scene.primitives]
-        )
-        origins = np.column_stack((xy_m, np.full(len(xy_m), above_m)))
-        down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
-        for solid in self._solids:
-            below_m = above_m - solid.intersect(origins, down)
-            height_m = np.where(np.isfinite(below_m), np.fmax(height_m, below_m), height_m)
+        height_m = self._scene.ground.height_at(xy_m)
+        for part in self._parts:
+            height_m = np.fmax(height_m, part.height_m(xy_m))
         return height_m
 
     def mesh(self) -> TriangleMesh:
@@ -158,68 +165,9 @@ class Surface:
             placed(tessellated(p), p.T_map_object[None], p.semantic_ids, np.array([p.instance_id]))
             for p in self._scene.primitives
         ]
-        return merge_meshes([labelled, *self._objects, *solids])
-
-    def _nearest(
-        self, origin_m: FloatArray, directions: FloatArray
-    ) -> tuple[FloatArray, NDArray[np.int64], NDArray[np.int64]]:
-        depth_m, triangle_ids = self._caster.intersect(origin_m, directions)
-        solid_ids = np.full(depth_m.shape, NO_SOLID, dtype=np.int64)
-        for index, solid in enumerate(self._solids):
-            solid_depth_m = solid.intersect(origin_m, directions)
-            nearer = solid_depth_m < depth_m
-            depth_m = np.where(nearer, solid_depth_m, depth_m)
-            solid_ids[nearer] = index
-        triangle_ids[solid_ids != NO_SOLID] = NO_TRIANGLE
-        return depth_m, triangle_ids, solid_ids
+        return merge_meshes([labelled, *self._objects.meshes(), *solids])
 
 
 def ground_mesh(scene: Scene) -> TriangleMesh:
     """Return the ground's triangles, without ids."""
     return TriangleMesh(scene.ground.vertices_m().astype(np.float64), scene.ground.triangles())
-
-
-def placed(
-    mesh: TriangleMesh,
-    T_map_object: FloatArray,
-    semantic_ids: Sequence[int],
-    instance_ids: NDArray[Any],
-) -> TriangleMesh:
-    """Return one mesh of (N,) instances of ``mesh``, each at its own (N, 4, 4) pose."""
-    count, vertices = len(T_map_object), len(mesh.vertices_m)
-    points = np.einsum("nij,vj->nvi", T_map_object[:, :3, :3], mesh.vertices_m)
-    points += T_map_object[:, None, :3, 3]
-    first = (np.arange(count, dtype=np.int32) * vertices)[:, None, None]
-    triangles = (mesh.triangles + first).reshape(-1, 3)
-    return TriangleMesh(
-        vertices_m=points.reshape(-1, 3),
-        triangles=triangles,
-        semantic_ids=np.full(len(triangles), id_of_level(semantic_ids, 0), dtype=np.uint16),
-        instance_ids=np.repeat(instance_ids.astype(np.uint32), len(mesh.triangles)),
-    )
-
-
-def geometry_frames(surface: Surface, camera: PlacedCamera, sky: Sky) -> dict[str, Frame]:
-    """Return the frames of depth and labels that a camera asks for, by modality."""
-    if set(camera.modalities) <= {RGB}:
-        return {}
-    return frames_of(surface, surface.view(camera), camera, sky)
-
-
-def frames_of(surface: Surface, view: View, camera: PlacedCamera, sky: Sky) -> dict[str, Frame]:
-    """Return, of one view, the frames of depth and labels that its camera asks for."""
-    images: dict[str, NDArray[Any]] = {}
-    if DEPTH in camera.modalities:
-        images[DEPTH] = view.depth_m.astype(np.float32)
-    for modality in camera.modalities:
-        level = semantic_level(modality)
-        if level is not None:
-            images[modality] = surface.semantic_ids(view, sky, level)
-    if INSTANCE in camera.modalities:
-        images[INSTANCE] = view.instance_ids
-    return {name: frame_of(camera, name, image) for name, image in images.items()}
-
-
-def frame_of(camera: PlacedCamera, modality: str, image: NDArray[Any]) -> Frame:
-    """Return an image as the frame of a camera."""
-    return Frame(camera.name, modality, image, camera.intrinsics, camera.T_map_camera)

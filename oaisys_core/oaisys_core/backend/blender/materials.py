@@ -9,6 +9,7 @@ import bpy
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.haze import through_haze, without_light_sampling
 from oaisys_core.backend.blender.images import ImageStore
+from oaisys_core.backend.blender.instances import SIZE
 from oaisys_core.backend.blender.nodes import NodeTree, Socket
 from oaisys_core.backend.shading import linear
 from oaisys_core.scene import PbrMaps
@@ -26,8 +27,8 @@ ROCK_BRIGHTNESS = (0.85, 0.3)
 def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     """Return a material that projects a texture from three sides.
 
-    An object's colour holds its scale, so that a texel has one size on all rocks; its place
-    shifts the texture, so that no two look alike.
+    A texel has one size on rocks of all sizes; their places shift the texture, so that no two
+    look alike.
     """
     result = new_material(maps.name)
     tree = NodeTree(node_tree_of(result))
@@ -35,7 +36,7 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     position = tree.vector(
         "MULTIPLY_ADD",
         tree.add("TexCoord").outputs["Object"],
-        info.outputs["Color"],
+        tree.add("Attribute", attribute_type="INSTANCER", attribute_name=SIZE).outputs["Fac"],
         info.outputs["Location"],
     )
     place = tree.scaled(position, 1.0 / maps.tile_m)

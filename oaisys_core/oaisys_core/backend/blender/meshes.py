@@ -48,10 +48,3 @@ def evaluated_mesh(thing: Any) -> TriangleMesh:
     corners = np.empty(len(mesh.loop_triangles) * 3, dtype=np.int32)
     mesh.loop_triangles.foreach_get("vertices", corners)
     return TriangleMesh(vertices.reshape(-1, 3).astype(np.float64), corners.reshape(-1, 3))
-
-
-def evaluated_poses(things: list[Any]) -> FloatArray:
-    """Return the (N, 4, 4) poses of objects, as the renderer gets them."""
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    poses = [thing.evaluated_get(depsgraph).matrix_world for thing in things]
-    return np.array(poses, dtype=np.float64).reshape(-1, 4, 4)

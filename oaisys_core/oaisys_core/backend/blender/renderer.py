@@ -11,7 +11,9 @@ from oaisys_core.backend.blender.camera import new_camera, place, set_intrinsics
 from oaisys_core.backend.blender.cycles import Cycles
 from oaisys_core.backend.blender.lights import Lights
 from oaisys_core.backend.blender.world import World
-from oaisys_core.backend.surface import Surface, frame_of, geometry_frames
+from oaisys_core.backend.flow import PoseMemory
+from oaisys_core.backend.passes import frame_of, geometry_frames
+from oaisys_core.backend.surface import Surface
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import PlacedCamera, Scene, Sky
 from oaisys_core.types import RGB, FloatArray, Frame, Progress, TriangleMesh
@@ -35,7 +37,7 @@ class BlenderBackend(Backend):
         self._lights = Lights()
         self._camera = new_camera()
         self._surface: Surface | None = None
-        self._sky: Sky | None = None
+        self._memory = PoseMemory()
 
     @property
     def version(self) -> str:
@@ -51,15 +53,20 @@ class BlenderBackend(Backend):
         self._world.build_ground(scene)
         progress(Progress("objects", 0.5))
         self._world.build_objects(scene)
-        self.update(scene)
+        self._set_sky(scene.sky)
         progress(Progress("surface", 0.7))
-        self._surface = Surface(scene, self._world.ground_mesh(), self._world.object_meshes())
+        self._memory.forget()
+        self._surface = Surface(scene, self._world.ground_mesh())
 
     def update(self, scene: Scene) -> None:
         """See `Backend.update`."""
-        self._sky = scene.sky
-        self._lights.set(scene.sky)
-        self._world.show_plain(scene.sky.has_plain and scene.sky.hdri is None)
+        surface = self._built()
+        is_new_ground = self._world.update(scene)
+        self._set_sky(scene.sky)
+        if is_new_ground:
+            surface.update(scene, self._world.ground_mesh())
+        else:
+            surface.update_objects(scene)
 
     def render(
         self,
@@ -68,27 +75,28 @@ class BlenderBackend(Backend):
         progress: ProgressCallback,
     ) -> tuple[Frame, ...]:
         """See `Backend.render`."""
-        surface, sky = self._built()
+        surface = self._built()
         self._cycles.set(settings)
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
             progress(Progress("geometry", index / len(cameras)))
-            by_modality = geometry_frames(surface, camera, sky)
+            by_modality = geometry_frames(surface, camera, self._memory)
             if RGB in camera.modalities:
                 progress(Progress("color", (index + 0.2) / len(cameras)))
                 place(self._camera, camera.T_map_camera)
                 set_intrinsics(self._camera, camera.intrinsics)
                 by_modality[RGB] = frame_of(camera, RGB, self._cycles.render())
             frames.extend(by_modality[modality] for modality in camera.modalities)
+        self._memory.remember(cameras, surface.scene)
         return tuple(frames)
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return ground, objects and tessellated solids with ids per triangle."""
-        return self._built()[0].mesh()
+        return self._built().mesh()
 
     def surface_height_m(self, xy_m: FloatArray) -> FloatArray:
         """See `Backend.surface_height_m`."""
-        return self._built()[0].height_m(xy_m)
+        return self._built().height_m(xy_m)
 
     def close(self) -> None:
         """Empty Blender."""
@@ -96,7 +104,11 @@ class BlenderBackend(Backend):
         self._cycles.close()
         bpy.ops.wm.read_factory_settings(use_empty=True)
 
-    def _built(self) -> tuple[Surface, Sky]:
-        if self._surface is None or self._sky is None:
+    def _set_sky(self, sky: Sky) -> None:
+        self._lights.set(sky)
+        self._world.show_plain(sky.has_plain and sky.hdri is None)
+
+    def _built(self) -> Surface:
+        if self._surface is None:
             raise NotReadyError("Blender has no scene: build one first")
-        return self._surface, self._sky
+        return self._surface

@@ -1,0 +1,83 @@
+"""Many instances of one mesh as a single object of Blender, by geometry nodes.
+
+Each vertex of the object's mesh is an instance; its rotation and size are attributes. Depth and
+labels come from rays, so Cycles need not tell the instances apart.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from oaisys_core.types import FloatArray
+
+SIZE = "size"
+"""Attribute of an instance, and property of an object, that holds its scale; for materials."""
+
+ROTATION = "turned"
+"""Attribute that holds an instance's quaternion."""
+
+NODES = "instances"
+"""Name of the node group."""
+
+
+class InstancedMesh:
+    """One mesh at many poses."""
+
+    def __init__(self, name: str, mesh: Any, T_map_object: FloatArray) -> None:
+        """Show a Blender mesh at (N, 4, 4) poses, which may scale."""
+        # Not in the scene itself: only its instances are seen.
+        self._original = bpy.data.objects.new(f"{name}_original", mesh)
+        points = bpy.data.meshes.new(f"{name}_points")
+        points.vertices.add(len(T_map_object))
+        points.attributes.new(ROTATION, "QUATERNION", "POINT")
+        points.attributes.new(SIZE, "FLOAT", "POINT")
+        self._points = points
+        self.thing = bpy.data.objects.new(name, points)
+        self._nodes = _node_group(self._original)
+        modifier = self.thing.modifiers.new(NODES, "NODES")
+        modifier.node_group = self._nodes
+        bpy.context.scene.collection.objects.link(self.thing)
+        self.place(T_map_object)
+
+    def place(self, T_map_object: FloatArray) -> None:
+        """Move the instances to (N, 4, 4) poses."""
+        size = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
+        rotation = Rotation.from_matrix(T_map_object[:, :3, :3] / size[:, None, None])
+        wxyz = rotation.as_quat(canonical=True)[:, (3, 0, 1, 2)]
+        points: Any = self._points
+        positions = np.ascontiguousarray(T_map_object[:, :3, 3], dtype=np.float32)
+        points.vertices.foreach_set("co", positions.ravel())
+        attributes = points.attributes
+        attributes[ROTATION].data.foreach_set("value", wxyz.astype(np.float32).ravel())
+        attributes[SIZE].data.foreach_set("value", size.astype(np.float32))
+        points.update()
+        self.thing.update_tag()
+
+    def remove(self) -> None:
+        """Take it out of Blender; the mesh stays."""
+        bpy.data.batch_remove([self.thing, self._original, self._points, self._nodes])
+
+
+def _node_group(original: Any) -> Any:
+    """Return nodes that put an object's mesh on each vertex they are given."""
+    group = bpy.data.node_groups.new(NODES, "GeometryNodeTree")
+    for way in ("INPUT", "OUTPUT"):
+        group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+    nodes, links = group.nodes, group.links
+    start, end = nodes.new("NodeGroupInput"), nodes.new("NodeGroupOutput")
+    put: Any = nodes.new("GeometryNodeInstanceOnPoints")
+    info: Any = nodes.new("GeometryNodeObjectInfo")
+    info.inputs["Object"].default_value = original
+    links.new(start.outputs[0], put.inputs["Points"])
+    links.new(info.outputs["Geometry"], put.inputs["Instance"])
+    for name, kind, socket in ((ROTATION, "QUATERNION", "Rotation"), (SIZE, "FLOAT", "Scale")):
+        attribute: Any = nodes.new("GeometryNodeInputNamedAttribute")
+        attribute.data_type = kind
+        attribute.inputs["Name"].default_value = name
+        links.new(attribute.outputs["Attribute"], put.inputs[socket])
+    links.new(put.outputs[0], end.inputs[0])
+    return group

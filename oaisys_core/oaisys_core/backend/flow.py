@@ -1,0 +1,101 @@
+"""Optical flow from geometry: where in the picture of the sample before each point was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.backend.surface import View
+from oaisys_core.geometry import invert, project
+from oaisys_core.scene import PlacedCamera, Placement, Primitive, Scene
+from oaisys_core.types import FloatArray
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What stood where when a camera last rendered."""
+
+    placements: tuple[Placement, ...]
+    primitives: tuple[Primitive, ...]
+
+
+class PoseMemory:
+    """The objects' poses at each camera's previous sample of the batch."""
+
+    def __init__(self) -> None:
+        self._seen: dict[str, Seen] = {}
+
+    def forget(self) -> None:
+        """Begin a batch."""
+        self._seen.clear()
+
+    def remember(self, cameras: Sequence[PlacedCamera], scene: Scene) -> None:
+        """Keep what stands now as what these cameras saw last."""
+        seen = Seen(scene.placements, scene.primitives)
+        self._seen.update({camera.name: seen for camera in cameras})
+
+    def flow(self, view: View, camera: PlacedCamera, scene: Scene) -> NDArray[np.float32]:
+        """Return the (H, W, 2) flow, see `modality_spec`.
+
+        What is infinitely far away moves by the camera's turning alone. An object that was not
+        there before has none; neither has a moving one after a restart, which forgets its poses.
+        """
+        if camera.T_map_previous is None:
+            return np.full((*view.depth_m.shape, 2), np.nan, np.float32)
+        earlier_m = np.where(view.is_hit[..., None], view.points_m, 0.0)
+        self._move_back(earlier_m, view.instance_ids, self._seen.get(camera.name), scene)
+        T_previous_map = invert(camera.T_map_previous)
+        then = earlier_m @ T_previous_map[:3, :3].T + T_previous_map[:3, 3]
+        then[~view.is_hit] = view.directions[~view.is_hit] @ T_previous_map[:3, :3].T
+        then[~(then[..., 2] > 0)] = np.nan
+        height, width = view.depth_m.shape
+        now = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
+        pixels = project(then.reshape(-1, 3), camera.intrinsics).reshape(height, width, 2)
+        return np.asarray(now - pixels, np.float32)
+
+    @staticmethod
+    def _move_back(
+        points_m: FloatArray, instance_ids: NDArray[np.uint32], before: Seen | None, now: Scene
+    ) -> None:
+        """Replace points on what moved by where they were; NaN where that is not known."""
+        placements, primitives = _changed(now, before)
+        if not placements and not primitives:
+            return
+        visible = np.unique(instance_ids)
+        poses_now = _poses(placements, primitives, visible)
+        poses_before = _poses(before.placements, before.primitives, visible) if before else {}
+        for instance_id, T_map_object in poses_now.items():
+            pixels = instance_ids == instance_id
+            if instance_id not in poses_before:
+                points_m[pixels] = np.nan
+                continue
+            T = poses_before[instance_id] @ np.linalg.inv(T_map_object)
+            points_m[pixels] = points_m[pixels] @ T[:3, :3].T + T[:3, 3]
+
+
+def _changed(
+    now: Scene, before: Seen | None
+) -> tuple[tuple[Placement, ...], tuple[Primitive, ...]]:
+    """Return what is not as it was; with nothing known, what is meant to move."""
+    if before is None:
+        return tuple(p for p in now.placements if p.is_moving), ()
+    kept = {id(part) for part in (*before.placements, *before.primitives)}
+    return (
+        tuple(p for p in now.placements if id(p) not in kept),
+        tuple(p for p in now.primitives if id(p) not in kept),
+    )
+
+
+def _poses(
+    placements: Sequence[Placement], primitives: Sequence[Primitive], ids: NDArray[np.uint32]
+) -> dict[int, FloatArray]:
+    """Return T_map_object by id, of those that are among ``ids``."""
+    poses = {p.instance_id: p.T_map_object for p in primitives if p.instance_id in ids}
+    for placement in placements:
+        rows = np.flatnonzero(np.isin(placement.instance_ids, ids))
+        of_rows = placement.instance_ids[rows].tolist()
+        poses.update(zip(of_rows, placement.T_map_object[rows], strict=True))
+    return poses

@@ -1,0 +1,68 @@
+"""The objects of a scene as rays meet them: those that stay and those that move, apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from oaisys_core.backend.instances import (
+    MERGED_TRIANGLES,
+    InstanceCaster,
+    LocalCasters,
+    Standing,
+)
+from oaisys_core.backend.parts import InstancePart, Part, TrianglePart
+from oaisys_core.raycast import RayCaster
+from oaisys_core.scene import Scene
+from oaisys_core.types import TriangleMesh
+
+
+class Objects:
+    """Placements, in two groups, so that what moves does not cost a new structure over all.
+
+    A placement that was replaced or removed since the batch began is held to move from then on.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._casters = LocalCasters()
+        standing = _standing(scene)
+        self._still = [each for each in standing if not each.placement.is_moving]
+        self._still_parts = self._parts_of(self._still)
+        self._others: list[Standing] = []
+        self._other_parts: list[Part] = []
+        self.update(scene)
+
+    @property
+    def parts(self) -> list[Part]:
+        """Everything that rays can meet."""
+        return [*self._still_parts, *self._other_parts]
+
+    def update(self, scene: Scene) -> None:
+        """Take over the placements of a scene; those that are the same objects cost nothing."""
+        standing = _standing(scene)
+        still = [each for each in self._still if any(each.is_same(now) for now in standing)]
+        if len(still) < len(self._still):
+            self._still = still
+            self._still_parts = self._parts_of(still)
+        others = [each for each in standing if not any(each.is_same(kept) for kept in still)]
+        unchanged = len(others) == len(self._others) and all(
+            now.is_same(before) for now, before in zip(others, self._others, strict=True)
+        )
+        if not unchanged:
+            self._others = others
+            self._other_parts = [InstancePart(InstanceCaster(others, self._casters))]
+        self._casters.keep_only(scene.prototypes)
+
+    def meshes(self) -> list[TriangleMesh]:
+        """Return the triangles of all placements, with ids."""
+        return [each.mesh() for each in (*self._still, *self._others)]
+
+    def _parts_of(self, standing: Sequence[Standing]) -> list[Part]:
+        if not standing:
+            return []
+        if sum(each.triangle_count for each in standing) <= MERGED_TRIANGLES:
+            return [TrianglePart(RayCaster([each.mesh() for each in standing]))]
+        return [InstancePart(InstanceCaster(standing, self._casters))]
+
+
+def _standing(scene: Scene) -> list[Standing]:
+    return [Standing(scene.prototypes[p.prototype], p) for p in scene.placements]
