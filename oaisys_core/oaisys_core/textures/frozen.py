@@ -31,18 +31,13 @@ def snow(size_px: int, rng: np.random.Generator) -> Surface:
 
 def ice(size_px: int, rng: np.random.Generator) -> Surface:
     """Clear lake ice: dark, with healed fractures, flocks of bubbles and a trace of snow."""
-    milk = smoothstep(-1.5, 3.5, fields.tile_noise(size_px, 3, rng, 2.6))
+    milk = smoothstep(-2.5, 5.0, fields.tile_noise(size_px, 3, rng, 2.2))
     fine = fields.tile_noise(size_px, 40, rng, 1.6)
     color = tinted(1 + 0.04 * fine, (0.112, 0.160, 0.171))
     color = blended(color, (0.31, 0.37, 0.378), milk)
     white = np.zeros((size_px, size_px), np.float32)
     split = np.zeros((size_px, size_px), np.float32)
-    for count, depth, strength in (
-        (2, 0.10, 0.8),
-        (4, 0.05, 0.7),
-        (7, 0.03, 0.5),
-        (14, 0.012, 0.35),
-    ):
+    for count, depth, strength in ((4, 0.055, 0.65), (7, 0.03, 0.5), (14, 0.012, 0.35)):
         sheet, line = _fractures(size_px, count, depth, rng)
         white = np.maximum(white, strength * sheet)
         split = np.maximum(split, line * (0.2 + strength))
@@ -59,7 +54,7 @@ def ice(size_px: int, rng: np.random.Generator) -> Surface:
     color = blended(color, (0.80, 0.82, 0.84), 0.55 * film)
     height = 0.0007 * scour - 0.0006 * split + 0.00004 * fine + 0.0001 * film
     rough = 0.08 + 0.06 * milk + 0.3 * split + 0.6 * film + 0.01 * fine
-    return finished(color, height, np.clip(rough, 0.04, 0.9), albedo=0.24, shade=0.1)
+    return finished(color, height, np.clip(rough, 0.04, 0.9), albedo=0.23, shade=0.1)
 
 
 def _fractures(
@@ -82,5 +77,5 @@ def _fractures(
 
 RECIPES: dict[str, Recipe] = {
     "snow": Recipe(snow, tile_m=4.0, version=1, albedo=(0.72, 0.88)),
-    "ice": Recipe(ice, tile_m=3.0, version=1, albedo=(0.15, 0.35)),
+    "ice": Recipe(ice, tile_m=3.6, version=1, albedo=(0.15, 0.35)),
 }

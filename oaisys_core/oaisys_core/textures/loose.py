@@ -97,7 +97,7 @@ def sand(size_px: int, rng: np.random.Generator) -> Surface:
 
 def red_sand(size_px: int, rng: np.random.Generator) -> Surface:
     """Sand under the rust-coloured dust of Mars, with dusty pebbles."""
-    return _gritty_sand(size_px, rng, (0.59, 0.44, 0.33), RUSTY_STONES)
+    return _gritty_sand(size_px, rng, (0.575, 0.445, 0.345), RUSTY_STONES)
 
 
 def _gritty_sand(

@@ -60,13 +60,8 @@ def blade(t: NDArray[np.float32]) -> NDArray[np.float32]:
 
 def leaf(t: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the outline of a broad leaf: a stalk, a belly, a tip."""
-    belly = np.sin(np.pi * np.clip((t - 0.1) / 0.9, 0, 1) ** 0.8) ** 0.9
-    return np.asarray(np.maximum(belly, 0.05), np.float32)
-
-
-def disc(t: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the outline of a circle, for ribbons as long as wide."""
-    return np.asarray(np.sqrt(np.maximum(1 - (2 * t - 1) ** 2, 0)), np.float32)
+    belly = np.sin(np.pi * np.clip((t - 0.1) / 0.9, 0, 1) ** 0.8)
+    return np.asarray(np.maximum(belly, 0.0) ** 0.9 + 0.05 * (t < 0.12), np.float32)
 
 
 def arc(t: NDArray[np.float32]) -> NDArray[np.float32]:
