@@ -30,7 +30,7 @@ class SkyImages:
     """Loads sky images; the last few stay, so that an image shown again is the same object."""
 
     def __init__(self) -> None:
-        self._kept: OrderedDict[Any, SkyImage] = OrderedDict()
+        self._kept: OrderedDict[tuple[str, tuple[int, ...]], SkyImage] = OrderedDict()
 
     def load(self, config: HdriImageConfig, other_ids: tuple[int, ...]) -> SkyImage:
         """Return an image with its labels.
@@ -42,7 +42,7 @@ class SkyImages:
         Raises:
             InvalidInputError: A file cannot be read or has another layout.
         """
-        key = (config.file, config.labels_from, other_ids)
+        key = (config.model_dump_json(include={"file", "labels_from"}), other_ids)
         if key not in self._kept:
             maps = _label_maps(config.labels_from, other_ids)
             radiance = read_radiance(config.file)
