@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format clean
+.PHONY: help setup demo test lint format schema clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -39,6 +39,10 @@ lint: setup ## Check style, formatting and types
 format: setup ## Rewrite the code in the project's format
 	@$(IN_ENV) ruff check --fix .
 	@$(IN_ENV) ruff format .
+
+schema: setup ## Write the configuration's schema and reference page anew from the code
+	@$(IN_ENV) oaisys config schema --out config/schema.json
+	@$(IN_ENV) oaisys config reference --out docs/configuration.md
 
 clean: ## Remove the virtual environment and everything generated
 	@rm -rf '$(VENV)' '$(VENV).lock' oaisys_grpc/oaisys_grpc/pb out

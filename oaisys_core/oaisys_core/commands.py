@@ -11,6 +11,9 @@ from rich.console import Console
 from rich.progress import Progress as ProgressBar
 
 from oaisys_core.config import SimulationConfig, adjusted, config_sha256, load_config
+from oaisys_core.config.reference import reference_text
+from oaisys_core.config.schema import schema_text
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.output import SampleWriter, read_poses
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose, Sample
@@ -49,6 +52,32 @@ def show(
     loaded = load_config(config) if config else SimulationConfig()
     shown = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
     typer.echo(json.dumps(shown.model_dump(mode="json"), indent=2))
+
+
+@config_app.command("schema")
+def schema(
+    out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
+) -> None:
+    """Write the JSON Schema of configuration files, which editors and other programs understand."""
+    _write_or_print(schema_text(), out)
+
+
+@config_app.command("reference")
+def reference(
+    out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
+) -> None:
+    """Write the page that lists every key with its type, range, default and meaning."""
+    _write_or_print(reference_text(), out)
+
+
+def _write_or_print(text: str, out: Path | None) -> None:
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InvalidInputError("out", str(out), f"a file that can be written ({error})") from error
 
 
 def render(

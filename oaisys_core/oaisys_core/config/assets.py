@@ -5,9 +5,9 @@ Lengths are metres, angles degrees (a person types them).
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from oaisys_core.config.groups import GroupConfig
 from oaisys_core.config.objects import MoverConfig, ObjectConfig, unit_quaternion
@@ -55,13 +55,26 @@ class RockGroupConfig(Labelled):
         return value
 
 
+def _radius_too(schema: dict[str, Any]) -> None:
+    """Tell in the schema that a sphere may be given by its radius."""
+    schema["properties"]["radius_m"] = {"exclusiveMinimum": 0, "type": "number"} | {
+        "description": "Radius of a sphere, in place of `size_m`."
+    }
+    schema["required"].remove("size_m")
+    schema["anyOf"] = [{"required": ["size_m"]}, {"required": ["radius_m"]}]
+
+
 class PrimitiveConfig(Labelled):
     """An exact sphere or box, for calibration.
 
     Attributes:
-        size_m: Radius (thrice, or once) of a sphere, edge lengths of a box.
+        shape: What it is.
+        size_m: Radius (thrice, or once as ``radius_m``) of a sphere, edge lengths of a box.
         position_m, quat_xyzw: Pose of its centre in ``map``.
+        color_srgb: Its plain colour.
     """
+
+    model_config = ConfigDict(json_schema_extra=_radius_too)
 
     shape: Literal["sphere", "box"]
     size_m: Vector3

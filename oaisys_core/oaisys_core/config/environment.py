@@ -153,8 +153,10 @@ class EnvironmentConfig(Section):
     """Sun, sky and air.
 
     Attributes:
+        sun_elevation_deg: Of the sun's centre above the horizon.
         sun_azimuth_deg: From +x (east) towards +y (north).
         sun_strength_w_m2: Irradiance on a surface facing it, in Blender's scene units.
+        sun_angular_diameter_deg: Of the sun; the larger, the softer are the shadows' edges.
         sun_disc: Brightness of the sun's disc in the picture, 1 is true to its strength; 0: none.
         sun_from_time: Places the sun by date, time and place instead.
         sky: How the sky looks.

@@ -32,6 +32,7 @@ class GroupConfig(ShapedConfig):
         size_m: (smallest, largest) longest axis.
         size_distribution: ``power_law`` (the number above size D goes as D**-size_exponent),
             ``uniform``, or ``normal`` (cut off at the range's ends).
+        size_exponent: Of the power law.
         size_mean_m, size_std_m: Of the normal distribution; None: the range's middle, and a
             quarter of its width.
         spacing: Least distance of two of them, in units of their mean size.

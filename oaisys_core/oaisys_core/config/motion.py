@@ -62,6 +62,7 @@ class AnglesConfig(Section):
     Attributes:
         look: Where its x axis points before it is turned: along ``map``'s +x, or straight down
             with the image's upper edge towards +x.
+        roll_deg, pitch_deg, yaw_deg: Turns about ``map``'s x, y and z axis, in this order.
     """
 
     look: Look = "forward"

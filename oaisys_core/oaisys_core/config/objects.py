@@ -74,7 +74,11 @@ class StandingConfig(ShapedConfig):
 
 
 class ObjectConfig(StandingConfig):
-    """Something at a fixed place, with a name that is its own."""
+    """Something at a fixed place.
+
+    Attributes:
+        name: Key of its metadata, and of its shape's random stream.
+    """
 
     name: Name
 
@@ -115,6 +119,8 @@ class MoverConfig(ShapedConfig):
     """Something that moves from sample to sample, its x axis forward.
 
     Attributes:
+        name: Key of its metadata, and of its shape's random stream.
+        trajectory: Where it is at each sample.
         on_ground: Whether its height and tilt follow the ground under it; else a waypoint's z and
             a CSV row's orientation hold.
         scale: Factor on its own size, which is in metres.

@@ -46,17 +46,23 @@ class Section(BaseModel):
 
 
 class LabelConfig(Section):
-    """A name and the id that stands for it; an id has one name in the whole configuration."""
+    """A name and the id that stands for it; an id has one name in the whole configuration.
+
+    Attributes:
+        label: The name.
+        semantic_id: The id; 0 is the unlabelled one.
+    """
 
     label: str
     semantic_id: SemanticId
 
 
 class Labelled(Section):
-    """Base of everything that carries labels.
+    """Labels of one thing on all levels.
 
     Attributes:
-        label, semantic_id: Of level 0.
+        label: Name on level 0.
+        semantic_id: Id on level 0.
         levels: Labels of the levels from 1 on; levels that it does not reach are unlabelled (0).
     """
 

@@ -79,7 +79,10 @@ class CameraConfig(OpticsConfig):
     """A camera on the rig.
 
     Attributes:
+        name: Of the sensor, its folder, and its topics.
+        width_px, height_px: Size of its images.
         mount_position_m, mount_quat_xyzw: Pose of the camera's link (x forward) in ``base_link``.
+        modalities: What it renders.
         step_interval: It renders every so many samples.
         step_offset: Samples before its first.
         modality_intervals: It renders these modalities only every so many samples, out of those

@@ -1,0 +1,92 @@
+"""What each key means, taken from the ``Attributes:`` blocks of the sections' docstrings."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+
+ENTRY = re.compile(r"(?P<names>[A-Za-z_]\w*(?:, [A-Za-z_]\w*)*): (?P<text>\S.*)")
+CODE = re.compile(r"``([^`]+)``")
+
+
+def summary(model: type[BaseModel]) -> str:
+    """Return what a section is: its docstring up to the first heading, as one line."""
+    return _plain(" ".join(_docstring(model).partition("Attributes:")[0].split()))
+
+
+def descriptions(model: type[BaseModel]) -> dict[str, str]:
+    """Return the description of each field that has one.
+
+    A field's own class comes first, then those that it derives from, then what a section says of
+    itself. A field whose value never varies only tells sections apart.
+    """
+    written: dict[str, str] = {}
+    for kind in reversed(model.__mro__):
+        if issubclass(kind, BaseModel):
+            written.update(_attributes(_docstring(kind)))
+    found = {}
+    for name, field in model.model_fields.items():
+        if name in written:
+            found[name] = written[name]
+        elif get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1:
+            found[name] = f"Tells it from others: {_lower(summary(model))}"
+        else:
+            sections = list(models_in(field.annotation))
+            if len(sections) == 1:
+                found[name] = summary(sections[0])
+    return found
+
+
+def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Yield the sections that a type names directly, at any depth of tuples and unions."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for part in get_args(annotation):
+        if part is not Ellipsis:
+            yield from models_in(part)
+
+
+def all_models(root: type[BaseModel]) -> dict[str, type[BaseModel]]:
+    """Return a section and all that it reaches, by class name, in the order of its fields."""
+    found: dict[str, type[BaseModel]] = {root.__name__: root}
+    for field in root.model_fields.values():
+        for model in models_in(field.annotation):
+            if model.__name__ not in found:
+                found.update({k: v for k, v in all_models(model).items() if k not in found})
+    return found
+
+
+def _docstring(model: type[BaseModel]) -> str:
+    """Return a class's own docstring; `inspect.getdoc` would take that of a base."""
+    return inspect.cleandoc(model.__dict__.get("__doc__") or "")
+
+
+def _attributes(docstring: str) -> dict[str, str]:
+    """Return description by name; several names may share one."""
+    found: dict[str, str] = {}
+    names: list[str] = []
+    for line in docstring.partition("Attributes:\n")[2].splitlines():
+        text = line.strip()
+        depth = len(line) - len(line.lstrip())
+        if text and depth == 0:
+            break
+        entry = ENTRY.fullmatch(text) if depth <= 4 else None
+        if entry is not None:
+            names = entry["names"].split(", ")
+            found.update(dict.fromkeys(names, entry["text"]))
+        elif text:
+            found.update({name: f"{found[name]} {text}" for name in names})
+    return {name: _plain(text) for name, text in found.items()}
+
+
+def _plain(text: str) -> str:
+    """Return a docstring's text with its code marked as Markdown marks it."""
+    return CODE.sub(r"`\1`", text)
+
+
+def _lower(text: str) -> str:
+    return text[:1].lower() + text[1:]

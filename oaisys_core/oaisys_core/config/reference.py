@@ -1,0 +1,139 @@
+"""The configuration's reference page, written from its schema."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from oaisys_core.config.descriptions import all_models
+from oaisys_core.config.model import SimulationConfig
+from oaisys_core.config.schema import config_schema
+
+HEAD = """# Configuration
+
+Every key of the YAML file that `--config` takes, written by `make schema` from the code that checks
+it. All keys have defaults but those marked *required*; unknown keys are refused.
+`oaisys config check FILE` validates a file, `oaisys config show` prints all keys with their values,
+and `config/schema.json` tells an editor the same as this page.
+
+Lengths are metres, angles degrees, pixels are counted in OpenCV's convention (their centres at
+integers). A *range* is `[least, most]`, or one number for both: the value is drawn from it.
+"""
+MOST_PLACES = 5
+"""Places of a section that are listed."""
+
+Schema = Mapping[str, Any]
+
+
+def reference_text() -> str:
+    """Return the page as the file ``docs/configuration.md`` holds it."""
+    schema = config_schema()
+    places = _places(schema)
+    sections = [
+        _section(schema if name == SimulationConfig.__name__ else schema["$defs"][name], at)
+        for name in all_models(SimulationConfig)
+        if (at := places.get(name, []))
+    ]
+    return "\n".join([HEAD, *sections])
+
+
+def _places(schema: Schema) -> dict[str, list[str]]:
+    """Return the dotted paths at which each section stands; ``[]`` is any entry of a list."""
+    found: dict[str, list[str]] = {SimulationConfig.__name__: [""]}
+
+    def walk(node: Schema, at: str) -> None:
+        for key, value in node.get("properties", {}).items():
+            for name, suffix in _references(value):
+                path = f"{at}.{key}{suffix}".removeprefix(".")
+                found.setdefault(name, []).append(path)
+                walk(schema["$defs"][name], path)
+
+    walk(schema, "")
+    return found
+
+
+def _references(node: Schema) -> Iterator[tuple[str, str]]:
+    """Yield the sections that a key's value may hold, and how they are reached from the key."""
+    if "$ref" in node:
+        yield node["$ref"].rpartition("/")[2], ""
+    for option in (*node.get("anyOf", ()), *node.get("oneOf", ())):
+        yield from _references(option)
+    for key, suffix in (("items", "[]"), ("additionalProperties", ".*")):
+        if isinstance(node.get(key), Mapping):
+            yield from ((name, suffix + rest) for name, rest in _references(node[key]))
+
+
+def _section(node: Schema, places: list[str]) -> str:
+    title = f"`{places[0]}`" if places[0] else "The file"
+    kind = node.get("properties", {}).get("kind", {}).get("const")
+    lines = [f"## {title}" + (f", `kind: {kind}`" if kind else ""), "", node["description"]]
+    if len(places) > 1:
+        others = [f"`{place}`" for place in places[1:MOST_PLACES]]
+        more = len(places) - 1 - len(others)
+        if more:
+            others.append(f"{more} other places")
+        lines += ["", f"The same keys at {', '.join(others)}."]
+    lines += ["", "| Key | Value | Default | Meaning |", "|---|---|---|---|"]
+    required = node.get("required", ())
+    for key, value in node.get("properties", {}).items():
+        default = "*required*" if key in required else _default(value)
+        cells = (f"`{key}`", _value(value), default, value.get("description", ""))
+        lines.append("| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |")
+    return "\n".join(lines) + "\n"
+
+
+def _default(node: Schema) -> str:
+    if "default" not in node:
+        return ""
+    text = json.dumps(node["default"], ensure_ascii=False)
+    return f"`{text}`" if len(text) <= 60 else "see `oaisys config show`"
+
+
+def _value(node: Schema) -> str:
+    """Return in words what a key takes."""
+    if "const" in node:
+        return f"`{node['const']}`"
+    if "enum" in node:
+        return ", ".join(f"`{value}`" for value in node["enum"])
+    options = [*node.get("anyOf", ()), *node.get("oneOf", ())]
+    if len(options) > 1 and options[0].get("type") == "number" and _is_pair(options[1]):
+        words = [f"range{_limits(options[0])}", *(_value(option) for option in options[2:])]
+        return " or ".join(words)
+    if options:
+        return " or ".join(dict.fromkeys(_value(option) for option in options))
+    if "$ref" in node:
+        return "section"
+    return _typed(node)
+
+
+def _typed(node: Schema) -> str:
+    kind = node.get("type", "any")
+    if kind == "array":
+        if "prefixItems" in node:
+            items = [_value(item) for item in node["prefixItems"]]
+            same = len(set(items)) == 1
+            return f"{len(items)} times {items[0]}" if same else f"[{', '.join(items)}]"
+        return f"list of {_value(node['items'])}" if "items" in node else "list"
+    if kind == "object":
+        inner = node.get("additionalProperties")
+        return f"mapping to {_value(inner)}" if isinstance(inner, Mapping) else "mapping"
+    if kind == "string":
+        return {"path": "path", "date-time": "date and time"}.get(node.get("format", ""), "text")
+    return f"{kind}{_limits(node)}"
+
+
+def _is_pair(node: Schema) -> bool:
+    return node.get("type") == "array" and node.get("minItems") == node.get("maxItems") == 2
+
+
+def _limits(node: Schema) -> str:
+    if "minimum" in node and "maximum" in node:
+        return f" from {_number(node['minimum'])} to {_number(node['maximum'])}"
+    signs = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+    limits = [f"{sign} {_number(node[key])}" for key, sign in signs.items() if key in node]
+    return f" {', '.join(limits)}" if limits else ""
+
+
+def _number(value: float) -> str:
+    return f"{value:g}" if abs(value) < 1e6 else str(value)
