@@ -1,44 +1,31 @@
-"""Things that stand on the ground: scattered rocks and calibration solids."""
+"""Things that stand on the ground: rocks, groups, objects, movers and calibration solids."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Annotated
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
-from oaisys_core import geometry
-from oaisys_core.config.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
-from oaisys_core.config.section import Section
+from oaisys_core.config.assets import AssetsConfig
+from oaisys_core.config.groups import MOST_INSTANCES
+from oaisys_core.config.objects import ShapedConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
-from oaisys_core.modules.overrides import overridden
-from oaisys_core.scatter.placement import scatter_on
-from oaisys_core.scatter.rocks import ROCK_KINDS, make_rock
-from oaisys_core.scene import Ground, MeshPrototype, PbrMaps, Placement, Primitive
-from oaisys_core.textures import default_cache_dir, texture_set
-from oaisys_core.types import FloatArray, Pose
-
-LARGE_ROCK_M = 1.3
-"""Rocks that may become larger than this have four times as many triangles."""
-
-
-class AssetMetadata(Section):
-    """What a caller can set for a batch.
-
-    Attributes:
-        count_factor: Factor on the number of rocks of every group.
-    """
-
-    count_factor: Annotated[float, Field(ge=0, le=100)] = 1.0
+from oaisys_core.modules.asset_drawing import Drawing, IdPlan
+from oaisys_core.modules.asset_edits import EditedAssets, check_labels
+from oaisys_core.modules.asset_metadata import PART, AssetMetadata, asset_metadata
+from oaisys_core.modules.looks import Looks
+from oaisys_core.scatter.ids import added_id
+from oaisys_core.scatter.rocks import ROCK_KINDS
+from oaisys_core.types import merged
 
 
 class AssetsModule(Module):
-    """Scatters rocks over the ground, anew for each batch."""
+    """Puts things on the ground anew for each batch; samples may move, hide and add some."""
 
     name = "assets"
-    metadata_part = "asset"
+    metadata_part = PART
 
     def __init__(self, config: AssetsConfig, texture_size_px: int, texture_seed: int) -> None:
         for index, group in enumerate(config.rocks):
@@ -48,95 +35,101 @@ class AssetsModule(Module):
                     f"assets.rocks.{index}.kind: received {group.kind!r}, expected one of {known}"
                 )
         self._config = config
-        self._texture = (texture_size_px, texture_seed)
-        self._rock_maps: PbrMaps | None = None
+        self._plan = IdPlan(config)
+        self._looks = Looks(config.rock_texture, config.rock_tile_m, texture_size_px, texture_seed)
+        try:
+            for field, thing in self._shaped():
+                self._looks.check(thing, field)
+        except InvalidInputError as error:
+            raise ConfigError(str(error)) from error
+        self._metadata: Mapping[str, Any] = {}
+        self._edited: EditedAssets | None = None
 
     def setup(self) -> None:
         """Load or make the rocks' texture set."""
         if self._config.rocks:
-            maps = texture_set(self._config.rock_texture, *self._texture, default_cache_dir())
-            self._rock_maps = replace(maps, tile_m=self._config.rock_tile_m)
+            self._looks.rock_maps()
 
     def check(self, metadata: Metadata) -> None:
-        """Refuse unknown keys and values out of range."""
-        overridden(AssetMetadata(), metadata, self.metadata_part)
+        """Refuse unknown keys, values out of range, and ids that no batch has."""
+        checked = asset_metadata({}, metadata)
+        self._check_groups(checked)
+        self._check_added(checked)
+        labels = {k: v for thing in self._config.labelled for k, v in thing.labels.items()}
+        check_labels(checked, labels)
+        for key in checked.objects:
+            if not self._plan.knows(int(key)):
+                path = f"metadata.{PART}.objects.{key}"
+                raise InvalidInputError(path, key, "an instance id of this configuration")
 
     def check_sample(self, metadata: Metadata) -> None:
-        """Refuse everything: what stands on the ground is drawn once a batch."""
-        if metadata:
-            raise InvalidInputError("metadata.asset", dict(metadata), "none at a sample step")
+        """Refuse unknown keys, values out of range, ids that this batch has not, and numbers."""
+        if not metadata:
+            return
+        _refuse_counts(metadata)
+        checked = asset_metadata(self._metadata, metadata)
+        self._check_groups(checked)
+        self._check_added(checked)
+        drawn(self._edited).check(checked)
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Replace all objects of the world."""
-        ground = drawn(world.ground)
-        factor = overridden(AssetMetadata(), metadata, self.metadata_part).count_factor
-        prototypes: list[MeshPrototype] = []
-        placements: list[Placement] = []
-        next_id = 1
-        for group in self._config.rocks:
-            shapes = self._draw_shapes(group, rng)
-            T_map_object = _draw_poses(group, factor, ground, shapes, rng)
-            shape_of = rng.integers(len(shapes), size=len(T_map_object))
-            ids = np.arange(next_id, next_id + len(T_map_object), dtype=np.uint32)
-            next_id += len(T_map_object)
-            for variant in range(len(shapes)):
-                chosen = shape_of == variant
-                placements.append(
-                    Placement(
-                        len(prototypes) + variant,
-                        group.semantic_ids,
-                        T_map_object[chosen],
-                        ids[chosen],
-                    )
-                )
-            prototypes.extend(shapes)
-            world.semantic_labels.update(group.labels)
-        world.prototypes = tuple(prototypes)
-        world.placements = tuple(placements)
-        world.primitives = tuple(
-            _primitive(primitive, next_id + index)
-            for index, primitive in enumerate(self._config.primitives)
-        )
-        for primitive in self._config.primitives:
-            world.semantic_labels.update(primitive.labels)
+        """Replace all objects of the world; changes to ids that it has not are passed over."""
+        checked = asset_metadata({}, metadata)
+        drawing = Drawing(self._config, self._looks, self._plan, drawn(world.ground), rng)
+        things = drawing.draw(checked)
+        world.primitives = things.primitives
+        for thing in self._config.labelled:
+            world.semantic_labels.update(thing.labels)
+        self._metadata = merged({}, metadata)
+        self._edited = EditedAssets(things, world, self._looks, rng)
+        self._edited.apply(checked)
 
-    def _draw_shapes(self, group: RockGroupConfig, rng: np.random.Generator) -> list[MeshPrototype]:
-        subdivisions = 4 if group.size_m[1] > LARGE_ROCK_M else 3
-        return [
-            replace(make_rock(group.kind, rng, subdivisions), maps=self._rock_maps)
-            for _ in range(group.variants)
-        ]
+    def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Move what moves by itself, and change what the metadata says from here on."""
+        self._metadata = merged(self._metadata, metadata)
+        drawn(self._edited).apply(asset_metadata({}, self._metadata))
 
+    def _shaped(self) -> Iterable[tuple[str, ShapedConfig]]:
+        """Yield everything that has a shape of its own, with its path."""
+        for part in ("groups", "objects", "movers"):
+            for index, thing in enumerate(getattr(self._config, part)):
+                yield f"assets.{part}.{index}", thing
 
-def _draw_poses(
-    group: RockGroupConfig,
-    factor: float,
-    ground: Ground,
-    shapes: list[MeshPrototype],
-    rng: np.random.Generator,
-) -> FloatArray:
-    least, most = group.count
-    count = round(factor * int(rng.integers(least, most, endpoint=True)))
-    T_map_object, _ = scatter_on(
-        ground,
-        count,
-        group.size_m,
-        rng,
-        size_exponent=group.size_exponent,
-        sink=group.sink,
-        max_slope_deg=group.max_slope_deg,
-        height_share=float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes])),
-    )
-    return T_map_object
+    def _check_groups(self, metadata: AssetMetadata) -> None:
+        counts = {group.name: group.count[1] for group in self._config.groups}
+        for name, edit in metadata.groups.items():
+            path = f"metadata.{PART}.groups.{name}"
+            if name not in counts:
+                known = ", ".join(sorted(counts)) or "none is configured"
+                raise InvalidInputError(path, name, f"the name of a group ({known})")
+            factor = metadata.count_factor * (edit.count_factor if edit else 1.0)
+            if factor * counts[name] > MOST_INSTANCES:
+                expected = f"at most {MOST_INSTANCES} things in the group"
+                raise InvalidInputError(f"{path}.count_factor", factor, expected)
+
+    def _check_added(self, metadata: AssetMetadata) -> None:
+        names = {getattr(thing, "name", "") for _, thing in self._shaped()}
+        ids: dict[int, str] = {}
+        for name, spec in metadata.added.items():
+            path = f"metadata.{PART}.add.{name}"
+            self._looks.check(spec, path)
+            if spec.prototype is not None and spec.prototype not in names:
+                known = ", ".join(sorted(names)) or "none is configured"
+                expected = f"the name of a group, object or mover ({known})"
+                raise InvalidInputError(f"{path}.prototype", spec.prototype, expected)
+            other = ids.setdefault(added_id(name), name)
+            if other != name:
+                raise InvalidInputError(path, name, f"a name whose id is not that of {other!r}")
 
 
-def _primitive(config: PrimitiveConfig, instance_id: int) -> Primitive:
-    pose = Pose(config.position_m, config.quat_xyzw)
-    return Primitive(
-        shape=config.shape,
-        size_m=config.size_m,
-        T_map_object=geometry.pose_to_matrix(pose),
-        instance_id=instance_id,
-        semantic_ids=config.semantic_ids,
-        color_srgb=config.color_srgb,
-    )
+def _refuse_counts(metadata: Mapping[str, Any]) -> None:
+    """Refuse numbers of things, which are drawn once a batch."""
+    expected = "none at a sample step: how many there are is drawn once a batch"
+    path = f"metadata.{PART}"
+    if "count_factor" in metadata:
+        raise InvalidInputError(f"{path}.count_factor", metadata["count_factor"], expected)
+    groups = metadata.get("groups")
+    for name, edit in groups.items() if isinstance(groups, Mapping) else ():
+        if isinstance(edit, Mapping) and "count_factor" in edit:
+            received = edit["count_factor"]
+            raise InvalidInputError(f"{path}.groups.{name}.count_factor", received, expected)

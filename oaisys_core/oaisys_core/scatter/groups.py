@@ -20,6 +20,7 @@ from oaisys_core.scatter.placement import (
 )
 from oaisys_core.scatter.sizes import group_sizes_m
 from oaisys_core.scatter.spacing import Spacing, Taken, first_come, pairs_too_near
+from oaisys_core.scatter.stance import build_of
 from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.types import FloatArray
 
@@ -48,7 +49,7 @@ def scatter_group(
     shapes: list[MeshPrototype],
     ground: Ground,
     rng: np.random.Generator,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return poses of up to ``count`` things of a group, of sizes as it says, largest first.
 
     Args:
@@ -67,9 +68,9 @@ def scatter_group(
     xy = _places(group, sizes_m, density, ground, randomness.child(rng, "places"))
     stands = np.isfinite(xy[:, 0])
     xy, sizes_m, shape_of = xy[stands], sizes_m[stands], shape_of[stands]
-    rotations, depth_m = _stances(
-        group, ground, xy, sizes_m, _builds(shapes)[shape_of], randomness.child(rng, "turns")
-    )
+    builds = np.array([build_of(shape) for shape in shapes])[shape_of]
+    turns = randomness.child(rng, "turns")
+    rotations, depth_m = _stances(group, ground, xy, sizes_m, builds, turns)
     T_map_object = np.tile(np.eye(4), (len(xy), 1, 1))
     T_map_object[:, :3, :3] = rotations * sizes_m[:, None, None]
     T_map_object[:, :2, 3] = xy
@@ -158,17 +159,6 @@ def _runs(values: FloatArray) -> list[tuple[int, int]]:
     borders = np.flatnonzero(np.diff(values)) + 1
     edges = [0, *borders.tolist(), len(values)]
     return [(a, b) for a, b in pairwise(edges) if a < b]
-
-
-def _builds(shapes: list[MeshPrototype]) -> FloatArray:
-    """Return (S, 2) height of each shape, and radius of its foot."""
-    builds = []
-    for shape in shapes:
-        vertices_m = shape.vertices_m.astype(np.float64)
-        height_m = float(vertices_m[:, 2].max())
-        foot = vertices_m[vertices_m[:, 2] <= 0.1 * height_m]
-        builds.append((height_m, float(np.hypot(foot[:, 0], foot[:, 1]).max(initial=0.0))))
-    return np.array(builds)
 
 
 def _stances(

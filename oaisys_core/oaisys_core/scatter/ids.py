@@ -40,6 +40,11 @@ class Block(NamedTuple):
         beyond = self.far_first + index - self.size
         return np.where(index < self.size, self.first + index, beyond).astype(np.uint32)
 
+    def holds(self, instance_id: int) -> bool:
+        """Return whether an id may be one of the group's."""
+        is_far = self.far_first <= instance_id < (self.far_first // FAR + 1) * FAR
+        return self.first <= instance_id < self.first + self.size or is_far
+
 
 def rock_block(count: int) -> Block:
     """Return the block of rocks and primitives, of which the configuration has up to ``count``."""

@@ -1,0 +1,55 @@
+"""How a thing's foot meets the ground."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from oaisys_core.geometry import transform
+from oaisys_core.scatter.placement import bedding, leaning
+from oaisys_core.scene import Ground, MeshPrototype
+from oaisys_core.types import FloatArray
+
+FOOT = 0.1
+"""Share of its height up to which a thing's vertices belong to its foot."""
+
+
+class Build(NamedTuple):
+    """What counts of a shape when it is put on the ground.
+
+    Attributes:
+        height_m: Of its highest point over its origin.
+        foot_m: Radius of its foot.
+    """
+
+    height_m: float
+    foot_m: float
+
+
+def build_of(shape: MeshPrototype) -> Build:
+    """Return how high and how broad a shape is."""
+    vertices_m = shape.vertices_m.astype(np.float64)
+    height_m = float(vertices_m[:, 2].max())
+    foot = vertices_m[vertices_m[:, 2] <= FOOT * height_m]
+    return Build(height_m, float(np.hypot(foot[:, 0], foot[:, 1]).max(initial=0.0)))
+
+
+def pose_on_ground(
+    ground: Ground, xy: tuple[float, float], yaw_rad: float, foot_m: float
+) -> FloatArray:
+    """Return the (4, 4) rigid pose of a thing that stands on the ground, its z axis on its normal.
+
+    It stands on the plane that fits the ground under its foot best; beyond the ground's rim it is
+    brought back to it.
+    """
+    x0, y0, x1, y1 = ground.extent_m
+    centre = np.clip(np.array([xy]), (x0, y0), (x1, y1))
+    radius_m = np.array([max(foot_m, ground.spacing_m / 2)])
+    slope, _ = bedding(ground, centre, radius_m)
+    angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    ring = centre + radius_m * np.column_stack((np.cos(angle), np.sin(angle)))
+    height_m = float(np.nanmean(ground.height_at(np.vstack((centre, ring)))))
+    rotation = leaning(slope)[0] * Rotation.from_euler("z", yaw_rad)
+    return transform(rotation.as_matrix(), (*centre[0], height_m))

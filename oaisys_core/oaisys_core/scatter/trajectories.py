@@ -1,0 +1,84 @@
+"""Where something that moves is at each sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
+
+from oaisys_core.config.objects import TrajectoryConfig
+from oaisys_core.geometry import pose_to_matrix, transform
+from oaisys_core.output import read_poses
+from oaisys_core.types import FloatArray
+
+SMOOTH_STEPS = 64
+"""Straight pieces of a spline between two waypoints."""
+
+Trajectory = Callable[[int], FloatArray]
+"""Returns the (4, 4) pose at a sample id; 0 is the batch's own."""
+
+
+def make_trajectory(config: TrajectoryConfig) -> Trajectory:
+    """Return the trajectory of a configuration.
+
+    Raises:
+        InvalidInputError: The CSV file cannot be read, or holds something else than poses.
+    """
+    if config.csv is not None:
+        poses = [pose_to_matrix(pose) for pose in read_poses(config.csv)]
+        return _Rows(np.array(poses), config.closed)
+    points = np.array([(*point, 0.0)[:3] for point in config.waypoints_m])
+    if config.closed:
+        points = np.vstack((points, points[:1]))
+    if config.smooth:
+        points = _spline(points, config.closed)
+    return _Way(points, config.closed, config.start_m, config.step_m)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """Poses that follow one another."""
+
+    T_map_body: FloatArray
+    closed: bool
+
+    def __call__(self, sample_id: int) -> FloatArray:
+        count = len(self.T_map_body)
+        row = sample_id % count if self.closed else min(sample_id, count - 1)
+        return np.asarray(self.T_map_body[row])
+
+
+@dataclass(frozen=True)
+class _Way:
+    """A way along (K, 3) points at a constant pace, the x axis ahead."""
+
+    points_m: FloatArray
+    closed: bool
+    start_m: float
+    step_m: float
+
+    def __call__(self, sample_id: int) -> FloatArray:
+        pieces = np.diff(self.points_m, axis=0)
+        lengths_m = np.linalg.norm(pieces, axis=1)
+        ends_m = np.cumsum(lengths_m)
+        way_m = self.start_m + sample_id * self.step_m
+        way_m = way_m % ends_m[-1] if self.closed else min(way_m, ends_m[-1])
+        piece = min(int(np.searchsorted(ends_m, way_m, side="right")), len(pieces) - 1)
+        share = (way_m - (ends_m[piece] - lengths_m[piece])) / lengths_m[piece]
+        position_m = self.points_m[piece] + share * pieces[piece]
+        x, y, z = pieces[piece]
+        angles = (np.arctan2(y, x), -np.arctan2(z, np.hypot(x, y)))
+        return transform(Rotation.from_euler("ZY", angles).as_matrix(), position_m)
+
+
+def _spline(points_m: FloatArray, closed: bool) -> FloatArray:
+    """Return points on a curve through (K, 3) points, without corners."""
+    chords_m = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+    knots = np.concatenate(([0.0], np.cumsum(chords_m)))
+    curve = CubicSpline(knots, points_m, bc_type="periodic" if closed else "natural")
+    steps = np.linspace(0, 1, SMOOTH_STEPS, endpoint=False)
+    between = (knots[:-1, None] + chords_m[:, None] * steps).ravel()
+    return np.asarray(curve(np.append(between, knots[-1])))
