@@ -73,7 +73,7 @@ def mud(size_px: int, rng: np.random.Generator) -> Surface:
     color = blended(color, (0.038, 0.031, 0.023), 0.85 * water)
     ripple = 0.00003 * fields.tile_noise(size_px, 20, rng, 2.2)
     height = np.where(above < 0, level + 0.04 * above + ripple, height)
-    rough = 0.72 - 0.37 * wet + 0.03 * grain
+    rough = 0.78 - 0.30 * wet + 0.03 * grain
     rough += (0.06 - rough) * water
     return finished(color, height, rough, albedo=0.085, shade=0.6)
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.gloss import glossed, is_glossy
 from oaisys_core.backend.blender.images import ImageStore, new_image
 from oaisys_core.backend.blender.materials import diffuse, new_material, show
 from oaisys_core.backend.blender.nodes import NodeTree, Socket
@@ -62,6 +63,7 @@ class GroundNodes:
         self._position = tree.add("TexCoord").outputs["Object"]
         self._normal = tree.add("NewGeometry").outputs["Normal"]
         self._weights = _weights(tree, material, self._position)
+        self._is_glossy = is_glossy(material)
         self._variation = self._make_variation(material.layers[0].maps, material.variation)
 
     def surface(self) -> tuple[Socket, Socket]:
@@ -96,7 +98,11 @@ class GroundNodes:
         if self._variation is not None:
             color = tree.vector("MULTIPLY", color, self._variation)
         normal = tree.vector("ADD", self._normal, self._slope(detail, plane))
-        return diffuse(tree, color, roughness, tree.vector("NORMALIZE", normal))
+        normal = tree.vector("NORMALIZE", normal)
+        surface, veil = diffuse(tree, color, roughness, normal)
+        if self._is_glossy:
+            surface = glossed(tree, surface, roughness, normal)
+        return surface, veil
 
     def _slope(self, detail: Socket, plane: Plane) -> Socket:
         """Return how far a coded normal of a plane leans, in ``map``."""

@@ -1,0 +1,46 @@
+"""Gloss on wet or frozen ground: a reflection over what lies below, where roughness is low."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from oaisys_core.backend.blender.haze import through_haze
+from oaisys_core.backend.blender.nodes import NodeTree, Socket
+from oaisys_core.terrain_material import TerrainMaterial
+
+IOR = 1.33
+"""Refractive index of water; ice has 1.31."""
+
+SHINY, DULL = 0.25, 0.6
+"""Roughness up to which a film of water or ice is whole, and from which there is none."""
+
+SHINY_SHARE = 0.01
+"""Share of a texture that must be shinier than dull for the ground to have gloss at all: on dry
+ground, gloss costs noise and shows nothing."""
+
+
+def is_glossy(material: TerrainMaterial) -> bool:
+    """Return whether any layer has parts that shine."""
+    return any(
+        np.count_nonzero(layer.maps.roughness < DULL * 255)
+        > SHINY_SHARE * layer.maps.roughness.size
+        for layer in material.layers
+    )
+
+
+def glossed(tree: NodeTree, surface: Socket, roughness: Socket, normal: Socket) -> Socket:
+    """Return a surface under a film that reflects by Fresnel's law where it is not dull.
+
+    Args:
+        tree: The material's.
+        surface: What is below the film.
+        roughness: 0 to 1.
+        normal: In ``map``, unit length.
+    """
+    slope = 1 / (DULL - SHINY)
+    film = tree.clamped("MULTIPLY_ADD", roughness, -slope, DULL * slope)
+    fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": normal}).outputs[0]
+    seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
+    inputs: dict[str | int, Socket] = {"Color": seen, "Roughness": roughness, "Normal": normal}
+    mirror = tree.add("BsdfGlossy", inputs).outputs[0]
+    return tree.mixed(tree.math("MULTIPLY", fresnel, film), surface, mirror)
