@@ -90,7 +90,7 @@ def test_a_full_poisson_disk_sampling_leaves_no_large_gap(shapes: list[MeshProto
     assert (gap_m < 1.0).mean() > 0.98
     # Disks thrown at random, never to overlap, jam at a coverage of 0.547.
     jammed = 0.547 * (EXTENT_M - 0.1) ** 2 / (np.pi / 4)
-    assert 0.9 * jammed < len(T) < 1.02 * jammed
+    assert 0.85 * jammed < len(T) < 1.02 * jammed
 
 
 def test_who_comes_first_stays() -> None:

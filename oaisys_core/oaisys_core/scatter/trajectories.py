@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from oaisys_core.config.objects import TrajectoryConfig
 from oaisys_core.geometry import pose_to_matrix, transform
-from oaisys_core.output import read_poses
+from oaisys_core.output.poses import read_poses
 from oaisys_core.types import FloatArray
 
 SMOOTH_STEPS = 64
