@@ -1,0 +1,25 @@
+"""What tests of the ground's material have done in Blender's own process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from synthetic_worlds import settings
+
+from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.types import Frame, Progress
+
+
+def ignore(progress: Progress) -> None:
+    """Do nothing with it."""
+
+
+def views(cases: Sequence[tuple[Scene, PlacedCamera]]) -> list[tuple[Frame, ...]]:
+    """Frames of one camera in each world."""
+    backend = BlenderBackend()
+    frames = []
+    for scene, camera in cases:
+        backend.build(scene, ignore)
+        frames.append(backend.render([camera], settings(samples=16), ignore))
+    return frames
