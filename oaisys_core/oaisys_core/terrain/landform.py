@@ -1,0 +1,70 @@
+"""What all kinds of terrain share: what is asked of them, unevenness, and scaling."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import zoom
+
+from oaisys_core.terrain.noise import fractal, grid, warped
+from oaisys_core.types import FloatArray
+
+Elevation = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class GroundSpec:
+    """What is asked of a preset.
+
+    Attributes:
+        extent_m: Edge length.
+        resolution_px: Grid points along an edge.
+        roughness: Factor on the fine unevenness.
+        relief_m: Height of the large forms; None: the preset's own.
+    """
+
+    extent_m: float
+    resolution_px: int
+    roughness: float = 1.0
+    relief_m: float | None = None
+
+
+Preset = Callable[[GroundSpec, np.random.Generator], Elevation]
+"""To (resolution_px, resolution_px) float32 metres."""
+
+
+def unevenness(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
+    """Return what makes a ground rough underfoot: lumps of 2 m down to clods of 15 cm."""
+    x, y = grid(spec.extent_m, spec.resolution_px, cell=2.6)
+    patchy = 0.55 + 0.45 * fractal(x / 4, y / 4, rng, octaves=2)
+    lumps = fractal(*warped(x, y, rng, 0.3, octaves=2), rng, octaves=2, kind="billow")
+    clods = fractal(5 * x, 5 * y, rng, octaves=3, gain=0.6)
+    rough = 0.60 * lumps + 0.11 * clods
+    return np.asarray(rough * patchy, np.float32)
+
+
+def scaled(field: Elevation | FloatArray, relief_m: float) -> Elevation:
+    """Return the field from 0 to ``relief_m``."""
+    low, high = float(field.min()), float(field.max())
+    return np.asarray((field - low) * np.float32(relief_m / max(high - low, 1e-9)), np.float32)
+
+
+def grounded(elevation_m: Elevation | FloatArray) -> Elevation:
+    """Return the field with its median height at z = 0."""
+    return np.asarray(elevation_m - np.median(elevation_m), np.float32)
+
+
+def relief_or(spec: GroundSpec, default_m: float) -> float:
+    """Return the relief that is asked for, or the preset's own."""
+    return default_m if spec.relief_m is None else spec.relief_m
+
+
+def refined(coarse: FloatArray, size_px: int) -> FloatArray:
+    """Return a (size_px, size_px) field through the points of a square one, by cubic splines."""
+    if len(coarse) == size_px:
+        return coarse
+    factor = size_px / len(coarse)
+    return np.asarray(zoom(coarse, factor, order=3, mode="nearest", grid_mode=False))
