@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.backend.id_table import table_of
 from oaisys_core.backend.skylight import in_haze, sky_irradiance_w_m2, sky_radiance
 from oaisys_core.backend.surface import View
 from oaisys_core.color import encoded, linear
@@ -27,15 +28,9 @@ class Palette:
         """Take over a changed scene; the means of textures are kept."""
         self._material = scene.material
         self._layers = np.array([self._mean_of(layer.maps) for layer in scene.material.layers])
-        ids = [np.array([p.instance_id for p in scene.primitives], dtype=np.uint32)]
-        colors = [linear([p.color_srgb for p in scene.primitives]).reshape(-1, 3)]
-        for placement in scene.placements:
-            ids.append(placement.instance_ids)
-            color = self._mean_of(scene.prototypes[placement.prototype])
-            colors.append(np.broadcast_to(color, (len(placement.instance_ids), 3)))
-        all_ids = np.concatenate(ids)
-        self._of_instance = np.zeros((int(all_ids.max(initial=0)) + 1, 3))
-        self._of_instance[all_ids] = np.concatenate(colors)
+        of_placements = [self._mean_of(scene.prototypes[p.prototype]) for p in scene.placements]
+        of_primitives = [linear(p.color_srgb) for p in scene.primitives]
+        self._of_instance = table_of(scene, of_placements, of_primitives, np.float64)
 
     def albedo(self, view: View) -> FloatArray:
         """Return the (H, W, 3) linear reflectance of what a view sees, 0 for nothing."""
@@ -43,7 +38,8 @@ class Palette:
         ground_xy_m = view.points_m[view.is_ground][:, :2]
         albedo[view.is_ground] = self._material.weights_at(ground_xy_m) @ self._layers
         on_object = view.instance_ids > 0
-        albedo[on_object] = self._of_instance[view.instance_ids[on_object]]
+        if on_object.any():
+            albedo[on_object] = self._of_instance(view.instance_ids[on_object])
         return albedo
 
     def _mean_of(self, thing: PbrMaps | MeshPrototype) -> FloatArray:

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.backend.id_table import IdTable, table_of
 from oaisys_core.backend.instances import placed
 from oaisys_core.backend.objects import Objects
 from oaisys_core.backend.parts import Part, SolidPart, TrianglePart
@@ -115,24 +116,18 @@ class Surface:
 
     def semantic_ids(self, view: View, level: int = 0) -> NDArray[np.uint16]:
         """Return the (H, W) labels of a view: on the ground those of the heaviest layers."""
-        ids = self._semantic_of_instance(level)[view.instance_ids]
+        ids = self._semantic_of_instance(level)(view.instance_ids)
         ids[view.is_ground] = self._scene.material.semantic_ids_at(
             view.points_m[view.is_ground][:, :2], level
         )
         ids[~view.is_hit] = self._scene.sky.semantic_ids_at(view.directions[~view.is_hit], level)
         return ids
 
-    def _semantic_of_instance(self, level: int) -> NDArray[np.uint16]:
-        """Return label by instance id; ids are small, as they count objects."""
-        labels = {p.instance_id: id_of_level(p.semantic_ids, level) for p in self._scene.primitives}
-        placements = self._scene.placements
-        most = max([0, *labels, *(int(p.instance_ids.max(initial=0)) for p in placements)])
-        result = np.zeros(most + 1, np.uint16)
-        for placement in placements:
-            result[placement.instance_ids] = id_of_level(placement.semantic_ids, level)
-        for instance_id, label in labels.items():
-            result[instance_id] = label
-        return result
+    def _semantic_of_instance(self, level: int) -> IdTable:
+        scene = self._scene
+        of_placements = [id_of_level(p.semantic_ids, level) for p in scene.placements]
+        of_primitives = [id_of_level(p.semantic_ids, level) for p in scene.primitives]
+        return table_of(scene, of_placements, of_primitives, np.uint16)
 
     def normals(self, view: View) -> FloatArray:
         """Return the (H, W, 3) unit normals in ``map``, towards the camera; 0 for nothing."""
