@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import radians
-from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from oaisys_core import geometry, randomness
 from oaisys_core.config.motion import AnyMotion
-from oaisys_core.config.sensors import CameraConfig, LensConfig, OpticsConfig, SensorsConfig
+from oaisys_core.config.sensors import CameraConfig, SensorsConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.modules.clearance import Extent, HeightLookup, admitted
-from oaisys_core.modules.overrides import overridden
+from oaisys_core.modules.optics import changed, lens_of, sensor_info
 from oaisys_core.motion import Motion, Step, make_motion
-from oaisys_core.scene import Lens, PlacedCamera
+from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray, Pose, SensorInfo
 
 START_HEIGHT_M = 10.0
@@ -181,7 +179,7 @@ class SensorsModule(Module):
                 intrinsics=sensor.intrinsics,
                 T_map_camera=T_map_base @ sensor.T_base_camera,
                 modalities=sensor.modalities,
-                lens=_lens(camera.lens),
+                lens=lens_of(camera),
                 shutter_share=camera.shutter_share,
             )
             for sensor, camera in zip(self.sensors, self._cameras, strict=True)
@@ -212,24 +210,13 @@ class SensorsModule(Module):
     def _changed(
         self, cameras: tuple[CameraConfig, ...], metadata: Metadata
     ) -> tuple[CameraConfig, ...]:
-        changes = (metadata or {}).get("cameras", {})
-        names = [camera.name for camera in cameras]
-        path = f"{self.metadata_part}.cameras"
-        if not isinstance(changes, Mapping):
-            raise InvalidInputError(f"metadata.{path}", changes, "a mapping by camera name")
-        for name, values in changes.items():
-            if name not in names:
-                known = ", ".join(names)
-                raise InvalidInputError(f"metadata.{path}.{name}", values, f"one of {known}")
-            _check_optics(f"{path}.{name}", values)
-        return tuple(
-            overridden(camera, changes.get(camera.name), f"{path}.{camera.name}")
-            for camera in cameras
+        return changed(
+            cameras, (metadata or {}).get("cameras", {}), f"{self.metadata_part}.cameras"
         )
 
     def _described(self, cameras: Sequence[CameraConfig]) -> tuple[SensorInfo, ...]:
         return tuple(
-            _sensor_info(camera, self._baselines_m.get(camera.name, 0.0)) for camera in cameras
+            sensor_info(camera, self._baselines_m.get(camera.name, 0.0)) for camera in cameras
         )
 
 
@@ -260,30 +247,8 @@ def select(
     )
 
 
-def _check_optics(path: str, values: Any) -> None:
-    known = sorted(OpticsConfig.model_fields)
-    if not isinstance(values, Mapping):
-        raise InvalidInputError(f"metadata.{path}", values, f"a mapping of {', '.join(known)}")
-    for key, value in values.items():
-        if key not in known:
-            expected = f"one of the keys {', '.join(known)}"
-            raise InvalidInputError(f"metadata.{path}.{key}", value, expected)
-
-
 def _previous(T_base_camera: FloatArray, rig_pose: Pose | None) -> FloatArray | None:
     return None if rig_pose is None else geometry.pose_to_matrix(rig_pose) @ T_base_camera
-
-
-def _lens(config: LensConfig | None) -> Lens | None:
-    if config is None:
-        return None
-    return Lens(
-        focus_distance_m=config.focus_distance_m,
-        f_number=config.f_number,
-        blades=config.blades,
-        blade_rotation_rad=radians(config.blade_rotation_deg),
-        ratio=config.ratio,
-    )
 
 
 def _located(world: World, instance_id: int) -> FloatArray:
@@ -298,12 +263,3 @@ def _located(world: World, instance_id: int) -> FloatArray:
     raise InvalidInputError(
         "sensors.motion.target_instance", instance_id, "the instance id of an object in this world"
     )
-
-
-def _sensor_info(camera: CameraConfig, baseline_m: float) -> SensorInfo:
-    mount = geometry.checked_pose(
-        camera.mount_position_m, camera.mount_quat_xyzw, f"sensors.cameras.{camera.name}.mount"
-    )
-    T_base_camera = geometry.pose_to_matrix(mount) @ geometry.T_LINK_OPTICAL
-    modalities = tuple(camera.modalities)
-    return SensorInfo(camera.name, camera.intrinsics, T_base_camera, modalities, baseline_m)
