@@ -38,15 +38,20 @@ class Gradient:
 class Haze:
     """Air that dims what is far and veils it (Koschmieder).
 
-    Along a distance d, colour becomes colour * exp(-b d) + veil * (1 - exp(-b d)).
+    Along a distance d, colour becomes colour * exp(-b d) + veil * (1 - exp(-b d)). The sky lies
+    behind a layer of it.
 
     Attributes:
         extinction_per_m: b of red, green and blue.
-        color: Radiance of the veil, that is, of an infinite depth of it; None: the horizon's.
+        thickness_m: Of the layer, seen upwards; towards the horizon it is endless.
+        tint: Colour of a veil that is as bright as the sky at the horizon.
+        veil: Radiance of an infinite depth of haze; None: by ``tint``.
     """
 
     extinction_per_m: Color
-    color: Color | None = None
+    thickness_m: float = 0.0
+    tint: Color = (1.0, 1.0, 1.0)
+    veil: Color | None = None
 
 
 @dataclass(frozen=True, eq=False)

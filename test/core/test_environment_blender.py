@@ -74,7 +74,7 @@ def test_labels_lie_where_a_sky_image_shows_them() -> None:
 
 def test_haze_dims_and_veils_by_distance() -> None:
     """Koschmieder's law, in linear light, against the closed form on a level plane."""
-    haze = Haze(extinction_per_m=(0.02, 0.05, 0.1), color=(0.5, 0.4, 0.3))
+    haze = Haze(extinction_per_m=(0.02, 0.05, 0.1), veil=(0.5, 0.4, 0.3))
     clear = replace(SUNNY, model="none", sun_strength_w_m2=2.0)
     view = camera(pose_looking_at((-19, 0, 3), (0, 0, 0.25)))
     scene = replace(flat_world(), primitives=())
@@ -88,7 +88,7 @@ def test_haze_dims_and_veils_by_distance() -> None:
     assert on_ground.mean() > 0.4
     share = np.exp(-distance_m[on_ground, None] * np.array(haze.extinction_per_m))
     assert share.min() < 0.1
-    expected = without[on_ground] * share + np.array(haze.color) * (1 - share)
+    expected = without[on_ground] * share + np.array(haze.veil) * (1 - share)
     assert np.abs(with_haze[on_ground] - expected).max() < 1.5 / 255
 
 

@@ -6,9 +6,12 @@ from math import pi
 
 import numpy as np
 
-from oaisys_core.environment.light import horizon_radiance
+from oaisys_core.environment.light import veil_radiance
 from oaisys_core.sky import Haze, Sky, texels_at
 from oaisys_core.types import FloatArray
+
+LEAST_UP = 1e-4
+"""Upward component of a ray at the horizon and below, for what has no end there."""
 
 SKY_IRRADIANCE_W_M2 = 1.0
 """Irradiance of the whole sky on level ground, at a sky strength of 1."""
@@ -16,6 +19,15 @@ SKY_IRRADIANCE_W_M2 = 1.0
 
 def sky_radiance(sky: Sky, directions: FloatArray) -> FloatArray:
     """Return the (N, 3) linear colour of the sky along (N, 3) directions in ``map``."""
+    radiance = _clear_radiance(sky, directions)
+    if sky.haze is None:
+        return radiance
+    up = directions[:, 2] / np.linalg.norm(directions, axis=1)
+    distance_m = sky.haze.thickness_m / np.maximum(up, LEAST_UP)
+    return in_haze(radiance, distance_m, sky.haze, sky)
+
+
+def _clear_radiance(sky: Sky, directions: FloatArray) -> FloatArray:
     if sky.hdri is not None:
         pixels = sky.hdri.image.radiance
         rows, cols = texels_at(directions, sky.hdri.rotation_rad, pixels.shape)
@@ -45,6 +57,6 @@ def sky_irradiance_w_m2(sky: Sky) -> float:
 
 def in_haze(radiance: FloatArray, distance_m: FloatArray, haze: Haze, sky: Sky) -> FloatArray:
     """Return what is left of (N, 3) colours at a distance, and the air's own (Koschmieder)."""
-    veil = np.array(haze.color if haze.color is not None else horizon_radiance(sky))
+    veil = np.array(veil_radiance(sky, haze))
     clear = np.exp(-distance_m[:, None] * np.array(haze.extinction_per_m))
     return np.asarray(radiance * clear + veil * (1 - clear))

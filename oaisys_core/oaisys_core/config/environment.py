@@ -124,12 +124,15 @@ class HazeConfig(Section):
         visibility_m: Distance at which contrast falls to 2 % (Koschmieder's visual range).
         angstrom_exponent: How much more blue light is dimmed than red: 0 for coarse dust, 1.3 for
             smoke and haze, 4 for clean air.
-        color_srgb: Of what is infinitely far; none: that of the sky at the horizon.
+        thickness_m: Of the hazy layer in front of the sky overhead; none: a tenth of the
+            visibility.
+        color_srgb: Of the veil before what is far; it is as bright as the sky at the horizon.
     """
 
     visibility_m: Annotated[Range, Within(1.0, 1e6)]
     angstrom_exponent: Annotated[Range, Within(0.0, 4.0)] = (0.0, 0.0)
-    color_srgb: ColorSrgb | None = None
+    thickness_m: NotNegative | None = None
+    color_srgb: ColorSrgb = (1.0, 1.0, 1.0)
 
 
 class EffectConfig(BaseModel):

@@ -14,6 +14,9 @@ from oaisys_core.sky import Haze
 LEAST_CONTRAST = 0.02
 """Contrast at the visual range, by definition of the term (Koschmieder 1924)."""
 
+THICKNESS = 0.1
+"""Of the hazy layer, as a share of the visual range, where nobody says: the sun shows through."""
+
 WAVELENGTHS_NM = np.array((680.0, 550.0, 440.0))
 """That red, green and blue stand for; visual range is that of green."""
 
@@ -26,7 +29,9 @@ def haze_of(config: HazeConfig | None, draws: Draws) -> Haze | None:
     exponent = draws.number("haze.angstrom_exponent", config.angstrom_exponent)
     at_green = -log(LEAST_CONTRAST) / visibility_m
     red, green, blue = (at_green * (WAVELENGTHS_NM / WAVELENGTHS_NM[1]) ** -exponent).tolist()
-    if config.color_srgb is None:
-        return Haze((red, green, blue))
-    veil_red, veil_green, veil_blue = linear(config.color_srgb).tolist()
-    return Haze((red, green, blue), (veil_red, veil_green, veil_blue))
+    thickness_m = visibility_m * THICKNESS
+    if config.thickness_m is not None:
+        thickness_m = draws.number("haze.thickness_m", config.thickness_m)
+    tint = linear(config.color_srgb)
+    tint_red, tint_green, tint_blue = (tint / max(tint.mean(), 1e-6)).tolist()
+    return Haze((red, green, blue), thickness_m, (tint_red, tint_green, tint_blue))

@@ -9,7 +9,7 @@ from math import degrees, pi, radians, sin
 
 import numpy as np
 
-from oaisys_core.sky import Color, Hdri, Sky
+from oaisys_core.sky import Color, Haze, Hdri, Sky
 from oaisys_core.types import FloatArray
 
 PLAIN_ALBEDO = np.array((0.26, 0.22, 0.18))
@@ -62,6 +62,19 @@ def horizon_radiance(sky: Sky) -> Color:
         return _color(np.array(sky.gradient.horizon) * sky.sky_strength)
     twilight = min(max(1.0 + degrees(sky.sun_elevation_rad) / 8.0, 0.0), 1.0)
     return _color(HAZE_RADIANCE * np.sqrt(sun_color(sky)) * sky.sky_strength * twilight)
+
+
+def veil_radiance(sky: Sky, haze: Haze) -> Color:
+    """Return the radiance of an infinite depth of haze.
+
+    Its light comes from the sun, the sky and the ground together, and is near white.
+    """
+    if haze.veil is not None:
+        return haze.veil
+    horizon = np.array(horizon_radiance(sky))
+    if sky.hdri is None and sky.model == "atmosphere":
+        horizon = horizon / HAZE_RADIANCE * HAZE_RADIANCE.mean()
+    return _color(horizon * np.array(haze.tint))
 
 
 def _band_radiance(hdri: Hdri) -> Color:

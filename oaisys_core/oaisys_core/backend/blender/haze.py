@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 
 from oaisys_core.backend.blender.nodes import NodeTree, Socket
-from oaisys_core.environment.light import horizon_radiance
-from oaisys_core.sky import Sky
+from oaisys_core.environment.light import veil_radiance
+from oaisys_core.sky import Color, Haze, Sky
 
 GROUP = "haze"
 """Node group that all materials share, so that a change of the air rebuilds none of them."""
@@ -47,21 +47,25 @@ def set_haze(sky: Sky) -> None:
     output = group.nodes.new("NodeGroupOutput")
     veil: Any = None
     if sky.haze is not None:
-        color, veil = _koschmieder(tree, color, sky)
+        color, veil = _before_materials(tree, color, sky.haze, veil_radiance(sky, sky.haze))
     group.links.new(color, output.inputs[COLOR])
     if veil is not None:
         group.links.new(veil, output.inputs[VEIL])
 
 
-def _koschmieder(tree: NodeTree, color: Socket, sky: Sky) -> tuple[Socket, Socket]:
-    assert sky.haze is not None
+def clear_share(tree: NodeTree, haze: Haze, distance_m: Socket) -> Socket:
+    """Return the share of light, by colour, that is left after a distance."""
+    factor = -np.array(haze.extinction_per_m) / np.log(2.0)
+    # Powers of two: there is a vector operation for powers, but none for exponentials.
+    return tree.vector("POWER", 2.0, tree.scaled(tuple(factor.tolist()), distance_m))
+
+
+def _before_materials(
+    tree: NodeTree, color: Socket, haze: Haze, veil: Color
+) -> tuple[Socket, Socket]:
     away_m = tree.add("CameraData").outputs["View Distance"]
     seen_m = tree.math("MULTIPLY", away_m, tree.add("LightPath").outputs["Is Camera Ray"])
-    factor = -np.array(sky.haze.extinction_per_m) / np.log(2.0)
-    # Powers of two: there is a vector operation for powers, but none for exponentials.
-    exponent = tree.scaled(tuple(factor.tolist()), seen_m)
-    clear = tree.vector("POWER", 2.0, exponent)
-    veil = sky.haze.color if sky.haze.color is not None else horizon_radiance(sky)
+    clear = clear_share(tree, haze, seen_m)
     hidden = tree.vector("SUBTRACT", 1.0, clear)
     return tree.vector("MULTIPLY", color, clear), tree.vector("MULTIPLY", hidden, veil)
 

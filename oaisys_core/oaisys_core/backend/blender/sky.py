@@ -9,13 +9,22 @@ import bpy
 import numpy as np
 
 from oaisys_core.backend.blender.compat import SKY_SCALE, node_tree_of, set_up_sky_node
+from oaisys_core.backend.blender.haze import clear_share
 from oaisys_core.backend.blender.images import new_image
 from oaisys_core.backend.blender.nodes import MIX_RESULT, NodeTree, Socket
-from oaisys_core.environment.light import horizon_radiance, plain_radiance, sun_color
-from oaisys_core.sky import Color, Hdri, Sky, SkyImage
+from oaisys_core.environment.light import (
+    horizon_radiance,
+    plain_radiance,
+    sun_color,
+    veil_radiance,
+)
+from oaisys_core.sky import Color, Haze, Hdri, Sky, SkyImage
 
 HAZE_DEPTH = 0.07
 """Downward component of a ray at which the plain shows through the haze by 1 - 1 / e."""
+
+LEAST_UP = 1e-4
+"""Upward component of a ray at the horizon and below, for what has no end there."""
 
 LEAST_DISC_RAD = 1e-4
 """Radius of the sun's disc in the picture, at least: a point would be infinitely bright."""
@@ -43,6 +52,8 @@ class Background:
             color = tree.vector("ADD", color, _disc_color(tree, sky, ray))
         if sky.has_plain and sky.hdri is None:
             color = _above_plain(tree, sky, ray, color)
+        if sky.haze is not None:
+            color = _behind_haze(tree, sky, sky.haze, ray, color)
         background = tree.add("Background", {"Color": color})
         tree.add("OutputWorld", {"Surface": background.outputs[0]})
 
@@ -99,6 +110,14 @@ def _above_plain(tree: NodeTree, sky: Sky, ray: Socket, color: Socket) -> Socket
     plain = tree.color_mix(haze, (*plain_radiance(sky), 1.0), (*horizon_radiance(sky), 1.0))
     is_below = tree.math("LESS_THAN", up, 0.0)
     return tree.color_mix(is_below, color, plain.outputs[MIX_RESULT]).outputs[MIX_RESULT]
+
+
+def _behind_haze(tree: NodeTree, sky: Sky, haze: Haze, ray: Socket, color: Socket) -> Socket:
+    """Return the colour behind a layer of haze, of which less and less is seen towards zenith."""
+    up = tree.math("MAXIMUM", _up(tree, ray), LEAST_UP)
+    clear = clear_share(tree, haze, tree.math("DIVIDE", haze.thickness_m, up))
+    veil = tree.vector("MULTIPLY", tree.vector("SUBTRACT", 1.0, clear), veil_radiance(sky, haze))
+    return tree.vector("ADD", tree.vector("MULTIPLY", color, clear), veil)
 
 
 def _up(tree: NodeTree, ray: Socket) -> Socket:
