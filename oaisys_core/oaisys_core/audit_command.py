@@ -13,7 +13,13 @@ from rich.progress import Progress as ProgressBar
 from rich.table import Table
 
 from oaisys_core.audit import Audited, audit_views
-from oaisys_core.commands import BackendOption, ConfigOption, QualityOption, SeedOption, SizeOption
+from oaisys_core.command_options import (
+    BackendOption,
+    ConfigOption,
+    QualityOption,
+    SeedOption,
+    SizeOption,
+)
 from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_core.errors import OaisysError
 from oaisys_core.simulation import Simulation

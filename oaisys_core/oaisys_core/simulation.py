@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -214,6 +215,16 @@ class Simulation:
             self._current().sample_id = wanted.sample_id
             self._current().last_rig_poses = wanted.last_rig_poses
         self._last_batch_id = int(state["last_batch_id"])
+
+    def save(self, path: Path) -> None:
+        """Write the world that stands now as a file of the backend's own kind (``.blend``).
+
+        Raises:
+            NotReadyError: Before the first batch.
+            InvalidInputError: The backend has no such files.
+        """
+        self._current()
+        self._backend.save(path)
 
     def close(self) -> None:
         """Release the backend; the simulation cannot be used afterwards."""

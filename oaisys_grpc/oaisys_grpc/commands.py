@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from oaisys_core.commands import (
+from oaisys_core.command_options import (
     BackendOption,
     ConfigOption,
     QualityOption,

@@ -5,7 +5,9 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh
 
@@ -80,6 +82,16 @@ class Backend(ABC):
     @abstractmethod
     def surface_height_m(self, xy_m: FloatArray) -> FloatArray:
         """Return (N,) heights of the topmost surface (ground or object) at (N, 2); NaN off it."""
+
+    def save(self, path: Path) -> None:
+        """Write the built world as a file of the backend's own kind, such as ``.blend``.
+
+        Raises:
+            InvalidInputError: The backend has no such files.
+        """
+        raise InvalidInputError(
+            "save_blend", self.name, "the backend blender, to save .blend files"
+        )
 
     def close(self) -> None:  # noqa: B027 - most backends hold nothing
         """Release what the backend holds; nothing may be called afterwards."""

@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 from oaisys_core.config.assets import AssetsConfig
 from oaisys_core.config.environment import EnvironmentConfig
 from oaisys_core.config.materials import MaterialsConfig
+from oaisys_core.config.output import OutputConfig
 from oaisys_core.config.render import RenderConfig
 from oaisys_core.config.section import Labelled, Section
 from oaisys_core.config.sensors import SensorsConfig
@@ -34,6 +35,7 @@ class SimulationConfig(Section):
     environment: EnvironmentConfig = EnvironmentConfig()
     sensors: SensorsConfig = SensorsConfig()
     render: RenderConfig = RenderConfig()
+    output: OutputConfig = OutputConfig()
 
     @model_validator(mode="after")
     def _one_label_per_id(self) -> SimulationConfig:

@@ -14,7 +14,7 @@ from oaisys_core import geometry
 from oaisys_core.config.motion import CsvMotion, GridMotion, SplineMotion
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.motion.base import Motion, Step, at_height, index_in, looking_at, on_ground, posed
-from oaisys_core.output import read_poses
+from oaisys_core.output.poses import read_poses
 from oaisys_core.types import FloatArray, Pose, SensorInfo
 
 ARC_POINTS = 256

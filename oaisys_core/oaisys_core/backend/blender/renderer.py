@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import bpy
 
@@ -97,6 +98,12 @@ class BlenderBackend(Backend):
     def surface_height_m(self, xy_m: FloatArray) -> FloatArray:
         """See `Backend.surface_height_m`."""
         return self._built().height_m(xy_m)
+
+    def save(self, path: Path) -> None:
+        """Write Blender's scene, its images packed into the file."""
+        self._built()
+        bpy.ops.file.pack_all()
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
 
     def close(self) -> None:
         """Empty Blender."""

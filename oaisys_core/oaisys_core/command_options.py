@@ -1,0 +1,20 @@
+"""Options that several shell commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ConfigOption = Annotated[
+    Path | None, typer.Option("--config", help="YAML file; the default world where none is given.")
+]
+SeedOption = Annotated[int | None, typer.Option(help="Root seed.")]
+BackendOption = Annotated[str | None, typer.Option(help="blender or analytic.")]
+QualityOption = Annotated[
+    str | None, typer.Option(help="Of colour: preview, standard, high or final.")
+]
+SizeOption = Annotated[
+    str | None, typer.Option(help="WIDTHxHEIGHT of all images; K is scaled along.")
+]

@@ -1,0 +1,110 @@
+"""Metadata of batches and samples from a YAML or JSON file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import checked_pose
+from oaisys_core.types import OWN_PARTS, ModuleMetadata, Pose
+
+
+@dataclass(frozen=True)
+class SampleRequest:
+    """What one sample is asked for, see `Simulation.step_sample`."""
+
+    metadata: ModuleMetadata = field(default_factory=ModuleMetadata)
+    modalities: tuple[str, ...] = ()
+    sensors: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Steps:
+    """What a whole run is asked for.
+
+    Attributes:
+        batch: Metadata of every batch.
+        samples: Of each batch, in their order.
+    """
+
+    batch: ModuleMetadata
+    samples: tuple[SampleRequest, ...]
+
+
+def load_steps(path: Path) -> Steps:
+    """Return the steps that a file describes.
+
+    It is a list of samples, or a mapping with ``batch`` and ``samples``. A sample is a mapping of
+    the modules' parts (``sensor``, ``environment``, ``asset``, ``render``, and others by their
+    names), and may name ``modalities`` and ``sensors`` to render. A pose is a mapping of
+    ``position_m`` and ``quat_xyzw``.
+
+    Raises:
+        InvalidInputError: The file cannot be read, or is not of this form; the modules check the
+            rest.
+    """
+    try:
+        data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InvalidInputError("metadata", str(path), f"a readable file ({error})") from error
+    if isinstance(data, list):
+        data = {"samples": data}
+    if not isinstance(data, Mapping) or not set(data) <= {"batch", "samples"}:
+        raise InvalidInputError("metadata", str(path), "a list of samples, or batch and samples")
+    samples = data.get("samples") or [{}]
+    if not isinstance(samples, list):
+        raise InvalidInputError("metadata.samples", samples, "a list")
+    return Steps(
+        batch=_metadata(_mapping(data.get("batch"), "metadata.batch"), "metadata.batch"),
+        samples=tuple(
+            _sample(_mapping(sample, f"metadata.samples.{i}"), f"metadata.samples.{i}")
+            for i, sample in enumerate(samples)
+        ),
+    )
+
+
+def _sample(data: Mapping[str, Any], path: str) -> SampleRequest:
+    parts = {key: value for key, value in data.items() if key not in ("modalities", "sensors")}
+    return SampleRequest(
+        metadata=_metadata(parts, path),
+        modalities=_names(data.get("modalities"), f"{path}.modalities"),
+        sensors=_names(data.get("sensors"), f"{path}.sensors"),
+    )
+
+
+def _metadata(data: Mapping[str, Any], path: str) -> ModuleMetadata:
+    parts = {name: _mapping(part, f"{path}.{name}") for name, part in data.items()}
+    sensor = parts.get("sensor")
+    if sensor is not None and "pose" in sensor:
+        parts["sensor"] = {**sensor, "pose": _pose(sensor["pose"], f"{path}.sensor.pose")}
+    own = {name: part for name, part in parts.items() if name in OWN_PARTS}
+    others = {name: part for name, part in parts.items() if name not in OWN_PARTS}
+    return ModuleMetadata(**own, custom=others)
+
+
+def _pose(data: object, path: str) -> Pose:
+    told = _mapping(data, path)
+    if set(told) != {"position_m", "quat_xyzw"}:
+        raise InvalidInputError(path, dict(told), "position_m and quat_xyzw")
+    return checked_pose(told["position_m"], told["quat_xyzw"], path)
+
+
+def _names(data: object, path: str) -> tuple[str, ...]:
+    if data is None:
+        return ()
+    if not isinstance(data, list) or not all(isinstance(name, str) for name in data):
+        raise InvalidInputError(path, data, "a list of names")
+    return tuple(data)
+
+
+def _mapping(data: object, path: str) -> Mapping[str, Any]:
+    if data is None:
+        return {}
+    if not isinstance(data, Mapping) or not all(isinstance(key, str) for key in data):
+        raise InvalidInputError(path, data, "a mapping")
+    return data

@@ -1,0 +1,66 @@
+"""Poses in CSV files."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import checked_pose
+from oaisys_core.output.files import append_text, write_text
+from oaisys_core.types import Pose
+
+POSE_COLUMNS = ("sample_id", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+
+
+def append_pose(path: Path, sample_id: int, pose: Pose) -> None:
+    """Add a sample's row to a file, with a line of column names before the first.
+
+    Raises:
+        RenderError: It could not be written; the file is as before.
+    """
+    rows: list[Sequence[object]] = [] if path.exists() else [POSE_COLUMNS]
+    append_text(path, _lines([*rows, (sample_id, *pose.position_m, *pose.quat_xyzw)]))
+
+
+def drop_poses_after(path: Path, sample_id: int) -> None:
+    """Take the rows of later samples out of a file that `append_pose` wrote."""
+    with path.open(newline="", encoding="utf-8") as file:
+        head, *rows = list(csv.reader(file))
+    write_text(path, _lines([head, *(row for row in rows if int(row[0]) <= sample_id)]))
+
+
+def read_poses(path: Path, columns: Sequence[str] | None = None) -> list[Pose]:
+    """Return the poses of a CSV file with the columns of `POSE_COLUMNS` (``sample_id`` optional).
+
+    Args:
+        path: The file.
+        columns: Names of its columns; None: they are in its first line.
+
+    Raises:
+        InvalidInputError: The file cannot be read or a row is no pose; names line and value.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file, columns))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInputError("poses", str(path), f"a readable CSV file ({error})") from error
+    poses = []
+    for line, row in enumerate(rows, start=2 if columns is None else 1):
+        try:
+            numbers = [float(row[column]) for column in POSE_COLUMNS[1:]]
+        except (KeyError, TypeError, ValueError) as error:
+            expected = f"numbers in the columns {', '.join(POSE_COLUMNS[1:])}"
+            raise InvalidInputError(f"{path}:{line}", dict(row), expected) from error
+        poses.append(checked_pose(numbers[:3], numbers[3:], f"{path}:{line}"))
+    if not poses:
+        raise InvalidInputError("poses", str(path), "at least one row below the header")
+    return poses
+
+
+def _lines(rows: Sequence[Sequence[object]]) -> str:
+    text = io.StringIO()
+    csv.writer(text).writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,66 @@
+"""What `SampleWriter` wrote, read back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from oaisys_core.output.images import read_image
+from oaisys_core.output.records import (
+    intrinsics_from_record,
+    pose_from_record,
+    provenance_from_record,
+    read_json,
+)
+from oaisys_core.output.writer import INTRINSICS, LABELS, SAMPLE_DATA
+from oaisys_core.types import Frame, PinholeIntrinsics, Sample
+
+
+def read_samples(batch: Path) -> Iterator[Sample]:
+    """Yield the samples of a batch's folder in their order; inverse: `SampleWriter.write`.
+
+    Raises:
+        InvalidInputError: A file cannot be read.
+    """
+    for path in sorted((batch / SAMPLE_DATA).glob("*.json")):
+        yield read_sample(batch, int(path.stem))
+
+
+def read_sample(batch: Path, sample_id: int) -> Sample:
+    """Return one sample of a batch's folder.
+
+    Raises:
+        InvalidInputError: It is not there, or a file cannot be read.
+    """
+    record = read_json(batch / SAMPLE_DATA / f"{sample_id:04d}.json")
+    frames = tuple(
+        Frame(
+            sensor,
+            modality,
+            read_image(batch / file, modality),
+            intrinsics_from_record(told["intrinsics"]),
+            np.array(told["T_map_camera"]),
+        )
+        for sensor, told in record["sensors"].items()
+        for modality, file in told["images"].items()
+    )
+    return Sample(
+        batch_id=record["batch_id"],
+        sample_id=record["sample_id"],
+        rig_pose=pose_from_record(record["rig_pose"]),
+        frames=frames,
+        render_time_s=record["render_time_s"],
+        provenance=provenance_from_record(record["provenance"]),
+    )
+
+
+def read_intrinsics(batch: Path, sensor: str) -> PinholeIntrinsics:
+    """Return a sensor's camera at its first sample of the batch."""
+    return intrinsics_from_record(read_json(batch / sensor / INTRINSICS))
+
+
+def read_labels(batch: Path) -> dict[int, str]:
+    """Return name by semantic id."""
+    return {int(semantic_id): label for semantic_id, label in read_json(batch / LABELS).items()}

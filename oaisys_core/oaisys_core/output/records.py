@@ -1,0 +1,76 @@
+"""What is told of a sample beside its images, as JSON, and back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.output.files import write_text
+from oaisys_core.types import PinholeIntrinsics, Pose, Provenance, Sample
+
+
+def sample_record(sample: Sample, files: Mapping[tuple[str, str], str]) -> dict[str, Any]:
+    """Return what is kept of a sample; ``files`` are its images by sensor and modality."""
+    sensors: dict[str, Any] = {}
+    for frame in sample.frames:
+        sensor = sensors.setdefault(
+            frame.sensor,
+            {
+                "intrinsics": intrinsics_record(frame.intrinsics),
+                "T_map_camera": frame.T_map_camera.tolist(),
+                "images": {},
+            },
+        )
+        sensor["images"][frame.modality] = files[frame.sensor, frame.modality]
+    return {
+        "batch_id": sample.batch_id,
+        "sample_id": sample.sample_id,
+        "rig_pose": asdict(sample.rig_pose),
+        "provenance": asdict(sample.provenance),
+        "render_time_s": sample.render_time_s,
+        "sensors": sensors,
+    }
+
+
+def intrinsics_record(intrinsics: PinholeIntrinsics) -> dict[str, Any]:
+    """Return a camera's fields and its matrix; inverse: `intrinsics_from_record`."""
+    return {**asdict(intrinsics), "K": np.asarray(intrinsics.K).tolist()}
+
+
+def intrinsics_from_record(record: Mapping[str, Any]) -> PinholeIntrinsics:
+    """Return the camera of a record."""
+    fields = {name: value for name, value in record.items() if name != "K"}
+    return PinholeIntrinsics(**{**fields, "distortion": tuple(fields["distortion"])})
+
+
+def pose_from_record(record: Mapping[str, Any]) -> Pose:
+    """Return the pose of a record."""
+    return Pose(tuple(record["position_m"]), tuple(record["quat_xyzw"]))
+
+
+def provenance_from_record(record: Mapping[str, Any]) -> Provenance:
+    """Return the provenance of a record."""
+    return Provenance(**record)
+
+
+def write_json(path: Path, record: object) -> None:
+    """Write a record whole; inverse: `read_json`."""
+    write_text(path, json.dumps(record, indent=2) + "\n")
+
+
+def read_json(path: Path) -> Any:
+    """Return what a JSON file holds.
+
+    Raises:
+        InvalidInputError: It cannot be read.
+    """
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise InvalidInputError("file", str(path), f"a readable JSON file ({error})") from error

@@ -1,0 +1,137 @@
+"""Samples to files, laid out as the original simulator lays them out.
+
+::
+
+    config.yaml                                   the whole configuration, and its hash
+    state.json                                    where the run stands, for `SampleWriter.resume`
+    batch_0001/poses.csv                          the rig's pose at each sample
+    batch_0001/labels.json                        name by semantic id
+    batch_0001/camera/0001camera_rgb_00.png       images, see `oaisys_core.output.images`
+    batch_0001/camera/intrinsics.json             of the sensor's first sample in the batch
+    batch_0001/meta_data/sensor_data/camera.csv   pose of the optical frame at each sample
+    batch_0001/meta_data/sample_data/0001.json    provenance, intrinsics and poses of a sample
+    batch_0001/blender_file/TSS_batch_0001.blend  on request
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from oaisys_core.config import SimulationConfig, config_sha256
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import pose_from_matrix
+from oaisys_core.output.files import write_text
+from oaisys_core.output.images import file_suffix, write_image
+from oaisys_core.output.poses import append_pose, drop_poses_after
+from oaisys_core.output.records import intrinsics_record, read_json, sample_record, write_json
+from oaisys_core.types import Sample
+
+CONFIG, STATE = "config.yaml", "state.json"
+POSES, LABELS, INTRINSICS = "poses.csv", "labels.json", "intrinsics.json"
+SENSOR_DATA, SAMPLE_DATA = Path("meta_data/sensor_data"), Path("meta_data/sample_data")
+
+
+class SampleWriter:
+    """Writes samples below one folder; each file is whole or is not there.
+
+    Every method that writes may raise `RenderError`, for instance where the disk is full.
+    """
+
+    def __init__(self, out: Path, batch_offset: int = 0) -> None:
+        """Write below ``out``; ``batch_offset`` is added to the numbers of batch folders."""
+        self._out = out
+        self._batch_offset = batch_offset
+
+    def begin(self, config: SimulationConfig) -> None:
+        """Start a run in a folder that has none: write its configuration.
+
+        Raises:
+            InvalidInputError: There is a run already.
+        """
+        if (self._out / CONFIG).exists() or any(self._out.glob("batch_*")):
+            expected = "a folder without an earlier run, or --resume to go on with that one"
+            raise InvalidInputError("out", str(self._out), expected)
+        write_text(self._out / CONFIG, config_text(config))
+
+    def resume(self, config: SimulationConfig) -> dict[str, Any] | None:
+        """Return the state that a run stands in; None: it has not written a sample yet.
+
+        What is there of a later sample is taken away or will be overwritten.
+
+        Raises:
+            InvalidInputError: There is no run, or it has another configuration.
+        """
+        path = self._out / CONFIG
+        if not path.is_file():
+            raise InvalidInputError("out", str(self._out), f"a run to resume, with its {CONFIG}")
+        if path.read_text(encoding="utf-8") != config_text(config):
+            expected = f"a run with this configuration; {path} has another one"
+            raise InvalidInputError("out", str(self._out), expected)
+        state: dict[str, Any] | None = None
+        if (self._out / STATE).is_file():
+            state = read_json(self._out / STATE)
+        self._drop_rows_after(state)
+        return state
+
+    def write(self, sample: Sample, labels: Mapping[int, str] | None = None) -> list[Path]:
+        """Write all of a sample and return the image files.
+
+        Args:
+            sample: What was rendered.
+            labels: Name by semantic id, told once a batch.
+        """
+        batch = self.batch_folder(sample.batch_id)
+        paths, files = [], {}
+        for frame in sample.frames:
+            name = f"{sample.sample_id:04d}{frame.sensor}_{file_suffix(frame)}"
+            path = batch / frame.sensor / name
+            write_image(path, frame)
+            paths.append(path)
+            files[frame.sensor, frame.modality] = str(path.relative_to(batch))
+        if labels is not None and not (batch / LABELS).exists():
+            write_json(batch / LABELS, {str(i): label for i, label in sorted(labels.items())})
+        self._write_sensors(batch, sample)
+        append_pose(batch / POSES, sample.sample_id, sample.rig_pose)
+        record = sample_record(sample, files)
+        write_json(batch / SAMPLE_DATA / f"{sample.sample_id:04d}.json", record)
+        return paths
+
+    def write_state(self, state: Mapping[str, Any]) -> None:
+        """Remember where the simulation stands, once all before was written."""
+        write_json(self._out / STATE, state)
+
+    def batch_folder(self, batch_id: int) -> Path:
+        """Return the folder of a batch."""
+        return self._out / f"batch_{batch_id + self._batch_offset:04d}"
+
+    def blend_file(self, batch_id: int) -> Path:
+        """Return where a batch's world is saved."""
+        number = f"{batch_id + self._batch_offset:04d}"
+        return self.batch_folder(batch_id) / "blender_file" / f"TSS_batch_{number}.blend"
+
+    def _drop_rows_after(self, state: Mapping[str, Any] | None) -> None:
+        last = "" if state is None else self.batch_folder(state["last_batch_id"]).name
+        for batch in self._out.glob("batch_*"):
+            if batch.name < last:
+                continue
+            kept = state["batch"]["sample_id"] if state and batch.name == last else 0
+            for table in (*batch.glob(POSES), *(batch / SENSOR_DATA).glob("*.csv")):
+                drop_poses_after(table, kept)
+
+    def _write_sensors(self, batch: Path, sample: Sample) -> None:
+        for frame in {frame.sensor: frame for frame in sample.frames}.values():
+            camera = batch / frame.sensor / INTRINSICS
+            if not camera.exists():
+                write_json(camera, intrinsics_record(frame.intrinsics))
+            table = batch / SENSOR_DATA / f"{frame.sensor}.csv"
+            append_pose(table, sample.sample_id, pose_from_matrix(frame.T_map_camera))
+
+
+def config_text(config: SimulationConfig) -> str:
+    """Return a configuration with all its defaults as a YAML file."""
+    data = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
+    return f"# sha256 {config_sha256(config)}\n{data}"

@@ -1,0 +1,185 @@
+"""``oaisys render``: batches and samples to files, without ROS and without a server."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import Progress as ProgressBar
+
+from oaisys_core.command_options import (
+    BackendOption,
+    ConfigOption,
+    QualityOption,
+    SeedOption,
+    SizeOption,
+)
+from oaisys_core.config import SimulationConfig, adjusted, load_config
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.metadata_file import SampleRequest, Steps, load_steps
+from oaisys_core.output.poses import read_poses
+from oaisys_core.output.writer import SampleWriter
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata, Sample
+
+
+def render(
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for the files.")] = None,
+    config: ConfigOption = None,
+    batches: Annotated[int | None, typer.Option(help="Worlds to build.", min=1)] = None,
+    samples: Annotated[int | None, typer.Option(help="Views of each world.", min=1)] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(help="CSV of rig poses, as poses.csv is written; its rows are the views."),
+    ] = None,
+    metadata: Annotated[
+        Path | None,
+        typer.Option(help="YAML or JSON list of the samples' metadata; its entries are the views."),
+    ] = None,
+    seed: SeedOption = None,
+    backend: BackendOption = None,
+    quality: QualityOption = None,
+    size: SizeOption = None,
+    batch_offset: Annotated[
+        int | None, typer.Option(help="Added to the numbers of batch folders.", min=0)
+    ] = None,
+    save_blend: Annotated[
+        bool | None,
+        typer.Option("--save-blend/--no-save-blend", help="Save each world as a .blend file."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
+) -> None:
+    """Render batches and samples to files, without ROS and without a server.
+
+    Without --poses, --metadata and a motion in the configuration, the rig stays above the ground's
+    centre, looking down.
+    """
+    loaded = load_config(config) if config else SimulationConfig()
+    chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    given = {"folder": out, "batches": batches, "samples": samples}
+    given |= {"batch_offset": batch_offset, "save_blend": save_blend}
+    output = chosen.output.model_copy(update={k: v for k, v in given.items() if v is not None})
+    if output.folder is None:
+        raise InvalidInputError("out", None, "a folder, as --out or output.folder")
+    if output.save_blend and chosen.backend != "blender":
+        expected = "the backend blender, or --no-save-blend"
+        raise InvalidInputError("output.save_blend", chosen.backend, expected)
+    steps = _steps(poses, metadata, output.samples)
+    writer = SampleWriter(output.folder, output.batch_offset)
+    with _own_stdout():
+        simulation = Simulation(chosen)
+        try:
+            run = _Run(simulation, writer, steps, output.batches, output.save_blend)
+            run.start(chosen, is_resumed=resume)
+            run.finish()
+        finally:
+            simulation.close()
+
+
+def _steps(poses: Path | None, metadata: Path | None, samples: int) -> Steps:
+    if poses is not None and metadata is not None:
+        raise InvalidInputError("metadata", str(metadata), "either --poses or --metadata")
+    if metadata is not None:
+        return load_steps(metadata)
+    views = [SampleRequest()] * samples
+    if poses is not None:
+        sensors = [{"pose": pose} for pose in read_poses(poses)]
+        views = [SampleRequest(ModuleMetadata(sensor=sensor)) for sensor in sensors]
+    return Steps(ModuleMetadata(), tuple(views))
+
+
+class _Run:
+    """All batches and samples of one command."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        writer: SampleWriter,
+        steps: Steps,
+        batches: int,
+        saves_worlds: bool,
+    ) -> None:
+        self._simulation = simulation
+        self._writer = writer
+        self._steps = steps
+        self._batches = batches
+        self._saves_worlds = saves_worlds
+        self._console = Console()
+
+    def start(self, config: SimulationConfig, *, is_resumed: bool) -> None:
+        """Prepare the folder; build the world again in which an earlier run was stopped."""
+        if not is_resumed:
+            self._writer.begin(config)
+            return
+        state = self._writer.resume(config)
+        if state is not None:
+            self._simulation.restore(state)
+
+    def finish(self) -> None:
+        """Render all that is missing."""
+        views = self._steps.samples
+        info = self._simulation.info()
+        batch_id, done = info.batch_id, info.sample_id
+        total = self._batches * len(views)
+        with ProgressBar(console=self._console, disable=not self._console.is_terminal) as bar:
+            task = bar.add_task("rendering", total=total)
+            bar.advance(task, max(0, batch_id - 1) * len(views) + done)
+            batch_id = batch_id or self._simulation.step_batch(self._steps.batch)
+            while True:
+                for view in views[done:]:
+                    self._render(view)
+                    bar.advance(task)
+                if self._saves_worlds:
+                    self._save(batch_id)
+                if batch_id >= self._batches:
+                    break
+                batch_id, done = self._simulation.step_batch(self._steps.batch), 0
+
+    def _render(self, view: SampleRequest) -> None:
+        sample = self._simulation.step_sample(
+            view.metadata, modalities=view.modalities, sensors=view.sensors
+        )
+        self._writer.write(sample, self._simulation.info().semantic_labels)
+        self._writer.write_state(self._simulation.state())
+        self._report(sample)
+
+    def _save(self, batch_id: int) -> None:
+        path = self._writer.blend_file(batch_id)
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._simulation.save(path)
+
+    def _report(self, sample: Sample) -> None:
+        if not self._console.is_terminal:
+            typer.echo(
+                f"batch {sample.batch_id} sample {sample.sample_id}: {sample.render_time_s:.2f} s"
+            )
+
+
+@contextmanager
+def _own_stdout() -> Iterator[None]:
+    """Keep standard output for what Python writes: Blender 4.5 prints a line for each tile there.
+
+    Libraries' own output goes to standard error where details are logged, else nowhere.
+    """
+    sys.stdout.flush()
+    shows_all = logging.getLogger().isEnabledFor(logging.DEBUG)
+    aside = os.dup(2) if shows_all else os.open(os.devnull, os.O_WRONLY)
+    kept, python = os.dup(1), sys.stdout
+    os.dup2(aside, 1)
+    os.close(aside)
+    sys.stdout = open(kept, "w", encoding="utf-8", buffering=1, closefd=False)  # noqa: SIM115
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
+        sys.stdout = python
+        os.dup2(kept, 1)
+        os.close(kept)
