@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -130,6 +131,7 @@ class Simulation:
             NotReadyError: Before the first batch.
             InvalidInputError: Metadata, pose, modality or sensor are refused, and nothing changed;
                 or the rig's motion finds no pose.
+            CancelledError, RenderError: It was stopped; everything is as before.
         """
         started_s = time.perf_counter()
         batch = self._current()
@@ -137,9 +139,12 @@ class Simulation:
         self._check(metadata, is_batch=False)
         select(batch.world.cameras, modalities, sensors)
         metadata = self._with_admitted_pose(batch, metadata)
-        self._apply(batch, metadata)
-        cameras = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
-        frames = self._backend.render(cameras, drawn(batch.world.render), progress)
+        with self._undone_on_failure(batch):
+            self._apply(batch, metadata)
+            cameras = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
+            settings = drawn(batch.world.render)
+            cameras = settings.allowed(cameras)
+            frames = self._backend.render(cameras, settings, progress)
         batch.sample_id += 1
         rig_pose = drawn(self._sensors.rig_pose)
         batch.last_rig_poses.update((camera.name, rig_pose) for camera in cameras)
@@ -212,6 +217,10 @@ class Simulation:
         if standing is not None:
             wanted = Batch.from_state(standing)
             self._build(wanted.id, wanted.seed, wanted.stage_seed, wanted.metadata, progress)
+            if wanted.sample_id:
+                # What moves or changes by itself is where the last sample left it.
+                self._current().sample_id = wanted.sample_id - 1
+                self._apply(self._current(), ModuleMetadata(sensor=wanted.metadata.sensor))
             self._current().sample_id = wanted.sample_id
             self._current().last_rig_poses = wanted.last_rig_poses
         self._last_batch_id = int(state["last_batch_id"])
@@ -272,6 +281,24 @@ class Simulation:
         self._batch = Batch(batch_id, seed, stage_seed, world, metadata)
         self._last_batch_id = batch_id
 
+    @contextmanager
+    def _undone_on_failure(self, batch: Batch) -> Iterator[None]:
+        """Have a sample that fails or is cancelled leave everything as it was before."""
+        modules = [(module, dict(vars(module))) for module in self._modules]
+        world, metadata = batch.world, batch.metadata
+        batch.world = replace(world, semantic_labels=dict(world.semantic_labels))
+        try:
+            yield
+        except BaseException:
+            changed = batch.world.scene()
+            for module, state in modules:
+                vars(module).clear()
+                vars(module).update(state)
+            batch.world, batch.metadata = world, metadata
+            if changed.differs_from(world.scene()):
+                self._backend.update(world.scene())
+            raise
+
     def _with_admitted_pose(self, batch: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
         sensor = dict(metadata.sensor or {})
         if "pose" not in sensor and self._sensors.moves_itself:
@@ -303,5 +330,5 @@ class Simulation:
             backend=self._backend.name,
             backend_version=self._backend.version,
             quality=render.quality,
-            render_samples=render.samples if has_rgb else 0,
+            render_samples=(self._backend.light_samples or render.samples) if has_rgb else 0,
         )

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import oaisys_core
+from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
 from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.passes import frame_of, frames_of
 from oaisys_core.backend.shading import Palette, encoded, shaded
 from oaisys_core.backend.solids import flat_ground
 from oaisys_core.backend.surface import Surface, ground_mesh
+from oaisys_core.effects import with_effects
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import ALBEDO, RGB, FloatArray, Frame, Progress, TriangleMesh
@@ -69,6 +71,8 @@ class AnalyticBackend(Backend):
             by_modality = frames_of(surface, view, camera, self._memory)
             if RGB in camera.modalities:
                 image = shaded(view, surface.normals(view), palette, sky, settings.exposure_ev)
+                rng = randomness.stream(settings.noise_seed, camera.name)
+                image = with_effects(image, settings.effects, camera.intrinsics, rng)
                 by_modality[RGB] = frame_of(camera, RGB, image)
             if ALBEDO in camera.modalities:
                 by_modality[ALBEDO] = frame_of(camera, ALBEDO, encoded(palette.albedo(view)))

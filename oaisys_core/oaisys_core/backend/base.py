@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
+from oaisys_core.effects import NO_EFFECTS, Effects
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh
@@ -15,17 +17,25 @@ ProgressCallback = Callable[[Progress], None]
 """Called between steps of long work; it may raise `CancelledError` to stop it."""
 
 
+ViewTransform = Literal["agx", "filmic", "standard", "raw"]
+
+
 @dataclass(frozen=True)
 class RenderSettings:
     """How one sample's colour is rendered; depth and labels do not depend on it.
 
     Attributes:
         quality: Name of the preset, for provenance.
-        samples: Light samples per pixel.
+        samples: Light samples per pixel; with a time budget, the most of them.
         max_bounces: Light bounces.
         denoise: Whether the denoiser runs after sampling.
         exposure_ev: Exposure in stops, applied before the view transform.
         seed: Seed of the light sampling.
+        view_transform: From radiance to pixel values.
+        time_budget_s: For all cameras of a sample together; None: as long as it takes.
+        passes: Modalities that may be rendered; None: all.
+        effects: What happens to colour after rendering.
+        noise_seed: Of this sample's sensor noise.
     """
 
     quality: str
@@ -34,6 +44,22 @@ class RenderSettings:
     denoise: bool
     exposure_ev: float
     seed: int
+    view_transform: ViewTransform = "agx"
+    time_budget_s: float | None = None
+    passes: frozenset[str] | None = None
+    effects: Effects = NO_EFFECTS
+    noise_seed: int = 0
+
+    def allowed(self, cameras: Sequence[PlacedCamera]) -> tuple[PlacedCamera, ...]:
+        """Return the cameras with the modalities that may be rendered; those without any go."""
+        if self.passes is None:
+            return tuple(cameras)
+        kept = [tuple(m for m in c.modalities if m in self.passes) for c in cameras]
+        return tuple(
+            replace(c, modalities=modalities)
+            for c, modalities in zip(cameras, kept, strict=True)
+            if modalities
+        )
 
 
 class Backend(ABC):
@@ -44,6 +70,9 @@ class Backend(ABC):
 
     name: str
     """``blender`` or ``analytic``."""
+
+    light_samples: int | None = None
+    """Light samples per pixel of the last colour images, where a time budget chose them."""
 
     @property
     @abstractmethod

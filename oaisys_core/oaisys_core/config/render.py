@@ -5,20 +5,98 @@ Lengths are metres, angles degrees (a person types them).
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from oaisys_core.config.section import Section
+from oaisys_core.config.section import Positive, Section
+from oaisys_core.types import modality_spec
+
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+def _is_modality(name: str) -> str:
+    try:
+        modality_spec(name)
+    except KeyError:
+        raise ValueError(
+            "expected rgb, depth, range, semantic_0 to semantic_9, instance, normal, flow or albedo"
+        ) from None
+    return name
+
+
+class BloomConfig(Section):
+    """Light that bright parts spill over their surroundings.
+
+    Attributes:
+        threshold: Linear brightness, 1 is white, from which a part spills light.
+        radius_px: Standard deviation of the spill.
+        strength: Share of the light above the threshold that is added around it.
+    """
+
+    threshold: Share = 0.8
+    radius_px: Annotated[float, Field(gt=0, le=500)] = 8.0
+    strength: Annotated[float, Field(ge=0, le=10)] = 0.5
+
+
+class SensorNoiseConfig(Section):
+    """Noise of a sensor whose pixels count electrons.
+
+    Attributes:
+        full_well_e: Electrons at white; the fewer, the more shot noise.
+        read_noise_e: Standard deviation of reading a pixel out, in electrons.
+    """
+
+    full_well_e: Positive = 10_000.0
+    read_noise_e: Annotated[float, Field(ge=0)] = 5.0
+
+
+class EffectsConfig(Section):
+    """What a lens and a sensor do to colour; all off by default, and in this order.
+
+    They work on the finished picture, in linear light: nothing in it is brighter than white.
+
+    Attributes:
+        chromatic_aberration: Share by which red is magnified, and blue shrunk.
+        bloom: None: none.
+        vignetting: 1 darkens towards the corners by cos⁴ of the angle off the axis.
+        sensor_noise: Drawn from the batch's seed, the sample's id and the sensor's name; None:
+            none.
+    """
+
+    chromatic_aberration: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
+    bloom: BloomConfig | None = None
+    vignetting: Share = 0.0
+    sensor_noise: SensorNoiseConfig | None = None
 
 
 class RenderConfig(Section):
     """How colour is rendered; depth and labels are exact at every quality.
 
     Attributes:
-        quality: Preset of samples per pixel and bounces.
+        quality: Preset of samples per pixel and bounces; ``geometry`` renders no colour at all.
+        samples: Light samples per pixel; None: the preset's.
+        denoise: Whether the denoiser runs after sampling.
+        max_bounces: Bounces of light; None: the preset's.
+        time_budget_s: Seconds that a sample may take. Fewer light samples are taken, down to one,
+            so that all its cameras together stay within, judged by the time that recent views
+            took; the first view has one. Such colour depends on the machine; depth and labels
+            never do. None: as long as it takes.
         exposure_ev: Exposure in stops.
+        view_transform: What pixel values mean. ``agx`` and ``filmic`` roll bright parts off as
+            film does, for pictures; ``standard`` is radiance, clipped at white and sRGB-encoded,
+            so that linear values are proportional to light; ``raw`` is the same without the sRGB
+            encoding. The analytic backend always renders ``standard``.
+        passes: Modalities to render of those that the sensors have, for all of them; None: all.
+        effects: What a lens and a sensor do to colour.
     """
 
-    quality: Literal["preview", "standard", "high", "final"] = "standard"
+    quality: Literal["geometry", "preview", "standard", "high", "final"] = "standard"
+    samples: Annotated[int, Field(ge=1, le=65536)] | None = None
+    denoise: bool = True
+    max_bounces: Annotated[int, Field(ge=0, le=64)] | None = None
+    time_budget_s: Positive | None = None
     exposure_ev: float = Field(default=0.0, ge=-20, le=20)
+    view_transform: Literal["agx", "filmic", "standard", "raw"] = "agx"
+    passes: tuple[Annotated[str, AfterValidator(_is_modality)], ...] | None = None
+    effects: EffectsConfig = EffectsConfig()

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
+
 from oaisys_core.backend.base import RenderSettings
-from oaisys_core.config.render import RenderConfig
-from oaisys_core.module import World
+from oaisys_core.config.render import EffectsConfig, RenderConfig
+from oaisys_core.effects import Bloom, Effects, SensorNoise
+from oaisys_core.module import Metadata, World, drawn
 from oaisys_core.modules.overrides import SectionModule
+from oaisys_core.types import ALBEDO, DEPTH, FLOW, INSTANCE, NORMAL, RANGE, RGB
 
 LIGHT_SEED = 0
 """One pattern of light samples for all views: a pose rendered again gives the same picture."""
+
+GEOMETRY = frozenset(
+    {DEPTH, RANGE, INSTANCE, NORMAL, FLOW} | {f"semantic_{level}" for level in range(10)}
+)
+"""Modalities that need no light."""
+
+ALL_PASSES = GEOMETRY | {RGB, ALBEDO}
 
 
 class Preset(NamedTuple):
@@ -18,9 +30,11 @@ class Preset(NamedTuple):
 
     samples: int
     max_bounces: int
+    passes: frozenset[str] = ALL_PASSES
 
 
 PRESETS = {
+    "geometry": Preset(samples=1, max_bounces=0, passes=GEOMETRY),
     "preview": Preset(samples=1, max_bounces=2),
     "standard": Preset(samples=4, max_bounces=2),
     "high": Preset(samples=16, max_bounces=3),
@@ -35,17 +49,37 @@ class RenderModule(SectionModule[RenderConfig]):
     metadata_part = "render"
 
     def apply(self, world: World, section: RenderConfig) -> None:
-        """Set samples, bounces and exposure."""
+        """Set what does not change from sample to sample by itself."""
         world.render = _settings(section)
+
+    def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Change what the metadata says, and draw the seed of this sample's sensor noise."""
+        super().step_sample(world, metadata, rng)
+        world.render = replace(drawn(world.render), noise_seed=int(rng.integers(2**63)))
 
 
 def _settings(config: RenderConfig) -> RenderSettings:
     preset = PRESETS[config.quality]
+    passes = preset.passes if config.passes is None else preset.passes & set(config.passes)
     return RenderSettings(
         quality=config.quality,
-        samples=preset.samples,
-        max_bounces=preset.max_bounces,
-        denoise=True,
+        samples=preset.samples if config.samples is None else config.samples,
+        max_bounces=preset.max_bounces if config.max_bounces is None else config.max_bounces,
+        denoise=config.denoise,
         exposure_ev=config.exposure_ev,
         seed=LIGHT_SEED,
+        view_transform=config.view_transform,
+        time_budget_s=config.time_budget_s,
+        passes=None if passes == ALL_PASSES else passes,
+        effects=_effects(config.effects),
+    )
+
+
+def _effects(config: EffectsConfig) -> Effects:
+    bloom, noise = config.bloom, config.sensor_noise
+    return Effects(
+        chromatic_aberration=config.chromatic_aberration,
+        bloom=None if bloom is None else Bloom(bloom.threshold, bloom.radius_px, bloom.strength),
+        vignetting=config.vignetting,
+        noise=None if noise is None else SensorNoise(noise.full_well_e, noise.read_noise_e),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import bpy
@@ -9,6 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from oaisys_core.geometry import transform
+from oaisys_core.scene import Lens
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
 T_OPTICAL_BLENDER: FloatArray = transform(np.diag((1.0, -1.0, -1.0)), (0.0, 0.0, 0.0))
@@ -17,6 +20,10 @@ T_OPTICAL_BLENDER: FloatArray = transform(np.diag((1.0, -1.0, -1.0)), (0.0, 0.0,
 SENSOR_WIDTH_MM = 36.0
 CLIP_START_M = 1e-3
 CLIP_END_M = 1e6
+
+
+PREVIOUS_FRAME, FRAME = 1, 2
+"""Blender's frames of the pose before and the pose now, where a camera is seen moving."""
 
 
 def new_camera() -> Any:
@@ -35,6 +42,58 @@ def new_camera() -> Any:
 def place(camera: Any, T_map_camera: FloatArray) -> None:
     """Move a camera to the (4, 4) pose of its optical frame."""
     camera.matrix_world = Matrix(T_map_camera @ T_OPTICAL_BLENDER)
+
+
+def set_lens(camera: Any, lens: Lens | None) -> None:
+    """Give a camera an aperture, or none.
+
+    Focal length and aperture are those of a film `SENSOR_WIDTH_MM` wide.
+    """
+    dof = camera.data.dof
+    dof.use_dof = lens is not None
+    if lens is None:
+        return
+    dof.focus_distance = lens.focus_distance_m
+    dof.aperture_fstop = lens.f_number
+    dof.aperture_blades = lens.blades
+    dof.aperture_rotation = lens.blade_rotation_rad
+    dof.aperture_ratio = lens.ratio
+
+
+@contextmanager
+def moving(camera: Any, T_map_previous: FloatArray | None, shutter_share: float) -> Iterator[None]:
+    """Have renders show a camera on its way from a previous pose to that where it stands.
+
+    The shutter closes as it arrives, and opens that share of the way before. Objects stand still.
+    """
+    if T_map_previous is None or shutter_share == 0.0:
+        yield
+        return
+    scene = bpy.context.scene
+    T_map_camera = camera.matrix_world.copy()
+    frames = ((PREVIOUS_FRAME, Matrix(T_map_previous @ T_OPTICAL_BLENDER)), (FRAME, T_map_camera))
+    # The way to have straight interpolation that both versions of Blender understand.
+    edit = bpy.context.preferences.edit
+    edit.keyframe_new_interpolation_type = "LINEAR"
+    camera.rotation_mode = "QUATERNION"
+    last = None
+    for frame, pose in frames:
+        place, turn, _ = pose.decompose()
+        if last is not None and last.dot(turn) < 0:
+            turn.negate()
+        camera.location, camera.rotation_quaternion, last = place, turn, turn
+        camera.keyframe_insert("location", frame=frame)
+        camera.keyframe_insert("rotation_quaternion", frame=frame)
+    scene.render.use_motion_blur = True
+    scene.render.motion_blur_shutter = shutter_share
+    scene.render.motion_blur_position = "END"
+    scene.frame_set(FRAME)
+    try:
+        yield
+    finally:
+        scene.render.use_motion_blur = False
+        camera.animation_data_clear()
+        camera.matrix_world = T_map_camera
 
 
 def set_intrinsics(camera: Any, intrinsics: PinholeIntrinsics) -> None:

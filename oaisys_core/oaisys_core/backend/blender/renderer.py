@@ -2,22 +2,39 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
+from dataclasses import replace
+from math import inf
 from pathlib import Path
 
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
+from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
-from oaisys_core.backend.blender.camera import new_camera, place, set_intrinsics
+from oaisys_core.backend.blender.budget import TimeBudget
+from oaisys_core.backend.blender.camera import moving, new_camera, place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.cycles import Cycles
+from oaisys_core.backend.blender.distortion import covering_pinhole, distorted_image
 from oaisys_core.backend.blender.lights import Lights
 from oaisys_core.backend.blender.world import World
 from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.passes import frame_of, geometry_frames
 from oaisys_core.backend.surface import Surface
+from oaisys_core.effects import with_effects
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import PlacedCamera, Scene, Sky
-from oaisys_core.types import RGB, FloatArray, Frame, Progress, TriangleMesh
+from oaisys_core.types import (
+    ALBEDO,
+    RGB,
+    FloatArray,
+    Frame,
+    PinholeIntrinsics,
+    Progress,
+    TriangleMesh,
+)
 
 
 class BlenderBackend(Backend):
@@ -39,6 +56,7 @@ class BlenderBackend(Backend):
         self._camera = new_camera()
         self._surface: Surface | None = None
         self._memory = PoseMemory()
+        self._budget = TimeBudget()
 
     @property
     def version(self) -> str:
@@ -77,16 +95,22 @@ class BlenderBackend(Backend):
     ) -> tuple[Frame, ...]:
         """See `Backend.render`."""
         surface = self._built()
-        self._cycles.set(settings)
+        ends_s = time.perf_counter() + (settings.time_budget_s or inf)
+        self.light_samples = None
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
             progress(Progress("geometry", index / len(cameras)))
             by_modality = geometry_frames(surface, camera, self._memory)
-            if RGB in camera.modalities:
+            for modality in (RGB, ALBEDO):
+                if modality not in camera.modalities:
+                    continue
                 progress(Progress("color", (index + 0.2) / len(cameras)))
-                place(self._camera, camera.T_map_camera)
-                set_intrinsics(self._camera, camera.intrinsics)
-                by_modality[RGB] = frame_of(camera, RGB, self._cycles.render())
+                left_s = (ends_s - time.perf_counter()) / (len(cameras) - index)
+                if modality == RGB:
+                    image = self._color(camera, settings, left_s)
+                else:
+                    image = self._albedo(camera, settings)
+                by_modality[modality] = frame_of(camera, modality, image)
             frames.extend(by_modality[modality] for modality in camera.modalities)
         self._memory.remember(cameras, surface.scene)
         return tuple(frames)
@@ -110,6 +134,53 @@ class BlenderBackend(Backend):
         self._surface = None
         self._cycles.close()
         bpy.ops.wm.read_factory_settings(use_empty=True)
+
+    def _color(
+        self, camera: PlacedCamera, settings: RenderSettings, seconds: float
+    ) -> NDArray[np.uint8]:
+        """Return the colour image of a camera, in the seconds that are left for it."""
+        samples = settings.samples
+        pinhole = self._aim(camera)
+        if settings.time_budget_s is not None:
+            samples = self._budget.samples(pinhole, seconds, samples)
+            self.light_samples = min(samples, self.light_samples or samples)
+        self._cycles.set(settings, samples)
+        set_lens(self._camera, camera.lens)
+        started_s = time.perf_counter()
+        with moving(self._camera, camera.T_map_previous, camera.shutter_share):
+            image = self._cycles.render()
+        self._budget.learn(pinhole, samples, time.perf_counter() - started_s)
+        if pinhole is not camera.intrinsics:
+            image = distorted_image(image, pinhole, camera.intrinsics)
+        rng = randomness.stream(settings.noise_seed, camera.name)
+        return with_effects(image, settings.effects, camera.intrinsics, rng)
+
+    def _albedo(self, camera: PlacedCamera, settings: RenderSettings) -> NDArray[np.uint8]:
+        """Return the reflectance that a camera sees, without depth of field or motion."""
+        pinhole = self._aim(camera)
+        self._cycles.set(settings, self.light_samples)
+        set_lens(self._camera, None)
+        sky = self._built().scene.sky
+        # Haze is part of the materials' colours.
+        if sky.haze is not None:
+            self._lights.set(replace(sky, haze=None))
+        try:
+            image = self._cycles.render_albedo()
+        finally:
+            if sky.haze is not None:
+                self._lights.set(sky)
+        if pinhole is camera.intrinsics:
+            return image
+        return distorted_image(image, pinhole, camera.intrinsics)
+
+    def _aim(self, camera: PlacedCamera) -> PinholeIntrinsics:
+        """Place Blender's camera and return its intrinsics: the camera's own, unless distorted."""
+        pinhole = camera.intrinsics
+        if any(pinhole.distortion):
+            pinhole = covering_pinhole(pinhole)
+        place(self._camera, camera.T_map_camera)
+        set_intrinsics(self._camera, pinhole)
+        return pinhole
 
     def _set_sky(self, sky: Sky) -> None:
         self._lights.set(sky)
