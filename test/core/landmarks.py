@@ -33,6 +33,21 @@ BRIGHT, DARK = 0.85, 0.3
 """Colours of the tiles, in sRGB."""
 
 
+def straightened(
+    pixels: FloatArray,
+    K: FloatArray,
+    coefficients: FloatArray,
+) -> FloatArray:
+    """(N, 2) directions at z = 1 that (N, 2) pixels see, by OpenCV's iteration carried on."""
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 500, 1e-13)
+    points = np.asarray(pixels, dtype=np.float64)[:, None]
+    if hasattr(cv2, "undistortPointsIter"):  # OpenCV 4; it is undistortPoints in OpenCV 5
+        found = cv2.undistortPointsIter(points, K, coefficients, None, None, criteria)
+    else:
+        found = cv2.undistortPoints(points, K, coefficients, criteria=criteria)
+    return np.asarray(found[:, 0], dtype=np.float64)
+
+
 @dataclass(frozen=True)
 class Lab:
     """A camera on a rig somewhere, and its pose in ``map`` as scipy has it.
@@ -82,9 +97,8 @@ class Lab:
         """(H, W, 3) directions with z = 1 of what OpenCV sees beside the pixels' centres."""
         h, w = self.config.height_px, self.config.width_px
         v, u = np.mgrid[:h, :w].astype(np.float64)
-        pixels = np.stack((u + offset_px[0], v + offset_px[1]), axis=-1).reshape(-1, 1, 2)
-        criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 300, 1e-12)
-        flat = cv2.undistortPointsIter(pixels, self.K, self.coefficients, None, None, criteria)
+        pixels = np.stack((u + offset_px[0], v + offset_px[1]), axis=-1).reshape(-1, 2)
+        flat = straightened(pixels, self.K, self.coefficients)
         return np.concatenate((flat.reshape(h, w, 2), np.ones((h, w, 1))), axis=-1)
 
     def in_map(self, points_optical_m: FloatArray) -> FloatArray:
