@@ -51,7 +51,7 @@ RIVER_STONES: tuple[Color, ...] = (
     (0.56, 0.47, 0.40),
     (0.34, 0.335, 0.34),
     (0.46, 0.47, 0.44),
-    (0.72, 0.70, 0.66),
+    (0.67, 0.65, 0.61),
 )
 LUNAR_STONES: tuple[Color, ...] = (
     (0.42, 0.41, 0.40),
@@ -144,9 +144,11 @@ def pebbles(size_px: int, rng: np.random.Generator) -> Surface:
     swell = fields.tile_noise(size_px, 3, rng, 2.2)
     color = dusty(size_px, rng, (0.50, 0.44, 0.36), 0.06)
     bed = Bed(0.0015 * swell + 0.0003 * fields.grains(size_px, rng, 1.0))
+    # A stream sorts: here coarse, there fine.
+    coarse = np.clip(0.6 + 0.45 * fields.tile_noise(size_px, 3, rng, 1.8), 0.05, 1)
     bed.pour(Pour(15000, (0.003, 0.008), 2.0, flatness=0.6, edge=0.17, buried=0.2), rng)
-    bed.pour(Pour(3000, (0.008, 0.02), 2.2, flatness=0.6, edge=0.2, buried=0.3), rng)
-    bed.pour(Pour(420, (0.016, 0.036), 2.4, flatness=0.55, edge=0.2, buried=0.35), rng)
+    bed.pour(Pour(4200, (0.008, 0.02), 2.2, flatness=0.6, edge=0.2, buried=0.3), rng, coarse)
+    bed.pour(Pour(560, (0.016, 0.036), 2.4, flatness=0.55, edge=0.2, buried=0.35), rng, coarse)
     bed.pour(Pour(2500, (0.003, 0.006), 2.2, edge=0.15, buried=0.1), rng)
     return covered(color, bed, RIVER_STONES, rng, roughness=0.72)
 

@@ -160,10 +160,10 @@ def grass(size_px: int, rng: np.random.Generator) -> Surface:
     color = np.where((ids >= 0)[..., None], color, earth)
     color *= (1 + 0.07 * lush)[..., None] * (1 + lush[..., None] * np.array((-0.03, 0.02, -0.02)))
     height = thicket.height_px / size_px
-    color *= (0.30 + 0.70 * smoothstep(-0.004, 0.006, _over(height, 0.012)))[..., None]
+    color *= (0.50 + 0.50 * smoothstep(-0.005, 0.005, _over(height, 0.012)))[..., None]
     rough = np.where(ids >= 0, 0.72, 0.95).astype(np.float32)
     relief = 0.10 * fields.blurred(height, 0.8) + 0.15 * fields.blurred(height, size_px / 170)
-    return finished(color, relief, rough, albedo=0.155, shade=0.3)
+    return finished(color, relief, rough, albedo=0.15, shade=0.2)
 
 
 def moss(size_px: int, rng: np.random.Generator) -> Surface:
@@ -193,7 +193,7 @@ def moss(size_px: int, rng: np.random.Generator) -> Surface:
     color *= (0.5 + 0.5 * smoothstep(-0.004, 0.003, _over(height, 0.006)))[..., None]
     wide = fields.blurred(height, size_px / 200)
     relief = wide + 0.25 * (fields.blurred(height, 0.7) - wide)
-    return finished(color, relief, 0.92 - 0.12 * along, albedo=0.085, shade=0.7)
+    return finished(color, relief, 0.92 - 0.12 * along, albedo=0.085, shade=0.5)
 
 
 SHOOT_LEAVES = 7
@@ -255,15 +255,18 @@ def leaf_litter(size_px: int, rng: np.random.Generator) -> Surface:
         0.75, 1.0, np.cos(2 * np.pi * (9 * along - 2.5 * np.abs(across)))
     )
     color *= (1 + is_leaf * 0.16 * rib)[..., None]
+    # Where it is damp, leaves have rotted further: darker, and less colourful.
+    damp = smoothstep(-1.2, 1.8, fields.tile_noise(size_px, 3, rng, 1.7) - 0.5 * lumps)
+    color = blended(color, (0.085, 0.062, 0.045), 0.5 * damp)
     spots = fields.tile_noise(size_px, 30, rng, 1.6)
     color *= (1 - 0.10 * spots - 0.25 * smoothstep(1.2, 2.0, spots))[..., None]
     earth = tinted(1 + 0.2 * fields.tile_noise(size_px, 40, rng, 1.3), EARTH)
     color = np.where((ids >= 0)[..., None], color, earth)
     height = thicket.height_px / size_px + 0.004 * lumps
-    color *= (0.35 + 0.65 * smoothstep(-0.010, 0.004, _over(height, 0.012)))[..., None]
+    color *= (0.50 + 0.50 * smoothstep(-0.010, 0.004, _over(height, 0.012)))[..., None]
     relief = 0.5 * fields.blurred(height, 0.8)
     rough = np.where(is_leaf, 0.75, 0.9).astype(np.float32)
-    return finished(color, relief, rough, albedo=0.13, shade=0.5)
+    return finished(color, relief, rough, albedo=0.13, shade=0.35)
 
 
 def _over(height: Field, width: float) -> Field:
