@@ -31,9 +31,8 @@ def linear_views(
     backend = BlenderBackend()
     backend.build(replace(scene, sky=skies[0]), ignore)
     blender_scene: Any = bpy.context.scene
-    blender_scene.view_settings.view_transform = "Raw"
     blender_scene.cycles.filter_width = 0.01
-    wanted = settings(samples, exposure_ev=-BASE_EXPOSURE_EV)
+    wanted = replace(settings(samples, exposure_ev=-BASE_EXPOSURE_EV), view_transform="raw")
     seen = []
     for sky in skies:
         backend.update(replace(scene, sky=sky))

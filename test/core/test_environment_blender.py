@@ -105,3 +105,23 @@ def test_the_disc_stands_where_the_sun_is(model: Any) -> None:
     angle = np.arccos(rays @ np.array(sky.to_sun) / np.linalg.norm(rays, axis=-1))
     assert (disc[angle < 0.049] > 0.9).all()
     assert np.abs(disc - sky_alone)[angle > 0.051].max() < 0.02
+
+
+def test_the_ground_goes_on_to_the_horizon_but_not_above_it() -> None:
+    """Beyond the stage it is as bright as on it, where without it one would see sky."""
+    sky = replace(SUNNY, has_plain=True)
+    scene = replace(flat_world(), primitives=())
+    view = camera(pose_looking_at((15, 0, 2), (40, 0, 2)))
+    with_plain, without = in_blender(
+        "blender_jobs_environment.linear_views", scene, [view], [sky, SUNNY], 16
+    )
+    rays = rays_of(view)
+    # The stage ends 5 m ahead, 1.75 m below the eye.
+    beyond = (rays[..., 2] < -0.02) & (rays[..., 2] > -0.25)
+    on_stage = rays[..., 2] < -0.38
+    assert beyond.sum() > 300
+    mean = with_plain[on_stage].mean(axis=0)
+    np.testing.assert_allclose(with_plain[beyond].mean(axis=0), mean, rtol=0.3)
+    above = rays[..., 2] > 0.02
+    np.testing.assert_allclose(with_plain[above], without[above], atol=1.5 / 255)
+    np.testing.assert_allclose(with_plain[on_stage], without[on_stage], atol=0.1)

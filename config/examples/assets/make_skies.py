@@ -22,6 +22,9 @@ SUN_W_M2 = 3.5
 """Irradiance of the sun on a surface that faces it."""
 
 ZENITH, HORIZON, GLOW = (0.10, 0.19, 0.42), (0.52, 0.55, 0.55), (1.2, 0.95, 0.6)
+FINER = 4
+"""Places across a texel, whose mean is its colour."""
+
 NEAR_HILLS, FAR_HILLS, PLAIN = (0.16, 0.12, 0.085), (0.30, 0.29, 0.30), (0.24, 0.19, 0.14)
 COLORS_OF_LABELS = {"sky": (120, 170, 255), "hills": (150, 90, 40), "plain": (220, 190, 120)}
 SKY, HILLS, GROUND = range(3)
@@ -37,8 +40,9 @@ def ridge(rng: np.random.Generator, azimuth: NDArray[np.float64]) -> NDArray[np.
 
 def sky_image(rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
     """Return (ROWS, 2 ROWS, 3) radiance and (ROWS, 2 ROWS) what it shows."""
-    elevation = (np.pi * (0.5 - (np.arange(ROWS) + 0.5) / ROWS))[:, None]
-    azimuth = (np.pi - np.pi * (np.arange(2 * ROWS) + 0.5) / ROWS)[None, :]
+    rows = ROWS * FINER
+    elevation = (np.pi * (0.5 - (np.arange(rows) + 0.5) / rows))[:, None]
+    azimuth = (np.pi - np.pi * (np.arange(2 * rows) + 0.5) / rows)[None, :]
     towards_sun = np.sin(elevation) * np.sin(SUN_ELEVATION) + np.cos(elevation) * np.cos(
         SUN_ELEVATION
     ) * np.cos(azimuth - SUN_AZIMUTH)
@@ -47,17 +51,18 @@ def sky_image(rng: np.random.Generator) -> tuple[NDArray[np.float32], NDArray[np
     image = np.array(HORIZON) * (1 - share) + np.array(ZENITH) * share
     image = image + np.array(GLOW) * np.exp(-angle / 0.18)
     is_sun = angle[..., 0] < SUN_RADIUS
-    solid_angle = (np.cos(elevation) * (np.pi / ROWS) ** 2 * is_sun).sum()
+    solid_angle = (np.cos(elevation) * (np.pi / rows) ** 2 * is_sun).sum()
     image[is_sun] += SUN_W_M2 / solid_angle * np.array((1.0, 0.93, 0.82))
 
     shown = np.full(is_sun.shape, SKY)
-    for color, mean_deg, range_deg in ((FAR_HILLS, 2.5, 2.0), (NEAR_HILLS, 1.0, 3.0)):
+    for color, mean_deg, range_deg in ((FAR_HILLS, 6.0, 4.0), (NEAR_HILLS, 2.0, 5.0)):
         top = np.radians(mean_deg + range_deg * ridge(rng, azimuth))
         is_hill = elevation < top
         image[is_hill], shown[is_hill] = color, HILLS
     below = np.broadcast_to(elevation < 0, shown.shape)
     image[below], shown[below] = PLAIN, GROUND
-    return image.astype(np.float32), shown
+    mean = image.reshape(ROWS, FINER, 2 * ROWS, FINER, 3).mean(axis=(1, 3))
+    return mean.astype(np.float32), shown[FINER // 2 :: FINER, FINER // 2 :: FINER]
 
 
 def main(folder: Path) -> None:
