@@ -40,10 +40,15 @@ from oaisys_grpc.wire import Connection
 
 POSE = Pose((1.25, -2.5, 1e-9), (0.5, -0.5, 0.5, math.sqrt(0.25)))
 INTRINSICS = PinholeIntrinsics(640, 480, 541.14, 540.9, 319.5, 239.25)
+BENT = PinholeIntrinsics(640, 480, 541.14, 540.9, 319.5, 239.25, (-0.2, 0.05, 1e-3, 0.0, 1e-9))
 T = np.random.default_rng(1).normal(size=(4, 4))
 PROVENANCE = Provenance(2**62, 2**63 - 1, "a" * 64, "blender", "5.2.3", "high", 16)
 METADATA = ModuleMetadata(
-    sensor={"pose": POSE},
+    sensor={
+        "pose": POSE,
+        "cameras": {"left": {"lens": {"f_number": 2.5}, "distortion": None}},
+        "motion": {"kind": "random", "position_m": [[0, 1], [-1.5, 2], 3]},
+    },
     environment={"sun_elevation_deg": 12.5, "sky_semantic_id": 3},
     asset={"count_factor": 0.5},
     render={"quality": "high"},
@@ -55,7 +60,10 @@ INFO = SimulatorInfo(
     2**62,
     "b" * 64,
     "standard",
-    (SensorInfo("left", INTRINSICS, T, ("rgb", "depth")),),
+    (
+        SensorInfo("left", INTRINSICS, T, ("rgb", "depth")),
+        SensorInfo("right", BENT, T, ("normal", "flow", "semantic_9"), 0.25),
+    ),
     {1: "gravel", 65535: "rock"},
     3,
     4,
@@ -74,8 +82,10 @@ def make_sample(height_px: int = 480, width_px: int = 640) -> Sample:
         "depth": depth_m,
         "semantic_0": rng.integers(0, 2**16, size, dtype=np.uint16),
         "instance": rng.integers(0, 2**32, size, dtype=np.uint32),
+        "normal": rng.normal(size=(*size, 3)).astype(np.float32),
+        "flow": np.full((*size, 2), np.nan, np.float32),
     }
-    frames = tuple(Frame("left", name, data, INTRINSICS, T) for name, data in images.items())
+    frames = tuple(Frame("left", name, data, BENT, T) for name, data in images.items())
     return Sample(3, 9, POSE, frames, 0.25, PROVENANCE)
 
 
