@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
-import bpy
 from synthetic_worlds import settings
 
 from oaisys_core.backend.blender import BlenderBackend
@@ -24,8 +23,7 @@ def views(cases: Sequence[tuple[Scene, PlacedCamera]], samples: int = 1) -> list
     frames = []
     for scene, camera in cases:
         backend.build(scene, ignore)
-        blender_scene: Any = bpy.context.scene
-        blender_scene.view_settings.view_transform = "Raw"
-        wanted = settings(samples, exposure_ev=-BASE_EXPOSURE_EV)
+        linear = settings(samples, exposure_ev=-BASE_EXPOSURE_EV)
+        wanted = replace(linear, view_transform="raw")
         frames.append(backend.render([camera], wanted, ignore))
     return frames

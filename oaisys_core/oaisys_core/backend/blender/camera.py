@@ -34,6 +34,7 @@ def new_camera() -> Any:
     data.clip_start = CLIP_START_M
     data.clip_end = CLIP_END_M
     camera = bpy.data.objects.new("camera", data)
+    camera.rotation_mode = "QUATERNION"
     bpy.context.scene.collection.objects.link(camera)
     bpy.context.scene.camera = camera
     return camera
@@ -75,7 +76,6 @@ def moving(camera: Any, T_map_previous: FloatArray | None, shutter_share: float)
     # The way to have straight interpolation that both versions of Blender understand.
     edit = bpy.context.preferences.edit
     edit.keyframe_new_interpolation_type = "LINEAR"
-    camera.rotation_mode = "QUATERNION"
     last = None
     for frame, pose in frames:
         place, turn, _ = pose.decompose()

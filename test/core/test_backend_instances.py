@@ -1,0 +1,168 @@
+"""Rays at instances against rays at copies of them, and instances in Blender."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from blender_process import in_blender
+from scipy.spatial.transform import Rotation
+from synthetic_worlds import camera, rocky_world, settings
+
+from oaisys_core.backend import objects
+from oaisys_core.backend.analytic import AnalyticBackend
+from oaisys_core.backend.instances import InstanceCaster, LocalCasters, Standing
+from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
+from oaisys_core.raycast import NO_TRIANGLE, RayCaster
+from oaisys_core.scene import MeshPrototype, Placement, Scene
+from oaisys_core.types import DEPTH, INSTANCE, NORMAL, SEMANTIC_0, PinholeIntrinsics
+
+WIDE = PinholeIntrinsics(160, 120, 90.0, 90.0, 79.5, 59.5)
+VIEWS = (
+    camera(pose_looking_down(0.0, 0.0, 9.0, 0.3), WIDE),
+    camera(pose_looking_at((-7.0, -6.0, 2.0), (1.0, 0.0, 0.0)), WIDE),
+    camera(pose_looking_at((0.3, -0.2, 0.4), (5.0, 1.0, 0.2)), WIDE),
+)
+
+
+def crowd(count: int = 600) -> list[Standing]:
+    """Rocks of two kinds, close together, that overlap."""
+    rock = rocky_world().prototypes[0]
+    tall = replace(rock, name="tall", vertices_m=rock.vertices_m * np.float32((0.4, 0.4, 2.0)))
+    return [_standing(rock, 0, count, 1, 5), _standing(tall, 1, count // 2, count + 1, 6)]
+
+
+def _standing(
+    prototype: MeshPrototype, index: int, count: int, first_id: int, seed: int
+) -> Standing:
+    rng = np.random.default_rng(seed)
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, :3] = Rotation.random(count, random_state=seed).as_matrix()
+    T[:, :3, :3] *= rng.uniform(0.05, 0.7, (count, 1, 1))
+    T[:, :3, 3] = rng.uniform((-9, -9, -0.3), (9, 9, 0.6), (count, 3))
+    ids = np.arange(first_id, first_id + count, dtype=np.uint32)
+    return Standing(prototype, Placement(index, (10 + index,), T, ids))
+
+
+@pytest.mark.parametrize("view", range(3))
+def test_instances_are_hit_as_copies_of_them_are(view: int) -> None:
+    standing = crowd()
+    instances = InstanceCaster(standing, LocalCasters())
+    copies = RayCaster([each.mesh() for each in standing])
+    directions = pixel_rays(WIDE) @ VIEWS[view].T_map_camera[:3, :3].T
+    origin_m = VIEWS[view].T_map_camera[:3, 3]
+    depth_m, triangles = instances.intersect(origin_m, directions)
+    expected_m, expected = copies.intersect(origin_m, directions)
+    hit = expected != NO_TRIANGLE
+    assert hit.mean() > 0.2
+    same = triangles == expected
+    assert same.mean() > 0.999
+    both = same & hit
+    assert (depth_m[both].astype(np.float32) == expected_m[both].astype(np.float32)).mean() > 0.999
+    np.testing.assert_allclose(depth_m[both], expected_m[both], rtol=1e-9)
+    assert (instances.instance_ids_of(triangles) == copies.instance_ids_of(triangles)).all()
+    np.testing.assert_allclose(
+        instances.normals_of(triangles[hit & same]),
+        copies.normals_of(triangles[hit & same]),
+        atol=1e-9,
+    )
+
+
+def test_what_lies_beyond_the_limits_is_left_out() -> None:
+    instances = InstanceCaster(crowd(), LocalCasters())
+    directions = pixel_rays(WIDE) @ VIEWS[1].T_map_camera[:3, :3].T
+    origin_m = VIEWS[1].T_map_camera[:3, 3]
+    depth_m, triangles = instances.intersect(origin_m, directions)
+    limits = np.full(depth_m.shape, 6.0)
+    near_m, near = instances.intersect(origin_m, directions, limits)
+    within = depth_m < 6.0
+    assert 0.02 < within.mean() < 0.9
+    assert (near == np.where(within, triangles, NO_TRIANGLE)).all()
+    assert (near_m[within] == depth_m[within]).all()
+    assert np.isposinf(near_m[~within]).all()
+
+
+def test_heights_over_instances_are_those_over_copies() -> None:
+    standing = crowd()
+    xy_m = np.random.default_rng(2).uniform(-10, 10, (3000, 2))
+    heights_m = InstanceCaster(standing, LocalCasters()).surface_height_m(xy_m)
+    expected_m = RayCaster([each.mesh() for each in standing]).surface_height_m(xy_m)
+    assert 0.1 < np.isfinite(expected_m).mean() < 0.95
+    assert (np.isfinite(heights_m) == np.isfinite(expected_m)).mean() > 0.999
+    both = np.isfinite(heights_m) & np.isfinite(expected_m)
+    assert np.quantile(np.abs(heights_m - expected_m)[both], 0.999) < 1e-6
+
+
+def test_no_instances_are_no_error() -> None:
+    nothing = InstanceCaster([], LocalCasters())
+    distances, triangles = nothing.intersect(np.zeros(3), np.ones((4, 3)))
+    assert np.isposinf(distances).all()
+    assert (triangles == NO_TRIANGLE).all()
+    assert np.isnan(nothing.surface_height_m([(0.0, 0.0)])).all()
+
+
+def test_one_large_mesh_many_times_is_seen_without_copies() -> None:
+    """A million triangles twenty times would be 20 million."""
+    side = 708
+    x, y = np.meshgrid(np.linspace(-1, 1, side), np.linspace(-1, 1, side))
+    vertices = np.stack((x, y, 0.3 * np.cos(5 * x) * np.cos(4 * y)), -1).reshape(-1, 3)
+    index = np.arange(side * side).reshape(side, side)
+    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
+    triangles = np.stack((a, b, c, a, c, d), -1).reshape(-1, 3).astype(np.int32)
+    cloth = MeshPrototype("cloth", vertices.astype(np.float32), triangles)
+    T = np.tile(np.eye(4), (20, 1, 1))
+    T[:, 0, 3] = 2.5 * np.arange(20)
+    placement = Placement(0, (4,), T, np.arange(1, 21, dtype=np.uint32))
+    caster = InstanceCaster([Standing(cloth, placement)], LocalCasters())
+    xy_m = np.random.default_rng(3).uniform((-1, -1), (48.5, 1), (2000, 2))
+    local_x = (xy_m[:, 0] + 1.25) % 2.5 - 1.25
+    on = np.abs(local_x) < 0.99
+    expected_m = 0.3 * np.cos(5 * local_x) * np.cos(4 * xy_m[:, 1])
+    np.testing.assert_allclose(caster.surface_height_m(xy_m)[on], expected_m[on], atol=2e-5)
+
+
+def test_both_ways_show_the_same_world(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = rocky_world()
+    views = [replace(v, modalities=(DEPTH, INSTANCE, SEMANTIC_0, NORMAL)) for v in VIEWS]
+
+    def seen() -> list[np.ndarray]:
+        backend = AnalyticBackend()
+        backend.build(scene, lambda _: None)
+        return [frame.data for frame in backend.render(views, settings(), lambda _: None)]
+
+    merged = seen()
+    monkeypatch.setattr(objects, "MERGED_TRIANGLES", 0)
+    for one, other in zip(merged, seen(), strict=True):
+        assert np.isclose(one, other, atol=1e-6).mean() > 0.9995
+
+
+def crowded(count: int) -> Scene:
+    standing = crowd(count)
+    return replace(
+        rocky_world(),
+        prototypes=tuple(each.prototype for each in standing),
+        placements=tuple(each.placement for each in standing),
+    )
+
+
+@pytest.mark.blender
+def test_blender_stands_instances_and_objects_where_they_were_placed() -> None:
+    scene = crowded(400)
+    many, few = scene.placements
+    other = replace(many, T_map_object=many.T_map_object[::-1].copy())
+    fewer = replace(few, T_map_object=few.T_map_object[:50], instance_ids=few.instance_ids[:50])
+    scenes = [
+        scene,
+        replace(scene, placements=(other, few)),
+        replace(scene, placements=(other, fewer)),
+        replace(scene, placements=(fewer,)),
+        scene,
+    ]
+    found = in_blender("blender_jobs_passes.evaluated", scenes)
+    expected = [(many, few), (other, few), (other, fewer), (None, fewer), (many, few)]
+    for (instances, things, _), (placed, separate) in zip(found, expected, strict=True):
+        if placed is None:
+            assert len(instances) == 0
+        else:
+            np.testing.assert_allclose(instances, placed.T_map_object, atol=2e-6)
+        np.testing.assert_allclose(things, separate.T_map_object, atol=2e-6)
+    assert found[0][2] == found[-1][2]
