@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -25,7 +25,7 @@ from oaisys_core.modules.asset_metadata import (
 )
 from oaisys_core.modules.looks import Looks
 from oaisys_core.scatter.ids import added_id
-from oaisys_core.scene import Ground, Placement, Primitive
+from oaisys_core.scene import Ground, MeshPrototype, Placement, Primitive
 from oaisys_core.types import FloatArray
 
 T = TypeVar("T")
@@ -37,6 +37,38 @@ Changed = tuple[Hashable, Placement, Placement]
 """What was changed about a placement, the placement as drawn, and as changed."""
 
 
+@dataclass
+class Memory:
+    """What was made of a batch's things so far, so that what stays as it is stays the same object.
+
+    Attributes:
+        standing: The placements, movers where they are now.
+        prototypes: The batch's own, and those of what was added.
+        shared: Index into ``prototypes`` by what added things look like.
+        changed: By index into ``standing``, or by an added thing's name.
+        own_labels: Ids in the world's labels for the sake of what was added.
+        edits: Those that the primitives have now.
+    """
+
+    standing: list[Standing]
+    prototypes: list[MeshPrototype]
+    shared: dict[Hashable, int] = field(default_factory=dict)
+    changed: dict[object, Changed] = field(default_factory=dict)
+    own_labels: set[int] = field(default_factory=set)
+    edits: dict[int, ObjectEdit] | None = None
+
+    def copy(self) -> Memory:
+        """Return an equal one that can be changed by itself."""
+        return replace(
+            self,
+            standing=list(self.standing),
+            prototypes=list(self.prototypes),
+            shared=dict(self.shared),
+            changed=dict(self.changed),
+            own_labels=set(self.own_labels),
+        )
+
+
 class EditedAssets:
     """A batch's things, and what became of them; what nobody changed stays the same object.
 
@@ -45,14 +77,20 @@ class EditedAssets:
         rng: Gives the form of what is added, each by its name.
     """
 
-    def __init__(self, things: Drawn, world: World, looks: Looks, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        things: Drawn,
+        world: World,
+        looks: Looks,
+        rng: np.random.Generator,
+        memory: Memory | None = None,
+    ) -> None:
         self._drawn, self._world, self._looks, self._rng = things, world, looks, rng
-        self._standing = list(things.standing)
-        self._prototypes = list(things.prototypes)
-        self._shared: dict[Hashable, int] = {}
-        self._changed: dict[object, Changed] = {}
-        self._own_labels: set[int] = set()
-        self._edits_of_primitives: dict[int, ObjectEdit] | None = None
+        self._memory = memory or Memory(list(things.standing), list(things.prototypes))
+
+    def in_world(self, world: World) -> EditedAssets:
+        """Return the same things in another world; what is changed there is not changed here."""
+        return EditedAssets(self._drawn, world, self._looks, self._rng, self._memory.copy())
 
     def check(self, metadata: AssetMetadata) -> None:
         """Refuse changes to what is not there, and additions that do not fit in.
@@ -68,7 +106,7 @@ class EditedAssets:
         labels = {
             semantic_id: label
             for semantic_id, label in self._world.semantic_labels.items()
-            if semantic_id not in self._own_labels
+            if semantic_id not in self._memory.own_labels
         }
         check_labels(metadata, labels)
         for name, spec in metadata.added.items():
@@ -81,15 +119,15 @@ class EditedAssets:
         edits = self._edits_by_placement(metadata)
         placements = [
             self._edited(index, each, metadata.group(each.group), edits.get(index, ()))
-            for index, each in enumerate(self._standing)
+            for index, each in enumerate(self._memory.standing)
         ]
         placements += [self._added(name, spec) for name, spec in metadata.added.items()]
         world.placements = _kept(world.placements, placements)
         edits_of_all = metadata.object_edits
-        if edits_of_all != self._edits_of_primitives:
+        if edits_of_all != self._memory.edits:
             world.primitives = changed_primitives(self._drawn.primitives, edits_of_all)
-            self._edits_of_primitives = edits_of_all
-        world.prototypes = _kept(world.prototypes, self._prototypes)
+            self._memory.edits = edits_of_all
+        world.prototypes = _kept(world.prototypes, self._memory.prototypes)
         self._label(metadata)
 
     @property
@@ -99,11 +137,11 @@ class EditedAssets:
     def _move(self, sample_id: int) -> None:
         """Put the movers where they are at a sample; one that rests stays the same object."""
         for mover in self._drawn.movers:
-            each = self._standing[mover.index]
+            each = self._memory.standing[mover.index]
             T_map_object = mover.pose_at(sample_id, self._ground)[None]
             if not np.array_equal(T_map_object, each.placement.T_map_object):
                 moved = replace(each.placement, T_map_object=T_map_object)
-                self._standing[mover.index] = replace(each, placement=moved)
+                self._memory.standing[mover.index] = replace(each, placement=moved)
 
     def _edits_by_placement(
         self, metadata: AssetMetadata
@@ -126,20 +164,20 @@ class EditedAssets:
         change = (group.scale, group.hidden, *edits)
         if change == (1.0, None) and not each.hidden:
             return each.placement
-        known = self._changed.get(index)
+        known = self._memory.changed.get(index)
         if known is None or known[0] != change or known[1] is not each.placement:
             known = (change, each.placement, changed_placement(each, group, edits))
-            self._changed[index] = known
+            self._memory.changed[index] = known
         return known[2]
 
     def _added(self, name: str, spec: AddedConfig) -> Placement:
-        known = self._changed.get(name)
+        known = self._memory.changed.get(name)
         if known is None or known[0] != spec:
             prototype = self._prototype_of(name, spec)
             T_map_object = standing_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
             placement = single(prototype, spec.semantic_ids, T_map_object, added_id(name))
             shown = _shown(placement, np.array([not spec.hidden]))
-            known = self._changed[name] = (spec, placement, shown)
+            known = self._memory.changed[name] = (spec, placement, shown)
         return known[2]
 
     def _prototype_of(self, name: str, spec: AddedConfig) -> int:
@@ -148,23 +186,23 @@ class EditedAssets:
             return self._drawn.first_prototype[spec.prototype]
         look = spec.model_dump_json(include=set(ShapedConfig.model_fields) - LABELS)
         key = (name if spec.file is None else "", look)
-        if key not in self._shared:
+        if key not in self._memory.shared:
             rng = randomness.child(self._rng, f"add/{name}")
-            self._shared[key] = len(self._prototypes)
-            self._prototypes.append(self._looks.prototype(spec, rng))
-        return self._shared[key]
+            self._memory.shared[key] = len(self._memory.prototypes)
+            self._memory.prototypes.append(self._looks.prototype(spec, rng))
+        return self._memory.shared[key]
 
     def _label(self, metadata: AssetMetadata) -> None:
         """Name the ids of what is added; forget those of what is gone."""
         labels = self._world.semantic_labels
         wanted = {k: v for spec in metadata.added.values() for k, v in spec.labels.items()}
-        for semantic_id in self._own_labels - wanted.keys():
+        for semantic_id in self._memory.own_labels - wanted.keys():
             del labels[semantic_id]
-        self._own_labels &= wanted.keys()
+        self._memory.own_labels &= wanted.keys()
         for semantic_id, label in wanted.items():
-            if semantic_id in self._own_labels or semantic_id not in labels:
+            if semantic_id in self._memory.own_labels or semantic_id not in labels:
                 labels[semantic_id] = label
-                self._own_labels.add(semantic_id)
+                self._memory.own_labels.add(semantic_id)
 
 
 def check_labels(metadata: AssetMetadata, labels: Mapping[int, str]) -> None:

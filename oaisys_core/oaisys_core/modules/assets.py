@@ -87,7 +87,9 @@ class AssetsModule(Module):
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Move what moves by itself, and change what the metadata says from here on."""
         self._metadata = merged(self._metadata, metadata)
-        drawn(self._edited).apply(asset_metadata({}, self._metadata))
+        # A sample that fails brings the old module back, so what it holds must not change.
+        self._edited = drawn(self._edited).in_world(world)
+        self._edited.apply(asset_metadata({}, self._metadata))
 
     def _shaped(self) -> Iterable[tuple[str, ShapedConfig]]:
         """Yield everything that has a shape of its own, with its path."""
