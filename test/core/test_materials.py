@@ -118,7 +118,10 @@ def test_metadata_changes_one_batch() -> None:
         ({"layer": []}, "metadata.materials.layer"),
         ({"layers": []}, "metadata.materials"),
         ({"mask": {"sharpness": 2}}, "metadata.materials.mask.sharpness"),
-        ({"layers": [{"texture": "velvet", "label": "a", "semantic_id": 1}]}, "materials.layers.0"),
+        (
+            {"layers": [{"texture": "velvet", "label": "a", "semantic_id": 1}]},
+            "metadata.materials.layers.0.texture",
+        ),
         ({"seed": -1}, "metadata.materials.seed"),
     ],
 )

@@ -101,22 +101,28 @@ class LayerLibrary:
         return self._sets[key]
 
 
-def check_layers(materials: MaterialsConfig) -> None:
+def check_layers(materials: MaterialsConfig, path: str) -> None:
     """Refuse layers that cannot be drawn.
+
+    Args:
+        materials: What they stand in.
+        path: Of it, for messages.
 
     Raises:
         InvalidInputError: A texture does not exist, or an id has two names.
     """
     names: dict[int, str] = {}
-    for path, layer in _all_layers(materials):
+    for place, layer in _all_layers(materials):
         if layer.folder is None and layer.texture not in TEXTURES:
             expected = f"one of {', '.join(sorted(TEXTURES))}"
-            raise InvalidInputError(f"{path}.texture", layer.texture, expected)
+            raise InvalidInputError(f"{path}.{place}.texture", layer.texture, expected)
         for semantic_id, label in labels_of(layer).items():
             known = names.setdefault(semantic_id, label)
             if known != label:
                 raise InvalidInputError(
-                    f"{path}.semantic_id", semantic_id, f"an id that is not called {known!r} too"
+                    f"{path}.{place}.semantic_id",
+                    semantic_id,
+                    f"an id that is not called {known!r} too",
                 )
 
 
@@ -160,10 +166,10 @@ def labels_of(layer: LayerConfig) -> dict[int, str]:
 
 def _all_layers(materials: MaterialsConfig) -> Iterator[tuple[str, LayerConfig]]:
     for index, layer in enumerate(materials.layers):
-        yield f"materials.layers.{index}", layer
+        yield f"layers.{index}", layer
     for number, pool in enumerate(materials.pools):
         for index, layer in enumerate(pool_layers(pool)):
-            yield f"materials.pools.{number}.layers.{index}", layer
+            yield f"pools.{number}.layers.{index}", layer
 
 
 def _drawn(bounds: tuple[float, float] | None, rng: np.random.Generator) -> float | None:

@@ -49,7 +49,7 @@ class MaterialsModule(Module):
 
     def __init__(self, config: MaterialsConfig) -> None:
         try:
-            check_layers(config)
+            check_layers(config, self.name)
         except InvalidInputError as error:
             raise ConfigError(str(error)) from error
         self._config = MaterialsMetadata.model_validate(config.model_dump())
@@ -62,7 +62,8 @@ class MaterialsModule(Module):
 
     def check(self, metadata: Metadata) -> None:
         """Refuse unknown keys, values out of range and layers that do not exist."""
-        check_layers(overridden(self._config, metadata, self.metadata_part))
+        config = overridden(self._config, metadata, self.metadata_part)
+        check_layers(config, f"metadata.{self.metadata_part}")
 
     def check_sample(self, metadata: Metadata) -> None:
         """Refuse everything: the material is drawn once a batch."""
