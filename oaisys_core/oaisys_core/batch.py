@@ -17,6 +17,7 @@ class Batch:
     Attributes:
         seed: What its random draws come from.
         stage_seed: What its ground and materials were drawn from; differs on a reused stage.
+        asset_seed: What its things were drawn from; differs where they were kept.
         metadata: All metadata since the batch began, merged.
         sample_id: The last sample's; 0 before the first.
         last_rig_poses: Where the rig was when each camera rendered last, by the camera's name.
@@ -25,6 +26,7 @@ class Batch:
     id: int
     seed: int
     stage_seed: int
+    asset_seed: int
     world: World = field(default_factory=World)
     metadata: ModuleMetadata = field(default_factory=ModuleMetadata)
     sample_id: int = 0
@@ -36,6 +38,7 @@ class Batch:
             "id": self.id,
             "seed": self.seed,
             "stage_seed": self.stage_seed,
+            "asset_seed": self.asset_seed,
             "sample_id": self.sample_id,
             "pose": _pose_to_state(rig_pose),
             "last_rig_poses": {n: _pose_to_state(p) for n, p in self.last_rig_poses.items()},
@@ -60,6 +63,7 @@ class Batch:
             id=int(state["id"]),
             seed=int(state["seed"]),
             stage_seed=int(state["stage_seed"]),
+            asset_seed=int(state.get("asset_seed", state["seed"])),
             metadata=metadata,
             sample_id=int(state["sample_id"]),
             last_rig_poses={n: _pose_from_state(p) for n, p in state["last_rig_poses"].items()},

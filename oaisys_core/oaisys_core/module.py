@@ -21,6 +21,7 @@ from oaisys_core.scene import (
     Sky,
     TerrainMaterial,
 )
+from oaisys_core.terrain.detail import Detail, DetailedGround
 
 Metadata = Mapping[str, Any] | None
 """The part of a step's metadata that a module is given, or None."""
@@ -33,10 +34,19 @@ class World:
     Attributes:
         sample_id: Of the sample in the making, 0 for the batch itself. What a sample draws may
             depend on it and the batch's seed alone, for a restored world begins in the middle.
+        drawn_ground: As the stage module drew it; materials may displace it to ``ground``.
+        stage_notes: What there is to say of the stage: ``hash``, to reuse it by, and ``holes`` and
+            ``filled_px`` of one from a file.
+        detail: How ``ground`` is refined near the cameras, if at all.
+        near_ground: It refined where the cameras are now; what modules draw does not depend on it.
     """
 
     ground: Ground | None = None
     stage_hash: str = ""
+    drawn_ground: Ground | None = None
+    stage_notes: dict[str, Any] = field(default_factory=dict)
+    detail: Detail | None = None
+    near_ground: DetailedGround | None = None
     material: TerrainMaterial | None = None
     prototypes: tuple[MeshPrototype, ...] = ()
     placements: tuple[Placement, ...] = ()
@@ -50,11 +60,27 @@ class World:
     def keep_stage(self, other: World) -> None:
         """Take the ground and its material over from another world."""
         self.ground, self.stage_hash = other.ground, other.stage_hash
+        self.drawn_ground, self.stage_notes = other.drawn_ground, other.stage_notes
+        self.detail = other.detail
         self.material = other.material
         layers = drawn(other.material).layers
         ids = {semantic_id for layer in layers for semantic_id in layer.all_semantic_ids}
         labels = other.semantic_labels
         self.semantic_labels.update({i: labels[i] for i in ids if i in labels})
+
+    @property
+    def surface(self) -> Ground:
+        """The ground as it is seen now."""
+        return self.near_ground or drawn(self.ground)
+
+    def refine(self) -> bool:
+        """Refine the ground where the cameras are; return whether it became another."""
+        if self.detail is None or not self.cameras:
+            return False
+        before = self.near_ground
+        positions_m = np.array([camera.T_map_camera[:3, 3] for camera in self.cameras])
+        self.near_ground = self.detail.around(drawn(self.ground), before, positions_m)
+        return self.near_ground is not before
 
     def scene(self) -> Scene:
         """Return what the backend builds.
@@ -63,14 +89,15 @@ class World:
             NotReadyError: A module that must have drawn its part has not.
         """
         return Scene(
-            ground=drawn(self.ground),
+            ground=self.surface,
             material=drawn(self.material),
             prototypes=self.prototypes,
             placements=self.placements,
             primitives=self.primitives,
             sky=drawn(self.sky),
             semantic_labels=dict(sorted(self.semantic_labels.items())),
-            stage_hash=self.stage_hash,
+            stage_hash=self.stage_hash + (self.near_ground.tag if self.near_ground else ""),
+            custom={"stage": dict(self.stage_notes)},
         )
 
 

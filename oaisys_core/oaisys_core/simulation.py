@@ -28,7 +28,9 @@ from oaisys_core.modules import (
     StageModule,
 )
 from oaisys_core.modules.sensors import select
+from oaisys_core.reuse import OF_STAGE, Origin, origin_of, same_stage, section_sha256
 from oaisys_core.scene import Scene
+from oaisys_core.stage_store import StageRecord
 from oaisys_core.types import (
     OWN_PARTS,
     RGB,
@@ -50,6 +52,12 @@ def ignore_progress(progress: Progress) -> None:
     """Do nothing with it."""
 
 
+def _seed_of(module: Module, origin: Origin) -> int:
+    if module.name in OF_STAGE:
+        return origin.stage_seed
+    return origin.asset_seed if isinstance(module, AssetsModule) else origin.seed
+
+
 class Simulation:
     """Draws worlds from a configuration's seed and renders them sample by sample."""
 
@@ -62,10 +70,12 @@ class Simulation:
         """
         self._config = config
         self._config_sha256 = config_sha256(config)
+        self._assets_sha256 = section_sha256(config.assets)
+        self._stage = StageModule(config.stage)
         self._sensors = SensorsModule(config.sensors)
         materials = config.materials
         self._modules: tuple[Module, ...] = (
-            StageModule(config.stage),
+            self._stage,
             MaterialsModule(materials),
             AssetsModule(config.assets, materials.texture_size_px, materials.texture_seed),
             EnvironmentModule(config.environment),
@@ -91,7 +101,8 @@ class Simulation:
         Args:
             metadata: Parts for the modules; an absent part leaves a module its configuration.
             seed: Seed of this world; None derives it from the root seed and the batch id.
-            reuse_stage: Keep the ground and its material, draw all else anew.
+            reuse_stage: Keep the ground and its material, draw all else anew. Stages of earlier
+                batches and runs are reused with ``custom={"stage": {"reuse": ...}}``.
             progress: Told how far it is; may raise `CancelledError`.
 
         Raises:
@@ -105,9 +116,13 @@ class Simulation:
             seed = randomness.batch_seed(self._config.seed, batch_id)
         if not 0 <= seed < 2**63:
             raise InvalidInputError("seed", seed, "a whole number from 0 to 2**63 - 1")
-        stage_seed = self._current().stage_seed if reuse_stage else seed
+        standing = self._current() if reuse_stage else self._batch
         self._check(metadata, is_batch=True)
-        self._build(batch_id, seed, stage_seed, metadata, progress)
+        origin, drawn_with = origin_of(
+            self._stage, self._assets_sha256, metadata, seed, standing, reuse_stage
+        )
+        self._build(batch_id, origin, drawn_with, progress)
+        self._keep_stage(origin, metadata)
         return batch_id
 
     def step_sample(
@@ -195,7 +210,7 @@ class Simulation:
         points = np.asarray(points_m, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
             raise InvalidInputError("points_m", points.shape, "(N, 3) finite coordinates")
-        ground_m = drawn(self._current().world.ground).height_at(points[:, :2])
+        ground_m = self._current().world.surface.height_at(points[:, :2])
         surface_m: FloatArray = np.full(len(points), np.nan)
         inside = np.isfinite(ground_m)
         if inside.any():
@@ -216,7 +231,8 @@ class Simulation:
         standing = state["batch"]
         if standing is not None:
             wanted = Batch.from_state(standing)
-            self._build(wanted.id, wanted.seed, wanted.stage_seed, wanted.metadata, progress)
+            origin = Origin(wanted.seed, wanted.stage_seed, wanted.asset_seed)
+            self._build(wanted.id, origin, wanted.metadata, progress)
             if wanted.sample_id:
                 # What moves or changes by itself is where the last sample left it.
                 self._current().sample_id = wanted.sample_id - 1
@@ -258,8 +274,7 @@ class Simulation:
     def _build(
         self,
         batch_id: int,
-        seed: int,
-        stage_seed: int,
+        origin: Origin,
         metadata: ModuleMetadata,
         progress: ProgressCallback,
     ) -> None:
@@ -268,18 +283,32 @@ class Simulation:
         world = World()
         for index, module in enumerate(self._modules):
             progress(Progress(module.name, DRAW_SHARE * index / len(self._modules)))
-            of_stage = isinstance(module, StageModule | MaterialsModule)
-            if of_stage and kept is not None and kept.stage_seed == stage_seed:
+            if module.name in OF_STAGE and kept and same_stage(origin, metadata, kept):
                 world.keep_stage(kept.world)
                 continue
-            rng = randomness.stream(stage_seed if of_stage else seed, module.name)
+            rng = randomness.stream(_seed_of(module, origin), module.name)
             module.step_batch(world, metadata.part(module.metadata_part), rng)
         self._backend.build(
             world.scene(),
             lambda p: progress(replace(p, fraction=DRAW_SHARE + (1 - DRAW_SHARE) * p.fraction)),
         )
-        self._batch = Batch(batch_id, seed, stage_seed, world, metadata)
+        self._batch = Batch(
+            batch_id, origin.seed, origin.stage_seed, origin.asset_seed, world, metadata
+        )
         self._last_batch_id = batch_id
+
+    def _keep_stage(self, origin: Origin, metadata: ModuleMetadata) -> None:
+        """Save the stage of a new batch where the configuration or ``metadata`` says so."""
+        batch = self._current()
+        record = StageRecord(
+            stage_hash=batch.world.stage_notes["hash"],
+            ground=drawn(batch.world.drawn_ground),
+            stage_seed=origin.stage_seed,
+            asset_seed=origin.asset_seed,
+            assets_sha256=self._assets_sha256,
+            asset_metadata=batch.metadata.asset or {},
+        )
+        self._stage.keep(record, metadata.part(self._stage.name))
 
     @contextmanager
     def _undone_on_failure(self, batch: Batch) -> Iterator[None]:
@@ -320,6 +349,8 @@ class Simulation:
         batch.metadata = batch.metadata.updated(metadata)
         if "pose" not in (metadata.sensor or {}) and self._sensors.moves_itself:
             self._sensors.move(batch.world, batch.seed, self.query_height)
+        if batch.world.refine():
+            self._backend.update(batch.world.scene())
 
     def _provenance(self, batch: Batch, has_rgb: bool) -> Provenance:
         render = drawn(batch.world.render)

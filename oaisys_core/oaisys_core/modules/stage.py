@@ -2,44 +2,136 @@
 
 from __future__ import annotations
 
-import hashlib
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from oaisys_core.config.stage import StageConfig
-from oaisys_core.errors import ConfigError
+from oaisys_core.config.stage import ReuseConfig, StageConfig
+from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.mesh_files import load_mesh
 from oaisys_core.module import Metadata, Module, World
-from oaisys_core.scene import HeightField
+from oaisys_core.modules.overrides import overridden
+from oaisys_core.scene import Ground
+from oaisys_core.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
+from oaisys_core.terrain.dem import import_dem
+from oaisys_core.terrain.detail import Detail
+from oaisys_core.terrain.mesh_ground import mesh_ground
 from oaisys_core.terrain.presets import PRESETS, make_ground
 
 
 class StageModule(Module):
-    """Draws the ground of a batch from a terrain preset."""
+    """Draws the ground of a batch, reads it from a file, or takes over one that was kept.
+
+    Metadata of a batch, ``custom["stage"]``, may override any key of the configuration.
+    """
 
     name = "stage"
     metadata_part = "stage"
 
     def __init__(self, config: StageConfig) -> None:
-        if config.preset not in PRESETS:
-            known = ", ".join(sorted(PRESETS))
-            raise ConfigError(f"stage.preset: received {config.preset!r}, expected one of {known}")
+        try:
+            _check_preset(config)
+        except InvalidInputError as error:
+            raise ConfigError(str(error)) from error
         self._config = config
 
+    def check(self, metadata: Metadata) -> None:
+        """Refuse unknown keys, values out of range and presets that do not exist."""
+        config = overridden(self._config, metadata, self.metadata_part)
+        _check_preset(config)
+        store = self._config.store
+        if config.store != store:
+            expected = f"{store}, as configured: a step writes nowhere else"
+            raise InvalidInputError("metadata.stage.store", str(config.store), expected)
+
+    def check_sample(self, metadata: Metadata) -> None:
+        """Refuse everything: the ground is drawn once a batch."""
+        if metadata:
+            raise InvalidInputError("metadata.stage", dict(metadata), "none at a sample step")
+
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Put a new ground into the world."""
-        world.ground = make_ground(
-            self._config.preset,
-            self._config.extent_m,
-            self._config.resolution_px,
-            rng,
-            roughness=self._config.roughness,
-            relief_m=self._config.relief_m,
-        )
+        """Put a new ground, or one that was kept, into the world.
+
+        Raises:
+            InvalidInputError: A file cannot be used.
+        """
+        config = overridden(self._config, metadata, self.metadata_part)
+        world.stage_notes = {}
+        if config.reuse is not None:
+            world.ground = self.record(config.reuse).ground
+        else:
+            world.ground = _new_ground(config, rng, world.stage_notes)
         world.stage_hash = content_hash(world.ground)
+        world.stage_notes["hash"] = world.stage_hash
+        world.drawn_ground = world.ground
+        world.detail = _detail(config, rng)
+
+    def reuse(self, metadata: Metadata) -> ReuseConfig | None:
+        """Return what a batch of this metadata shall reuse, if anything."""
+        return overridden(self._config, metadata, self.metadata_part).reuse
+
+    def record(self, reuse: ReuseConfig) -> StageRecord:
+        """Return the stage that was kept.
+
+        Raises:
+            InvalidInputError: There is none of that name, or its file is damaged.
+        """
+        if reuse.file is not None:
+            return load_stage(reuse.file)
+        path = _path(self._config.store, str(reuse.name))
+        if path is None or not path.is_file():
+            expected = f"the hash or name of a stage in the store ({self._config.store})"
+            raise InvalidInputError("stage.reuse.name", reuse.name, expected)
+        return load_stage(path, "stage.reuse.name")
+
+    def keep(self, record: StageRecord, metadata: Metadata) -> None:
+        """Save a batch's stage by its hash, and by the name it was given.
+
+        Raises:
+            InvalidInputError: The store cannot be written to.
+        """
+        config = overridden(self._config, metadata, self.metadata_part)
+        path = _path(config.store, record.stage_hash)
+        if path is not None and not path.is_file():
+            save_stage(path, record)
+        named = _path(config.store, config.save_as) if config.save_as else None
+        if named is not None:
+            save_stage(named, record)
 
 
-def content_hash(ground: HeightField) -> str:
-    """Return a hash that two grounds share only if they are the same surface."""
-    digest = hashlib.sha256(np.ascontiguousarray(ground.elevation_m).tobytes())
-    digest.update(repr((ground.elevation_m.shape, ground.origin_xy_m, ground.spacing_m)).encode())
-    return digest.hexdigest()
+def _path(store: Path | None, name: str) -> Path | None:
+    return None if store is None else store / f"{name}{SUFFIX}"
+
+
+def _check_preset(config: StageConfig) -> None:
+    if config.preset not in PRESETS:
+        known = ", ".join(sorted(PRESETS))
+        raise InvalidInputError("stage.preset", config.preset, f"one of {known}")
+
+
+def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, Any]) -> Ground:
+    if config.mesh is not None:
+        mesh = load_mesh(config.mesh.file, config.mesh.object, "stage.mesh.file")
+        return mesh_ground(mesh, config.mesh.scale, config.mesh.up, config.mesh.position_m)
+    if config.dem is not None:
+        dem = config.dem.model_dump()
+        imported = import_dem(dem.pop("file"), **dem)
+        notes.update(holes=imported.holes, filled_px=imported.filled_px)
+        return imported.ground
+    return make_ground(
+        config.preset,
+        config.extent_m,
+        config.resolution_px,
+        rng,
+        roughness=config.roughness,
+        relief_m=config.relief_m,
+    )
+
+
+def _detail(config: StageConfig, rng: np.random.Generator) -> Detail | None:
+    if config.detail is None:
+        return None
+    seeds = rng.bit_generator.seed_seq
+    words = seeds.generate_state(1, np.uint64)
+    return Detail(seed=int(words[0] >> np.uint64(1)), **config.detail.model_dump())

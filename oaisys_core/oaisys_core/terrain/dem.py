@@ -1,0 +1,288 @@
+"""Real relief: digital elevation models from GeoTIFF, 16-bit PNG and EXR files."""
+
+from __future__ import annotations
+
+import logging
+import re
+import warnings
+from dataclasses import dataclass
+from math import ceil, cos, pi, radians, sin, sqrt
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import rasterio
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from scipy.ndimage import map_coordinates
+
+from oaisys_core import exr
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.scene import HeightField
+from oaisys_core.terrain.holes import filled, number_of_holes
+from oaisys_core.types import FloatArray
+
+LOG = logging.getLogger(__name__)
+
+TIFF_SUFFIXES = (".tif", ".tiff")
+SUFFIXES = (*TIFF_SUFFIXES, ".png", ".exr")
+
+MOST_PX = 8193
+"""Points along an edge of a ground, as with presets."""
+
+UNIT_M = {
+    "": 1.0,
+    "m": 1.0,
+    "metre": 1.0,
+    "meter": 1.0,
+    "metres": 1.0,
+    "meters": 1.0,
+    "km": 1000.0,
+    "cm": 0.01,
+    "ft": 0.3048,
+    "foot": 0.3048,
+    "feet": 0.3048,
+    "us survey foot": 1200 / 3937,
+}
+"""Metres per unit of heights, as GeoTIFF files name them."""
+
+
+@dataclass(frozen=True)
+class Dem:
+    """Heights as a file has them.
+
+    Attributes:
+        height_m: (rows, cols) float64, row 0 in the south; NaN where nothing was measured.
+        pixel_m: Width (x) and height (y) of its pixels; None where the file does not say.
+    """
+
+    height_m: FloatArray
+    pixel_m: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class ImportedGround:
+    """A ground from a file, and what had to be made up.
+
+    Attributes:
+        holes: Connected regions without heights that were filled.
+        filled_px: Pixels in them.
+    """
+
+    ground: HeightField
+    holes: int
+    filled_px: int
+
+
+def import_dem(
+    path: Path,
+    *,
+    spacing_m: float | None = None,
+    scale: float = 1.0,
+    offset_m: float | None = None,
+    ground_spacing_m: float | None = None,
+    band: int = 1,
+    field: str = "stage.dem",
+) -> ImportedGround:
+    """Return the ground that a file describes, centred on the origin, north along y.
+
+    Args:
+        path: GeoTIFF, PNG or EXR.
+        spacing_m: Distance of its pixels; None: its own.
+        scale: Factor on its heights.
+        offset_m: Added to them; None: the median comes to 0.
+        ground_spacing_m: Distance of the ground's points; None: the smaller edge of a pixel.
+        band: Which band of a GeoTIFF.
+        field: What it is called in an error.
+
+    Raises:
+        InvalidInputError: The file cannot be read or used, or says nothing of its scale.
+    """
+    dem = read_dem(path, band, field)
+    pixel_m = dem.pixel_m if spacing_m is None else (spacing_m, spacing_m)
+    if pixel_m is None:
+        raise InvalidInputError(
+            f"{field}.spacing_m", None, f"the distance of pixels, as {path.name} has no scale"
+        )
+    missing = ~np.isfinite(dem.height_m)
+    if missing.all():
+        raise InvalidInputError(f"{field}.file", str(path), "an image with heights in it")
+    holes, filled_px = number_of_holes(missing), int(missing.sum())
+    if holes:
+        share = 100 * missing.mean()
+        LOG.warning("%s: filled %d holes, %d pixels (%.2f %%)", path, holes, filled_px, share)
+    height_m = filled(dem.height_m, missing) * scale
+    height_m += -float(np.median(height_m)) if offset_m is None else offset_m
+    step_m = min(pixel_m) if ground_spacing_m is None else ground_spacing_m
+    height_m = _resampled(height_m, pixel_m, step_m, field)
+    rows, cols = height_m.shape
+    origin_m = (-(cols - 1) * step_m / 2, -(rows - 1) * step_m / 2)
+    ground = HeightField(height_m.astype(np.float32), origin_m, step_m)
+    return ImportedGround(ground, holes, filled_px)
+
+
+def read_dem(path: Path, band: int = 1, field: str = "stage.dem") -> Dem:
+    """Return what a file says of heights.
+
+    Raises:
+        InvalidInputError: It cannot be read, or not as heights.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        expected = f"a file that ends in {', '.join(SUFFIXES)}"
+        raise InvalidInputError(f"{field}.file", str(path), expected)
+    if suffix in TIFF_SUFFIXES:
+        dem = _read_tiff(path, band, field)
+    elif suffix == ".exr":
+        dem = Dem(_read_exr(path, field)[::-1], None)
+    else:
+        dem = Dem(_read_png(path, field)[::-1], None)
+    if min(dem.height_m.shape) < 2:
+        raise InvalidInputError(f"{field}.file", dem.height_m.shape, "at least 2 x 2 pixels")
+    return dem
+
+
+def write_dem(path: Path, ground: HeightField) -> None:
+    """Write a ground as a GeoTIFF of 32-bit heights, which `import_dem` reads without loss.
+
+    Raises:
+        InvalidInputError: It cannot be written there.
+    """
+    rows, cols = ground.elevation_m.shape
+    x0, _, _, y1 = ground.extent_m
+    half_m = ground.spacing_m / 2
+    transform = rasterio.transform.from_origin(
+        x0 - half_m, y1 + half_m, ground.spacing_m, ground.spacing_m
+    )
+    local = 'LOCAL_CS["map",UNIT["metre",1]]'
+    try:
+        with rasterio.open(
+            path,
+            "w",
+            driver="GTiff",
+            width=cols,
+            height=rows,
+            count=1,
+            dtype="float32",
+            crs=local,
+            transform=transform,
+            compress="deflate",
+        ) as file:
+            file.write(np.ascontiguousarray(ground.elevation_m[::-1], np.float32), 1)
+    except (RasterioError, OSError) as error:
+        raise InvalidInputError("path", str(path), f"a place to write to ({error})") from error
+
+
+def _read_png(path: Path, field: str) -> FloatArray:
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None or image.ndim != 2 or image.dtype != np.uint16:
+        found = "nothing" if image is None else f"{image.shape} {image.dtype}"
+        raise InvalidInputError(f"{field}.file", found, f"a grey 16-bit PNG image ({path.name})")
+    return image.astype(np.float64)
+
+
+def _read_exr(path: Path, field: str) -> FloatArray:
+    channels = exr.read_channels(path)
+    for name in (exr.GREY, "Z", "R", "RGB.R"):
+        if name in channels:
+            return np.asarray(channels[name], np.float64)
+    if len(channels) == 1:
+        return np.asarray(next(iter(channels.values())), np.float64)
+    raise InvalidInputError(f"{field}.file", sorted(channels), "an image with a channel Y, Z or R")
+
+
+def _read_tiff(path: Path, band: int, field: str) -> Dem:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(path) as file:
+                return _from_dataset(file, band, field)
+    except (RasterioError, OSError) as error:
+        raise InvalidInputError(
+            f"{field}.file", str(path), f"a readable GeoTIFF ({error})"
+        ) from error
+
+
+def _from_dataset(file: Any, band: int, field: str) -> Dem:
+    if not 1 <= band <= file.count:
+        raise InvalidInputError(f"{field}.band", band, f"a band from 1 to {file.count}")
+    unit = (file.units[band - 1] or "").strip().lower()
+    if unit not in UNIT_M:
+        raise InvalidInputError(f"{field}.file", unit, f"heights in one of {', '.join(UNIT_M)}")
+    values = file.read(band, masked=True).astype(np.float64).filled(np.nan)
+    height_m = (values * file.scales[band - 1] + file.offsets[band - 1]) * UNIT_M[unit]
+    transform = file.transform
+    if transform.is_identity:
+        return Dem(height_m[::-1], None)
+    if abs(transform.b) + abs(transform.d) > 1e-9 * (abs(transform.a) + abs(transform.e)):
+        raise InvalidInputError(f"{field}.file", tuple(transform)[:6], "rows from west to east")
+    height_m = height_m[:, ::-1] if transform.a < 0 else height_m
+    height_m = height_m[::-1] if transform.e < 0 else height_m
+    scale_x, scale_y = _unit_m(file, field)
+    return Dem(height_m, (abs(transform.a) * scale_x, abs(transform.e) * scale_y))
+
+
+def _unit_m(file: Any, field: str) -> tuple[float, float]:
+    """Return the metres that one unit of a file's coordinates is, along x and y."""
+    crs = file.crs
+    if not crs:
+        return (1.0, 1.0)
+    if not crs.is_geographic:
+        factor = float(crs.linear_units_factor[1])
+        return (factor, factor)
+    found = re.search(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",([\d.eE+]+),([\d.eE+]+)', crs.to_wkt())
+    if found is None:
+        expected = "a projected reference system, or a known ellipsoid"
+        raise InvalidInputError(f"{field}.file", crs.to_wkt()[:80], expected)
+    middle_deg = (file.bounds.bottom + file.bounds.top) / 2
+    return degree_m(middle_deg, float(found[1]), float(found[2]))
+
+
+def degree_m(
+    latitude_deg: float, radius_m: float, inverse_flattening: float
+) -> tuple[float, float]:
+    """Return the metres that one degree of longitude and of latitude is.
+
+    Args:
+        latitude_deg: Where.
+        radius_m: Of the ellipsoid's equator.
+        inverse_flattening: Of the ellipsoid; 0 for a sphere.
+    """
+    flattening = 1 / inverse_flattening if inverse_flattening else 0.0
+    squared = flattening * (2 - flattening)
+    latitude = radians(latitude_deg)
+    root = sqrt(1 - squared * sin(latitude) ** 2)
+    east_m = radius_m * cos(latitude) / root
+    north_m = radius_m * (1 - squared) / root**3
+    return (east_m * pi / 180, north_m * pi / 180)
+
+
+def _resampled(
+    height_m: FloatArray, pixel_m: tuple[float, float], step_m: float, field: str
+) -> FloatArray:
+    """Return heights at points ``step_m`` apart, from pixels ``pixel_m`` apart."""
+    rows, cols = height_m.shape
+    # One part in a million is less than a GeoTIFF's own rounding.
+    counts = [
+        int((n - 1) * m / step_m * (1 + 1e-6)) + 1
+        for n, m in ((rows, pixel_m[1]), (cols, pixel_m[0]))
+    ]
+    if max(counts) > MOST_PX:
+        expected = f"at most {MOST_PX} points along an edge (raise ground_spacing_m)"
+        raise InvalidInputError(f"{field}.ground_spacing_m", step_m, expected)
+    if min(counts) < 2:
+        raise InvalidInputError(f"{field}.ground_spacing_m", step_m, "less than the file's extent")
+    steps = (step_m / pixel_m[1], step_m / pixel_m[0])
+    if max(abs(step - 1) for step in steps) < 1e-6:
+        return height_m
+    reduced = [max(1, ceil(step - 1e-6)) for step in steps]
+    if max(reduced) > 1:
+        # What is finer than the ground's points would come back as false relief.
+        kernel = tuple(2 * (n // 2) + 1 for n in reduced)
+        height_m = cv2.blur(height_m, kernel[::-1], borderType=cv2.BORDER_REFLECT_101)
+    axes = [
+        (np.arange(n) - (n - 1) / 2) * step + (size - 1) / 2
+        for n, step, size in zip(counts, steps, height_m.shape, strict=True)
+    ]
+    places = np.meshgrid(*axes, indexing="ij")
+    return np.asarray(map_coordinates(height_m, places, order=1, mode="nearest"))

@@ -1,0 +1,83 @@
+"""The ground as a mesh of a user's own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from oaisys_core.mesh_files import LoadedMesh
+from oaisys_core.raycast import RayCaster
+from oaisys_core.types import FloatArray, TriangleMesh
+
+AXES = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
+"""By the axis that points up: which axes of a file become x, y and z (a rotation)."""
+
+
+@dataclass(frozen=True)
+class MeshGround:
+    """A ground of any triangles, overhangs included; its height is that of the topmost.
+
+    Attributes:
+        points_m: (V, 3) float32 in ``map``.
+        corners: (T, 3) int32.
+    """
+
+    points_m: NDArray[np.float32]
+    corners: NDArray[np.int32]
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """(min_x, min_y, max_x, max_y) of the ground."""
+        x0, y0 = self.points_m[:, :2].min(axis=0)
+        x1, y1 = self.points_m[:, :2].max(axis=0)
+        return (float(x0), float(y0), float(x1), float(y1))
+
+    @cached_property
+    def spacing_m(self) -> float:
+        """Edge of a square of twice the mean triangle's area, seen from above."""
+        a, b, c = (self.points_m[self.corners[:, i], :2].astype(np.float64) for i in range(3))
+        u, v = b - a, c - a
+        doubled = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+        return float(np.sqrt(doubled.mean()))
+
+    def vertices_m(self) -> NDArray[np.float32]:
+        """Return (V, 3) float32 vertices in ``map``."""
+        return self.points_m
+
+    def triangles(self) -> NDArray[np.int32]:
+        """Return (T, 3) int32 indices."""
+        return self.corners
+
+    def height_at(self, xy_m: ArrayLike) -> FloatArray:
+        """Return (N,) heights of the topmost triangle at (N, 2) points; NaN off it."""
+        return self._caster.surface_height_m(xy_m)
+
+    @cached_property
+    def _caster(self) -> RayCaster:
+        return RayCaster([TriangleMesh(self.points_m.astype(np.float64), self.corners)])
+
+
+def mesh_ground(
+    mesh: LoadedMesh, scale: float, up: str, position_m: tuple[float, float, float]
+) -> MeshGround:
+    """Return a loaded mesh as ground.
+
+    Args:
+        mesh: As its file has it.
+        scale: Metres per unit.
+        up: Axis that points up: ``x``, ``y`` or ``z``.
+        position_m: Where the mesh's origin comes to lie.
+    """
+    turned = mesh.vertices_m[:, AXES[up]].astype(np.float64)
+    points_m = (turned * scale + np.asarray(position_m)).astype(np.float32)
+    return MeshGround(points_m, _facing_up(points_m, mesh.triangles))
+
+
+def _facing_up(points_m: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the triangles, turned over as a whole if most of their area faces down."""
+    a, b, c = (points_m[triangles[:, i]].astype(np.float64) for i in range(3))
+    upward = np.cross(b - a, c - a)[:, 2].sum()
+    return triangles if upward >= 0 else np.ascontiguousarray(triangles[:, ::-1])
