@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,14 @@ from oaisys_core.command_options import (
     SeedOption,
     SizeOption,
 )
-from oaisys_core.config import SimulationConfig, adjusted, config_sha256, load_config
+from oaisys_core.config import (
+    SimulationConfig,
+    adjusted,
+    config_from_mapping,
+    config_sha256,
+    load_config,
+)
+from oaisys_core.config.importing.importer import import_file
 from oaisys_core.config.reference import reference_text
 from oaisys_core.config.schema import schema_text
 from oaisys_core.errors import InvalidInputError
@@ -61,6 +69,29 @@ def reference(
 ) -> None:
     """Write the page that lists every key with its type, range, default and meaning."""
     _write_or_print(reference_text(), out)
+
+
+@config_app.command("import")
+def import_(
+    file: Annotated[Path, typer.Argument(help="JSON file of the original simulator.")],
+    out: Annotated[
+        Path | None, typer.Option(help="YAML file to write; else it is printed.")
+    ] = None,
+    assets: Annotated[
+        Path | None, typer.Option(help="Folder that the file's relative paths are taken from.")
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Missing files and unknown keys are errors.")
+    ] = False,
+) -> None:
+    """Turn an original OAISYS configuration into ours; tell what becomes of every key."""
+    imported = import_file(file, assets, out, strict=strict)
+    config_from_mapping(imported.config)
+    _write_or_print(imported.text(file.name), out)
+    if out is not None:
+        counts = Counter(fate.kind for fate in imported.fates.values())
+        told = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
+        typer.echo("\n".join([*imported.notes(), f"{out}: {len(imported.fates)} keys: {told}"]))
 
 
 def _write_or_print(text: str, out: Path | None) -> None:

@@ -1,0 +1,219 @@
+"""Stages and the things on them."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+
+from oaisys_core.config.importing.context import Import
+from oaisys_core.config.importing.document import Json, entries, part, span
+from oaisys_core.config.importing.frames import blender_rotation
+from oaisys_core.config.importing.materials import material, stand_in, texture_labels
+from oaisys_core.geometry import pose_from_matrix, transform
+
+PRESETS = frozenset(
+    {
+        "another_noise",
+        "canyon",
+        "dunes",
+        "large_terrain",
+        "mesa",
+        "mounds",
+        "mountain_1",
+        "mountain_2",
+    }
+)
+BODY_SIZE_M = 500.0
+"""The middle of the sizes that the original scales an asteroid to."""
+
+BODY_HEIGHT_M = 3000.0
+"""Bodies without a stage are this far above the small plate that stands for one."""
+
+SPACE = {"preset": "plane", "extent_m": 1.0, "resolution_px": 2}
+LARGEST_FIRST = 0.02
+
+
+def stage(document: Json, job: Import) -> tuple[Json, str]:
+    """Return the section ``stage`` and the name of its material."""
+    found = entries(document, "ASSET_SETUP", "STAGES")
+    if not found:
+        job.warn("there is no stage: a plate of 1 m far below stands for it")
+        return dict(SPACE), ""
+    if len(found) > 1:
+        job.warn("there is more than one stage: the first is taken")
+    kind, params = found[0].get("type"), part(found[0], "stageParams")
+    name = str(params.get("assetMaterial", "terrain_01"))
+    if kind == "StageBlenderObject":
+        return _mesh_stage(params, job), name
+    if kind != "StageBlenderLandscape":
+        job.warn(f"the stage {kind} is not known: a ground of noise stands in for it")
+    preset = str(params.get("stageLandscapePreset", "another_noise"))
+    if preset not in PRESETS:
+        job.warn(f"the preset {preset} is not known: another_noise stands in for it")
+        preset = "another_noise"
+    return {"preset": preset, "extent_m": float(params.get("stageSizeX", 200))}, name
+
+
+def _mesh_stage(params: Json, job: Import) -> Json:
+    if params.get("stageDisplacementActive", True):
+        relief_m = abs(float(params.get("stageDisplacementStrength", 10.0)))
+        return {"preset": "another_noise", "extent_m": 200.0, "relief_m": relief_m}
+    file = job.file(str(params.get("stageFilePath")), "a plane of 200 m")
+    if file is None:
+        return {"preset": "plane", "extent_m": 200.0}
+    mesh = {"file": str(file)}
+    if params.get("meshInstanceName"):
+        mesh["object"] = str(params["meshInstanceName"])
+    return {"mesh": mesh}
+
+
+def assets(document: Json, job: Import, extent_m: float) -> tuple[Json, dict[str, Json]]:
+    """Return the section ``assets``, and where those objects are that a rig may look at."""
+    groups: list[Json] = []
+    objects: list[Json] = []
+    targets: dict[str, Json] = {}
+    for index, entry in enumerate(entries(document, "ASSET_SETUP", "MESHES")):
+        params = part(entry, "meshParams")
+        name = re.sub(r"[^A-Za-z0-9_-]", "_", str(entry.get("name", "")))
+        name = name if re.match(r"[A-Za-z]", name) else f"mesh_{index}"
+        if entry.get("type") == "MeshMultipleRandom":
+            groups.append(_group(name, params, job, extent_m))
+        elif entry.get("type") == "MeshAsteroid":
+            body = _body(name, params, document, job)
+            objects.append(body)
+            targets[str(entry.get("name"))] = {
+                "position_m": [*body["position_m"][:2], body["position_m"][2] + BODY_SIZE_M / 2],
+                "radius_m": BODY_SIZE_M / 2,
+            }
+        else:
+            job.warn(f"the mesh {name} of the type {entry.get('type')} is not known and left out")
+    return {"rocks": [], "groups": groups, "objects": objects}, targets
+
+
+def _look(params: Json, job: Import, shape: str) -> Json:
+    file = job.file(str(params.get("meshFilePath")), f"the built-in shape {shape}")
+    if file is None:
+        return {"shape": shape}
+    name = params.get("meshInstanceName")
+    return {"file": str(file), **({"object_name": str(name)} if name else {})}
+
+
+def _labels(params: Json, job: Import, name: str) -> Json:
+    vectors = part(params, "passParams", "semantic_label").get("labelIDVec") or [[]]
+    return job.labels([int(value) for value in vectors[0]], name)
+
+
+def _group(name: str, params: Json, job: Import, extent_m: float) -> Json:
+    density = part(params, "densityMapSettings") if params.get("useDensityMap", True) else {}
+    count = density.get("numberInstances") or params.get("numberInstances", [300, 500])
+    size_m = float(params.get("defaultSize", 1.0))
+    spread = min(max(float(params.get("strengthRandomScale", 1.0)), 0.0), 1.0)
+    group: Json = {
+        "name": name,
+        **_look(params, job, "angular"),
+        **_labels(params, job, name),
+        "count": [int(v) for v in span(count)],
+        "probability": 0.5 if params.get("randomSwitchOnOff") else 1.0,
+        # A mesh's own size is not known; most original meshes are about 1 m large.
+        "size_m": [size_m * max(1.0 - spread, LARGEST_FIRST), size_m],
+        "size_distribution": "uniform",
+        "spacing": 0.0,
+        "max_slope_deg": 90.0,
+        **_attitude(params),
+    }
+    map_settings = part(density, "densityMap")
+    if map_settings:
+        group["density"] = _density(map_settings, job, extent_m)
+    return group
+
+
+def _attitude(params: Json) -> Json:
+    if not params.get("randomRotationEnabled", True):
+        return {"yaw_deg": 0.0, "tilt_deg": 0.0, "align": 0.0}
+    middle = 180.0 * float(params.get("rotationOptionPhase", 0.3))
+    half = 180.0 * float(params.get("rotationOptionPhaseRandom", 0.7))
+    return {
+        "align": 1.0 if params.get("rotationOptionMode", "NOR") == "NOR" else 0.0,
+        "tilt_deg": 90.0 * min(max(float(params.get("rotationOptionFactor", 0.4)), 0.0), 1.0),
+        "yaw_deg": [middle - half, middle + half],
+    }
+
+
+def _density(settings: Json, job: Import, extent_m: float) -> list[Json]:
+    kind = settings.get("noiseType", "VORONOI")
+    if kind == "BLEND":
+        job.warn("a gradient as density map is left out: things are scattered evenly")
+        return []
+    # Texture coordinates run from -1 to 1 over the stage.
+    cell_m = float(settings.get("size", 0.25)) / float(settings.get("scale", 1.0)) * extent_m / 2
+    if kind != "VORONOI":
+        return [{"kind": "noise", "scale_m": max(cell_m, 1e-3), "cover": _cover(settings, 2.0)}]
+    return [{"kind": "voronoi", "cell_m": max(cell_m, 1e-3), "cover": _cover(settings, 1.0)}]
+
+
+def _cover(settings: Json, power: float) -> float:
+    """Return roughly the share of the stage that a density map leaves things on.
+
+    Things stand where the noise is beyond the middle of the ramp. The distance to the nearest of
+    random points is beyond r with the probability exp(-4/3 pi r**3).
+    """
+    ends = [float(settings.get(f"colorStopPosition_{i}", i)) for i in (0, 1)]
+    white = [sum(settings.get(f"colorStopColor_{i}", [i, i, i])[:3]) for i in (0, 1)]
+    threshold = sum(ends) / 2 / max(float(settings.get("intensity", 1.0)), 1e-6) / power
+    beyond = math.exp(-4 / 3 * math.pi * threshold**3)
+    return round(beyond if white[1] >= white[0] else 1 - beyond, 3)
+
+
+def _body(name: str, params: Json, document: Json, job: Import) -> Json:
+    has_stage = bool(entries(document, "ASSET_SETUP", "STAGES"))
+    found: Json = {"name": name, **_look(params, job, "rounded")}
+    labels = _labels(params, job, name)
+    if "assetMaterial" in params:
+        layers = material(document, str(params["assetMaterial"])).get("terrainTextureList", [])
+        if layers:
+            first = dict(layers[0])
+            path = str(first.get("path") or first.get("templatePath", "rock"))
+            found["texture"] = stand_in(path)
+            found["tile_m"] = BODY_SIZE_M / 8
+            job.warn(f"{name}: objects wear built-in textures, here {found['texture']}")
+            of_material, image = texture_labels(first, job, name)
+            labels = of_material if of_material["semantic_id"] else labels
+            if image is not None:
+                job.warn(f"{name}: labels within the texture of an object are left out")
+    x, y, z = _place(params)
+    height_m = 0.0 if has_stage else BODY_HEIGHT_M
+    return (
+        found
+        | labels
+        | {
+            "position_m": [x, y, z + height_m - BODY_SIZE_M / 2],
+            "quat_xyzw": _turn(params),
+            "scale": BODY_SIZE_M,
+        }
+    )
+
+
+def _place(params: Json) -> tuple[float, float, float]:
+    place = params.get("location", "origin")
+    if isinstance(place, list):
+        return float(place[0]), float(place[1]), float(place[2])
+    if place == "trajectory_simulation":
+        box = [float(v) for v in params.get("trajectorySimulation", [0] * 6)]
+        return (box[0] + box[1]) / 2, (box[2] + box[3]) / 2, (box[4] + box[5]) / 2
+    return 0.0, 0.0, 0.0
+
+
+def _turn(params: Json) -> list[float]:
+    """Return the attitude of Blender's angles about x, then y, then z, all of them fixed axes."""
+    if "rotation_rad" in params:
+        angles = [float(v) for v in params["rotation_rad"]]
+    else:
+        angles = [math.radians(float(v)) for v in params.get("rotation_deg", [0, 0, 0])]
+    rotation = np.eye(3)
+    for axis, angle in enumerate(angles):
+        quat = [math.cos(angle / 2), 0.0, 0.0, 0.0]
+        quat[1 + axis] = math.sin(angle / 2)
+        rotation = blender_rotation(quat) @ rotation
+    return list(pose_from_matrix(transform(rotation, (0.0, 0.0, 0.0))).quat_xyzw)

@@ -1,0 +1,45 @@
+"""From Blender's axes, which original files are in, to ours."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from oaisys_core.geometry import pose_from_matrix, pose_to_matrix, transform
+from oaisys_core.types import FloatArray, Pose
+
+LINK_FROM_CAMERA: FloatArray = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
+"""Blender's camera looks along -z with y up; a link's x points forward, its z up."""
+
+BODY_FROM_TRACKING: FloatArray = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
+"""A base that turns its z axis to its target, y up, as ``centeredTarget`` has it."""
+
+
+def blender_rotation(quat_wxyz: ArrayLike) -> FloatArray:
+    """Return the (3, 3) rotation of a quaternion; Blender takes zeros for half a turn about x."""
+    w, x, y, z = (float(v) for v in np.asarray(quat_wxyz, dtype=np.float64))
+    if w == x == y == z == 0:
+        x = 1.0
+    norm = float(np.linalg.norm((w, x, y, z)))
+    pose = Pose((0.0, 0.0, 0.0), (x / norm, y / norm, z / norm, w / norm))
+    return pose_to_matrix(pose)[:3, :3]
+
+
+def mount(transformation: ArrayLike, body_from_base: FloatArray = LINK_FROM_CAMERA) -> Pose:
+    """Return where a camera's link sits on the rig.
+
+    Args:
+        transformation: (x, y, z, qw, qx, qy, qz) of Blender's camera in the original's base.
+        body_from_base: (3, 3) from the original's base to ``base_link``.
+    """
+    numbers = np.asarray(transformation, dtype=np.float64)
+    rotation = body_from_base @ blender_rotation(numbers[3:]) @ LINK_FROM_CAMERA.T
+    return pose_from_matrix(transform(rotation, body_from_base @ numbers[:3]))
+
+
+def rig_pose(row: ArrayLike) -> Pose:
+    """Return the rig's pose of a row (x, y, z, qw, qx, qy, qz) of an original pose file."""
+    numbers = np.asarray(row, dtype=np.float64)
+    return pose_from_matrix(
+        transform(blender_rotation(numbers[3:]) @ LINK_FROM_CAMERA.T, numbers[:3])
+    )

@@ -1,0 +1,131 @@
+"""An original configuration file as one of ours."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import yaml
+
+from oaisys_core.config.importing.assets import assets, stage
+from oaisys_core.config.importing.context import Import
+from oaisys_core.config.importing.document import (
+    Json,
+    entries,
+    key_paths,
+    load_document,
+    part,
+)
+from oaisys_core.config.importing.environment import environment
+from oaisys_core.config.importing.inventory import Fate, fate_of
+from oaisys_core.config.importing.materials import materials
+from oaisys_core.config.importing.sensors import sensors
+from oaisys_core.errors import ConfigError
+
+UNKNOWN = Fate("no counterpart", "this key is not known")
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What became of an original file.
+
+    Attributes:
+        config: Our configuration, as plain data.
+        fates: What became of each key that the file has.
+        warnings: What was replaced or left out.
+    """
+
+    config: Json
+    fates: dict[str, Fate]
+    warnings: tuple[str, ...]
+
+    def notes(self) -> list[str]:
+        """Return a line for each key that is not mapped, and for each warning."""
+        unmapped = {path: fate for path, fate in self.fates.items() if fate.kind != "mapped"}
+        keys = [f"{path}: {fate.kind}: {fate.text}" for path, fate in sorted(unmapped.items())]
+        return [*keys, *(f"warning: {text}" for text in self.warnings)]
+
+    def text(self, source: str) -> str:
+        """Return the YAML file, with the notes as comments."""
+        head = [f"Imported from {source}. What could not be taken over:", *self.notes()]
+        comments = "".join(f"# {line}\n" for line in head)
+        return comments + yaml.safe_dump(self.config, sort_keys=False, allow_unicode=True)
+
+
+def import_file(
+    path: Path, assets_folder: Path | None = None, out: Path | None = None, *, strict: bool = False
+) -> Imported:
+    """Return our configuration for an original JSON file.
+
+    Args:
+        path: The file.
+        assets_folder: What its relative paths are relative to; without, all files are missing.
+        out: Where the result will be written; pose files are written beside it.
+        strict: Whether missing files and unknown keys are errors.
+
+    Raises:
+        ConfigError: The file cannot be used, or strictly not.
+    """
+    document = load_document(path)
+    fates = {key: fate_of(key) or UNKNOWN for key in key_paths(document)}
+    unknown = sorted(key for key, fate in fates.items() if fate is UNKNOWN)
+    if strict and unknown:
+        raise ConfigError("\n".join(f"{path}: {key}: unknown key" for key in unknown))
+    job = Import(assets_folder, out, is_strict=strict)
+    try:
+        config = _converted(document, job)
+    except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
+        raise ConfigError(f"{path}: a value has not the form it should have: {error}") from error
+    return Imported(config, fates, tuple(job.warnings))
+
+
+def _converted(document: Json, job: Import) -> Json:
+    ground, material_name = stage(document, job)
+    extent_m = float(ground.get("extent_m", 200.0))
+    # The sky first: its label has a fixed name.
+    air = environment(document, job)
+    things, targets = assets(document, job, extent_m)
+    found: Json = {"backend": "blender", "stage": ground}
+    if entries(document, "ASSET_SETUP", "STAGES"):
+        found["materials"] = materials(document, job, material_name, extent_m)
+    return found | {
+        "assets": things,
+        "environment": air,
+        "sensors": sensors(document, job, targets),
+        "render": _render(document, job),
+        "output": _output(part(document, "SIMULATION_SETUP")),
+    }
+
+
+def _render(document: Json, job: Import) -> Json:
+    found: Json = {}
+    for entry in entries(document, "RENDER_SETUP", "RENDER_PASSES"):
+        params = part(entry, "passParams")
+        if entry.get("type") == "RGBDPass":
+            found["samples"] = int(params.get("renderSamples", 128))
+            found["max_bounces"] = int(params.get("lightPathesMaxBounces", 6))
+    section = "RENDER_POST_PROCESSING_EFFECTS_SETUP"
+    for entry in entries(document, section, "POST_EFFECTS"):
+        if entry.get("type") != "BloomEffect":
+            job.warn(f"the effect {entry.get('type')} is left out: there is bloom only")
+            continue
+        params = part(entry, "effectParams")
+        bloom: Json = {"threshold": min(max(float(params.get("threshold", 8.0)), 0.0), 1.0)}
+        if "size" in params:
+            # A glow's size counts in powers of two, its whole width in pixels.
+            bloom["radius_px"] = 2.0 ** float(params["size"]) / 6
+        if "mix" in params:
+            # From -1 (only the image) over 0 (as much of both) to 1 (only the glow).
+            bloom["strength"] = min(max((float(params["mix"]) + 1) / 2, 0.0), 1.0)
+        found["effects"] = {"bloom": bloom}
+    return found
+
+
+def _output(run: Json) -> Json:
+    found: Json = {
+        "batches": max(1, int(run.get("numBatches", 1))),
+        "samples": max(1, int(run.get("numSamplesPerBatch", 1))),
+        "batch_offset": int(run.get("outputIDOffset", 0)),
+        "save_blend": bool(run.get("saveBlenderFiles", False)),
+    }
+    return found | ({"folder": str(run["outputPath"])} if run.get("outputPath") else {})
