@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import bpy
 from synthetic_worlds import settings
 
 from oaisys_core.backend.blender import BlenderBackend
@@ -23,3 +24,14 @@ def views(cases: Sequence[tuple[Scene, PlacedCamera]]) -> list[tuple[Frame, ...]
         backend.build(scene, ignore)
         frames.append(backend.render([camera], settings(samples=16), ignore))
     return frames
+
+
+def blocks(scenes: Sequence[Scene]) -> list[dict[str, int]]:
+    """How many images, materials and node groups there are after each world was built."""
+    backend = BlenderBackend()
+    counts = []
+    for scene in scenes:
+        backend.build(scene, ignore)
+        kinds = ("images", "materials", "node_groups")
+        counts.append({kind: len(getattr(bpy.data, kind)) for kind in kinds})
+    return counts

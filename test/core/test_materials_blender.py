@@ -121,3 +121,13 @@ def test_a_steep_slope_shows_its_texture_undistorted(seen: dict[str, Any]) -> No
         return int(np.count_nonzero(np.diff(is_light)))
 
     assert changes("wall from the side") >= 2.5 * changes("wall from above") > 0
+
+
+def test_another_material_leaves_nothing_of_the_old_one() -> None:
+    scenes = [scene for scene, _ in cases().values()]
+    order = [*scenes, *scenes]
+    counts = in_blender(
+        "blender_jobs_materials.blocks",
+        [replace(scene, stage_hash=str(index)) for index, scene in enumerate(order)],
+    )
+    assert counts[len(scenes) :] == counts[: len(scenes)]
