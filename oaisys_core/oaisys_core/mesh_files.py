@@ -68,7 +68,7 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     if path.suffix.lower() == ".blend":
         return _load_blend(path, object_name, field)
     try:
-        scene = trimesh.load_scene(path)
+        scene = trimesh.load_scene(path, process=False)
     # What trimesh raises at a damaged file depends on the format.
     except Exception as error:
         expected = f"a readable {path.suffix} file ({error})"
