@@ -1,4 +1,4 @@
-"""Recipes of loose ground: gravel, sand, regolith, soil."""
+"""Recipes of loose ground: gravel, sand and its ripples, pebbles, regolith, soil."""
 
 from __future__ import annotations
 

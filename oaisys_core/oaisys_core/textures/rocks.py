@@ -1,4 +1,4 @@
-"""Recipes of bare rock."""
+"""Recipes of bare rock: weathered faces, layered pavements, ropy lava."""
 
 from __future__ import annotations
 
