@@ -178,7 +178,7 @@ def _read_png(path: Path, field: str) -> FloatArray:
     if image is None or image.ndim != 2 or image.dtype != np.uint16:
         found = "nothing" if image is None else f"{image.shape} {image.dtype}"
         raise InvalidInputError(f"{field}.file", found, f"a grey 16-bit PNG image ({path.name})")
-    return image.astype(np.float64)
+    return np.asarray(image, np.float64)
 
 
 def _read_exr(path: Path, field: str) -> FloatArray:
@@ -228,7 +228,9 @@ def _unit_m(file: Any, field: str) -> tuple[float, float]:
     if not crs:
         return (1.0, 1.0)
     if not crs.is_geographic:
-        factor = float(crs.linear_units_factor[1])
+        # The unit of lengths stands last; before it come those of the angles it is derived from.
+        units = re.findall(r'UNIT\["[^"]*",([\d.eE+-]+)', crs.to_wkt())
+        factor = float(units[-1]) if units else 1.0
         return (factor, factor)
     found = re.search(r'(?:SPHEROID|ELLIPSOID)\["[^"]*",([\d.eE+]+),([\d.eE+]+)', crs.to_wkt())
     if found is None:
