@@ -125,6 +125,19 @@ class TestSunFromTime:
         turn = [degrees(sky.sun_azimuth_rad - seen[1].sun_azimuth_rad) for sky in seen[1:]]
         assert turn == pytest.approx([0, -7.5, -15, -22.5, -30], abs=0.01)
 
+    @pytest.mark.parametrize(("latitude_deg", "side"), [(48.0, -1), (-48.0, 1)])
+    def test_at_noon_the_sun_stands_towards_the_equator(
+        self, latitude_deg: float, side: int
+    ) -> None:
+        """South, -y, in the north of the Earth, and the other way round; east in the morning."""
+        at = {"latitude_deg": latitude_deg, "longitude_deg": 0.0}
+        noon, morning = (
+            skies({"sun_from_time": {**at, "date_time": f"2026-04-15T{hour}:00:00Z"}})[0].to_sun
+            for hour in ("12", "07")
+        )
+        assert side * noon[1] > 0.5 > 10 * abs(noon[0])
+        assert morning[0] > 0.7
+
     def test_true_north_may_lie_elsewhere(self) -> None:
         (plain,) = skies({"sun_from_time": AT})
         (turned,) = skies({"sun_from_time": {**AT, "north_offset_deg": 25}})
@@ -224,6 +237,11 @@ class TestLabels:
         assert sky.semantic_ids_at(rays, 0).tolist() == [7, 8]
         assert sky.semantic_ids_at(rays, 1).tolist() == [0, 80]
         assert skies({"sky_semantic_id": 7})[0].semantic_ids_at(rays, 0).tolist() == [7, 7]
+
+
+def test_an_id_has_one_name() -> None:
+    with pytest.raises(ConfigError, match="semantic_id 1 is called both 'gravel' and 'sky'"):
+        config_from_mapping({"environment": {"sky_semantic_id": 1}})
 
 
 class Dimmer(effects.EnvironmentEffect):

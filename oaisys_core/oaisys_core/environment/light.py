@@ -24,6 +24,10 @@ HAZE_RADIANCE = np.array((0.55, 0.62, 0.65))
 RAYLEIGH_OPTICAL_DEPTH = np.array((0.040, 0.097, 0.242))
 """Of the whole atmosphere towards the zenith at 680, 550 and 440 nm."""
 
+DAYLIGHT_DEG = (-18.0, -12.0, -6.0, -3.0, 0.0, 4.0, 10.0, 20.0, 38.0)
+DAYLIGHT_SHARES = (6e-8, 8e-7, 3e-4, 5e-3, 0.045, 0.25, 0.5, 0.8, 1.0)
+"""Brightness of a clear sky by the sun's elevation, roughly as its illuminance is published."""
+
 SCALE_HEIGHT_M = 8400.0
 """Height over which air becomes thinner by 1 / e."""
 
@@ -48,7 +52,9 @@ def sun_color(sky: Sky) -> Color:
 def plain_radiance(sky: Sky) -> Color:
     """Return the radiance of a dull level plain under sun and sky (Lambert)."""
     sun_w_m2 = sky.lamp_w_m2 * max(sin(sky.sun_elevation_rad), 0.0)
-    sky_w_m2 = SKY_IRRADIANCE_W_M2 * sky.sky_strength * (sky.model != "none")
+    sky_w_m2 = 0.0
+    if sky.model != "none":
+        sky_w_m2 = SKY_IRRADIANCE_W_M2 * sky.sky_strength * _daylight(sky)
     return _color(PLAIN_ALBEDO * (sun_w_m2 * np.array(sun_color(sky)) + sky_w_m2) / pi)
 
 
@@ -60,8 +66,7 @@ def horizon_radiance(sky: Sky) -> Color:
         return (0.0, 0.0, 0.0)
     if sky.model == "plain":
         return _color(np.array(sky.gradient.horizon) * sky.sky_strength)
-    twilight = min(max(1.0 + degrees(sky.sun_elevation_rad) / 8.0, 0.0), 1.0)
-    return _color(HAZE_RADIANCE * np.sqrt(sun_color(sky)) * sky.sky_strength * twilight)
+    return _color(HAZE_RADIANCE * np.sqrt(sun_color(sky)) * sky.sky_strength * _daylight(sky))
 
 
 def veil_radiance(sky: Sky, haze: Haze) -> Color:
@@ -75,6 +80,14 @@ def veil_radiance(sky: Sky, haze: Haze) -> Color:
     if sky.hdri is None and sky.model == "atmosphere":
         horizon = horizon / HAZE_RADIANCE * HAZE_RADIANCE.mean()
     return _color(horizon * np.array(haze.tint))
+
+
+def _daylight(sky: Sky) -> float:
+    """Return how bright the sky is, as a share of that on a day with the sun at 38 degrees."""
+    if sky.model != "atmosphere":
+        return 1.0
+    shares = np.log(DAYLIGHT_SHARES)
+    return float(np.exp(np.interp(degrees(sky.sun_elevation_rad), DAYLIGHT_DEG, shares)))
 
 
 def _band_radiance(hdri: Hdri) -> Color:

@@ -12,16 +12,8 @@ from oaisys_core.backend.blender.compat import SKY_SCALE, node_tree_of, set_up_s
 from oaisys_core.backend.blender.haze import clear_share
 from oaisys_core.backend.blender.images import new_image
 from oaisys_core.backend.blender.nodes import MIX_RESULT, NodeTree, Socket
-from oaisys_core.environment.light import (
-    horizon_radiance,
-    plain_radiance,
-    sun_color,
-    veil_radiance,
-)
+from oaisys_core.environment.light import plain_radiance, sun_color, veil_radiance
 from oaisys_core.sky import Color, Haze, Hdri, Sky, SkyImage
-
-HAZE_DEPTH = 0.07
-"""Downward component of a ray at which the plain shows through the haze by 1 - 1 / e."""
 
 LEAST_UP = 1e-4
 """Upward component of a ray at the horizon and below, for what has no end there."""
@@ -104,12 +96,12 @@ def _disc_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
 
 
 def _above_plain(tree: NodeTree, sky: Sky, ray: Socket, color: Socket) -> Socket:
-    """Return the sky's colour above the horizon, a far plain's in haze below it."""
-    up = _up(tree, ray)
-    haze = tree.math("EXPONENT", tree.math("DIVIDE", up, HAZE_DEPTH))
-    plain = tree.color_mix(haze, (*plain_radiance(sky), 1.0), (*horizon_radiance(sky), 1.0))
-    is_below = tree.math("LESS_THAN", up, 0.0)
-    return tree.color_mix(is_below, color, plain.outputs[MIX_RESULT]).outputs[MIX_RESULT]
+    """Return the sky's colour above the horizon and a far plain's below it.
+
+    It lights things from below; what the camera sees there is the plain's own mesh.
+    """
+    is_below = tree.math("LESS_THAN", _up(tree, ray), 0.0)
+    return tree.color_mix(is_below, color, (*plain_radiance(sky), 1.0)).outputs[MIX_RESULT]
 
 
 def _behind_haze(tree: NodeTree, sky: Sky, haze: Haze, ray: Socket, color: Socket) -> Socket:
