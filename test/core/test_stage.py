@@ -186,7 +186,7 @@ def test_all_see_the_same_refined_surface() -> None:
     frame = world.step_sample(ModuleMetadata(sensor={"pose": low})).frames[0]
     v, u = np.mgrid[: frame.data.shape[0], : frame.data.shape[1]]
     k = frame.intrinsics
-    rays = np.stack(((u - k.cx) / k.fx, (v - k.cy) / k.fy, np.ones(u.shape)), axis=-1)
+    rays = np.stack(((u - k.cx_px) / k.fx_px, (v - k.cy_px) / k.fy_px, np.ones(u.shape)), axis=-1)
     points = rays * frame.data[..., None] @ frame.T_map_camera[:3, :3].T + frame.T_map_camera[:3, 3]
     seen = surface(points[..., 0], points[..., 1]).filled(np.nan)
     assert points[..., 2] == pytest.approx(seen, abs=1e-5)
