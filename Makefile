@@ -10,6 +10,7 @@ SHELL := /bin/bash
 VENV ?= .venv
 PYTHON ?=
 DEMO_ARGS ?= --out out/survey
+GALLERY_ARGS ?= --out out/gallery
 PYTEST_ARGS ?=
 
 IN_ENV := source '$(abspath $(VENV))/oaisys_env.sh' &&
@@ -26,6 +27,9 @@ setup: ## Make the virtual environment and build what the project needs
 
 demo: setup ## Survey a rocky terrain from 30 viewpoints and rebuild it: out/survey/report.html
 	@$(IN_ENV) oaisys survey $(DEMO_ARGS)
+
+gallery: setup ## Render every example and texture set with its labels: out/gallery/index.html
+	@$(IN_ENV) python -m tools.gallery $(GALLERY_ARGS)
 
 test: setup ## Run every test
 	@$(IN_ENV) pytest $(PYTEST_ARGS)

@@ -272,7 +272,11 @@ def _camera_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
     pixels = np.stack((cols, rows), axis=-1).reshape(-1, 1, 2).astype(np.float64)
     distortion = np.array(intrinsics.distortion or (0.0,) * 5)
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-    flat = cv2.undistortPointsIter(pixels, intrinsics.K, distortion, None, None, stop)
+    # OpenCV 5 has taken the name away and the parameter into the other function.
+    if hasattr(cv2, "undistortPointsIter"):
+        flat = cv2.undistortPointsIter(pixels, intrinsics.K, distortion, None, None, stop)
+    else:
+        flat = cv2.undistortPoints(pixels, intrinsics.K, distortion, criteria=stop)
     rays = np.ones((*rows.shape, 3))
     rays[..., :2] = flat.reshape(*rows.shape, 2)
     return rays

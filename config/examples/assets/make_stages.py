@@ -21,7 +21,8 @@ DEM_STEP_M = 0.001
 
 def write_dem(path: Path) -> None:
     """Write a valley of 96 m as a 16-bit image, in millimetres."""
-    ground = make_ground("canyon", 96.0, DEM_PX, np.random.default_rng(4), roughness=0.3)
+    rng = np.random.default_rng(4)
+    ground = make_ground("mountain_2", 96.0, DEM_PX, rng, roughness=0.3, relief_m=16.0)
     counts = (ground.elevation_m - ground.elevation_m.min()) / DEM_STEP_M
     cv2.imwrite(str(path), np.rint(counts)[::-1].astype(np.uint16))
 

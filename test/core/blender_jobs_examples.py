@@ -1,0 +1,39 @@
+"""What the tests of the examples do inside Blender."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+# Comes before anything that loads Open3D.
+import bpy  # noqa: F401
+
+from oaisys_core.config import SimulationConfig, adjusted, load_config
+from oaisys_core.simulation import Simulation
+
+LONGEST_PX = 64
+
+
+def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
+    """Render the first samples of each configuration, its images 64 pixels long."""
+    return {Path(path).stem: _rendered(small(load_config(Path(path))), samples) for path in paths}
+
+
+def small(config: SimulationConfig) -> SimulationConfig:
+    """Return the configuration with small images, textures and masks, and few light samples."""
+    data = adjusted(config, size="64x48", quality="preview").model_dump()
+    data["materials"]["texture_size_px"] = 128
+    data["materials"]["mask"]["size_px"] = min(config.materials.mask.size_px, 256)
+    return SimulationConfig.model_validate(data)
+
+
+def _rendered(config: SimulationConfig, samples: int) -> dict[str, Any]:
+    simulation = Simulation(config)
+    try:
+        simulation.step_batch()
+        taken = [simulation.step_sample() for _ in range(samples)]
+        labels = sorted(simulation.info().semantic_labels)
+    finally:
+        simulation.close()
+    frames = [[(f.sensor, f.modality, f.data) for f in sample.frames] for sample in taken]
+    return {"samples": frames, "labels": labels}

@@ -1,0 +1,1 @@
+"""The gallery: what the simulator can show, rendered, with its labels."""

@@ -1,0 +1,69 @@
+"""Renders the gallery: ``python -m tools.gallery --out DIR``; ``make gallery`` does."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+from typing import Annotated
+
+# Must come before anything that loads Open3D, see oaisys_core.raycast.
+import bpy  # noqa: F401
+import typer
+
+from oaisys_core.errors import OaisysError
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata
+from tools.gallery.page import Entry, Shot, write_page, write_shots
+from tools.gallery.scenes import Picture, pictures
+
+EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
+OWN_VIEWS = 2
+"""Of a rig that moves by itself."""
+
+
+def main(
+    out: Annotated[Path, typer.Option(help="Folder for the page and its images.")],
+    only: Annotated[str, typer.Option(help="Only names with this, such as stage_.")] = "",
+    quality: Annotated[str, typer.Option(help="Of colour.")] = "high",
+    backend: Annotated[str, typer.Option(help="blender or analytic.")] = "blender",
+) -> None:
+    """Render every example and every texture set at its own size, with labels."""
+    logging.basicConfig(level=logging.WARNING)
+    out.mkdir(parents=True, exist_ok=True)
+    entries, failures, version = [], [], ""
+    for chosen in pictures(EXAMPLES, only, backend, quality):
+        started_s = time.perf_counter()
+        simulation = Simulation(chosen.config)
+        try:
+            entries.append(_entry(simulation, chosen, out))
+            version = simulation.info().backend_version
+        except OaisysError as error:
+            failures.append(f"{chosen.group}/{chosen.name}: {error}")
+        finally:
+            simulation.close()
+        typer.echo(f"{chosen.group}/{chosen.name}: {time.perf_counter() - started_s:.1f} s")
+    page = write_page(out, entries, f"{backend} {version}, quality {quality}")
+    typer.echo(f"{page}: {len(entries)} worlds")
+    for failure in failures:
+        typer.echo(failure, err=True)
+    if failures:
+        raise typer.Exit(1)
+
+
+def _entry(simulation: Simulation, chosen: Picture, out: Path) -> Entry:
+    simulation.step_batch()
+    shots: list[Shot] = []
+    views = chosen.views or (None,) * OWN_VIEWS
+    for index, view in enumerate(views, start=1):
+        sensor = None if view is None else {"pose": view.pose(simulation)}
+        sample = simulation.step_sample(ModuleMetadata(sensor=sensor))
+        title = f"view {index}" if view is None else view.name
+        stem = f"{chosen.group}_{chosen.name}_{index}"
+        labels = {0: "unlabelled", **simulation.info().semantic_labels}
+        shots += write_shots(out, stem, title, sample, labels)
+    return Entry(chosen.group, chosen.name, chosen.caption, shots)
+
+
+if __name__ == "__main__":
+    typer.run(main)

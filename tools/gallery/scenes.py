@@ -1,0 +1,108 @@
+"""What the gallery shows: every example configuration, and every texture set by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from oaisys_core.config import SimulationConfig, adjusted, config_from_mapping, load_config
+from oaisys_core.geometry import pose_looking_at
+from oaisys_core.simulation import Simulation
+from oaisys_core.textures.library import TEXTURES
+from oaisys_core.types import Pose
+
+EYE_HEIGHT_M = 1.7
+
+TARGET_GROUP = "textures by themselves"
+
+
+@dataclass(frozen=True)
+class View:
+    """From where a world is looked at, relative to the stage.
+
+    Attributes:
+        eye: (x, y) in halves of the stage's extent from its middle.
+        height_m: Over the surface there; in halves of the extent if ``is_relative``.
+        target: (x, y) that it looks at, in halves of the extent.
+        rise_m: Height of what it looks at over the surface there.
+    """
+
+    name: str
+    eye: tuple[float, float]
+    height_m: float
+    target: tuple[float, float]
+    rise_m: float = 0.0
+    is_relative: bool = False
+
+    def pose(self, simulation: Simulation) -> Pose:
+        """Return the pose of the rig in the world that stands."""
+        x0, y0, x1, y1 = simulation.scene.ground.extent_m
+        middle, half = np.array((x0 + x1, y0 + y1)) / 2, np.array((x1 - x0, y1 - y0)) / 2
+        eye, target = middle + half * self.eye, middle + half * self.target
+        query = simulation.query_height([(*eye, 0.0), (*target, 0.0)])
+        height_m = self.height_m * float(half.min()) if self.is_relative else self.height_m
+        surface_m = np.nan_to_num(query.surface_height_m)
+        return pose_looking_at(
+            (*eye, surface_m[0] + height_m), (*target, surface_m[1] + self.rise_m)
+        )
+
+
+EYE = View("eye height", (-0.3, -0.35), EYE_HEIGHT_M, (0.25, 0.2), 0.8)
+ABOVE = View("from above", (-0.85, -0.85), 0.62, (0.05, 0.05), 0.0, is_relative=True)
+CLOSE = View("close", (0.0, -0.25), 1.5, (0.0, 0.05))
+TOWARDS_SKY = View("towards the sky", (-0.3, -0.35), EYE_HEIGHT_M, (0.9, 0.75), 5.0)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A world and the views of it; without views, the rig's own motion gives two."""
+
+    group: str
+    name: str
+    caption: str
+    config: SimulationConfig
+    views: tuple[View, ...]
+
+
+def pictures(examples: Path, only: str, backend: str, quality: str) -> Iterator[Picture]:
+    """Yield everything that the gallery shows and that has ``only`` in its name."""
+    for file in sorted(examples.glob(f"*{only}*.yaml")):
+        config = adjusted(load_config(file), backend=backend, quality=quality)
+        group, _, name = file.stem.partition("_")
+        yield Picture(group, name or group, _caption(file), config, _views(group, config))
+    for texture in sorted(name for name in TEXTURES if only in f"texture_{name}"):
+        yield Picture(
+            TARGET_GROUP, texture, "", _texture_config(texture, backend, quality), (CLOSE,)
+        )
+
+
+def _views(group: str, config: SimulationConfig) -> tuple[View, ...]:
+    if config.sensors.motion.kind != "given":
+        return ()
+    if group == "stage":
+        return (EYE, ABOVE)
+    if group == "environment":
+        return (TOWARDS_SKY, EYE)
+    return (EYE,)
+
+
+def _caption(file: Path) -> str:
+    """Return the comment on top of an example."""
+    first = file.read_text(encoding="utf-8").splitlines()[0]
+    return first.removeprefix("#").strip()
+
+
+def _texture_config(texture: str, backend: str, quality: str) -> SimulationConfig:
+    return config_from_mapping(
+        {
+            "backend": backend,
+            "stage": {"preset": "plane", "extent_m": 16.0, "resolution_px": 129},
+            "materials": {"layers": [{"texture": texture, "label": texture, "semantic_id": 1}]},
+            "assets": {"rocks": []},
+            "environment": {"sun_elevation_deg": 32.0},
+            "render": {"quality": quality},
+        }
+    )
