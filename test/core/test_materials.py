@@ -88,6 +88,14 @@ def test_folders_of_a_pool_are_labelled_by_name_or_table(tmp_path: Path) -> None
     assert {layer.maps.tile_m for layer in world.material.layers} == {3.0}
 
 
+def test_labels_of_a_pool_name_its_folders(tmp_path: Path) -> None:
+    (tmp_path / "beach").mkdir()
+    assert cv2.imwrite(str(tmp_path / "beach" / "a_col.png"), np.zeros((4, 4, 3), np.uint8))
+    labels = {"beech": {"label": "sand", "semantic_id": 5}}
+    with pytest.raises(ConfigError, match=r"beech.*beach"):
+        MaterialsModule(config(pools=[{"folder": str(tmp_path), "labels": labels}]))
+
+
 def test_the_default_material_needs_no_draw_but_its_masks() -> None:
     first, again = world_of(config()).material, world_of(config()).material
     assert first is not None

@@ -142,10 +142,19 @@ def chosen_layers(materials: MaterialsConfig, rng: np.random.Generator) -> list[
 
 
 def pool_layers(pool: PoolConfig) -> list[LayerConfig]:
-    """Return all layers of a pool: those given, then those of its folder by name."""
+    """Return all layers of a pool: those given, then those of its folder by name.
+
+    Raises:
+        InvalidInputError: The folder holds no texture folder, or labels name none of them.
+    """
     layers = list(pool.layers)
     look = pool.look.model_dump(exclude={"folder"})
-    for index, folder in enumerate(texture_folders(pool.folder) if pool.folder else ()):
+    folders = texture_folders(pool.folder) if pool.folder else []
+    unknown = sorted(pool.labels.keys() - {folder.name for folder in folders})
+    if unknown:
+        known = ", ".join(folder.name for folder in folders) or "none: there is no folder"
+        raise InvalidInputError("labels", unknown[0], f"a folder of the pool: {known}")
+    for index, folder in enumerate(folders):
         label = pool.labels.get(folder.name)
         labels = (
             {"label": folder.name, "semantic_id": pool.first_semantic_id + index}
