@@ -54,7 +54,9 @@ def sensors(document: Json, job: Import, targets: dict[str, Json]) -> Json:
             }
         )
     found: Json = {"cameras": cameras} if cameras else {}
-    return {**found, "motion": _motion(general, document, job, targets), "pose_policy": "clamp"}
+    motion = _motion(general, document, job, targets)
+    has_stage = bool(entries(document, "ASSET_SETUP", "STAGES"))
+    return {**found, "motion": motion, "pose_policy": "clamp" if has_stage else "allow"}
 
 
 def _levels(document: Json) -> int:
