@@ -124,6 +124,17 @@ def test_a_hole_is_as_smooth_as_can_be() -> None:
     assert np.allclose(result, harmonic, atol=1e-6), "x² - y² solves the discrete equation as well"
 
 
+def test_a_very_large_hole_is_as_smooth() -> None:
+    y, x = np.mgrid[-150:151, -150:151].astype(float)
+    plane = 0.3 * x - 0.2 * y
+    missing = np.hypot(x, y) < 120
+    result = filled(np.where(missing, np.nan, plane), missing)
+    assert np.abs(result - plane).max() < 0.5, "a percent of the relief across the hole"
+    assert (result[~missing] == plane[~missing]).all()
+    steps = np.hypot(*np.gradient(result))
+    assert np.abs(steps - np.hypot(0.3, 0.2)).max() < 0.15, "no steps, not even at the rim"
+
+
 def test_an_image_that_was_never_measured_at_its_edge_goes_on() -> None:
     missing = np.zeros((30, 30), np.bool_)
     missing[:, :10] = True

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import rasterio
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
-from scipy.ndimage import map_coordinates
+from scipy.interpolate import RectBivariateSpline
 
 from oaisys_core import exr
 from oaisys_core.errors import InvalidInputError
@@ -286,5 +286,13 @@ def _resampled(
         (np.arange(n) - (n - 1) / 2) * step + (size - 1) / 2
         for n, step, size in zip(counts, steps, height_m.shape, strict=True)
     ]
-    places = np.meshgrid(*axes, indexing="ij")
-    return np.asarray(map_coordinates(height_m, places, order=1, mode="nearest"))
+    # Cubic where the file has the points for it: facets of a coarse file would show.
+    degrees = [min(3, size - 1) for size in height_m.shape]
+    spline = RectBivariateSpline(
+        np.arange(height_m.shape[0]),
+        np.arange(height_m.shape[1]),
+        height_m,
+        kx=degrees[0],
+        ky=degrees[1],
+    )
+    return np.asarray(spline(*axes))

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, label
+from scipy.ndimage import distance_transform_edt, label, map_coordinates
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import cg
 
 from oaisys_core.types import FloatArray
 
 MOST_ROUNDS = 500
-"""Rounds after which a very large hole is smooth enough."""
+FINE_ROUNDS = 30
+"""Rounds of solving; few where a coarser image has given a good guess."""
+
+LARGE_PX = 20_000
+"""Missing pixels from which a coarser image is filled first."""
+
+COARSER = 4
+"""Edge, in pixels, of one of the coarser image."""
 
 
 def number_of_holes(missing: NDArray[np.bool_]) -> int:
@@ -31,12 +38,36 @@ def filled(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
     """
     if not missing.any():
         return height_m.copy()
-    nearest = distance_transform_edt(missing, return_distances=False, return_indices=True)
-    result: FloatArray = height_m[tuple(nearest)]
+    is_large = bool(missing.sum() > LARGE_PX)
+    result = _from_coarser(height_m, missing) if is_large else _nearest(height_m, missing)
     system, known = _equations(result, missing)
-    solution, _ = cg(system, known, x0=result[missing], rtol=1e-12, maxiter=MOST_ROUNDS)
+    rounds = FINE_ROUNDS if is_large else MOST_ROUNDS
+    solution, _ = cg(system, known, x0=result[missing], rtol=1e-12, maxiter=rounds)
     result[missing] = solution
     return result
+
+
+def _nearest(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
+    """Return the heights with what is missing as at the nearest known pixel."""
+    nearest = distance_transform_edt(missing, return_distances=False, return_indices=True)
+    return np.asarray(height_m[tuple(nearest)])
+
+
+def _from_coarser(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
+    """Return the heights with what is missing as the filled image at lower resolution has it."""
+    rows, cols = height_m.shape
+    pad = ((0, -rows % COARSER), (0, -cols % COARSER))
+    known = np.pad(~missing, pad)
+    values = np.where(known, np.pad(height_m, pad), 0.0)
+    blocks = (known.shape[0] // COARSER, COARSER, known.shape[1] // COARSER, COARSER)
+    count = known.reshape(blocks).sum(axis=(1, 3))
+    mean_m = values.reshape(blocks).sum(axis=(1, 3)) / np.maximum(count, 1)
+    coarse_m = filled(mean_m, count == 0)
+    places = [(np.arange(n) + 0.5) / COARSER - 0.5 for n in (rows, cols)]
+    finer_m = map_coordinates(
+        coarse_m, np.meshgrid(*places, indexing="ij"), order=1, mode="nearest"
+    )
+    return np.where(missing, finer_m, height_m)
 
 
 def _equations(height_m: FloatArray, missing: NDArray[np.bool_]) -> tuple[csr_matrix, FloatArray]:
