@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from oaisys_core import extensions
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scatter.rocks import ROCK_KINDS, make_rock
 from oaisys_core.scatter.vegetation import PLANTS
@@ -36,6 +37,21 @@ def make_shape(
         return make_rock(name, rng, detail)
     if name in VEHICLES:
         return VEHICLES[name]()
-    if name not in PLANTS:
-        raise InvalidInputError("shape", name, f"one of {', '.join(sorted(SHAPES))}")
-    return PLANTS[name](rng)
+    if name in PLANTS:
+        return PLANTS[name](rng)
+    check_shape(name, "shape")
+    made = extensions.load(extensions.SCATTERERS, name)(rng)
+    if not isinstance(made, MeshPrototype):
+        raise InvalidInputError("shape", made, f"a MeshPrototype of the scatterer {name!r}")
+    return made
+
+
+def check_shape(name: str, field: str) -> None:
+    """Refuse a shape that is neither built in nor installed.
+
+    Raises:
+        InvalidInputError: Its path is ``field``.
+    """
+    if name not in SHAPES and not extensions.is_installed(extensions.SCATTERERS, name, SHAPES):
+        known = ", ".join(sorted(SHAPES | extensions.names(extensions.SCATTERERS)))
+        raise InvalidInputError(field, name, f"one of {known}")

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from oaisys_core.types import FloatArray
 
 Pairs = NDArray[np.intp]
+Sizes = FloatArray | float
 
 
 @dataclass(frozen=True)
@@ -25,7 +26,9 @@ class Spacing:
     of_size: float
     least_m: float = 0.0
 
-    def between_m(self, sizes_m: FloatArray, other_sizes_m: FloatArray | float) -> FloatArray:
+    def between_m(
+        self, sizes_m: FloatArray | float, other_sizes_m: FloatArray | float
+    ) -> FloatArray:
         """Return the least distances of pairs of things."""
         return np.asarray(np.maximum(self.of_size * (sizes_m + other_sizes_m) / 2, self.least_m))
 
@@ -49,7 +52,7 @@ class Taken:
             return is_free
         tree = cKDTree(xy)
         for taken, taken_m in self._trees:
-            reach_m = float(self._spacing.between_m(sizes_m.max(), taken_m.max()))
+            reach_m = float(self._spacing.between_m(float(sizes_m.max()), float(taken_m.max())))
             near = tree.sparse_distance_matrix(taken, reach_m, output_type="ndarray")
             i, j = near["i"], near["j"]
             too_near = near["v"] < self._spacing.between_m(sizes_m[i], taken_m[j])
@@ -61,7 +64,7 @@ def pairs_too_near(xy: FloatArray, sizes_m: FloatArray, spacing: Spacing) -> Pai
     """Return (P, 2) indices, the lower first, of places that cannot both be held."""
     if len(xy) < 2 or spacing == Spacing(0.0):
         return np.zeros((0, 2), np.intp)
-    reach_m = float(spacing.between_m(sizes_m.max(), sizes_m.max()))
+    reach_m = float(spacing.between_m(float(sizes_m.max()), float(sizes_m.max())))
     pairs = np.sort(cKDTree(xy).query_pairs(reach_m, output_type="ndarray"), axis=1)
     first, second = pairs.T
     least_m = spacing.between_m(sizes_m[first], sizes_m[second])

@@ -85,7 +85,8 @@ class Objects:
             group.shown.remove()
         bpy.data.batch_remove([thing for _, thing in self._solids])
         self._groups, self._solids = [], []
-        self._meshes, self._rock_materials = {}, {}
+        self._keep_meshes(set())
+        self._rock_materials = {}
 
     def update(self, scene: Scene) -> None:
         """Show the objects of a scene."""
@@ -105,8 +106,12 @@ class Objects:
         for unused in left.values():
             unused.shown.remove()
         self._groups = groups
-        used = {id(prototype) for prototype in scene.prototypes}
-        self._meshes = {key: entry for key, entry in self._meshes.items() if key in used}
+        self._keep_meshes({id(prototype) for prototype in scene.prototypes})
+
+    def _keep_meshes(self, used: set[int]) -> None:
+        """Leave the meshes of all other prototypes to be purged."""
+        for key in self._meshes.keys() - used:
+            self._meshes.pop(key)[1].use_fake_user = False
 
     def _moved_or_new(
         self, prototype: MeshPrototype, placement: Placement, left: dict[int, Group]
@@ -142,6 +147,8 @@ class Objects:
         if id(prototype) not in self._meshes:
             mesh = new_mesh(prototype.name, prototype.vertices_m, prototype.triangles, smooth=True)
             mesh.materials.append(self._material(prototype, mesh))
+            # All that show it may be hidden for a while, and it must not be purged then.
+            mesh.use_fake_user = True
             self._meshes[id(prototype)] = (prototype, mesh)
         return self._meshes[id(prototype)][1]
 
