@@ -41,9 +41,10 @@ class BlenderBackend(Backend):
     """Photorealistic colour from Cycles; depth and labels from rays cast at the same triangles.
 
     Blender holds one scene per process: there may be one such backend in a process at a time,
-    used from the main thread. Depth and labels are cast at the meshes read back from Blender as
-    it renders them, without any mixing of pixels; spheres and boxes are cast in closed form,
-    and their colour is rendered from a tessellation.
+    used from the main thread. Depth and labels are cast at the ground as it is read back from
+    Blender, and at the very meshes and poses that Blender was given, without any mixing of
+    pixels; spheres and boxes are cast in closed form, and their colour is rendered from a
+    tessellation.
     """
 
     name = "blender"
