@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,16 +13,11 @@ from oaisys_core.config.assets import AssetsConfig, PrimitiveConfig, RockGroupCo
 from oaisys_core.config.groups import MOST_INSTANCES, GroupConfig
 from oaisys_core.config.objects import MoverConfig, ObjectConfig, StandingConfig
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.modules.asset_ids import IdPlan
 from oaisys_core.modules.asset_metadata import AssetMetadata
 from oaisys_core.modules.looks import Looks
 from oaisys_core.scatter.groups import scatter_group
-from oaisys_core.scatter.ids import (
-    FIRST_MOVER_ID,
-    FIRST_OBJECT_ID,
-    Block,
-    group_blocks,
-    rock_block,
-)
+from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, Block
 from oaisys_core.scatter.placement import scatter_on
 from oaisys_core.scatter.rocks import make_rock
 from oaisys_core.scatter.stance import build_of, pose_on_ground
@@ -99,26 +93,6 @@ class Drawn:
     def primitive_ids(self) -> set[int]:
         """Instance ids of the exact solids."""
         return {primitive.instance_id for primitive in self.primitives}
-
-
-class IdPlan:
-    """Which instance ids a configuration gives to what, however many there will be."""
-
-    def __init__(self, config: AssetsConfig) -> None:
-        most = sum(group.count[1] for group in config.rocks) + len(config.primitives)
-        self.rocks = rock_block(most)
-        self.groups = group_blocks(self.rocks, [group.count[1] for group in config.groups])
-        self._fixed = (
-            range(FIRST_OBJECT_ID, FIRST_OBJECT_ID + len(config.objects)),
-            range(FIRST_MOVER_ID, FIRST_MOVER_ID + len(config.movers)),
-        )
-
-    def knows(self, instance_id: int) -> bool:
-        """Return whether some batch may give this id to something."""
-        blocks: Sequence[Block] = (self.rocks, *self.groups)
-        if any(instance_id in ids for ids in self._fixed):
-            return True
-        return any(block.holds(instance_id) for block in blocks)
 
 
 class Drawing:

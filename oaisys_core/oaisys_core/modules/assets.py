@@ -12,8 +12,9 @@ from oaisys_core.config.groups import MOST_INSTANCES
 from oaisys_core.config.objects import ShapedConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
-from oaisys_core.modules.asset_drawing import Drawing, IdPlan
+from oaisys_core.modules.asset_drawing import Drawing
 from oaisys_core.modules.asset_edits import EditedAssets, check_labels
+from oaisys_core.modules.asset_ids import IdPlan
 from oaisys_core.modules.asset_metadata import PART, AssetMetadata, asset_metadata
 from oaisys_core.modules.looks import Looks
 from oaisys_core.scatter.ids import added_id

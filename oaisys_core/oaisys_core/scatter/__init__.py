@@ -1,1 +1,1 @@
-"""Rocks made by code, and where they lie."""
+"""Things made by code, and where they stand, lie and drive."""
