@@ -27,6 +27,7 @@ from oaisys_core.config.importing.importer import import_file
 from oaisys_core.config.reference import reference_text
 from oaisys_core.config.schema import schema_text
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.extension_modules import make_modules
 from oaisys_core.render_command import render
 
 __all__ = ["config_app", "render"]
@@ -38,6 +39,7 @@ config_app = typer.Typer(help="Check configuration files.", no_args_is_help=True
 def check(file: Annotated[Path, typer.Argument(help="YAML file to check.")]) -> None:
     """Validate FILE; every fault is told with its line, its path and what was expected."""
     config = load_config(file)
+    make_modules(config.extensions)
     typer.echo(f"{file}: valid, sha256 {config_sha256(config)}")
 
 

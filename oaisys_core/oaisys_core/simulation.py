@@ -18,6 +18,7 @@ from oaisys_core.backend.base import Backend, ProgressCallback
 from oaisys_core.batch import Batch
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
+from oaisys_core.extension_modules import make_modules
 from oaisys_core.module import Module, World, drawn
 from oaisys_core.modules import (
     AssetsModule,
@@ -81,6 +82,7 @@ class Simulation:
             EnvironmentModule(config.environment),
             self._sensors,
             RenderModule(config.render),
+            *make_modules(config.extensions),
         )
         self._backend = backend if backend is not None else make_backend(config.backend)
         self._batch: Batch | None = None

@@ -13,6 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core import extensions
+
 FloatArray = NDArray[np.float64]
 
 RGB = "rgb"
@@ -61,6 +63,9 @@ def modality_spec(modality: str) -> ModalitySpec:
     """
     if semantic_level(modality) is not None:
         return _SEMANTIC
+    if extensions.is_installed(extensions.PASSES, modality, _MODALITIES):
+        spec: ModalitySpec = extensions.load(extensions.PASSES, modality).spec
+        return spec
     return _MODALITIES[modality]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.flow import PoseMemory
+from oaisys_core.backend.geometry_pass import computed
 from oaisys_core.backend.surface import Surface, View
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import (
@@ -63,4 +64,4 @@ def _image(
         return np.asarray(surface.normals(view) @ camera.T_map_camera[:3, :3], np.float32)
     if modality == FLOW:
         return memory.flow(view, camera, surface.scene)
-    raise KeyError(modality)
+    return computed(surface, view, camera, modality)

@@ -5,7 +5,7 @@ Lengths are metres, angles degrees (a person types them), pixels in OpenCV's con
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
@@ -25,6 +25,7 @@ class SimulationConfig(Section):
     Attributes:
         seed: Root of all random draws.
         backend: What renders.
+        extensions: Modules of other packages by name, with the options of each.
     """
 
     seed: int = Field(default=1, ge=0, lt=2**63)
@@ -36,6 +37,7 @@ class SimulationConfig(Section):
     sensors: SensorsConfig = SensorsConfig()
     render: RenderConfig = RenderConfig()
     output: OutputConfig = OutputConfig()
+    extensions: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _one_label_per_id(self) -> SimulationConfig:

@@ -5,20 +5,31 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from oaisys_core import geometry
 from oaisys_core.config.motion import AnyMotion, GivenMotion
 from oaisys_core.config.section import Positive, Section, Vector3
-from oaisys_core.types import PinholeIntrinsics
+from oaisys_core.types import PinholeIntrinsics, modality_spec
 
 MAX_IMAGE_SIDE_PX = 16384
 MAX_IMAGE_PX = 100_000_000
 
 FrameName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-Modality = Annotated[
-    str, Field(pattern="^(rgb|depth|range|semantic_[0-9]|instance|normal|flow|albedo)$")
-]
+
+
+def _known(modality: str) -> str:
+    try:
+        modality_spec(modality)
+    except KeyError:
+        raise ValueError(
+            "expected rgb, depth, range, semantic_0 to semantic_9, instance, normal, flow, albedo, "
+            "or an installed pass"
+        ) from None
+    return modality
+
+
+Modality = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidator(_known)]
 
 
 class DistortionConfig(Section):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from importlib.metadata import entry_points
-from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -12,6 +11,7 @@ from pydantic import ValidationError
 from oaisys_core.config.environment import EffectConfig
 from oaisys_core.config.section import Section
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.extensions import load
 from oaisys_core.sky import Sky
 
 GROUP = "oaisys.environment_effects"
@@ -44,7 +44,7 @@ def _load(index: int, config: EffectConfig) -> EnvironmentEffect:
     if config.effect not in found:
         names = ", ".join(sorted(found)) or "none is installed"
         raise InvalidInputError(f"{path}.effect", config.effect, f"an installed effect ({names})")
-    kind: Any = found[config.effect].load()
+    kind = load(GROUP, config.effect)
     if not (isinstance(kind, type) and issubclass(kind, EnvironmentEffect)):
         raise InvalidInputError(f"{path}.effect", kind, "a subclass of EnvironmentEffect")
     try:

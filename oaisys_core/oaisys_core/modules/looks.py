@@ -13,7 +13,7 @@ from oaisys_core.config.objects import ShapedConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.mesh_files import R_Z_UP_FROM_Y_UP, Y_UP_SUFFIXES, load_mesh
 from oaisys_core.scatter.rocks import ROCK_KINDS
-from oaisys_core.scatter.shapes import SHAPES, make_shape
+from oaisys_core.scatter.shapes import check_shape, make_shape
 from oaisys_core.scene import MeshPrototype, PbrMaps
 from oaisys_core.textures import TEXTURES, default_cache_dir, texture_set
 
@@ -40,9 +40,8 @@ class Looks:
             InvalidInputError: Its path begins with ``field``.
             BackendUnavailableError: It is a .blend file and there is no Blender.
         """
-        if config.shape is not None and config.shape not in SHAPES:
-            known = ", ".join(sorted(SHAPES))
-            raise InvalidInputError(f"{field}.shape", config.shape, f"one of {known}")
+        if config.shape is not None:
+            check_shape(config.shape, f"{field}.shape")
         if config.texture is not None and config.texture not in TEXTURES:
             known = ", ".join(sorted(TEXTURES))
             raise InvalidInputError(f"{field}.texture", config.texture, f"one of {known}")

@@ -17,7 +17,7 @@ from oaisys_core.stage_store import SUFFIX, StageRecord, content_hash, load_stag
 from oaisys_core.terrain.dem import import_dem
 from oaisys_core.terrain.detail import Detail
 from oaisys_core.terrain.mesh_ground import mesh_ground
-from oaisys_core.terrain.presets import PRESETS, make_ground
+from oaisys_core.terrain.presets import check_preset, make_ground
 
 
 class StageModule(Module):
@@ -31,7 +31,7 @@ class StageModule(Module):
 
     def __init__(self, config: StageConfig) -> None:
         try:
-            _check_preset(config)
+            check_preset(config.preset)
         except InvalidInputError as error:
             raise ConfigError(str(error)) from error
         self._config = config
@@ -39,7 +39,7 @@ class StageModule(Module):
     def check(self, metadata: Metadata) -> None:
         """Refuse unknown keys, values out of range and presets that do not exist."""
         config = overridden(self._config, metadata, self.metadata_part)
-        _check_preset(config)
+        check_preset(config.preset)
         store = self._config.store
         if config.store != store:
             expected = f"{store}, as configured: a step writes nowhere else"
@@ -102,12 +102,6 @@ class StageModule(Module):
 
 def _path(store: Path | None, name: str) -> Path | None:
     return None if store is None else store / f"{name}{SUFFIX}"
-
-
-def _check_preset(config: StageConfig) -> None:
-    if config.preset not in PRESETS:
-        known = ", ".join(sorted(PRESETS))
-        raise InvalidInputError("stage.preset", config.preset, f"one of {known}")
 
 
 def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, Any]) -> Ground:

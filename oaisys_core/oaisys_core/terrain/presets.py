@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from oaisys_core import extensions
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import HeightField
 from oaisys_core.terrain.landform import Elevation, GroundSpec, grounded, scaled, unevenness
@@ -39,12 +40,26 @@ def make_ground(
     Raises:
         InvalidInputError: There is no preset of that name.
     """
-    if preset not in PRESETS:
-        raise InvalidInputError("stage.preset", preset, f"one of {', '.join(sorted(PRESETS))}")
+    check_preset(preset)
     spec = GroundSpec(extent_m, resolution_px, roughness, relief_m)
-    elevation_m = PRESETS[preset](spec, rng)
+    maker = PRESETS.get(preset) or extensions.load(extensions.STAGES, preset)
+    elevation_m = np.asarray(maker(spec, rng), np.float32)
+    if elevation_m.shape != (resolution_px, resolution_px) or not np.isfinite(elevation_m).all():
+        expected = f"({resolution_px}, {resolution_px}) finite heights of the stage {preset!r}"
+        raise InvalidInputError("stage.preset", elevation_m.shape, expected)
     spacing_m = extent_m / (resolution_px - 1)
     return HeightField(elevation_m, (-extent_m / 2, -extent_m / 2), spacing_m)
+
+
+def check_preset(preset: str) -> None:
+    """Refuse a preset that is neither built in nor installed.
+
+    Raises:
+        InvalidInputError: There is no preset of that name.
+    """
+    if preset not in PRESETS and not extensions.is_installed(extensions.STAGES, preset, PRESETS):
+        known = ", ".join(sorted(PRESETS.keys() | extensions.names(extensions.STAGES)))
+        raise InvalidInputError("stage.preset", preset, f"one of {known}")
 
 
 def plane(spec: GroundSpec, _rng: np.random.Generator) -> Elevation:

@@ -45,7 +45,8 @@ def _sky(params: Json, job: Import, background: float) -> Json:
     return {
         "sun_angular_diameter_deg": span(params.get("SunSize"), (0.545,)),
         "sun_strength_w_m2": sun,
-        "sun_elevation_deg": span(params.get("SunElevation"), (15.0, 90.0)),
+        # At the horizon our sun is out.
+        "sun_elevation_deg": [v or 0.01 for v in span(params.get("SunElevation"), (15.0, 90.0))],
         "sun_azimuth_deg": [90.0 - turn[1], 90.0 - turn[0]],
         "altitude_m": [min(v, MOST_ALTITUDE_M) for v in altitude_m],
         "air": span(params.get("AirDensity"), (1.0, 2.0)),

@@ -166,6 +166,8 @@ def _around(general: Json, document: Json, job: Import, targets: dict[str, Json]
         "kind": "around_target",
         "target_m": target["position_m"],
         "distance_m": [least, most],
+        # The original takes the octants of -x and +y, at any height of the body.
+        "azimuth_deg": [100.0, 170.0],
         "elevation_deg": [-30.0, 30.0],
         "redraw": "batch",
     }
