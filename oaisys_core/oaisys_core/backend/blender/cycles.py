@@ -77,6 +77,12 @@ class Cycles:
         scene.update_tag()
         self._settings = wanted
 
+    def forget(self) -> None:
+        """Free what is kept between views: some of a world that went would stay there forever."""
+        render = bpy.context.scene.render
+        render.use_persistent_data = False
+        render.use_persistent_data = True
+
     def render(self) -> NDArray[np.uint8]:
         """Return the (H, W, 3) sRGB image of the scene's camera.
 

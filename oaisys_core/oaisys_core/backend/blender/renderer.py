@@ -68,6 +68,7 @@ class BlenderBackend(Backend):
         """Replace the world by ``scene``; a ground of the same hash and material stays."""
         self._surface = None
         progress(Progress("clear", 0.0))
+        self._cycles.forget()
         self._world.clear(scene)
         progress(Progress("ground", 0.05))
         self._world.build_ground(scene)
