@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from original_config import document, write
 
 from oaisys_core.config import SimulationConfig, config_from_mapping, load_config
+from oaisys_core.output.poses import read_poses
 
 REPOSITORY = Path(__file__).parents[2]
 SMALL = """
@@ -43,6 +45,59 @@ def test_render_writes_the_batches_and_samples_asked_for(small: Path, tmp_path: 
     assert result.returncode == 0, result.stderr
     name = "batch_0001/camera/0001camera_pinhole_depth_00.exr"
     assert (again / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def test_a_run_is_resumed_where_it_stood_and_never_written_over(
+    small: Path, tmp_path: Path
+) -> None:
+    whole, halves = tmp_path / "whole", tmp_path / "halves"
+    run = ("render", "--config", small)
+    assert oaisys(*run, "--out", whole, "--batches", "2", "--samples", "2").returncode == 0
+    assert oaisys(*run, "--out", halves, "--batches", "1", "--samples", "2").returncode == 0
+    refused = oaisys(*run, "--out", halves)
+    assert refused.returncode == 2
+    assert "--resume" in refused.stderr
+    resumed = oaisys(*run, "--out", halves, "--batches", "2", "--samples", "2", "--resume")
+    assert resumed.returncode == 0, resumed.stderr
+    files = sorted(path.relative_to(whole) for path in whole.rglob("*.*") if path.is_file())
+    assert files == sorted(p.relative_to(halves) for p in halves.rglob("*.*") if p.is_file())
+    for file in files:
+        if file.suffix in (".png", ".exr", ".csv"):
+            assert (whole / file).read_bytes() == (halves / file).read_bytes(), file
+
+
+def test_metadata_of_each_sample_comes_from_a_file(small: Path, tmp_path: Path) -> None:
+    pose = {"position_m": [1.0, 2.0, 9.0], "quat_xyzw": [0.0, 0.6, 0.0, 0.8]}
+    steps = [
+        {"sensor": {"pose": pose}, "environment": {"sun_elevation_deg": 5.0}},
+        {"modalities": ["depth"]},
+    ]
+    path = tmp_path / "steps.yaml"
+    path.write_text(yaml.safe_dump(steps), encoding="utf-8")
+    result = oaisys("render", "--config", small, "--out", tmp_path / "out", "--metadata", path)
+    assert result.returncode == 0, result.stderr
+    batch = tmp_path / "out/batch_0001"
+    assert [p.position_m for p in read_poses(batch / "poses.csv")] == [(1.0, 2.0, 9.0)] * 2
+    assert [p.name for p in batch.glob("camera/0002*")] == ["0002camera_pinhole_depth_00.exr"]
+    path.write_text("- {sensor: {pose: 3}}", encoding="utf-8")
+    result = oaisys("render", "--config", small, "--out", tmp_path / "no", "--metadata", path)
+    assert result.returncode == 2
+    assert "metadata.samples.0.sensor.pose" in result.stderr
+
+
+def test_saved_worlds_need_blender(small: Path, tmp_path: Path) -> None:
+    result = oaisys("render", "--config", small, "--out", tmp_path / "out", "--save-blend")
+    assert result.returncode == 2
+    assert "save_blend" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_config_import_writes_what_config_check_takes(tmp_path: Path) -> None:
+    out = tmp_path / "ours.yaml"
+    result = oaisys("config", "import", write(document(), tmp_path), "--out", out)
+    assert result.returncode == 0, result.stderr
+    assert "SIMULATION_SETUP.renderImages: no counterpart" in result.stdout
+    assert oaisys("config", "check", out).returncode == 0
 
 
 @pytest.mark.parametrize(
