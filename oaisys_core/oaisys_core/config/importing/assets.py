@@ -84,7 +84,7 @@ def assets(document: Json, job: Import, extent_m: float) -> tuple[Json, dict[str
             body = _body(name, params, document, job)
             objects.append(body)
             targets[str(entry.get("name"))] = {
-                "position_m": [*body["position_m"][:2], body["position_m"][2] + BODY_SIZE_M / 2],
+                "position_m": [*body["position_m"][:2], body["position_m"][2] + _middle_m(body)],
                 "radius_m": BODY_SIZE_M / 2,
             }
         else:
@@ -188,11 +188,16 @@ def _body(name: str, params: Json, document: Json, job: Import) -> Json:
         found
         | labels
         | {
-            "position_m": [x, y, z + height_m - BODY_SIZE_M / 2],
+            "position_m": [x, y, z + height_m - _middle_m(found)],
             "quat_xyzw": _turn(params),
             "scale": BODY_SIZE_M,
         }
     )
+
+
+def _middle_m(body: Json) -> float:
+    """Return how far a body's middle is above its base; built-in rocks are rather flat."""
+    return BODY_SIZE_M * (0.3 if "shape" in body else 0.5)
 
 
 def _place(params: Json) -> tuple[float, float, float]:
