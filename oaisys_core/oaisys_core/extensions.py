@@ -58,17 +58,6 @@ def load(group: str, name: str) -> Any:
         raise ConfigError(text) from error
 
 
-def refuse_shadowing(group: str, built_in: Collection[str]) -> None:
-    """Refuse installed things that are called like built-in ones.
-
-    Raises:
-        ConfigError: Naming them.
-    """
-    for entry in entry_points(group=group):
-        if entry.name in built_in:
-            raise ConfigError(f"{group}: {_told(entry)} has the name of a built-in one")
-
-
 def _told(entry: EntryPoint) -> str:
     package = entry.dist.name if entry.dist is not None else "an unknown package"
     return f"{entry.name!r} of {package} ({entry.value})"

@@ -11,7 +11,7 @@ import bpy  # noqa: F401
 from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_core.simulation import Simulation
 
-LONGEST_PX = 64
+MOST_GRID_PX = 257
 
 
 def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
@@ -20,8 +20,9 @@ def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
 
 
 def small(config: SimulationConfig) -> SimulationConfig:
-    """Return the configuration with small images, textures and masks, and few light samples."""
+    """Return the configuration with a coarse ground, small images and few light samples."""
     data = adjusted(config, size="64x48", quality="preview").model_dump()
+    data["stage"]["resolution_px"] = min(config.stage.resolution_px, MOST_GRID_PX)
     data["materials"]["texture_size_px"] = 128
     data["materials"]["mask"]["size_px"] = min(config.materials.mask.size_px, 256)
     return SimulationConfig.model_validate(data)

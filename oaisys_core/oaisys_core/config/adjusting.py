@@ -26,7 +26,7 @@ def adjusted(
         config: What to start from.
         seed: Root seed.
         backend: ``blender`` or ``analytic``.
-        quality: Preset of the colour images.
+        quality: Preset of the colour images, in place of samples and bounces of their own.
         size: Image size of every camera as ``WIDTHxHEIGHT``; its K is scaled along, so that each
             camera sees what it saw.
 
@@ -39,7 +39,7 @@ def adjusted(
     if backend is not None:
         data["backend"] = backend
     if quality is not None:
-        data["render"]["quality"] = quality
+        data["render"].update(quality=quality, samples=None, max_bounces=None)
     if size is not None:
         size_px = _parsed(size)
         for kind in ("cameras", "stereo"):

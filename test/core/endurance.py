@@ -1,0 +1,89 @@
+"""Many samples in one process: ``python endurance.py BACKEND SAMPLES``; prints figures as JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from oaisys_core.config import config_from_mapping
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata
+
+PAGE = os.sysconf("SC_PAGE_SIZE")
+
+
+def config(backend: str) -> dict:
+    """A world in which everything changes from sample to sample."""
+    return {
+        "backend": backend,
+        "stage": {
+            "extent_m": 30.0,
+            "resolution_px": 129,
+            "detail": {"radius_m": 2.0, "spacing_m": 0.05},
+        },
+        "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
+        "assets": {
+            "rocks": [{"count": [60, 60]}],
+            "movers": [
+                {
+                    "name": "rover",
+                    "shape": "rover",
+                    "label": "rover",
+                    "semantic_id": 30,
+                    "trajectory": {"waypoints_m": [[-8, -8], [8, 6], [2, 9]], "step_m": 0.1},
+                }
+            ],
+        },
+        "environment": {"sun_azimuth_deg": [0, 360], "redraw": "sample"},
+        "sensors": {
+            "cameras": [
+                {
+                    "name": "camera",
+                    "width_px": 64,
+                    "height_px": 48,
+                    "fx_px": 50,
+                    "fy_px": 50,
+                    "modalities": ["rgb", "depth", "semantic_0", "instance", "normal", "flow"],
+                }
+            ],
+            "motion": {"kind": "hover", "height_above_ground_m": 2.0},
+        },
+        "render": {"quality": "preview"},
+    }
+
+
+def resident_bytes() -> int:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE
+
+
+def main(backend: str, samples: int) -> None:
+    simulation = Simulation(config_from_mapping(config(backend)))
+    simulation.step_batch()
+    memory, seconds = [], []
+    for index in range(samples):
+        edits = {"objects": {"1": {"hidden": index % 2 == 0}}}
+        started_s = time.perf_counter()
+        simulation.step_sample(ModuleMetadata(asset=edits))
+        seconds.append(time.perf_counter() - started_s)
+        memory.append(resident_bytes())
+    simulation.close()
+    tenth = samples // 10
+    figures = {
+        "samples": samples,
+        "first_mb": memory[tenth] / 1e6,
+        "half_mb": memory[samples // 2] / 1e6,
+        "last_mb": memory[-1] / 1e6,
+        "early_s": float(np.median(seconds[tenth : 2 * tenth])),
+        "late_s": float(np.median(seconds[-tenth:])),
+        "files": len(list(Path("/proc/self/fd").iterdir())),
+    }
+    sys.stdout.write(json.dumps(figures) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))

@@ -1,0 +1,38 @@
+"""Long runs: what a process holds after many samples is what it held after few."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def figures(backend: str, samples: int) -> dict[str, float]:
+    script = Path(__file__).with_name("endurance.py")
+    ended = subprocess.run(
+        [sys.executable, str(script), backend, str(samples)],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=True,
+    )
+    return json.loads(ended.stdout.splitlines()[-1])
+
+
+def test_memory_stays_flat_over_samples() -> None:
+    found = figures("analytic", 300)
+    assert found["last_mb"] - found["half_mb"] < 10, found
+    assert found["files"] < 30
+
+
+@pytest.mark.blender
+def test_memory_stays_flat_over_samples_in_blender() -> None:
+    if importlib.util.find_spec("bpy") is None:
+        pytest.skip("bpy is not installed")
+    found = figures("blender", 60)
+    assert found["last_mb"] - found["half_mb"] < 25, found
+    assert found["files"] < 40
