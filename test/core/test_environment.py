@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from oaisys_core import randomness
+from oaisys_core import extensions, randomness
 from oaisys_core.config.environment import EnvironmentConfig
 from oaisys_core.config.loading import config_from_mapping
 from oaisys_core.environment import effects
@@ -260,8 +260,8 @@ class TestEffects:
 
     @pytest.fixture(autouse=True)
     def _installed(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        point = EntryPoint("dimmer", f"{__name__}:Dimmer", effects.GROUP)
-        monkeypatch.setattr(effects, "entry_points", lambda group: [point])
+        point = EntryPoint("dimmer", f"{__name__}:Dimmer", extensions.EFFECTS)
+        monkeypatch.setattr(extensions, "entry_points", lambda group, name="dimmer": [point])
 
     def test_they_change_the_sky_in_turn(self) -> None:
         dimmer = {"effect": "dimmer", "share": 0.5}

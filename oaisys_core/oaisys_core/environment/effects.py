@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from importlib.metadata import entry_points
 
 import numpy as np
 from pydantic import ValidationError
@@ -11,10 +10,9 @@ from pydantic import ValidationError
 from oaisys_core.config.environment import EffectConfig
 from oaisys_core.config.section import Section
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.extensions import load
+from oaisys_core.extensions import EFFECTS as GROUP
+from oaisys_core.extensions import load, names
 from oaisys_core.sky import Sky
-
-GROUP = "oaisys.environment_effects"
 
 
 class EnvironmentEffect(Section):
@@ -40,10 +38,9 @@ def load_effects(configs: tuple[EffectConfig, ...]) -> tuple[EnvironmentEffect, 
 
 def _load(index: int, config: EffectConfig) -> EnvironmentEffect:
     path = f"environment.effects.{index}"
-    found = {point.name: point for point in entry_points(group=GROUP)}
-    if config.effect not in found:
-        names = ", ".join(sorted(found)) or "none is installed"
-        raise InvalidInputError(f"{path}.effect", config.effect, f"an installed effect ({names})")
+    if config.effect not in names(GROUP):
+        known = ", ".join(sorted(names(GROUP))) or "none is installed"
+        raise InvalidInputError(f"{path}.effect", config.effect, f"an installed effect ({known})")
     kind = load(GROUP, config.effect)
     if not (isinstance(kind, type) and issubclass(kind, EnvironmentEffect)):
         raise InvalidInputError(f"{path}.effect", kind, "a subclass of EnvironmentEffect")

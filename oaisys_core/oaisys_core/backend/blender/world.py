@@ -57,18 +57,29 @@ class World:
         if before is None:
             return False
         is_new_ground = scene.ground is not before.ground
-        if is_new_ground or scene.material is not before.material:
+        if is_new_ground and scene.material is before.material:
+            self._reshape_ground(scene)
+        elif scene.material is not before.material:
             self._remove_ground()
             self.build_ground(scene)
         self._scene = scene
         self._objects.update(scene)
-        if scene.prototypes is not before.prototypes or scene.primitives is not before.primitives:
+        parts = ("material", "prototypes", "primitives")
+        if any(getattr(scene, part) is not getattr(before, part) for part in parts):
             self._purge()
         return is_new_ground
 
     def ground_mesh(self) -> TriangleMesh:
         """Return the ground as it renders, without ids."""
         return evaluated_mesh(self._ground)
+
+    def _reshape_ground(self, scene: Scene) -> None:
+        """Give the ground other triangles; its material, and what lies beyond, stay."""
+        old = self._ground.data
+        mesh = new_mesh("ground", scene.ground.vertices_m(), scene.ground.triangles(), smooth=True)
+        mesh.materials.append(old.materials[0])
+        self._ground.data = mesh
+        bpy.data.meshes.remove(old)
 
     def _remove_ground(self) -> None:
         bpy.data.batch_remove([self._ground])
