@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -40,6 +39,7 @@ def survey(
     ] = None,
 ) -> None:
     """Survey a terrain over ROS, rebuild it, and measure the result; exit 0 if the loop closes."""
+    from oaisys_ros_bridge.interruption import interrupt_on_signals
     from oaisys_ros_bridge.progress import Reporter
     from oaisys_ros_bridge.survey import run_survey
     from oaisys_ros_bridge.survey_plan import SurveyOptions
@@ -60,8 +60,7 @@ def survey(
         worker_python=worker_python,
         command=["oaisys", *sys.argv[1:]],
     )
-    # SIGTERM unwinds the stack as Ctrl-C does, which ends every process that was started.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    interrupt_on_signals()
     if not run_survey(options, Reporter()):
         raise typer.Exit(1)
 

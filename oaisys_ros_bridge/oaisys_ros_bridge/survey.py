@@ -31,6 +31,7 @@ from oaisys_mapping.metrics import evaluate_reconstruction
 from oaisys_mapping.rectification import rectified_camera
 from oaisys_mapping.report import write_report
 from oaisys_mapping.visibility import View
+from oaisys_ros_bridge.interruption import raise_if_interrupted
 from oaisys_ros_bridge.processes import ManagedProcess
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.sample_publisher import TOPIC_BY_MODALITY, sensor_namespace
@@ -156,6 +157,7 @@ def _visit(system: System, poses: Sequence[Pose], reporter: Reporter) -> list[Re
     """Look from every pose in turn."""
     received = []
     for pose in reporter.track(poses, "views"):
+        raise_if_interrupted()
         view = system.client.view(pose, system.posed_sensor, MAP_FRAME, VIEW_TIMEOUT_S)
         received.append(view)
         reporter.step(f"rendered in {view.render_s:.2f} s, answered in {view.service_s:.2f} s")

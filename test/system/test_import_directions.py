@@ -23,7 +23,9 @@ CORE_LIBRARIES = {
     "open3d",
     "pydantic",
     "pydantic_core",
+    "rasterio",
     "scipy",
+    "trimesh",
     "yaml",
     "h5py",
 }
