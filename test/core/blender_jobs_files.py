@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bpy
+import numpy as np
 
 from oaisys_core.backend.blender.meshes import new_mesh, new_object
 
@@ -12,7 +13,6 @@ def save_blend(path: str, script_writes: str) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     vertices = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 0.5, 1)]
     triangles = [(0, 2, 1), (0, 3, 2), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]
-    identity = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
     for name in ("small", "tall"):
         mesh = new_mesh(name, vertices, triangles, smooth=False)
         material = bpy.data.materials.new(name)
@@ -21,7 +21,7 @@ def save_blend(path: str, script_writes: str) -> None:
         shader = next(n for n in material.node_tree.nodes if n.type == "BSDF_PRINCIPLED")
         shader.inputs["Base Color"].default_value = (1.0, 0.0, 0.0, 1.0)
         mesh.materials.append(material)
-        thing = new_object(name, mesh, identity)
+        thing = new_object(name, mesh, np.eye(4))
         if name == "tall":
             thing.location, thing.scale = (10.0, 0.0, 0.0), (1.0, 1.0, 3.0)
             thing.modifiers.new("array", "ARRAY").count = 2

@@ -49,7 +49,7 @@ class Stand:
     """A module with its world, stepped by hand on an inclined plane."""
 
     def __init__(self, assets: Mapping[str, Any], seed: int = 1, **metadata: Any) -> None:
-        config = config_from_mapping({"assets": {"rocks": []} | assets})
+        config = config_from_mapping({"assets": {"rocks": [], **assets}})
         self.module = AssetsModule(config.assets, 16, 0)
         self.world = World(ground=inclined())
         self.module.check(metadata)
@@ -235,11 +235,12 @@ def test_samples_move_turn_rescale_and_hide_things() -> None:
 def test_exact_solids_and_movers_can_be_changed_too() -> None:
     stand = Stand({"primitives": [CRATE], "movers": [ROVER]})
     stand.step(objects={"1": {"scale": 2.0}, "62501": {"position_m": [9, 9, 9]}})
-    assert stand.world.primitives[0].size_m == (2, 4, 2)
+    (crate,) = stand.world.primitives
+    assert list(crate.size_m) == [2, 4, 2]
     stand.step()
     assert stand.pose(62_501)[:3, 3].tolist() == [9, 9, 9]
     stand.step(objects={"1": {"hidden": True}})
-    assert stand.world.primitives == ()
+    assert not stand.world.primitives
 
 
 def test_groups_can_be_rescaled() -> None:
@@ -370,8 +371,8 @@ def test_a_restored_simulation_goes_on_as_the_first_would_have() -> None:
     second = Simulation(config)
     second.restore(json.loads(json.dumps(first.state())))
     points = [[x, -2.0, 9.0] for x in np.linspace(-8, 8, 33)]
-    heights_m = [each.query_height(points).surface_height_m for each in (first, second)]
-    assert np.allclose(*heights_m, rtol=0, atol=1e-9)
+    mine, theirs = (each.query_height(points).surface_height_m for each in (first, second))
+    assert np.allclose(mine, theirs, rtol=0, atol=1e-9)
     assert sample(second) == sample(first)
     gone = {"x": None}
     assert sample(second, add=gone) == sample(first, add=gone)

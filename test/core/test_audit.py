@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.terrain.presets import PRESETS
 from oaisys_core.types import Sample
 
-WORLD = {
+WORLD: dict[str, Any] = {
     "backend": "analytic",
     "stage": {"extent_m": 40.0, "resolution_px": 129},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 128}},

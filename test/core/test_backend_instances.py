@@ -27,7 +27,8 @@ VIEWS = (
 def crowd(count: int = 600) -> list[Standing]:
     """Rocks of two kinds, close together, that overlap."""
     rock = rocky_world().prototypes[0]
-    tall = replace(rock, name="tall", vertices_m=rock.vertices_m * np.float32((0.4, 0.4, 2.0)))
+    stretch = np.array((0.4, 0.4, 2.0), np.float32)
+    tall = replace(rock, name="tall", vertices_m=rock.vertices_m * stretch)
     return [_standing(rock, 0, count, 1, 5), _standing(tall, 1, count // 2, count + 1, 6)]
 
 

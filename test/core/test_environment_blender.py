@@ -34,7 +34,8 @@ ROWS = 16
 def labelled_image() -> SkyImage:
     """An image in which every direction's colour tells its label: another one in each texel."""
     ids = np.random.default_rng(3).integers(len(COLORS), size=(ROWS, 2 * ROWS)).astype(np.uint16)
-    return SkyImage("labelled", COLORS[ids].astype(np.float32), ((0, ids), (2, 5 - ids)))
+    labels = ((0, ids), (2, np.uint16(5) - ids))
+    return SkyImage("labelled", COLORS[ids].astype(np.float32), labels)
 
 
 def rays_of(view: PlacedCamera) -> FloatArray:

@@ -368,7 +368,7 @@ def test_the_imported_file_renders(name: str, tmp_path: Path) -> None:
     path = tmp_path / "ours.yaml"
     path.write_text(import_file(write(data, tmp_path), out=path).text("x"), encoding="utf-8")
     config = load_config(path)
-    small = {"backend": "analytic"}
+    small: dict[str, Any] = {"backend": "analytic"}
     small["materials"] = config.materials.model_copy(update={"texture_size_px": 64})
     small["stage"] = config.stage.model_copy(
         update={"resolution_px": min(config.stage.resolution_px, 65)}

@@ -167,6 +167,8 @@ def test_a_camera_knows_where_it_was_at_its_own_previous_sample() -> None:
     assert a0.T_map_previous is None
     assert b0.T_map_previous is None
     a2, b2 = backend.seen[2]
+    assert a2.T_map_previous is not None
+    assert b2.T_map_previous is not None
     np.testing.assert_array_equal(a2.T_map_previous, backend.seen[1][0].T_map_camera)
     np.testing.assert_array_equal(b2.T_map_previous, b0.T_map_camera)
 
@@ -175,6 +177,8 @@ def test_a_camera_knows_where_it_was_at_its_own_previous_sample() -> None:
     restored.restore(states[1])
     restored.step_sample(at(2))
     for mine, theirs in zip(again.seen[0], backend.seen[2], strict=True):
+        assert mine.T_map_previous is not None
+        assert theirs.T_map_previous is not None
         np.testing.assert_array_equal(mine.T_map_previous, theirs.T_map_previous)
     made.step_batch(seed=3)
     made.step_sample(at(7))

@@ -36,7 +36,7 @@ def power(image: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.f
     """Spectral power and the frequency, in waves per tile, of each coefficient."""
     axis = np.fft.fftfreq(len(image), 1 / len(image))
     spectrum = np.abs(np.fft.fft2(image - image.mean())) ** 2
-    return spectrum, np.hypot(axis[:, None], axis[None, :])
+    return np.asarray(spectrum), np.asarray(np.hypot(axis[:, None], axis[None, :]))
 
 
 def test_the_sets_that_were_asked_for_are_there() -> None:

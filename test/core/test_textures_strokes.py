@@ -24,7 +24,10 @@ def ribbon(row: float, column: float, **changed: Any) -> Ribbons:
         "arch": strokes.level,
     }
     given.update(changed)
-    return Ribbons(*(np.asarray(v) if isinstance(v, list) else v for v in given.values()))
+    values: dict[str, Any] = {
+        k: np.asarray(v) if isinstance(v, list) else v for k, v in given.items()
+    }
+    return Ribbons(**values)
 
 
 def test_a_straight_ribbon_covers_its_rectangle() -> None:
@@ -83,8 +86,8 @@ def test_many_at_once_are_as_one_by_one() -> None:
     together, single = Thicket(SIZE, 5.0), Thicket(SIZE, 5.0)
     together.lay(many)
     for k in range(40):
-        part = [np.asarray(v)[k : k + 1] for v in many[:7]]
-        single.lay(Ribbons(*part, strokes.blade, strokes.arc))
+        part = {name: getattr(many, name)[k : k + 1] for name in Ribbons._fields[:7]}
+        single.lay(many._replace(**part))
     assert np.array_equal(together.ids, single.ids)
     assert np.array_equal(together.height_px, single.height_px)
 

@@ -43,6 +43,7 @@ def test_a_plane_stays_a_plane(camera):
     depth_m, straight_rgb = rectified(plane_depth_m(camera), rgb, camera)
 
     straight = rectified_camera(camera)
+    assert straight_rgb is not None
     np.testing.assert_allclose(depth_m, plane_depth_m(straight), rtol=2e-4)
     red = 128 + 100 * pixel_rays(straight)[..., 0]
     np.testing.assert_allclose(straight_rgb[..., 0], red, atol=1.1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -100,7 +101,7 @@ def test_every_modality_of_every_camera_is_published(user: User) -> None:
     for topic, kind in topics.items():
         user.listen(kind, topic, SENSOR_QOS)
     for topic in topics:
-        user.wait_until(lambda topic=topic: user.node.count_subscribers(topic))
+        user.wait_until(partial(user.node.count_subscribers, topic))
     sample, stamp = sample_of(info), Time(sec=7)
 
     def arrived() -> bool:
