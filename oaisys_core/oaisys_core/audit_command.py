@@ -23,6 +23,7 @@ from oaisys_core.command_options import (
 from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_core.errors import OaisysError
 from oaisys_core.simulation import Simulation
+from oaisys_core.standard_output import own_stdout
 
 LARGEST_WRONG_SHARE = 5e-4
 
@@ -50,7 +51,8 @@ def audit(
     """
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
-    found = _audited(chosen, batches, views)
+    with own_stdout():
+        found = _audited(chosen, batches, views)
     figures = [
         {
             "sensor": f.sensor,

@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-import os
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -27,6 +22,7 @@ from oaisys_core.metadata_file import SampleRequest, Steps, load_steps
 from oaisys_core.output.poses import read_poses
 from oaisys_core.output.writer import SampleWriter
 from oaisys_core.simulation import Simulation
+from oaisys_core.standard_output import own_stdout
 from oaisys_core.types import ModuleMetadata, Sample
 
 
@@ -73,7 +69,7 @@ def render(
         raise InvalidInputError("output.save_blend", chosen.backend, expected)
     steps = _steps(poses, metadata, output.samples)
     writer = SampleWriter(output.folder, output.batch_offset)
-    with _own_stdout():
+    with own_stdout():
         simulation = Simulation(chosen)
         try:
             run = _Run(simulation, writer, steps, output.batches, output.save_blend)
@@ -161,25 +157,3 @@ class _Run:
             typer.echo(
                 f"batch {sample.batch_id} sample {sample.sample_id}: {sample.render_time_s:.2f} s"
             )
-
-
-@contextmanager
-def _own_stdout() -> Iterator[None]:
-    """Keep standard output for what Python writes: Blender 4.5 prints a line for each tile there.
-
-    Libraries' own output goes to standard error where details are logged, else nowhere.
-    """
-    sys.stdout.flush()
-    shows_all = logging.getLogger().isEnabledFor(logging.DEBUG)
-    aside = os.dup(2) if shows_all else os.open(os.devnull, os.O_WRONLY)
-    kept, python = os.dup(1), sys.stdout
-    os.dup2(aside, 1)
-    os.close(aside)
-    sys.stdout = open(kept, "w", encoding="utf-8", buffering=1, closefd=False)  # noqa: SIM115
-    try:
-        yield
-    finally:
-        sys.stdout.flush()
-        sys.stdout = python
-        os.dup2(kept, 1)
-        os.close(kept)

@@ -13,6 +13,7 @@ import typer
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.simulation import Simulation
+from oaisys_core.standard_output import own_stdout
 from oaisys_core.types import ModuleMetadata
 from tools.gallery.page import Entry, Shot, write_page, write_shots
 from tools.gallery.scenes import Picture, pictures
@@ -31,6 +32,16 @@ def main(
     """Render every example and every texture set at its own size, with labels."""
     logging.basicConfig(level=logging.WARNING)
     out.mkdir(parents=True, exist_ok=True)
+    with own_stdout():
+        failures = _render(out, only, quality, backend)
+    for failure in failures:
+        typer.echo(failure, err=True)
+    if failures:
+        raise typer.Exit(1)
+
+
+def _render(out: Path, only: str, quality: str, backend: str) -> list[str]:
+    """Write the gallery and return what could not be rendered."""
     entries, failures, version = [], [], ""
     for chosen in pictures(EXAMPLES, only, backend, quality):
         started_s = time.perf_counter()
@@ -45,10 +56,7 @@ def main(
         typer.echo(f"{chosen.group}/{chosen.name}: {time.perf_counter() - started_s:.1f} s")
     page = write_page(out, entries, f"{backend} {version}, quality {quality}")
     typer.echo(f"{page}: {len(entries)} worlds")
-    for failure in failures:
-        typer.echo(failure, err=True)
-    if failures:
-        raise typer.Exit(1)
+    return failures
 
 
 def _entry(simulation: Simulation, chosen: Picture, out: Path) -> Entry:

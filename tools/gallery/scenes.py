@@ -42,9 +42,12 @@ class View:
         x0, y0, x1, y1 = simulation.scene.ground.extent_m
         middle, half = np.array((x0 + x1, y0 + y1)) / 2, np.array((x1 - x0, y1 - y0)) / 2
         eye, target = middle + half * self.eye, middle + half * self.target
-        query = simulation.query_height([(*eye, 0.0), (*target, 0.0)])
+        surface_m = simulation.query_height([(*eye, 0.0), (*target, 0.0)]).surface_height_m
+        while not np.isfinite(surface_m).all():
+            # The ground of a mesh may not fill its extent.
+            eye = middle + 0.9 * (eye - middle)
+            surface_m = simulation.query_height([(*eye, 0.0), (*target, 0.0)]).surface_height_m
         height_m = self.height_m * float(half.min()) if self.is_relative else self.height_m
-        surface_m = np.nan_to_num(query.surface_height_m)
         return pose_looking_at(
             (*eye, surface_m[0] + height_m), (*target, surface_m[1] + self.rise_m)
         )
