@@ -91,17 +91,24 @@ def audit_views(
         rng: Gives the views.
         on_view: Told the number of views that are done.
     """
-    totals: dict[tuple[str, str], Audited] = {}
+    everything: list[Audited] = []
     reference: Reference | None = None
     for index in range(views):
         metadata = ModuleMetadata(sensor={"pose": random_view(simulation, rng)})
         sample = simulation.step_sample(metadata)
         if reference is None or simulation.scene.differs_from(reference.scene):
             reference = Reference(simulation.scene, simulation.ground_truth_mesh())
-        for found in audit_sample(sample, reference):
-            key = (found.sensor, found.modality)
-            totals[key] = totals[key] + found if key in totals else found
+        everything.extend(audit_sample(sample, reference))
         on_view(index + 1)
+    return summed(everything)
+
+
+def summed(found: Iterable[Audited]) -> list[Audited]:
+    """Return one sum for each sensor and modality."""
+    totals: dict[tuple[str, str], Audited] = {}
+    for one in found:
+        key = (one.sensor, one.modality)
+        totals[key] = totals[key] + one if key in totals else one
     return list(totals.values())
 
 

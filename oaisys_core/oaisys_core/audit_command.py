@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import Progress as ProgressBar
 from rich.table import Table
 
-from oaisys_core.audit import Audited, audit_views
+from oaisys_core.audit import Audited, audit_views, summed
 from oaisys_core.command_options import (
     BackendOption,
     ConfigOption,
@@ -79,19 +79,17 @@ def audit(
 def _audited(config: SimulationConfig, batches: int, views: int) -> list[Audited]:
     simulation = Simulation(config)
     console = Console(stderr=True)
-    totals: dict[tuple[str, str], Audited] = {}
+    found: list[Audited] = []
     try:
         with ProgressBar(console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("auditing", total=batches * views)
             for batch in range(batches):
                 simulation.step_batch()
                 rng = np.random.default_rng([config.seed, batch])
-                for one in audit_views(simulation, views, rng, lambda _: bar.advance(task)):
-                    key = (one.sensor, one.modality)
-                    totals[key] = totals[key] + one if key in totals else one
+                found += audit_views(simulation, views, rng, lambda _: bar.advance(task))
     finally:
         simulation.close()
-    return list(totals.values())
+    return summed(found)
 
 
 def _table(found: list[Audited]) -> Table:

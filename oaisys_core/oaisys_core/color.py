@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.types import FloatArray
+
+AnyFloat = TypeVar("AnyFloat", np.float32, np.float64)
 
 
 def linear(srgb: ArrayLike) -> FloatArray:
@@ -14,8 +18,12 @@ def linear(srgb: ArrayLike) -> FloatArray:
     return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
 
 
-def encoded(linear_color: FloatArray) -> NDArray[np.uint8]:
+def srgb(linear_color: NDArray[AnyFloat]) -> NDArray[AnyFloat]:
+    """Return the sRGB-encoded values of linear ones, in their own precision; inverse: `linear`."""
+    bright = 1.055 * np.maximum(linear_color, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(linear_color <= 0.0031308, 12.92 * linear_color, bright)
+
+
+def encoded(linear_color: NDArray[AnyFloat]) -> NDArray[np.uint8]:
     """Return sRGB bytes of linear values, clipped to 0 to 1; inverse: `linear`."""
-    c = np.clip(linear_color, 0.0, 1.0)
-    srgb = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(srgb * 255), dtype=np.uint8)
+    return np.asarray(np.rint(srgb(np.clip(linear_color, 0.0, 1.0)) * 255), dtype=np.uint8)

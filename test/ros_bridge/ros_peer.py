@@ -27,6 +27,24 @@ from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.survey_client import DIAGNOSTICS_DEPTH, SUBSCRIBERS
 
+SAMPLE_TYPES = {
+    "/camera/color/image_raw": "sensor_msgs/msg/Image",
+    "/camera/color/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/camera/depth/image_raw": "sensor_msgs/msg/Image",
+    "/camera/depth/camera_info": "sensor_msgs/msg/CameraInfo",
+    "/camera/depth_registered/points": "sensor_msgs/msg/PointCloud2",
+    "/camera/semantic_0/image_raw": "sensor_msgs/msg/Image",
+    "/camera/instance/image_raw": "sensor_msgs/msg/Image",
+    "/ground_truth/odometry": "nav_msgs/msg/Odometry",
+    "/oaisys_bridge/sample_info": "oaisys_msgs/msg/SampleInfo",
+    "/tf": "tf2_msgs/msg/TFMessage",
+}
+LATCHED_TYPES = {
+    "/tf_static": "tf2_msgs/msg/TFMessage",
+    "/camera/semantic_0/labels": "oaisys_msgs/msg/SemanticLabels",
+}
+"""What the bridge publishes of each sample of the default camera, and what it latches."""
+
 
 class NodeProcess:
     """A node of ours in a process of its own; what it says goes to a file."""

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
-from ros_peer import NodeProcess, Stage
+from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, TopicInfo
 from rosbags.rosbag2 import Reader
@@ -24,22 +24,6 @@ from oaisys_ros_bridge.message_definition import message_definition, nested_type
 from oaisys_ros_bridge.qos import SENSOR_QOS
 
 VIEWS = 3
-SAMPLE_TYPES = {
-    "/camera/color/image_raw": "sensor_msgs/msg/Image",
-    "/camera/color/camera_info": "sensor_msgs/msg/CameraInfo",
-    "/camera/depth/image_raw": "sensor_msgs/msg/Image",
-    "/camera/depth/camera_info": "sensor_msgs/msg/CameraInfo",
-    "/camera/depth_registered/points": "sensor_msgs/msg/PointCloud2",
-    "/camera/semantic_0/image_raw": "sensor_msgs/msg/Image",
-    "/camera/instance/image_raw": "sensor_msgs/msg/Image",
-    "/ground_truth/odometry": "nav_msgs/msg/Odometry",
-    "/oaisys_bridge/sample_info": "oaisys_msgs/msg/SampleInfo",
-    "/tf": "tf2_msgs/msg/TFMessage",
-}
-LATCHED_TYPES = {
-    "/tf_static": "tf2_msgs/msg/TFMessage",
-    "/camera/semantic_0/labels": "oaisys_msgs/msg/SemanticLabels",
-}
 
 
 @pytest.fixture

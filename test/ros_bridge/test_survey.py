@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from ros_peer import LATCHED_TYPES, SAMPLE_TYPES
 from rosbags.highlevel import AnyReader
 
 pytestmark = pytest.mark.ros
@@ -93,28 +94,12 @@ def test_a_survey_closes_and_leaves_everything_behind(
 
 
 def _check_bag(bag: Path, views: int) -> None:
-    expected = {
-        "/camera/color/image_raw": "sensor_msgs/msg/Image",
-        "/camera/color/camera_info": "sensor_msgs/msg/CameraInfo",
-        "/camera/depth/image_raw": "sensor_msgs/msg/Image",
-        "/camera/depth/camera_info": "sensor_msgs/msg/CameraInfo",
-        "/camera/depth_registered/points": "sensor_msgs/msg/PointCloud2",
-        "/camera/semantic_0/image_raw": "sensor_msgs/msg/Image",
-        "/camera/instance/image_raw": "sensor_msgs/msg/Image",
-        "/ground_truth/odometry": "nav_msgs/msg/Odometry",
-        "/tf": "tf2_msgs/msg/TFMessage",
-        "/oaisys_bridge/sample_info": "oaisys_msgs/msg/SampleInfo",
-    }
-    latched = {
-        "/tf_static": "tf2_msgs/msg/TFMessage",
-        "/camera/semantic_0/labels": "oaisys_msgs/msg/SemanticLabels",
-    }
     with AnyReader([bag]) as reader:
         found = {topic: (t.msgtype, t.msgcount) for topic, t in reader.topics.items()}
-    assert {topic: found.get(topic) for topic in expected} == {
-        topic: (kind, views) for topic, kind in expected.items()
+    assert {topic: found.get(topic) for topic in SAMPLE_TYPES} == {
+        topic: (kind, views) for topic, kind in SAMPLE_TYPES.items()
     }
-    for topic, kind in latched.items():
+    for topic, kind in LATCHED_TYPES.items():
         assert found[topic][0] == kind
         assert found[topic][1] >= 1
 

@@ -13,7 +13,14 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from oaisys_core.config.paths import ConfigFile
-from oaisys_core.config.section import Positive, PositiveRange, Range, Section, Vector3
+from oaisys_core.config.section import (
+    Positive,
+    PositiveRange,
+    Range,
+    Section,
+    Vector3,
+    is_unit_quaternion,
+)
 
 MOST_ELEVATION_DEG = 89.9
 """Beyond it a rig that looks at a target would have no upright attitude."""
@@ -253,7 +260,7 @@ class SplineMotion(MotionConfig):
             raise ValueError("successive waypoints must differ")
         if self.quats_xyzw and len(self.quats_xyzw) != len(self.waypoints_m):
             raise ValueError("there must be one quaternion for each waypoint, or none")
-        if any(abs(sum(v * v for v in q) ** 0.5 - 1) > 1e-3 for q in self.quats_xyzw):
+        if not all(is_unit_quaternion(q) for q in self.quats_xyzw):
             raise ValueError("quats_xyzw must be unit quaternions")
         return self
 

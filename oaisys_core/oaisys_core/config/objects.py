@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from oaisys_core.config.paths import ConfigFile
-from oaisys_core.config.section import Labelled, Positive, Section, Vector3
+from oaisys_core.config.section import Labelled, Positive, Section, Vector3, is_unit_quaternion
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
 Quaternion = tuple[float, float, float, float]
@@ -20,7 +20,7 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 
 def unit_quaternion(value: Quaternion) -> Quaternion:
     """Return an (x, y, z, w) quaternion of norm 1 as it came."""
-    if abs(sum(v * v for v in value) ** 0.5 - 1) > 1e-3:
+    if not is_unit_quaternion(value):
         raise ValueError("must be a unit quaternion")
     return value
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field
@@ -37,6 +38,11 @@ PositiveRange = Annotated[
 
 MAX_LEVELS = 10
 """Semantic levels: ``semantic_0`` to ``semantic_9``."""
+
+
+def is_unit_quaternion(quat: Sequence[float]) -> bool:
+    """Return whether (x, y, z, w) has norm 1, as well as a person types it."""
+    return bool(abs(sum(v * v for v in quat) ** 0.5 - 1) <= 1e-3)
 
 
 class Section(BaseModel):

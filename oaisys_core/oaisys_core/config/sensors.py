@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from oaisys_core import geometry
 from oaisys_core.config.motion import AnyMotion, GivenMotion
-from oaisys_core.config.section import Positive, Section, Vector3
+from oaisys_core.config.section import Positive, Section, Vector3, is_unit_quaternion
 from oaisys_core.types import PinholeIntrinsics, modality_spec
 
 MAX_IMAGE_SIDE_PX = 16384
@@ -130,7 +130,7 @@ class CameraConfig(OpticsConfig):
     def _bounded(self) -> CameraConfig:
         if self.width_px * self.height_px > MAX_IMAGE_PX:
             raise ValueError(f"an image has at most {MAX_IMAGE_PX} pixels")
-        if abs(sum(v * v for v in self.mount_quat_xyzw) ** 0.5 - 1) > 1e-3:
+        if not is_unit_quaternion(self.mount_quat_xyzw):
             raise ValueError("mount_quat_xyzw must be a unit quaternion")
         return self
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 
+from oaisys_core.terrain.noise import Field
 from oaisys_core.types import FloatArray
 
 NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
@@ -19,7 +20,7 @@ REPOSE_DEG = 34.0
 
 
 def streams(
-    elevation_m: FloatArray,
+    elevation_m: FloatArray | Field,
     spacing_m: float,
     rng: np.random.Generator,
     *,

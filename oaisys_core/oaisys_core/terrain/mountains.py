@@ -48,7 +48,7 @@ def mountain_2(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     envelope = np.exp(-np.square(across / 0.85))
     crests = fractal(wx, wy, rng, octaves=5, kind="ridged", gain=0.45)
     raw = scaled(envelope * (0.35 + crests) + 0.05 * fractal(x, y, rng, octaves=4), height_m)
-    cut = streams(raw.astype(np.float64), spacing_m, rng, steps=50, strength=0.03)
+    cut = streams(raw, spacing_m, rng, steps=50, strength=0.03)
     return _finished(spec, cut, height_m, rng)
 
 
@@ -64,7 +64,7 @@ def large_terrain(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     share = 1 / (1 + np.exp(-3 * (rise + 0.6 * fractal(x, y, rng, octaves=2))))
     crests = fractal(2 * wx, 2 * wy, rng, octaves=5, kind="ridged", gain=0.45)
     raw = scaled(0.45 * land + share * (0.25 + crests), height_m)
-    cut = streams(raw.astype(np.float64), spacing_m, rng, steps=40, strength=0.03)
+    cut = streams(raw, spacing_m, rng, steps=40, strength=0.03)
     low_m, high_m = np.quantile(cut, (0.02, 0.22))
     # What the water took from the heights lies in the valleys and levels them.
     silt_m = (high_m - low_m) * 0.6

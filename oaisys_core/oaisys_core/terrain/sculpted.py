@@ -55,11 +55,11 @@ def _dune(phase: FloatArray) -> FloatArray:
 
 def _ripples(spec: GroundSpec, rng: np.random.Generator) -> FloatArray:
     spacing_m = spec.extent_m / (spec.resolution_px - 1)
+    if 4 * spacing_m > RIPPLE_M:
+        return np.zeros((spec.resolution_px, spec.resolution_px))
     p, q = _turned_grid(spec.extent_m, spec.resolution_px, rng)
     phase = p / RIPPLE_M + 2.2 * fractal(p / 3.0, q / 3.0, rng, octaves=2)
     height = 0.6 + 0.4 * fractal(p / 5.0, q / 5.0, rng, octaves=1)
-    if 4 * spacing_m > RIPPLE_M:
-        return np.zeros_like(p)
     return np.asarray(RIPPLE_HEIGHT_M * height * np.cos(2 * np.pi * phase))
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
+from oaisys_core.color import encoded, linear
 from oaisys_core.terrain_material import PbrMaps
 from oaisys_core.textures.fields import normals_from_height
 from oaisys_core.types import FloatArray
@@ -56,7 +57,7 @@ def recolored(maps: PbrMaps, change: ColorChange) -> PbrMaps:
         hsv[..., 1] = np.minimum(hsv[..., 1] * change.saturation, 1)
         hsv[..., 2] *= change.value
         color = np.asarray(cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB), np.float32)
-    return replace(maps, color_srgb=_encoded(color))
+    return replace(maps, color_srgb=encoded(color))
 
 
 def with_relief(maps: PbrMaps, displacement_m: float | None, strength: float) -> PbrMaps:
@@ -81,17 +82,10 @@ def with_relief(maps: PbrMaps, displacement_m: float | None, strength: float) ->
 
 def _tone(curves: Curves, channel: str) -> FloatArray:
     """Return (256,) linear values of a channel's sRGB bytes after its curves."""
-    s = np.arange(256) / 255
-    values = np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
+    values = linear(np.arange(256) / 255)
     for points in (curves.get(ALL_CHANNELS, ()), curves.get(channel, ())):
         if points:
             # Later points take the place of earlier ones at the same input.
             through = dict(sorted(({0.0: 0.0, 1.0: 1.0} | dict(points)).items()))
             values = PchipInterpolator(list(through), list(through.values()))(values)
     return np.asarray(values)
-
-
-def _encoded(linear: NDArray[np.float32]) -> NDArray[np.uint8]:
-    c = np.clip(linear, 0, 1)
-    s = np.where(c <= 0.0031308, 12.92 * c, 1.055 * c ** np.float32(1 / 2.4) - 0.055)
-    return np.asarray(np.rint(s * 255), np.uint8)

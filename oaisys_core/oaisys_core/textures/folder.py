@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.color import srgb
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.exr import read_channels
 from oaisys_core.scene import PbrMaps
@@ -143,8 +144,7 @@ def _color(path: Path) -> Image:
     image = _image(path)
     if path.suffix.lower() != ".exr":
         return image
-    encoded = 1.055 * np.maximum(image, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(image <= 0.0031308, 12.92 * image, encoded).astype(np.float32)
+    return srgb(image)
 
 
 def _image(path: Path) -> Image:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.color import srgb
 from oaisys_core.terrain.noise import Field
 from oaisys_core.textures import fields
 from oaisys_core.textures.stones import Bed
@@ -51,9 +52,7 @@ class Recipe(NamedTuple):
 
 def encoded(linear: ArrayLike) -> NDArray[np.float32]:
     """Return the sRGB values, 0 to 1, of linear ones (IEC 61966-2-1)."""
-    value = np.clip(np.asarray(linear, np.float32), 0, 1)
-    bright = 1.055 * np.power(value, np.float32(1 / 2.4)) - 0.055
-    return np.where(value <= 0.0031308, 12.92 * value, bright).astype(np.float32)
+    return srgb(np.clip(np.asarray(linear, np.float32), 0, 1))
 
 
 def tinted(tone: Field, color: Color) -> NDArray[np.float32]:

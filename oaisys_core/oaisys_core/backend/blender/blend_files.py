@@ -14,6 +14,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.color import encoded
+
 
 def read_blend(path: Path, object_name: str) -> dict[str, NDArray[Any]]:
     """Return the arrays of a file's objects, merged, or of the one named.
@@ -117,9 +119,7 @@ def _base_color(thing: Any) -> NDArray[np.uint8] | None:
     shader = _principled(thing)
     if shader is None:
         return None
-    linear = np.array(shader.inputs["Base Color"].default_value[:3])
-    srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.asarray(np.rint(np.clip(srgb, 0, 1) * 255), np.uint8)
+    return encoded(np.array(shader.inputs["Base Color"].default_value[:3]))
 
 
 def _plain_colors(part: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
