@@ -128,6 +128,7 @@ class Provenance:
         backend_version: For instance ``5.2.3``; the package's own version for ``analytic``.
         quality: Name of the quality preset.
         render_samples: Light samples per pixel of the RGB pass (0: none).
+        device: What rendered colour, such as ``cpu``.
     """
 
     seed: int
@@ -137,6 +138,7 @@ class Provenance:
     backend_version: str
     quality: str
     render_samples: int
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)
@@ -159,6 +161,33 @@ class Frame:
     T_map_camera: FloatArray
 
 
+class FrameName(NamedTuple):
+    """Which frame of a sample."""
+
+    sensor: str
+    modality: str
+
+
+@dataclass(frozen=True)
+class SampleOutline:
+    """A sample before all of its frames are there.
+
+    Its ids are taken by the next sample that is asked for if this one never gets complete.
+
+    Attributes:
+        frames: What it will consist of, in its order.
+        provenance: That of the sample, but that ``render_samples`` is 0 as long as it renders.
+        from_cache: See `Sample`.
+    """
+
+    batch_id: int
+    sample_id: int
+    rig_pose: Pose
+    frames: tuple[FrameName, ...]
+    provenance: Provenance
+    from_cache: bool = False
+
+
 @dataclass(frozen=True)
 class Sample:
     """All frames rendered for one rig pose.
@@ -169,6 +198,7 @@ class Sample:
         frames: One per sensor and modality.
         render_time_s: Wall-clock seconds the backend worked.
         provenance: How to render it again.
+        from_cache: Whether the frames were rendered for an earlier sample that saw the same.
     """
 
     batch_id: int
@@ -177,6 +207,7 @@ class Sample:
     frames: tuple[Frame, ...]
     render_time_s: float
     provenance: Provenance
+    from_cache: bool = False
 
     def frame(self, sensor: str, modality: str) -> Frame:
         """Return the frame of ``sensor`` and ``modality``; `KeyError` where there is none."""
@@ -310,7 +341,9 @@ class Progress:
     Attributes:
         stage: What it does now, such as ``terrain`` or ``render``.
         fraction: 0 to 1 of the whole operation.
+        seconds_left: Until its end, judged by operations like it; None while that is not known.
     """
 
     stage: str
     fraction: float
+    seconds_left: float | None = None

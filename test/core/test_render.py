@@ -38,9 +38,9 @@ SMALL: dict[str, Any] = {
 class Recorder(AnalyticBackend):
     """Keeps the settings that it renders with."""
 
-    def render(self, cameras: Any, settings: Any, progress: Any) -> Any:
+    def render(self, cameras: Any, settings: Any, *callbacks: Any) -> Any:
         self.settings = settings
-        return super().render(cameras, settings, progress)
+        return super().render(cameras, settings, *callbacks)
 
 
 def simulation(**render: Any) -> tuple[Simulation, Recorder]:

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.base import ProgressCallback, RenderSettings
+from oaisys_core.backend.base import RenderSettings
 from oaisys_core.config import adjusted, config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_down, project
@@ -37,12 +37,10 @@ class Watching(AnalyticBackend):
         super().__init__()
         self.seen: list[tuple[PlacedCamera, ...]] = []
 
-    def render(
-        self, cameras: Any, settings: RenderSettings, progress: ProgressCallback
-    ) -> tuple[Frame, ...]:
+    def render(self, cameras: Any, settings: RenderSettings, *callbacks: Any) -> tuple[Frame, ...]:
         """Render, and remember."""
         self.seen.append(tuple(cameras))
-        return super().render(cameras, settings, progress)
+        return super().render(cameras, settings, *callbacks)
 
 
 def simulation(backend: AnalyticBackend | None = None, **sensors: Any) -> Simulation:

@@ -6,12 +6,19 @@ from collections.abc import Sequence
 
 import oaisys_core
 from oaisys_core import randomness
-from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
+from oaisys_core.backend.base import (
+    Backend,
+    FramesCallback,
+    ProgressCallback,
+    RenderSettings,
+    ignore_frames,
+    in_order,
+)
 from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.passes import frame_of, frames_of
 from oaisys_core.backend.shading import Palette, encoded, shaded
 from oaisys_core.backend.solids import flat_ground
-from oaisys_core.backend.surface import Surface, ground_mesh
+from oaisys_core.backend.surface import Surface, View, ground_mesh
 from oaisys_core.effects import with_effects
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import PlacedCamera, Scene
@@ -60,25 +67,32 @@ class AnalyticBackend(Backend):
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
         progress: ProgressCallback,
+        on_frames: FramesCallback = ignore_frames,
     ) -> tuple[Frame, ...]:
         """See `Backend.render`."""
         surface, palette = self._built()
-        sky = surface.scene.sky
         frames: list[Frame] = []
+        views: dict[str, View] = {}
         for index, camera in enumerate(cameras):
-            progress(Progress("rays", index / len(cameras)))
+            progress(Progress("rays", 0.5 * index / len(cameras)))
             view = surface.view(camera)
-            by_modality = frames_of(surface, view, camera, self._memory)
-            if RGB in camera.modalities:
-                image = shaded(view, surface.normals(view), palette, sky, settings.exposure_ev)
-                rng = randomness.stream(settings.noise_seed, camera.name)
-                image = with_effects(image, settings.effects, camera.intrinsics, rng)
-                by_modality[RGB] = frame_of(camera, RGB, image)
-            if ALBEDO in camera.modalities:
-                by_modality[ALBEDO] = frame_of(camera, ALBEDO, encoded(palette.albedo(view)))
-            frames.extend(by_modality[modality] for modality in camera.modalities)
+            frames.extend(frames_of(surface, view, camera, self._memory).values())
+            if {RGB, ALBEDO}.intersection(camera.modalities):
+                views[camera.name] = view
+        if frames:
+            on_frames(tuple(frames))
+        for index, camera in enumerate(cameras):
+            progress(Progress("color", 0.5 + 0.5 * index / len(cameras)))
+            if camera.name in views:
+                colors = _colors(surface, palette, views.pop(camera.name), camera, settings)
+                on_frames(colors)
+                frames.extend(colors)
         self._memory.remember(cameras, surface.scene)
-        return tuple(frames)
+        return in_order(cameras, frames)
+
+    def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
+        """See `Backend.revisited`."""
+        self._memory.remember(cameras, self._built()[0].scene)
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return ground, objects and tessellated solids with ids per triangle."""
@@ -101,3 +115,19 @@ class AnalyticBackend(Backend):
 
 def _ground(scene: Scene) -> TriangleMesh | None:
     return None if flat_ground(scene.ground) else ground_mesh(scene)
+
+
+def _colors(
+    surface: Surface, palette: Palette, view: View, camera: PlacedCamera, settings: RenderSettings
+) -> tuple[Frame, ...]:
+    """Return the frames of a view that show colours."""
+    frames = []
+    if RGB in camera.modalities:
+        sky = surface.scene.sky
+        image = shaded(view, surface.normals(view), palette, sky, settings.exposure_ev)
+        rng = randomness.stream(settings.noise_seed, camera.name)
+        image = with_effects(image, settings.effects, camera.intrinsics, rng)
+        frames.append(frame_of(camera, RGB, image))
+    if ALBEDO in camera.modalities:
+        frames.append(frame_of(camera, ALBEDO, encoded(palette.albedo(view))))
+    return tuple(frames)

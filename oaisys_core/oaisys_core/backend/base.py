@@ -17,6 +17,14 @@ ProgressCallback = Callable[[Progress], None]
 """Called between steps of long work; it may raise `CancelledError` to stop it."""
 
 
+FramesCallback = Callable[[tuple[Frame, ...]], None]
+"""Called with frames as soon as they are ready; it may raise `CancelledError` too."""
+
+
+def ignore_frames(frames: tuple[Frame, ...]) -> None:
+    """Wait for all of them instead."""
+
+
 ViewTransform = Literal["agx", "filmic", "standard", "raw"]
 
 
@@ -71,6 +79,9 @@ class Backend(ABC):
     name: str
     """``blender`` or ``analytic``."""
 
+    device: str = "cpu"
+    """What colour is rendered on, for provenance."""
+
     light_samples: int | None = None
     """Light samples per pixel of the last colour images, where a time budget chose them."""
 
@@ -97,12 +108,21 @@ class Backend(ABC):
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
         progress: ProgressCallback,
+        on_frames: FramesCallback = ignore_frames,
     ) -> tuple[Frame, ...]:
         """Return one frame per camera and modality, in the cameras' order.
 
         Depth is planar z at pixel centres, float32, ``+inf`` where nothing was hit; ids are exact
         and never mixed.
+
+        Args:
+            on_frames: Told each frame once, as soon as it is ready: first what needs no light, of
+                all cameras together, then one colour after the other.
         """
+
+    @abstractmethod
+    def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
+        """Take note that these views were answered without being rendered."""
 
     @abstractmethod
     def ground_truth_mesh(self) -> TriangleMesh:
@@ -124,3 +144,9 @@ class Backend(ABC):
 
     def close(self) -> None:  # noqa: B027 - most backends hold nothing
         """Release what the backend holds; nothing may be called afterwards."""
+
+
+def in_order(cameras: Sequence[PlacedCamera], frames: Sequence[Frame]) -> tuple[Frame, ...]:
+    """Return the frames in the order of the cameras and of their modalities."""
+    by_name = {(frame.sensor, frame.modality): frame for frame in frames}
+    return tuple(by_name[camera.name, name] for camera in cameras for name in camera.modalities)

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
+from oaisys_core.backend.base import (
+    Backend,
+    FramesCallback,
+    ProgressCallback,
+    RenderSettings,
+    ignore_frames,
+    in_order,
+)
 from oaisys_core.backend.blender.budget import TimeBudget
 from oaisys_core.backend.blender.camera import moving, new_camera, place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.cycles import Cycles
@@ -35,6 +42,9 @@ from oaisys_core.types import (
     Progress,
     TriangleMesh,
 )
+
+GEOMETRY_SHARE = 0.1
+"""Of a sample's progress, until its colours begin."""
 
 
 class BlenderBackend(Backend):
@@ -94,6 +104,7 @@ class BlenderBackend(Backend):
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
         progress: ProgressCallback,
+        on_frames: FramesCallback = ignore_frames,
     ) -> tuple[Frame, ...]:
         """See `Backend.render`."""
         surface = self._built()
@@ -101,21 +112,29 @@ class BlenderBackend(Backend):
         self.light_samples = None
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
-            progress(Progress("geometry", index / len(cameras)))
-            by_modality = geometry_frames(surface, camera, self._memory)
+            progress(Progress("geometry", GEOMETRY_SHARE * index / len(cameras)))
+            frames.extend(geometry_frames(surface, camera, self._memory).values())
+        if frames:
+            on_frames(tuple(frames))
+        for index, camera in enumerate(cameras):
+            share = index / len(cameras)
+            progress(Progress("color", GEOMETRY_SHARE + (1 - GEOMETRY_SHARE) * share))
+            left_s = (ends_s - time.perf_counter()) / (len(cameras) - index)
             for modality in (RGB, ALBEDO):
                 if modality not in camera.modalities:
                     continue
-                progress(Progress("color", (index + 0.2) / len(cameras)))
-                left_s = (ends_s - time.perf_counter()) / (len(cameras) - index)
                 if modality == RGB:
                     image = self._color(camera, settings, left_s)
                 else:
                     image = self._albedo(camera, settings)
-                by_modality[modality] = frame_of(camera, modality, image)
-            frames.extend(by_modality[modality] for modality in camera.modalities)
+                frames.append(frame_of(camera, modality, image))
+                on_frames((frames[-1],))
         self._memory.remember(cameras, surface.scene)
-        return tuple(frames)
+        return in_order(cameras, frames)
+
+    def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
+        """See `Backend.revisited`."""
+        self._memory.remember(cameras, self._built().scene)
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return ground, objects and tessellated solids with ids per triangle."""
