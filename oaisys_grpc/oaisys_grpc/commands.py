@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -18,7 +19,9 @@ from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_grpc.client import DEFAULT_ADDRESS
 from oaisys_grpc.server import check_address
 from oaisys_grpc.server import serve as run_server
-from oaisys_grpc.supervisor import GRACE_S
+from oaisys_grpc.server_options import GRACE_S, ServerOptions
+from oaisys_grpc.worker_log import state_folder
+from oaisys_grpc.worker_memory import MEGABYTE
 
 
 def serve(
@@ -37,20 +40,44 @@ def serve(
         float,
         typer.Option(help="Seconds from a deadline until a hung worker is killed.", min=0),
     ] = GRACE_S,
+    worker_memory_limit_mb: Annotated[
+        int | None,
+        typer.Option(
+            help="Resident memory at which the worker is replaced between two samples; "
+            "0: no limit; default: 60 % of the machine's.",
+            min=0,
+        ),
+    ] = None,
+    worker_log: Annotated[
+        Path | None,
+        typer.Option(help="Folder for what the worker prints; default: in ~/.local/state/oaisys."),
+    ] = None,
     insecure: Annotated[
         bool, typer.Option("--insecure", help="Serve other machines, without encryption.")
     ] = False,
 ) -> None:
-    """Serve a simulator through gRPC; prints `ready: ADDRESS` when it does."""
+    """Serve a simulator through gRPC; prints `ready: ADDRESS` when it does.
+
+    SIGINT, SIGTERM and EndSimulation end it within 5 s, with exit code 0: calls under way get 2 s
+    of them, unless a second signal comes.
+    """
     chosen = load_config(config) if config else SimulationConfig()
     check_address(address, insecure)
     run_server(
         adjusted(chosen, seed=seed, backend=backend, quality=quality, size=size),
         address,
-        worker_python=worker_python,
-        grace_s=grace,
+        ServerOptions(
+            worker_python=worker_python,
+            grace_s=grace,
+            worker_memory_bytes=_bytes(worker_memory_limit_mb),
+            worker_log_folder=worker_log or state_folder(),
+        ),
         on_ready=_announce,
     )
+
+
+def _bytes(megabytes: int | None) -> int | None:
+    return None if megabytes is None else megabytes * MEGABYTE
 
 
 def _announce(address: str) -> None:

@@ -7,7 +7,7 @@ import logging
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from oaisys_core.errors import (
     QueueFullError,
 )
 from oaisys_core.types import Progress, Sample
-from oaisys_grpc.faults import OvertakenError
+from oaisys_grpc.faults import OvertakenError, ServerUnavailableError
 from oaisys_grpc.operation import Kind, OperationStatus, State
 from oaisys_grpc.sample_store import SampleStore
 from oaisys_grpc.supervisor import Supervisor
@@ -33,6 +33,7 @@ QUEUE_LIMIT = 32
 HISTORY_LIMIT = 256
 """How many operations are remembered after they ended."""
 
+_DRAIN_LOOK_S = 0.05
 _WAKE_S = 0.25
 """How often an idle runner looks after the worker, and a follower after its caller."""
 
@@ -140,6 +141,7 @@ class Operations:
         self._by_request: dict[str, Operation] = {}
         self._count = 0
         self._lock = threading.Condition()
+        self._closed = False
         self._ending = threading.Event()
 
     def run(self) -> None:
@@ -154,10 +156,20 @@ class Operations:
             with self._lock:
                 self._running = None
 
+    def drain(self, timeout_s: float, at_once: Callable[[], bool]) -> None:
+        """Refuse new work; wait up to ``timeout_s`` for what there is, unless told ``at_once``."""
+        end_s = time.monotonic() + timeout_s
+        with self._lock:
+            self._closed = True
+            while self._waiting or self._running is not None:
+                if at_once() or time.monotonic() >= end_s:
+                    return
+                self._lock.wait(_DRAIN_LOOK_S)
+
     def end(self) -> None:
-        """Cancel everything and let `run` return."""
+        """Stop everything and let `run` return."""
         self._ending.set()
-        error = CancelledError("the simulator has been ended")
+        error = ServerUnavailableError("the simulator has been ended")
         with self._lock:
             open_operations = [*self._waiting, *filter(None, [self._running])]
             self._waiting.clear()
@@ -176,8 +188,8 @@ class Operations:
             before = self._by_request.get(work.request_id)
             if before is not None:
                 return _same_request(before, work)
-            if self._ending.is_set():
-                raise CancelledError("the simulator has been ended")
+            if self._closed or self._ending.is_set():
+                raise ServerUnavailableError("the simulator is being ended")
             overtaken = self._overtaken() if work.kind is Kind.BATCH else []
             self._waiting = deque(o for o in self._waiting if not o.status.state.ended)
             if len(self._waiting) >= QUEUE_LIMIT:

@@ -8,7 +8,6 @@ import logging
 import os
 import select
 import signal
-import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -22,8 +21,9 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_grpc.operations import QUEUE_LIMIT, Operations
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
 from oaisys_grpc.sample_store import SampleStore
+from oaisys_grpc.server_options import ServerOptions
 from oaisys_grpc.servicer import SimulatorServicer
-from oaisys_grpc.supervisor import GRACE_S, Supervisor
+from oaisys_grpc.supervisor import Supervisor
 
 _LOG = logging.getLogger(__name__)
 
@@ -31,10 +31,13 @@ SERVICE = simulator_pb2.DESCRIPTOR.services_by_name["SimulatorService"].full_nam
 _THREADS = 2 * QUEUE_LIMIT + 16
 """Each waiting call holds one, and health must be answered all the same."""
 
+HEALTH_NAMES = ("", SERVICE)
+"""What health is told of; "" is the server as a whole."""
+
 LARGEST_PORT = 65535
-_LOOK_UP_S = 0.2
+_LOOK_UP_MS = 200
 _STOP_S = 1.0
-_WORKER_END_S = 2.5
+_WORKER_END_S = 0.8
 
 
 class SimulatorServer:
@@ -44,54 +47,66 @@ class SimulatorServer:
         self,
         config: SimulationConfig,
         address: str,
+        options: ServerOptions,
         *,
-        worker_python: str = sys.executable,
-        grace_s: float = GRACE_S,
         on_end: Callable[[], None],
     ) -> None:
         """Bind the address; nothing runs yet.
 
         Args:
             address: ``host:port``, port 0 for any free one, or ``unix:PATH``.
-            worker_python: Interpreter of the worker, which has Blender.
-            grace_s: How long after a deadline a worker that hangs is killed.
             on_end: Told that a client asked for the end.
 
         Raises:
             OaisysError: The address cannot be bound.
         """
+        self._options = options
         self._health = health.HealthServicer(experimental_non_blocking=True)
         self._set_ready(False)
-        self._supervisor = Supervisor(config, worker_python, self._set_ready, grace_s)
-        samples = SampleStore()
-        self._operations = Operations(self._supervisor, samples)
+        self._supervisor = Supervisor(config, options, self._set_ready)
+        self._samples = SampleStore()
+        self._operations = Operations(self._supervisor, self._samples)
+        self._on_end = on_end
         self._started: Future[None] = Future()
         self._runner = threading.Thread(target=self._run, name="runner")
         # Two servers must not share a port by accident.
-        options = [("grpc.so_reuseport", 0)]
-        self._server = grpc.server(ThreadPoolExecutor(_THREADS, "rpc"), options=options)
-        servicer = SimulatorServicer(self._supervisor, self._operations, samples, on_end)
-        simulator_pb2_grpc.add_SimulatorServiceServicer_to_server(servicer, self._server)
-        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
-        names = (SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
-        reflection.enable_server_reflection(names, self._server)
+        channel_options = [("grpc.so_reuseport", 0)]
+        self._server = grpc.server(ThreadPoolExecutor(_THREADS, "rpc"), options=channel_options)
+        self._add_services()
         self.address = self._bind(address)
 
     def start(self) -> Future[None]:
         """Answer calls; return what is done once the worker is ready, or has failed to start."""
+        if self._options.worker_log_folder is not None:
+            self._supervisor.log.open(self._options.worker_log_folder, self.address)
         self._server.start()
         self._runner.start()
         return self._started
 
-    def stop(self) -> None:
-        """End everything within seconds: calls, worker, port."""
-        self._set_ready(False)
+    def stop(self, at_once: Callable[[], bool] = lambda: True) -> None:
+        """End everything within 5 s: calls, worker, port.
+
+        Args:
+            at_once: Asked again and again whether calls under way must not be waited for.
+        """
+        self._health.enter_graceful_shutdown()
+        self._operations.drain(self._options.shutdown_grace_s, at_once)
         self._operations.end()
         stopped = self._server.stop(_STOP_S)
-        self._runner.join(_WORKER_END_S)
+        self._runner.join(0.0 if at_once() else _WORKER_END_S)
         self._supervisor.strike()
         self._runner.join()
         stopped.wait()
+
+    def _add_services(self) -> None:
+        """Add all that answers at the port."""
+        servicer = SimulatorServicer(
+            self._supervisor, self._operations, self._samples, self._on_end
+        )
+        simulator_pb2_grpc.add_SimulatorServiceServicer_to_server(servicer, self._server)
+        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
+        names = (SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
+        reflection.enable_server_reflection(names, self._server)
 
     def _run(self) -> None:
         """Start the worker and work off the queue; the worker lives as long as this thread."""
@@ -114,19 +129,21 @@ class SimulatorServer:
 
     def _set_ready(self, ready: bool) -> None:
         answer = health_pb2.HealthCheckResponse
-        for name in ("", SERVICE):
+        for name in HEALTH_NAMES:
             self._health.set(name, answer.SERVING if ready else answer.NOT_SERVING)
 
 
 def serve(
     config: SimulationConfig,
     address: str,
+    options: ServerOptions,
     *,
-    worker_python: str = sys.executable,
-    grace_s: float = GRACE_S,
     on_ready: Callable[[str], None],
 ) -> None:
     """Serve until SIGINT, SIGTERM or a client ends it; call on the main thread.
+
+    Calls under way may go on for a moment, unless a second signal comes. Signals are ignored
+    afterwards, so that none interrupts the program on its way out.
 
     Args:
         on_ready: Told the address, with its real port, once the worker is ready.
@@ -137,9 +154,7 @@ def serve(
     end = EndRequest()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: end.request())
-    server = SimulatorServer(
-        config, address, worker_python=worker_python, grace_s=grace_s, on_end=end.request
-    )
+    server = SimulatorServer(config, address, options, on_end=end.request)
     started = server.start()
 
     def tell(started: Future[None]) -> None:
@@ -153,7 +168,9 @@ def serve(
         end.wait()
         asked = not started.done()
     finally:
-        server.stop()
+        server.stop(lambda: end.repeated)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
     if not asked and (failure := started.exception()):
         raise failure
 
@@ -167,11 +184,18 @@ class EndRequest:
     def __init__(self) -> None:
         self._read, self._write = os.pipe()
         os.set_blocking(self._write, False)
+        self._requests = 0
 
     def request(self) -> None:
         """Ask for the end; any thread and any signal handler may, more than once."""
+        self._requests += 1
         with contextlib.suppress(BlockingIOError):
             os.write(self._write, b"e")
+
+    @property
+    def repeated(self) -> bool:
+        """Whether the end was asked for more than once: it shall come at once."""
+        return self._requests > 1
 
     def wait(self) -> None:
         """Return once the end was asked for.
@@ -179,7 +203,9 @@ class EndRequest:
         Looks up now and then: a signal that comes just before a blocking call begins does not
         interrupt it, and its handler would have to wait.
         """
-        while not select.select([self._read], [], [], _LOOK_UP_S)[0]:
+        readable = select.poll()
+        readable.register(self._read, select.POLLIN)
+        while not readable.poll(_LOOK_UP_MS):
             pass
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -12,13 +13,17 @@ from typing import Any
 from oaisys_core.config import SimulationConfig
 from oaisys_core.errors import (
     BackendUnavailableError,
+    CancelledError,
     DeadlineExceededError,
     OaisysError,
     WorkerLostError,
 )
 from oaisys_core.types import Progress, SimulatorInfo
 from oaisys_grpc.faults import Fault, error_from_fault
+from oaisys_grpc.server_options import ServerOptions
 from oaisys_grpc.wire import Message
+from oaisys_grpc.worker_log import WorkerLog
+from oaisys_grpc.worker_memory import MEGABYTE, MemoryLimits
 from oaisys_grpc.worker_process import Limit, WorkerProcess
 
 _LOG = logging.getLogger(__name__)
@@ -26,12 +31,16 @@ _LOG = logging.getLogger(__name__)
 START_TIMEOUT_S = 300.0
 """For a worker to load Blender and to build the world that stood before."""
 
-GRACE_S = 30.0
-"""Between a call's deadline, when it is cancelled, and the end of a worker that hangs."""
+CANCEL_GRACE_S = 0.8
+"""For a worker to stop a sample that was cancelled, before another one takes its place."""
 
 CRASHES_ALLOWED = 3
 CRASH_WINDOW_S = 60.0
 """So many crashes within so many seconds, and no new worker is started."""
+
+
+SAMPLE_METHOD = "step_sample"
+"""What the worker calls rendering; the only call that is worth a new worker to stop."""
 
 
 def ignore_progress(progress: Progress) -> None:
@@ -47,29 +56,30 @@ class Supervisor:
     def __init__(
         self,
         config: SimulationConfig,
-        python: str,
+        options: ServerOptions,
         on_ready: Callable[[bool], None],
-        grace_s: float = GRACE_S,
     ) -> None:
         """Start nothing yet.
 
         Args:
-            python: Interpreter of the worker.
+            options: The worker's interpreter, time and memory.
             on_ready: Told when a worker is ready, and when none is.
-            grace_s: How long after its deadline a worker that hangs is killed.
         """
         self._config: Message = config.model_dump(mode="json")
-        self._python = python
+        self._options = options
+        self._memory = MemoryLimits.of(options.worker_memory_bytes)
         self._on_ready = on_ready
-        self._grace_s = grace_s
+        self.log = WorkerLog()
         self._worker: WorkerProcess | None = None
+        self._needed_bytes = 0
         self._state: Message | None = None
         self._info: SimulatorInfo | None = None
         self._crashes_s: collections.deque[float] = collections.deque(maxlen=CRASHES_ALLOWED)
         self._broken: OaisysError | None = None
+        self._struck = threading.Event()
         self.restarts = 0
 
-    def start(self, cancelled: threading.Event | None = None) -> None:
+    def start(self) -> None:
         """Start a worker and wait until it is ready.
 
         Raises:
@@ -77,12 +87,16 @@ class Supervisor:
             BackendUnavailableError: The backend cannot run there.
             WorkerLostError: The process died.
         """
-        self._worker = WorkerProcess(self._python)
+        options = self._options
+        self._worker = WorkerProcess(options.worker_python, self.log, self._memory.kill_bytes)
+        if self._struck.is_set():
+            self._worker.strike()
         _LOG.info("worker %d started", self._worker.pid)
-        limit = Limit(START_TIMEOUT_S, self._grace_s, cancelled or threading.Event())
+        limit = Limit(START_TIMEOUT_S, options.grace_s, threading.Event())
         arguments = {"config": self._config, "state": self._state}
         answer = self._worker.call("start", arguments, limit=limit, progress=ignore_progress)
         self._take(answer)
+        self._needed_bytes = 0
         self._on_ready(True)
 
     def call(
@@ -102,14 +116,12 @@ class Supervisor:
             DeadlineExceededError: It took more than ``timeout_s``.
             BackendUnavailableError: Workers died too often.
         """
+        cancel_grace_s = CANCEL_GRACE_S if method == SAMPLE_METHOD else math.inf
+        limit = Limit(timeout_s, self._options.grace_s, cancelled, cancel_grace_s)
         self.tend()
-        limit = Limit(timeout_s, self._grace_s, cancelled)
-        assert self._worker is not None
-        try:
-            answer = self._worker.call(method, arguments, limit=limit, progress=progress)
-        except (WorkerLostError, DeadlineExceededError) as error:
-            self._lost(error)
-            raise
+        if limit.must_stop():
+            raise limit.error()
+        answer = self._answer_of(method, arguments, limit, progress)
         failure: OaisysError | None = None
         try:
             self._take(answer)
@@ -121,8 +133,28 @@ class Supervisor:
             raise failure
         return answer["value"]
 
+    def _answer_of(
+        self,
+        method: str,
+        arguments: Mapping[str, Any],
+        limit: Limit,
+        progress: Callable[[Progress], None],
+    ) -> Message:
+        assert self._worker is not None
+        try:
+            answer = self._worker.call(method, arguments, limit=limit, progress=progress)
+        except (WorkerLostError, DeadlineExceededError) as error:
+            self._lost(error)
+            raise
+        except CancelledError as error:  # it would not stop
+            self._drop(error)
+            raise
+        if method == SAMPLE_METHOD:
+            self._needed_bytes = self._needed_bytes or self._worker.resident_bytes()
+        return answer
+
     def tend(self) -> None:
-        """Start a new worker where the last one died.
+        """Start a new worker where the last one died, or has grown too large.
 
         Raises:
             BackendUnavailableError: Workers died too often.
@@ -134,14 +166,37 @@ class Supervisor:
             raise BackendUnavailableError(f"no worker runs any more: {self._broken}")
         if self._worker is None:
             self.restarts += 1
-            try:
-                self.start()
-            except (WorkerLostError, DeadlineExceededError) as error:
-                self._lost(error)
-                raise
-            except OaisysError as error:
-                self._broken = error
-                raise
+            self._start_another()
+        elif self._has_grown(self._worker):
+            # Health goes on to say that it serves: what is asked for meanwhile waits, and is done.
+            self._worker.end()
+            self._worker = None
+            self._start_another()
+
+    def _start_another(self) -> None:
+        try:
+            self.start()
+        except (WorkerLostError, DeadlineExceededError) as error:
+            self._lost(error)
+            raise
+        except OaisysError as error:
+            self._on_ready(False)
+            self._broken = error
+            raise
+
+    def _has_grown(self, worker: WorkerProcess) -> bool:
+        """Return whether the worker, which is between two frames, should make room for another."""
+        held = worker.resident_bytes()
+        if not (self._needed_bytes and self._memory.outgrown(held, self._needed_bytes)):
+            return False
+        limit = self._memory.recycle_bytes
+        _LOG.warning(
+            "worker %d holds %.0f MB of memory, and %.0f MB are its limit: another one goes on",
+            worker.pid,
+            held / MEGABYTE,
+            limit / MEGABYTE,
+        )
+        return True
 
     @property
     def info(self) -> SimulatorInfo:
@@ -156,9 +211,11 @@ class Supervisor:
         self._broken = self._broken or BackendUnavailableError("the simulator has been ended")
         if self._worker is not None:
             self._worker.end()
+        self.log.close()
 
     def strike(self) -> None:
-        """Kill the worker at once; any thread may."""
+        """Kill the worker at once, and any that follows; any thread may."""
+        self._struck.set()
         worker = self._worker
         if worker is not None:
             worker.strike()
@@ -170,12 +227,16 @@ class Supervisor:
         if "fault" in answer:
             raise error_from_fault(Fault(**answer["fault"]))
 
-    def _lost(self, error: OaisysError) -> None:
+    def _drop(self, error: OaisysError) -> None:
+        """Do without a worker that is no more."""
         _LOG.error("%s", error)
         self._on_ready(False)
         if self._worker is not None:
             self._worker.kill()
             self._worker = None
+
+    def _lost(self, error: OaisysError) -> None:
+        self._drop(error)
         now_s = time.monotonic()
         self._crashes_s.append(now_s)
         oldest_s = self._crashes_s[0]

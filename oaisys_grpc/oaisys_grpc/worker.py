@@ -26,6 +26,7 @@ from oaisys_core.types import Progress
 from oaisys_grpc import fault_injection
 from oaisys_grpc.faults import fault_from_error
 from oaisys_grpc.wire import Connection, Message
+from oaisys_grpc.worker_limits import limit_worker
 
 _LOG = logging.getLogger(__name__)
 _PR_SET_PDEATHSIG = 1
@@ -141,6 +142,7 @@ def main() -> int:
     parser.add_argument("--parent", type=int, required=True)
     options = parser.parse_args()
     die_with_parent(options.parent)
+    limit_worker()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's to handle
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
     Worker(Connection(socket.socket(fileno=options.fd))).run()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import contextlib
 import logging
+import math
 import os
 import select
 import signal
@@ -28,14 +29,18 @@ from oaisys_core.errors import (
 )
 from oaisys_core.types import Progress
 from oaisys_grpc.wire import Connection, Message
+from oaisys_grpc.worker_log import WorkerLog
+from oaisys_grpc.worker_memory import MEGABYTE, resident_bytes
 
 _LOG = logging.getLogger(__name__)
 RENDER_STATISTICS = "Fra:"
 """Begins the lines that Blender 4.5 prints as it renders; they would push out what went wrong."""
 
-_POLL_S = 0.05
+_POLL_MS = 50
+_MEMORY_PERIOD_S = 0.5
 _LINES_KEPT = 20
-_END_S = 2.0
+_LONGEST_LINE = 10_000
+_END_S = 1.0
 _FOLDER = "oaisys-worker-"
 _OTHER_ENVIRONMENTS = ("LD_LIBRARY_PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX")
 """Of this interpreter's environment; another interpreter must not get them."""
@@ -44,10 +49,15 @@ _OTHER_ENVIRONMENTS = ("LD_LIBRARY_PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PR
 class WorkerProcess:
     """A running worker; one thread calls it at a time."""
 
-    def __init__(self, python: str) -> None:
+    def __init__(self, python: str, log: WorkerLog, kill_bytes: float = math.inf) -> None:
         """Start the process; the calling thread must live as long as the worker shall.
 
         The kernel ends a worker with the thread that started it.
+
+        Args:
+            python: Its interpreter.
+            log: Keeps what it prints.
+            kill_bytes: Resident memory at which it is killed within a call.
 
         Raises:
             BackendUnavailableError: ``python`` cannot be run.
@@ -58,10 +68,15 @@ class WorkerProcess:
         with theirs:
             self._process = self._start(python, theirs.fileno())
         self._connection = Connection(ours)
+        self._readable = select.poll()  # not select, which knows descriptors below 1024 only
+        self._readable.register(ours, select.POLLIN)
+        self._kill_bytes = kill_bytes
+        self._memory_checked_s = 0.0
         self._calls = 0
+        self._log = log
         self._lines: collections.deque[str] = collections.deque(maxlen=_LINES_KEPT)
-        self._log = threading.Thread(target=self._read_log, name="worker-log", daemon=True)
-        self._log.start()
+        self._reader = threading.Thread(target=self._read_log, name="worker-log", daemon=True)
+        self._reader.start()
 
     def _start(self, python: str, descriptor: int) -> subprocess.Popen[bytes]:
         command = [python, "-m", "oaisys_grpc.worker"]
@@ -102,10 +117,15 @@ class WorkerProcess:
         Raises:
             WorkerLostError: The process died; the message says what it said last.
             DeadlineExceededError: It did not answer, not even to a cancel; it was killed.
+            CancelledError: So it was within the grace period of a cancelled call.
         """
         self._calls += 1
         number = self._calls
         told = False
+        # A worker that hangs in the middle of a message blocks this thread: another one kills it.
+        watchdog = threading.Timer(limit.left_s(), self.strike)
+        watchdog.daemon = True
+        watchdog.start()
         try:
             call = {"type": "call", "id": number, "method": method, "arguments": arguments}
             self._connection.send(call)
@@ -115,8 +135,9 @@ class WorkerProcess:
                     told = True
                 if limit.must_kill():
                     self.kill()
-                    raise DeadlineExceededError(f"{method} hung beyond its deadline; worker killed")
-                if not select.select([self._connection], [], [], _POLL_S)[0]:
+                    raise _killed(method, limit)
+                self._check_memory(method)
+                if not self._readable.poll(_POLL_MS):
                     continue
                 message = self._connection.receive()
                 if message["id"] != number:
@@ -125,7 +146,12 @@ class WorkerProcess:
                     return message
                 progress(Progress(message["stage"], message["fraction"]))
         except (EOFError, OSError) as error:
+            if limit.must_kill():
+                self.kill()
+                raise _killed(method, limit) from error
             raise WorkerLostError(f"{method}: {self.last_words()}") from error
+        finally:
+            watchdog.cancel()
 
     def end(self) -> None:
         """Ask the process to end; kill it where it does not."""
@@ -147,21 +173,39 @@ class WorkerProcess:
         self._connection.close()
         self._folder.cleanup()
 
+    def resident_bytes(self) -> int:
+        """Return how much memory it holds."""
+        return resident_bytes(self._process.pid)
+
+    def _check_memory(self, method: str) -> None:
+        now_s = time.monotonic()
+        if now_s < self._memory_checked_s + _MEMORY_PERIOD_S:
+            return
+        self._memory_checked_s = now_s
+        held = self.resident_bytes()
+        if held > self._kill_bytes:
+            self.kill()
+            raise WorkerLostError(
+                f"{method}: the worker used {held / MEGABYTE:.0f} MB of memory, more than "
+                f"{self._kill_bytes / MEGABYTE:.0f} MB, and was killed"
+            )
+
     def _read_log(self) -> None:
         assert self._process.stdout is not None
         with self._process.stdout as lines:
-            for raw in lines:
+            while raw := lines.readline(_LONGEST_LINE):
                 line = raw.decode(errors="replace").rstrip()
                 if line.startswith(RENDER_STATISTICS):
                     _LOG.debug("worker: %s", line)
                     continue
                 self._lines.append(line)
+                self._log.write(self._process.pid, line)
                 _LOG.info("worker: %s", line)
 
     def last_words(self) -> str:
         """Return how the process ended and what it said last."""
         self.kill()
-        self._log.join(_END_S)
+        self._reader.join(_END_S)
         code = self._process.returncode
         how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
         said = "; it said last: " + " | ".join(list(self._lines)[-5:]) if self._lines else ""
@@ -171,19 +215,36 @@ class WorkerProcess:
 class Limit:
     """When a call must stop: when its owner says so, or when its time is over.
 
-    A worker that does not stop within a grace period after its deadline is killed; one that was
-    only cancelled keeps its time, because a new worker would cost more.
+    A worker that does not stop within a grace period after its deadline is killed. One that was
+    only cancelled keeps its time, unless ``cancel_grace_s`` says otherwise.
     """
 
-    def __init__(self, timeout_s: float, grace_s: float, cancelled: threading.Event) -> None:
+    def __init__(
+        self,
+        timeout_s: float,
+        grace_s: float,
+        cancelled: threading.Event,
+        cancel_grace_s: float = math.inf,
+    ) -> None:
         self._deadline_s = time.monotonic() + timeout_s
         self._grace_s = grace_s
         self._cancelled = cancelled
+        self._cancel_grace_s = cancel_grace_s
+        self._cancelled_s: float | None = None
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether its owner wants it no more."""
+        return self._cancelled.is_set()
 
     @property
     def over(self) -> bool:
         """Whether the deadline has passed."""
         return time.monotonic() >= self._deadline_s
+
+    def left_s(self) -> float:
+        """Return the seconds until a worker that hangs is killed."""
+        return max(0.0, self._deadline_s + self._grace_s - time.monotonic())
 
     def must_stop(self) -> bool:
         """Whether the call must be cancelled."""
@@ -191,13 +252,24 @@ class Limit:
 
     def must_kill(self) -> bool:
         """Whether the worker had its chance."""
-        return time.monotonic() >= self._deadline_s + self._grace_s
+        now_s = time.monotonic()
+        if self._cancelled.is_set():
+            self._cancelled_s = self._cancelled_s or now_s
+            if now_s >= self._cancelled_s + self._cancel_grace_s:
+                return True
+        return now_s >= self._deadline_s + self._grace_s
 
     def error(self) -> CancelledError | DeadlineExceededError:
         """Return why the call was stopped."""
         if self._cancelled.is_set():
             return CancelledError("cancelled by the caller")
         return DeadlineExceededError("the operation did not end within its deadline")
+
+
+def _killed(method: str, limit: Limit) -> CancelledError | DeadlineExceededError:
+    if limit.cancelled:
+        return CancelledError(f"{method} was cancelled, and its worker replaced")
+    return DeadlineExceededError(f"{method} hung beyond its deadline; worker killed")
 
 
 def worker_environment(python: str, environment: Mapping[str, str]) -> dict[str, str]:

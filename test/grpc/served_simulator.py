@@ -51,8 +51,9 @@ class Server:
         command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config", str(file)]
         command += ["--address", "127.0.0.1:0", *options]
         with self.stdout.open("w") as out, self.stderr.open("w") as err:
+            own = {"TMPDIR": str(folder), "XDG_STATE_HOME": str(folder / "state")}
             self.process = subprocess.Popen(
-                command, stdout=out, stderr=err, env={**os.environ, "TMPDIR": str(folder), **env}
+                command, stdout=out, stderr=err, env={**os.environ, **own, **env}
             )
 
     @property

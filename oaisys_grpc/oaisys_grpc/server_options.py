@@ -1,0 +1,33 @@
+"""How a server keeps its worker, and how it ends."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+GRACE_S = 30.0
+"""Between a call's deadline, when it is cancelled, and the end of a worker that hangs."""
+
+SHUTDOWN_GRACE_S = 2.0
+"""For calls under way once the end was asked for; all is over within 5 s of that."""
+
+
+@dataclass(frozen=True)
+class ServerOptions:
+    """What can be chosen of a server beside its world and its address.
+
+    Attributes:
+        worker_python: Interpreter of the worker, which has Blender.
+        grace_s: How long after a call's deadline a worker that hangs is killed.
+        shutdown_grace_s: How long calls under way may go on once the end was asked for.
+        worker_memory_bytes: Resident memory at which a worker is replaced between two frames; 0:
+            no limit; None: a share of the machine's.
+        worker_log_folder: Where what workers print is kept; None: nowhere.
+    """
+
+    worker_python: str = sys.executable
+    grace_s: float = GRACE_S
+    shutdown_grace_s: float = SHUTDOWN_GRACE_S
+    worker_memory_bytes: int | None = None
+    worker_log_folder: Path | None = None

@@ -1,0 +1,69 @@
+"""Keeps what workers print, in files that do not grow without bounds."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import re
+from logging.handlers import RotatingFileHandler
+from pathlib import Path
+
+_LOG = logging.getLogger(__name__)
+_FILE_BYTES = 5_000_000
+_OLD_FILES = 2
+_LOGS_KEPT = 40
+"""Of servers on this machine: each port has a log of its own, and a free port is a new one."""
+
+
+def state_folder() -> Path:
+    """Return the folder for what programs keep between runs, as the XDG specification has it."""
+    base = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
+    return Path(base).expanduser() / "oaisys"
+
+
+class WorkerLog:
+    """One file for all workers of a server; safe to use from any thread."""
+
+    def __init__(self) -> None:
+        self._logger = logging.Logger("worker")  # noqa: LOG001 - nobody else logs here
+        self.path: Path | None = None
+
+    def open(self, folder: Path, address: str) -> None:
+        """Write to a file named after the server's address from now on, older ones kept."""
+        name = re.sub(r"[^A-Za-z0-9.]+", "-", address).strip("-")
+        path = folder / f"worker-{name}.log"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            _forget_old(folder)
+            handler = _Handler(path, maxBytes=_FILE_BYTES, backupCount=_OLD_FILES)
+        except OSError as error:
+            _LOG.warning("what workers print is not kept: %s", error)
+            return
+        handler.setFormatter(logging.Formatter("%(asctime)s %(message)s"))
+        self._logger.addHandler(handler)
+        self.path = path
+
+    def write(self, pid: int, line: str) -> None:
+        """Keep a line that the worker with this process id has printed."""
+        self._logger.info("%d %s", pid, line)
+
+    def close(self) -> None:
+        """Close the file."""
+        for handler in list(self._logger.handlers):
+            self._logger.removeHandler(handler)
+            handler.close()
+
+
+class _Handler(RotatingFileHandler):
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
+        """Lose the line: a full disk must not disturb the server."""
+
+
+def _forget_old(folder: Path) -> None:
+    written = {}
+    for log in folder.glob("worker-*.log*"):
+        with contextlib.suppress(FileNotFoundError):  # another server forgets, too
+            written[log] = log.stat().st_mtime
+    for log in sorted(written, key=lambda log: written[log])[:-_LOGS_KEPT]:
+        log.unlink(missing_ok=True)
