@@ -258,6 +258,7 @@ class SimulatorInfo:
     Attributes:
         semantic_labels: Name by semantic id.
         stage_extent_m: (min_x, min_y, max_x, max_y) of the ground, or None before the first batch.
+        worker_restarts: How often a server has replaced the process that renders because it died.
     """
 
     backend: str
@@ -270,6 +271,7 @@ class SimulatorInfo:
     batch_id: int
     sample_id: int
     stage_extent_m: tuple[float, float, float, float] | None
+    worker_restarts: int = 0
 
 
 @dataclass(frozen=True)

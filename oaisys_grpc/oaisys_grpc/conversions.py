@@ -184,6 +184,7 @@ def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
         semantic_labels=dict(info.semantic_labels),
         batch_id=info.batch_id,
         sample_id=info.sample_id,
+        worker_restarts=info.worker_restarts,
     )
     if info.stage_extent_m is not None:
         x0, y0, x1, y1 = info.stage_extent_m
@@ -207,6 +208,7 @@ def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
         batch_id=message.batch_id,
         sample_id=message.sample_id,
         stage_extent_m=(e.min_x_m, e.min_y_m, e.max_x_m, e.max_y_m) if known else None,
+        worker_restarts=message.worker_restarts,
     )
 
 

@@ -80,6 +80,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         message = conversions.info_to_proto(self._supervisor.info)
         message.server_version = version("oaisys_grpc")
         message.worker_restarts = self._supervisor.restarts
+        message.worker_recycles = self._supervisor.recycles
         return message
 
     @_translated

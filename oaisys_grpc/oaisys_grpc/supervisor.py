@@ -78,6 +78,7 @@ class Supervisor:
         self._broken: OaisysError | None = None
         self._struck = threading.Event()
         self.restarts = 0
+        self.recycles = 0
 
     def start(self) -> None:
         """Start a worker and wait until it is ready.
@@ -169,6 +170,7 @@ class Supervisor:
             self._start_another()
         elif self._has_grown(self._worker):
             # Health goes on to say that it serves: what is asked for meanwhile waits, and is done.
+            self.recycles += 1
             self._worker.end()
             self._worker = None
             self._start_another()
