@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from oaisys_core import randomness
 from oaisys_core.backend import make_backend
-from oaisys_core.backend.base import Backend, ProgressCallback
+from oaisys_core.backend.base import Backend, FramesCallback, ProgressCallback, RenderSettings
 from oaisys_core.batch import Batch
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
@@ -29,18 +29,22 @@ from oaisys_core.modules import (
     StageModule,
 )
 from oaisys_core.modules.sensors import select
+from oaisys_core.pose_cache import PoseCache, View
 from oaisys_core.reuse import OF_STAGE, Origin, origin_of, same_stage, section_sha256
-from oaisys_core.scene import Scene
+from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.stage_store import StageRecord
 from oaisys_core.types import (
     OWN_PARTS,
     RGB,
     FloatArray,
+    Frame,
+    FrameName,
     HeightQuery,
     ModuleMetadata,
     Progress,
     Provenance,
     Sample,
+    SampleOutline,
     SimulatorInfo,
     TriangleMesh,
 )
@@ -49,8 +53,16 @@ DRAW_SHARE = 0.5
 """Share of a batch's progress until the backend begins to build."""
 
 
+SampleFramesCallback = Callable[[SampleOutline, tuple[Frame, ...]], None]
+"""Called with frames of a sample as soon as they are ready; it may raise `CancelledError`."""
+
+
 def ignore_progress(progress: Progress) -> None:
     """Do nothing with it."""
+
+
+def ignore_sample_frames(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
+    """Wait for the whole sample instead."""
 
 
 def _seed_of(module: Module, origin: Origin) -> int:
@@ -62,8 +74,19 @@ def _seed_of(module: Module, origin: Origin) -> int:
 class Simulation:
     """Draws worlds from a configuration's seed and renders them sample by sample."""
 
-    def __init__(self, config: SimulationConfig, backend: Backend | None = None) -> None:
+    def __init__(
+        self,
+        config: SimulationConfig,
+        backend: Backend | None = None,
+        *,
+        pose_cache_bytes: int = 0,
+    ) -> None:
         """Set all modules up; nothing is rendered yet.
+
+        Args:
+            config: What worlds are drawn from.
+            backend: Of another kind, or shared; None: a new one, as the configuration says.
+            pose_cache_bytes: Of images that are kept for views that come again; 0: none.
 
         Raises:
             ConfigError: The configuration names something that does not exist.
@@ -85,6 +108,7 @@ class Simulation:
             *make_modules(config.extensions),
         )
         self._backend = backend if backend is not None else make_backend(config.backend)
+        self._views = PoseCache(pose_cache_bytes)
         self._batch: Batch | None = None
         self._last_batch_id = 0
         for module in self._modules:
@@ -134,6 +158,7 @@ class Simulation:
         modalities: Sequence[str] = (),
         sensors: Sequence[str] = (),
         progress: ProgressCallback = ignore_progress,
+        on_frames: SampleFramesCallback = ignore_sample_frames,
     ) -> Sample:
         """Move sensors and light as the metadata says, render, and return the frames.
 
@@ -143,6 +168,9 @@ class Simulation:
             modalities: Which of them to render; none named: all of each sensor whose turn it is.
             sensors: Which of them to render; none named: all whose turn it is. Sensors or
                 modalities that are named render whether it is their turn or not.
+            progress: Told how far it is; may raise `CancelledError`.
+            on_frames: Told each frame once, as soon as it is ready: depth and labels before any
+                colour. The sample is complete, and its id taken, only when this method returns.
 
         Raises:
             NotReadyError: Before the first batch.
@@ -161,18 +189,28 @@ class Simulation:
             cameras = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
             settings = drawn(batch.world.render)
             cameras = settings.allowed(cameras)
-            frames = self._backend.render(cameras, settings, progress)
+            outline = self._outline(batch, cameras, settings)
+            key = self._views.key(outline.provenance, batch.world.scene(), cameras, settings)
+            view = self._views.get(key)
+            outline = replace(outline, from_cache=view is not None)
+            if view is not None:
+                on_frames(outline, view.frames)
+                self._backend.revisited(cameras)
+            else:
+                view = self._rendered(
+                    cameras, settings, progress, lambda frames: on_frames(outline, frames)
+                )
+                self._views.add(key, view)
         batch.sample_id += 1
-        rig_pose = drawn(self._sensors.rig_pose)
-        batch.last_rig_poses.update((camera.name, rig_pose) for camera in cameras)
-        has_rgb = any(RGB in camera.modalities for camera in cameras)
+        batch.last_rig_poses.update((camera.name, outline.rig_pose) for camera in cameras)
         return Sample(
-            batch_id=batch.id,
-            sample_id=batch.sample_id,
-            rig_pose=rig_pose,
-            frames=frames,
+            batch_id=outline.batch_id,
+            sample_id=outline.sample_id,
+            rig_pose=outline.rig_pose,
+            frames=view.frames,
             render_time_s=time.perf_counter() - started_s,
-            provenance=self._provenance(batch, has_rgb),
+            provenance=replace(outline.provenance, render_samples=view.render_samples),
+            from_cache=outline.from_cache,
         )
 
     def info(self) -> SimulatorInfo:
@@ -354,14 +392,36 @@ class Simulation:
         if batch.world.refine():
             self._backend.update(batch.world.scene())
 
-    def _provenance(self, batch: Batch, has_rgb: bool) -> Provenance:
-        render = drawn(batch.world.render)
-        return Provenance(
-            seed=self._config.seed,
-            batch_seed=batch.seed,
-            config_sha256=self._config_sha256,
-            backend=self._backend.name,
-            backend_version=self._backend.version,
-            quality=render.quality,
-            render_samples=(self._backend.light_samples or render.samples) if has_rgb else 0,
+    def _outline(
+        self, batch: Batch, cameras: Sequence[PlacedCamera], settings: RenderSettings
+    ) -> SampleOutline:
+        """Return what is known of the next sample before it is rendered."""
+        names = [FrameName(camera.name, m) for camera in cameras for m in camera.modalities]
+        return SampleOutline(
+            batch_id=batch.id,
+            sample_id=batch.sample_id + 1,
+            rig_pose=drawn(self._sensors.rig_pose),
+            frames=tuple(names),
+            provenance=Provenance(
+                seed=self._config.seed,
+                batch_seed=batch.seed,
+                config_sha256=self._config_sha256,
+                backend=self._backend.name,
+                backend_version=self._backend.version,
+                quality=settings.quality,
+                render_samples=0,
+                device=self._backend.device,
+            ),
         )
+
+    def _rendered(
+        self,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback,
+        on_frames: FramesCallback,
+    ) -> View:
+        frames = self._backend.render(cameras, settings, progress, on_frames)
+        if not any(RGB in camera.modalities for camera in cameras):
+            return View(frames, render_samples=0)
+        return View(frames, self._backend.light_samples or settings.samples)
