@@ -1,0 +1,95 @@
+"""How much of what can be seen at all some views have seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import pose_to_matrix
+from oaisys_core.types import FloatArray, Pose, TriangleMesh
+from oaisys_mapping.exploration.planner import Vehicle, level_pose
+from oaisys_mapping.exploration.voxel_map import Bounds
+from oaisys_mapping.mesh import SurfacePoints, sample_surface
+from oaisys_mapping.visibility import View, raycasting_scene, visible_from_any
+
+MOST_POINTS = 60_000
+"""Points that stand for the true surface."""
+
+TRIES_PER_POSE = 200
+"""Random places per pose that is wanted, after which a world counts as full."""
+
+Clearance = Callable[[FloatArray], FloatArray]
+"""To the (N,) metres that (N, 3) points are above the true surface."""
+
+
+def random_poses(
+    bounds: Bounds, vehicle: Vehicle, clearance_m: Clearance, count: int, rng: np.random.Generator
+) -> list[Pose]:
+    """Return level poses, all over a box, at which a vehicle truly may be.
+
+    Raises:
+        InvalidInputError: There is hardly any room in the box.
+    """
+    low_m = np.asarray(bounds.low_m) + vehicle.radius_m
+    high_m = np.asarray(bounds.high_m) - vehicle.radius_m
+    poses: list[Pose] = []
+    for _ in range(TRIES_PER_POSE):
+        if (low_m >= high_m).any():
+            break
+        points_m = rng.uniform(low_m, high_m, (count, 3))
+        yaws_rad = rng.uniform(-np.pi, np.pi, count)
+        free = clearance_m(points_m) >= vehicle.radius_m
+        poses += [level_pose(p, y) for p, y in zip(points_m[free], yaws_rad[free], strict=True)]
+        if len(poses) >= count:
+            return poses[:count]
+    raise InvalidInputError("bounds", (low_m.tolist(), high_m.tolist()), "a box with room to fly")
+
+
+class SurfaceCoverage:
+    """Counts a true surface's reachable points that views have seen.
+
+    Attributes:
+        reachable: Points that are seen from at least one of the poses that it was given.
+        reachable_share: Their share of all points.
+        seen: (N,) which of them some view has seen so far.
+    """
+
+    def __init__(
+        self,
+        truth: TriangleMesh,
+        vehicle: Vehicle,
+        anywhere: Sequence[Pose],
+        spacing_m: float,
+        rng: np.random.Generator,
+    ) -> None:
+        """Spread points over the truth and keep those that can be seen from ``anywhere``."""
+        self._vehicle = vehicle
+        self._scene = raycasting_scene(truth.vertices_m, truth.triangles)
+        points = sample_surface(truth.vertices_m, truth.triangles, spacing_m, MOST_POINTS, rng)
+        reachable = self._visible(points, anywhere)
+        if not reachable.any():
+            raise InvalidInputError("anywhere", f"{len(anywhere)} poses", "some that see the truth")
+        self.reachable: SurfacePoints = points.only(reachable)
+        self.reachable_share = float(reachable.mean())
+        self.seen = np.zeros(len(self.reachable.points_m), bool)
+
+    def add(self, pose: Pose) -> float:
+        """Count what a view from a pose of the vehicle sees; return the share seen so far."""
+        left = np.flatnonzero(~self.seen)
+        found = self._visible(self.reachable.only(~self.seen), [pose])
+        self.seen[left[found]] = True
+        return float(self.seen.mean())
+
+    def forget(self) -> None:
+        """Count from the beginning."""
+        self.seen[:] = False
+
+    def _visible(self, points: SurfacePoints, poses: Sequence[Pose]) -> NDArray[np.bool_]:
+        vehicle = self._vehicle
+        views = [
+            View(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera) for pose in poses
+        ]
+        return visible_from_any(points, views, self._scene, vehicle.max_range_m)

@@ -1,0 +1,248 @@
+"""Exploration: maps, gains and ways against closed forms; planners in a rendered world."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from oaisys_core.config.loading import config_from_mapping
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata, PinholeIntrinsics
+from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
+from oaisys_mapping.exploration.gain import GainWeights, ViewScorer
+from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
+from oaisys_mapping.exploration.planners import OWN, make_planner, vantage_points
+from oaisys_mapping.exploration.roadmap import Roadmap
+from oaisys_mapping.exploration.voxel_map import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    Bounds,
+    VoxelMap,
+    surface_quality,
+)
+
+CAMERA = PinholeIntrinsics(160, 120, 135.0, 135.0, 79.5, 59.5)
+BOX = Bounds(np.array([0.0, -6.0, -6.0]), np.array([12.0, 6.0, 6.0]))
+WALL_M = 8.1
+
+
+def seen_wall(voxel_size_m=0.5) -> VoxelMap:
+    """A map after one look along x at a wall across the whole image."""
+    voxels = VoxelMap(BOX, voxel_size_m)
+    depth_m = np.full((120, 160), WALL_M, np.float32)
+    voxels.integrate(depth_m, CAMERA, T_LINK_OPTICAL, 20.0)
+    return voxels
+
+
+def test_a_view_frees_its_pyramid_and_leaves_what_is_behind_unknown():
+    voxels = seen_wall()
+    x, y, z = np.meshgrid(*voxels._centers(), indexing="ij")
+    half_y, half_z = 80 / 135, 60 / 135
+    pyramid = (abs(y) < half_y * x) & (abs(z) < half_z * x)
+    clearly_in = (abs(y) < half_y * x - 0.1) & (abs(z) < half_z * x - 0.1)
+    assert (voxels.state[clearly_in & (x < 7.9)] == FREE).all()
+    assert (voxels.state[~pyramid & (abs(x - WALL_M) > 0.5)] == UNKNOWN).all()
+    assert (voxels.state[x > WALL_M + 0.5] == UNKNOWN).all()
+    wall = clearly_in & (x == 8.25)
+    assert (voxels.state[wall] == OCCUPIED).all()
+    # The wall faces the camera: the cosine of the angle of incidence is x over the distance.
+    points = np.column_stack((x[wall], y[wall], z[wall]))
+    distances = np.linalg.norm(points, axis=1)
+    expected = surface_quality(distances, WALL_M / distances)
+    # The best point of a voxel counts, not its middle.
+    better = voxels.quality[wall] - expected
+    assert better.min() > -0.01
+    assert better.max() < 0.09
+    normals = voxels.normals[wall] / np.linalg.norm(voxels.normals[wall], axis=1, keepdims=True)
+    np.testing.assert_allclose(normals, np.tile([-1.0, 0, 0], (wall.sum(), 1)), atol=1e-3)
+
+
+def test_the_frontier_is_where_the_seen_wall_ends():
+    frontier = seen_wall().surface_frontier()
+    x, y, z = np.argwhere(frontier).T
+    assert len(x)
+    centers = BOX.low_m + (np.column_stack((x, y, z)) + 0.5) * 0.5
+    assert (abs(centers[:, 0] - WALL_M) < 1.0).all()
+    border = np.maximum(
+        abs(centers[:, 1]) - 80 / 135 * WALL_M, abs(centers[:, 2]) - 60 / 135 * WALL_M
+    )
+    assert (abs(border) < 1.2).all()
+
+
+def test_sky_frees_the_way_to_the_range_and_nan_says_nothing():
+    for depth, state in ((np.inf, FREE), (np.nan, UNKNOWN)):
+        voxels = VoxelMap(BOX, 0.5)
+        depth_m = np.full((120, 160), depth, np.float32)
+        voxels.integrate(depth_m, CAMERA, T_LINK_OPTICAL, 5.0)
+        assert voxels.state[9, 12, 12] == state
+        assert (voxels.state[11:] == UNKNOWN).all()
+
+
+def test_what_was_occupied_stays_so():
+    voxels = seen_wall()
+    occupied = voxels.state == OCCUPIED
+    voxels.integrate(np.full((120, 160), np.inf, np.float32), CAMERA, T_LINK_OPTICAL, 20.0)
+    assert (voxels.state[occupied] == OCCUPIED).all()
+
+
+@pytest.mark.parametrize(("bounds", "voxel_size_m"), [(BOX, 0.0), (BOX, np.nan), (BOX, 0.001)])
+def test_maps_of_impossible_size_are_refused(bounds, voxel_size_m):
+    with pytest.raises(InvalidInputError, match="voxel_size_m"):
+        VoxelMap(bounds, voxel_size_m)
+
+
+def test_the_gain_of_an_unknown_pyramid_is_its_volume():
+    voxels = VoxelMap(Bounds(np.full(3, -15.0), np.full(3, 15.0)), 0.25)
+    scorer = ViewScorer(voxels, CAMERA, 10.0, GainWeights(frontier=0, unknown=1, surface=0))
+    # Base area at depth 1 times depth cubed over three.
+    expected_m3 = 160 / 135 * 120 / 135 * 10.0**3 / 3
+    poses = [np.eye(4), T_LINK_OPTICAL, pose_to_matrix(level_pose(np.zeros(3), 0.7))]
+    np.testing.assert_allclose(scorer.scores(np.array(poses)), expected_m3, rtol=0.01)
+
+
+def test_a_known_wall_hides_what_is_behind_it():
+    scorer = ViewScorer(seen_wall(), CAMERA, 11.0, GainWeights(frontier=0, unknown=1, surface=0))
+    towards, away = scorer.scores(
+        np.array([T_LINK_OPTICAL, pose_to_matrix(level_pose([4, 0, 0], np.pi)) @ T_LINK_OPTICAL])
+    )
+    assert towards < 0.05 * 160 / 135 * 120 / 135 * 11.0**3 / 3
+    assert away > 1.0
+
+
+def test_a_better_view_of_a_known_surface_gains_its_area_times_the_quality():
+    voxels = seen_wall()
+    voxels.quality[:] = 0
+    scorer = ViewScorer(voxels, CAMERA, 11.0, GainWeights(frontier=0, unknown=0, surface=1))
+    pose = pose_to_matrix(level_pose([3.0, 0, 0], 0.0)) @ T_LINK_OPTICAL
+    area_m2 = 160 / 135 * 120 / 135 * (WALL_M - 3) ** 2
+    # The quality is 1 straight ahead and falls to 0.8 in the corners.
+    assert 0.85 * area_m2 < scorer.scores(pose[None])[0] < 1.1 * area_m2
+
+
+def free_box_with_a_wall(gap: bool) -> VoxelMap:
+    voxels = VoxelMap(Bounds(np.zeros(3), np.array([12.0, 12.0, 4.0])), 0.5)
+    voxels.state[:] = FREE
+    voxels.state[12, : 16 if gap else None] = OCCUPIED
+    return voxels
+
+
+def test_ways_go_round_walls_and_never_through_them():
+    rng = np.random.default_rng(3)
+    start, goal = np.array([3.0, 2.0, 2.0]), np.array([9.0, 2.0, 2.0])
+    for gap in (True, False):
+        voxels = free_box_with_a_wall(gap)
+        clearance_m = voxels.clearance_m()
+        places = rng.uniform(0.5, [11.5, 11.5, 3.5], (400, 3))
+        cells, _ = voxels.indices(places)
+        places = places[clearance_m[tuple(cells.T)] >= 0.5]
+        roadmap = Roadmap(voxels, clearance_m, 0.5, start, np.vstack((goal, places)))
+        length_m = roadmap.lengths_m[0]
+        if not gap:
+            assert np.isinf(length_m)
+            continue
+        # Around the wall's end at y = 8, half a metre away from it.
+        shortest_m = 2 * np.hypot(3, 6)
+        assert shortest_m < length_m < 1.35 * shortest_m
+        way_m = roadmap.way_m(0)
+        np.testing.assert_allclose(way_m[[0, -1]], [start, goal])
+        np.testing.assert_allclose(np.linalg.norm(np.diff(way_m, axis=0), axis=1).sum(), length_m)
+        crossing = [
+            a[1] + (6.25 - a[0]) / (b[0] - a[0]) * (b[1] - a[1])
+            for a, b in pairwise(way_m)
+            if (a[0] - 6.25) * (b[0] - 6.25) < 0
+        ]
+        assert crossing
+        assert min(crossing) > 8.0
+
+
+def test_vantage_points_have_their_target_in_the_image():
+    rng = np.random.default_rng(0)
+    vehicle = Vehicle(CAMERA, T_LINK_OPTICAL)
+    positions, targets = rng.uniform(-10, 10, (300, 3)), rng.uniform(-10, 10, (40, 3))
+    chosen, found = vantage_points(positions, targets, vehicle, rng)
+    assert len(found) > 30
+    for position, target in zip(positions[chosen], targets[found], strict=True):
+        yaw = np.arctan2(*(target - position)[[1, 0]])
+        T = np.linalg.inv(pose_to_matrix(level_pose(position, yaw)) @ T_LINK_OPTICAL)
+        x, y, z = T[:3, :3] @ target + T[:3, 3]
+        assert z > 0
+        assert abs(x / z) < 1e-6
+        assert abs(y / z) < 60 / 135
+
+
+def test_unknown_planners_are_refused_with_the_names_there_are():
+    with pytest.raises(InvalidInputError, match="frontier, grid, next_best_view, random"):
+        make_planner("oracle")
+
+
+SIZE_M = 32.0
+
+
+@pytest.fixture(scope="module")
+def world():
+    config = {
+        "seed": 4,
+        "backend": "analytic",
+        "stage": {"preset": "mountain_1", "extent_m": SIZE_M, "resolution_px": 129},
+        "assets": {"rocks": []},
+        "render": {"quality": "geometry"},
+        "sensors": {
+            "cameras": [
+                {"name": "camera", "width_px": 160, "height_px": 120, "fx_px": 135, "fy_px": 135}
+            ]
+        },
+    }
+    simulation = Simulation(config_from_mapping(config))
+    simulation.step_batch()
+    return simulation
+
+
+def explored(simulation: Simulation, name: str, views: int):
+    """Let a planner choose views; return their clearances and the share of the surface seen."""
+    sensor = simulation.info().sensors[0]
+    vehicle = Vehicle(sensor.intrinsics, sensor.T_base_camera, 0.8, 15.0)
+    heights_m = simulation.ground_truth_mesh().vertices_m[:, 2]
+    half_m = SIZE_M / 2
+    bounds = Bounds(
+        np.array([-half_m, -half_m, heights_m.min()]),
+        np.array([half_m, half_m, heights_m.max() + 5]),
+    )
+
+    def clearance_m(points_m):
+        return simulation.query_height(points_m).clearance_m
+
+    rng = np.random.default_rng(1)
+    anywhere = random_poses(bounds, vehicle, clearance_m, 150, rng)
+    coverage = SurfaceCoverage(simulation.ground_truth_mesh(), vehicle, anywhere, 0.5, rng)
+    start_m = np.array([-12.0, -12.0, 0.0])
+    start_m[2] = simulation.query_height([start_m]).surface_height_m[0] + 2.5
+    pose, planner, visited = level_pose(start_m, np.pi / 4), make_planner(name), []
+    voxels = VoxelMap(bounds, 0.5)
+    voxels.set_free(start_m, 2.0)
+    for _ in range(views):
+        sample = simulation.step_sample(ModuleMetadata(sensor={"pose": pose}), modalities=["depth"])
+        frame = sample.frames[0]
+        voxels.integrate(frame.data, frame.intrinsics, frame.T_map_camera, vehicle.max_range_m)
+        visited.append(pose)
+        share = coverage.add(pose)
+        found = planner.next_pose(Situation(vehicle, voxels, visited, rng))
+        if found is None:
+            break
+        pose = found
+    clearances_m = clearance_m(np.array([pose.position_m for pose in visited]))
+    return clearances_m, share, len(visited)
+
+
+def test_the_next_best_view_sees_more_than_the_others_and_none_comes_near_the_ground(world):
+    seen = {}
+    for name in OWN:
+        clearances_m, seen[name], _ = explored(world, name, 12)
+        assert clearances_m.min() > 0.8, name
+    assert seen["next_best_view"] > 1.3 * seen["random"]
+    assert seen["next_best_view"] > seen["frontier"]
+    assert seen["next_best_view"] > seen["grid"]
