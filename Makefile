@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format schema clean
+.PHONY: help setup demo test lint format schema contract clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -34,11 +34,12 @@ gallery: setup ## Render every example and texture set with its labels: out/gall
 test: setup ## Run every test
 	@$(IN_ENV) pytest $(PYTEST_ARGS)
 
-lint: setup ## Check style, formatting and types
+lint: setup ## Check style, formatting, types and the gRPC contract
 	@$(IN_ENV) ruff check .
 	@$(IN_ENV) ruff format --check .
 	@$(IN_ENV) mypy $(foreach package,$(TYPED),-p $(package)) -p tools
 	@$(IN_ENV) mypy $(TEST_TYPES) test
+	@tools/buf.sh '$(abspath $(VENV))/buf'
 
 format: setup ## Rewrite the code in the project's format
 	@$(IN_ENV) ruff check --fix .
@@ -47,6 +48,9 @@ format: setup ## Rewrite the code in the project's format
 schema: setup ## Write the configuration's schema and reference page anew from the code
 	@$(IN_ENV) oaisys config schema --out config/schema.json
 	@$(IN_ENV) oaisys config reference --out docs/configuration.md
+
+contract: setup ## Make today's gRPC contract the released one, which `make lint` lets nobody break
+	@tools/buf.sh '$(abspath $(VENV))/buf' release
 
 clean: ## Remove the virtual environment and everything generated
 	@rm -rf '$(VENV)' '$(VENV).lock' oaisys_grpc/oaisys_grpc/pb out
