@@ -197,7 +197,7 @@ def detailed(ground: HeightField, detail: Detail, patch: Patch) -> DetailedGroun
         _fade(row, patch.r0, patch.r1, rows - 1)[:, None],
         _fade(column, patch.c0, patch.c1, cols - 1),
     )
-    x, y = np.meshgrid(column * ground.spacing_m, row * ground.spacing_m)
+    x, y = column[None, :] * ground.spacing_m, row[:, None] * ground.spacing_m
     noise_m = detail.amplitude_m * _noise(x, y, detail, ground.spacing_m, spacing_m)
     elevation_m = (flat_m + fade * (smooth_m - flat_m + noise_m)).astype(np.float32)
     origin_m = (x0 + patch.c0 * ground.spacing_m, y0 + patch.r0 * ground.spacing_m)

@@ -8,7 +8,9 @@ Science of Fractal Images", 1988.
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 import scipy.fft
@@ -31,46 +33,135 @@ def gradient_noise(
 ) -> Field:
     """Return noise of about -1 to 1 at lattice coordinates; it repeats after ``period`` cells.
 
+    A regular grid is best given as a (1, C) row and an (R, 1) column, see `grid`: what depends on
+    one of them alone is then computed once, which takes a fifth of the time and gives the same.
+
     Args:
-        x, y: Coordinates of one shape; one lattice cell is 1 wide.
+        x, y: Coordinates whose shapes broadcast; one lattice cell is 1 wide.
         rng: Gives the gradients.
         period: Lattice size; a field over 0..period is tileable.
     """
     angle = rng.uniform(0, 2 * np.pi, period * period)
     gradients = np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
+    if x.ndim == y.ndim == 2 and len(x) == 1 and y.shape[1] == 1:
+        return _noise_of_grid(x[0], y[:, 0], gradients, period)
     x, y = np.broadcast_arrays(x, y)
     shape, x, y = x.shape, x.ravel(), y.ravel()
     total = np.empty(x.shape, np.float32)
 
-    def fill(first: int) -> None:
-        block = slice(first, first + BLOCK)
-        total[block] = _noise_of_block(x[block], y[block], gradients, period)
+    def fill(block: slice) -> None:
+        total[block] = _noise_of_points(x[block], y[block], gradients, period)
 
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
-        list(threads.map(fill, range(0, len(x), BLOCK)))
+    _in_blocks(fill, len(x), BLOCK)
     return total.reshape(shape)
 
 
-def _noise_of_block(
+def _in_blocks(fill: Callable[[slice], None], count: int, step: int) -> None:
+    """Fill blocks of ``step`` out of ``count`` with all processors."""
+    blocks = [slice(first, first + step) for first in range(0, count, step)]
+    if len(blocks) == 1:
+        fill(blocks[0])
+        return
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        list(threads.map(fill, blocks))
+
+
+class _Places(NamedTuple):
+    """Coordinates along one axis: cells of the lattice and how far into them.
+
+    Attributes:
+        cell, next_cell: (N,) int64, within the lattice.
+        share, share_left: (N,) float32 coordinate from the cell's lower corner, and upper one.
+        fade: (N,) float32 weight of the upper corner.
+    """
+
+    cell: NDArray[np.int64]
+    next_cell: NDArray[np.int64]
+    share: Field
+    share_left: Field
+    fade: Field
+
+
+def _places(x: Coordinates, period: int) -> _Places:
+    low = np.floor(x)
+    share = (x - low).astype(np.float32)
+    cell = low.astype(np.int64)
+    if period & (period - 1):
+        cell %= period
+    else:
+        # The same for a power of two, in a tenth of the time.
+        cell &= period - 1
+    after = cell + 1
+    after[after == period] = 0
+    return _Places(cell, after, share, share - 1, _fade(share))
+
+
+def _noise_of_points(
     x: Coordinates, y: Coordinates, gradients: tuple[Field, Field], period: int
 ) -> Field:
-    """Return the noise at (N,) coordinates."""
-    column, row = np.floor(x), np.floor(y)
-    s, t = (x - column).astype(np.float32), (y - row).astype(np.float32)
-    c0, r0 = column.astype(np.int64) % period, row.astype(np.int64) % period
-    c1, r1 = (c0 + 1) % period, (r0 + 1) % period
+    """Return the noise at (N,) points."""
+    u, v = _places(x, period), _places(y, period)
 
-    def corner(r: NDArray[np.int64], c: NDArray[np.int64], ds: Field, dt: Field) -> Field:
-        cell = r * period + c
-        return np.asarray(gradients[0].take(cell) * ds + gradients[1].take(cell) * dt)
+    def corner(rows: NDArray[np.int64], cells: NDArray[np.int64], ds: Field, dt: Field) -> Field:
+        index = rows + cells
+        result = gradients[0].take(index, mode="clip")
+        result *= ds
+        part = gradients[1].take(index, mode="clip")
+        part *= dt
+        result += part
+        return result
 
-    u, v = _fade(s), _fade(t)
-    low = corner(r0, c0, s, t)
-    low += u * (corner(r0, c1, s - 1, t) - low)
-    high = corner(r1, c0, s, t - 1)
-    high += u * (corner(r1, c1, s - 1, t - 1) - high)
-    low += v * (high - low)
-    return np.asarray(low * np.float32(np.sqrt(2)), np.float32)
+    def along(rows: NDArray[np.int64], dt: Field) -> Field:
+        left = corner(rows, u.cell, u.share, dt)
+        right = corner(rows, u.next_cell, u.share_left, dt)
+        return _blended(left, right, u.fade)
+
+    low = along(v.cell * period, v.share)
+    high = along(v.next_cell * period, v.share_left)
+    return _blended(low, high, v.fade) * np.float32(np.sqrt(2))
+
+
+def _noise_of_grid(
+    x: Coordinates, y: Coordinates, gradients: tuple[Field, Field], period: int
+) -> Field:
+    """Return the (R, C) noise at all pairs of (C,) x and (R,) y."""
+    u, v = _places(x, period), _places(y, period)
+    across, upward = (part.reshape(period, period) for part in gradients)
+    total = np.empty((len(y), len(x)), np.float32)
+
+    def fill(block: slice) -> None:
+        # Rows of the lattice that the block meets, and their gradients at the grid's columns.
+        used, place = np.unique((v.cell[block], v.next_cell[block]), return_inverse=True)
+        row, next_row = place.reshape(2, -1)
+        a, b = across[used], upward[used]
+        left = a.take(u.cell, axis=1) * u.share, b.take(u.cell, axis=1)
+        right = a.take(u.next_cell, axis=1) * u.share_left, b.take(u.next_cell, axis=1)
+
+        def along(rows: NDArray[np.intp], dt: Field) -> Field:
+            ends = []
+            for start, rise in (left, right):
+                end = rise.take(rows, axis=0)
+                end *= dt
+                end += start.take(rows, axis=0)
+                ends.append(end)
+            return _blended(ends[0], ends[1], u.fade)
+
+        low = along(row, v.share[block, None])
+        high = along(next_row, v.share_left[block, None])
+        np.multiply(
+            _blended(low, high, v.fade[block, None]), np.float32(np.sqrt(2)), out=total[block]
+        )
+
+    _in_blocks(fill, len(y), max(1, BLOCK // len(x)))
+    return total
+
+
+def _blended(low: Field, high: Field, share: Field) -> Field:
+    """Return ``low`` at a share of 0 to ``high`` at 1, in the place of the first two."""
+    high -= low
+    high *= share
+    low += high
+    return low
 
 
 def _fade(t: Field) -> Field:
@@ -126,10 +217,12 @@ def warped(
 
 
 def grid(extent: float, size: int, cell: float) -> tuple[FloatArray, FloatArray]:
-    """Return (size, size) lattice coordinates of a square of ``extent``, cells ``cell`` wide."""
+    """Return lattice coordinates of a square of ``extent``, cells ``cell`` wide.
+
+    They are a (1, size) row x and a (size, 1) column y, which broadcast to the square.
+    """
     axis = np.linspace(0.0, extent / cell, size)
-    x, y = np.meshgrid(axis, axis)
-    return x, y
+    return axis[None, :], axis[:, None]
 
 
 def spectral(size: int, lowest: float, rng: np.random.Generator, rough: float) -> Field:
