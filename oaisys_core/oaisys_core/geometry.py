@@ -47,6 +47,9 @@ def transform(rotation: ArrayLike, translation_m: ArrayLike) -> FloatArray:
 
 T_LINK_OPTICAL: FloatArray = transform(R_LINK_OPTICAL, (0.0, 0.0, 0.0))
 
+T_OPTICAL_BLENDER: FloatArray = transform(np.diag((1.0, -1.0, -1.0)), (0.0, 0.0, 0.0))
+"""Blender's camera looks along -z with y up; an optical frame along z with y down."""
+
 
 def pose_to_matrix(pose: Pose) -> FloatArray:
     """Return ``T_map_body`` (4, 4) of a pose; inverse: `pose_from_matrix`."""

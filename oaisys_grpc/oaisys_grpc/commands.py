@@ -19,7 +19,7 @@ from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_grpc.client import DEFAULT_ADDRESS
 from oaisys_grpc.server import check_address
 from oaisys_grpc.server import serve as run_server
-from oaisys_grpc.server_options import GRACE_S, ServerOptions
+from oaisys_grpc.server_options import GRACE_S, LEGACY_FOLDER, ServerOptions
 from oaisys_grpc.worker_log import state_folder
 from oaisys_grpc.worker_memory import MEGABYTE
 
@@ -52,6 +52,10 @@ def serve(
         Path | None,
         typer.Option(help="Folder for what the worker prints; default: in ~/.local/state/oaisys."),
     ] = None,
+    legacy_out: Annotated[
+        Path,
+        typer.Option(help="Folder for the images that clients of the original's service read."),
+    ] = LEGACY_FOLDER,
     insecure: Annotated[
         bool, typer.Option("--insecure", help="Serve other machines, without encryption.")
     ] = False,
@@ -71,6 +75,7 @@ def serve(
             grace_s=grace,
             worker_memory_bytes=_bytes(worker_memory_limit_mb),
             worker_log_folder=worker_log or state_folder(),
+            legacy_folder=legacy_out,
         ),
         on_ready=_announce,
     )

@@ -18,7 +18,10 @@ from grpc_reflection.v1alpha import reflection
 
 from oaisys_core.config import SimulationConfig
 from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_grpc.legacy import LEGACY_SERVICE, LegacyServicer
+from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.operations import QUEUE_LIMIT, Operations
+from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
 from oaisys_grpc.sample_store import SampleStore
 from oaisys_grpc.server_options import ServerOptions
@@ -31,7 +34,7 @@ SERVICE = simulator_pb2.DESCRIPTOR.services_by_name["SimulatorService"].full_nam
 _THREADS = 2 * QUEUE_LIMIT + 16
 """Each waiting call holds one, and health must be answered all the same."""
 
-HEALTH_NAMES = ("", SERVICE)
+HEALTH_NAMES = ("", SERVICE, LEGACY_SERVICE)
 """What health is told of; "" is the server as a whole."""
 
 LARGEST_PORT = 65535
@@ -67,6 +70,10 @@ class SimulatorServer:
         self._samples = SampleStore()
         self._operations = Operations(self._supervisor, self._samples)
         self._on_end = on_end
+        files = LegacyFiles(options.legacy_folder, config)
+        self._legacy = LegacyServicer(
+            self._supervisor, self._operations, self._samples, files, on_end
+        )
         self._started: Future[None] = Future()
         self._runner = threading.Thread(target=self._run, name="runner")
         # Two servers must not share a port by accident.
@@ -93,6 +100,7 @@ class SimulatorServer:
         self._operations.drain(self._options.shutdown_grace_s, at_once)
         self._operations.end()
         stopped = self._server.stop(_STOP_S)
+        self._legacy.close()
         self._runner.join(0.0 if at_once() else _WORKER_END_S)
         self._supervisor.strike()
         self._runner.join()
@@ -104,8 +112,9 @@ class SimulatorServer:
             self._supervisor, self._operations, self._samples, self._on_end
         )
         simulator_pb2_grpc.add_SimulatorServiceServicer_to_server(servicer, self._server)
+        oaisys_pb2_grpc.add_OaisysServicer_to_server(self._legacy, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
-        names = (SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
+        names = (SERVICE, LEGACY_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
         reflection.enable_server_reflection(names, self._server)
 
     def _run(self) -> None:

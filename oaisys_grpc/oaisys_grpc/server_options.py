@@ -12,6 +12,9 @@ GRACE_S = 30.0
 SHUTDOWN_GRACE_S = 2.0
 """For calls under way once the end was asked for; all is over within 5 s of that."""
 
+LEGACY_FOLDER = Path("out/legacy")
+"""Relative to where the server runs."""
+
 
 @dataclass(frozen=True)
 class ServerOptions:
@@ -24,6 +27,7 @@ class ServerOptions:
         worker_memory_bytes: Resident memory at which a worker is replaced between two frames; 0:
             no limit; None: a share of the machine's.
         worker_log_folder: Where what workers print is kept; None: nowhere.
+        legacy_folder: Where the original's service writes its files.
     """
 
     worker_python: str = sys.executable
@@ -31,3 +35,4 @@ class ServerOptions:
     shutdown_grace_s: float = SHUTDOWN_GRACE_S
     worker_memory_bytes: int | None = None
     worker_log_folder: Path | None = None
+    legacy_folder: Path = LEGACY_FOLDER

@@ -7,15 +7,11 @@ from contextlib import contextmanager
 from typing import Any
 
 import bpy
-import numpy as np
 from mathutils import Matrix
 
-from oaisys_core.geometry import transform
+from oaisys_core.geometry import T_OPTICAL_BLENDER
 from oaisys_core.scene import Lens
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-
-T_OPTICAL_BLENDER: FloatArray = transform(np.diag((1.0, -1.0, -1.0)), (0.0, 0.0, 0.0))
-"""Blender's camera looks along -z with y up; an optical frame along z with y down."""
 
 SENSOR_WIDTH_MM = 36.0
 CLIP_START_M = 1e-3

@@ -1,0 +1,339 @@
+"""A client of the original simulator: written from its wire format alone, with stubs of its own."""
+
+from __future__ import annotations
+
+import importlib.resources
+import os
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import grpc
+import numpy as np
+import OpenEXR
+import psutil
+import pytest
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from grpc_tools import protoc
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, wait_until
+
+from oaisys_core.geometry import pose_looking_down
+from oaisys_grpc.client import SimulatorClient
+
+StartServer = Callable[..., Server]
+
+# As the original's, in the test's own words: nothing of ours is read.
+PROTO = """
+syntax = "proto3";
+package oaisys;
+service Oaisys {
+  rpc StepBatch (StepBatchRequest) returns (StepBatchReply) {}
+  rpc StepSample (StepSampleRequest) returns (StepSampleReply) {}
+  rpc RenderFinished (Empty) returns (RenderFinishedReply) {}
+  rpc BatchCreationFinished (Empty) returns (BatchCreationFinishedReply) {}
+  rpc EndSimulation (Empty) returns (SuccessMsg) {}
+}
+message Empty {}
+message SuccessMsg { bool successRet = 1; }
+message StepBatchRequest {}
+message StepBatchReply { bool successRet = 1; }
+message SensorModuleRequest {
+  message PoseType {
+    float x = 1; float y = 2; float z = 3;
+    float q_w = 4; float q_x = 5; float q_y = 6; float q_z = 7;
+  }
+  PoseType pose = 1;
+}
+message StepSampleRequest { SensorModuleRequest sensorModuleRequest = 1; }
+message StepSampleReply { bool successRet = 1; int32 batchID = 2; int32 sampleID = 3; }
+message RenderFinishedReply { int32 state = 1; repeated string filePathList = 2; }
+message BatchCreationFinishedReply { int32 state = 1; }
+"""
+
+IDLE, BUSY, FINISHED = 0, 1, 2
+LOOKING_DOWN = (1.0, 0.0, 0.0, 0.0)
+"""w, x, y, z: Blender's camera looks along -z, so without any turn it looks down."""
+
+CAMERA = {"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}
+SLOW = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "slow:0.5"}
+ALL_PASSES = ["rgb", "depth", "semantic_0", "instance", "normal", "range"]
+
+
+class OriginalClient:
+    """Calls by method name, and the polling loop of the original's ROS client."""
+
+    def __init__(self, folder: Path, address: str) -> None:
+        (folder / "original.proto").write_text(PROTO)
+        include = importlib.resources.files("grpc_tools") / "_proto"
+        arguments = ["protoc", f"-I{folder}", f"-I{include}", f"-o{folder}/set", "original.proto"]
+        assert protoc.main(arguments) == 0
+        files = descriptor_pb2.FileDescriptorSet.FromString((folder / "set").read_bytes())
+        pool = descriptor_pool.DescriptorPool()
+        for file in files.file:
+            pool.Add(file)
+        self._service = pool.FindServiceByName("oaisys.Oaisys")
+        self._types = {
+            name: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"oaisys.{name}"))
+            for name in ("SensorModuleRequest", "SensorModuleRequest.PoseType")
+        }
+        self._channel = grpc.insecure_channel(address)
+        self.why = ""
+
+    def close(self) -> None:
+        self._channel.close()
+
+    def call(self, method: str, **fields: Any) -> Any:
+        described = self._service.methods_by_name[method]
+        request = message_factory.GetMessageClass(described.input_type)(**fields)
+        call = self._channel.unary_unary(
+            f"/oaisys.Oaisys/{method}",
+            request_serializer=lambda m: m.SerializeToString(),
+            response_deserializer=message_factory.GetMessageClass(described.output_type).FromString,
+        )
+        reply, told = call.with_call(request, timeout=PATIENCE_S)
+        self.why = dict(told.trailing_metadata() or ()).get("oaisys-error", "")
+        return reply
+
+    def step_sample(
+        self,
+        xyz: tuple[float, float, float] | None,
+        q_wxyz: tuple[float, float, float, float] = LOOKING_DOWN,
+    ) -> Any:
+        if xyz is None:
+            return self.call("StepSample")
+        keys = ("x", "y", "z", "q_w", "q_x", "q_y", "q_z")
+        pose = self._types["SensorModuleRequest.PoseType"](
+            **dict(zip(keys, (*xyz, *q_wxyz), strict=True))
+        )
+        return self.call(
+            "StepSample", sensorModuleRequest=self._types["SensorModuleRequest"](pose=pose)
+        )
+
+    def wait_for_batch(self) -> None:
+        self._poll("BatchCreationFinished")
+
+    def wait_for_files(self) -> list[str]:
+        return list(self._poll("RenderFinished").filePathList)
+
+    def new_batch(self) -> None:
+        assert self.call("StepBatch").successRet
+        self.wait_for_batch()
+
+    def _poll(self, method: str) -> Any:
+        end_s = time.monotonic() + PATIENCE_S
+        while (reply := self.call(method)).state != FINISHED:
+            assert time.monotonic() < end_s, self.why
+            time.sleep(0.01)
+        return reply
+
+
+@pytest.fixture
+def connect(tmp_path: Path) -> Iterator[Callable[[Server], OriginalClient]]:
+    clients: list[OriginalClient] = []
+
+    def made(server: Server) -> OriginalClient:
+        folder = tmp_path / f"client{len(clients)}"
+        folder.mkdir()
+        clients.append(OriginalClient(folder, server.address))
+        return clients[-1]
+
+    yield made
+    for client in clients:
+        client.close()
+
+
+@pytest.fixture
+def rocky(start_server: StartServer, tmp_path: Path) -> Server:
+    camera = {**CAMERA, "name": "left", "modalities": ALL_PASSES}
+    second = {**CAMERA, "name": "right", "mount_position_m": [0, -0.5, 0]}
+    world = {**ROCKY_WORLD, "sensors": {"cameras": [camera, second]}}
+    return start_server(world, "--legacy-out", str(tmp_path / "out"))
+
+
+def test_the_originals_client_reads_the_frames_that_ours_gets(
+    rocky: Server, connect: Callable[[Server], OriginalClient], tmp_path: Path
+) -> None:
+    client = connect(rocky)
+    client.new_batch()
+    reply = client.step_sample((1.0, 2.0, 8.0))
+    assert (reply.successRet, reply.batchID, reply.sampleID) == (True, 1, 1)
+    paths = client.wait_for_files()
+    assert paths == client.wait_for_files()  # a second poll loses nothing
+    depth = [path for path in paths if path.endswith("exr")][-1]
+    colour = [path for path in paths if path.endswith("png")][-1]
+    folder = tmp_path / "out/batch_0001/sensor_1"
+    assert depth == str(folder / "0001sensor_1_pinhole_depth_00.exr")
+    assert colour == str(folder / "0001sensor_1_rgb_00.png")
+    names = {path.name for path in folder.glob("*.png")}
+    assert {f"0001sensor_1_{kind}_label_00.png" for kind in ("semantic", "instance")} < names
+    assert sorted(paths) == sorted(map(str, (tmp_path / "out").glob("*/sensor_?/0001*")))
+    with rocky.client() as ours:
+        sample = ours.get_sample(1, 1)
+    frames = {frame.modality: frame.data for frame in sample.frames if frame.sensor == "left"}
+    with OpenEXR.File(depth, separate_channels=True) as file:
+        (channel,) = file.channels().values()
+        assert channel.pixels.dtype == np.float32
+        assert np.array_equal(channel.pixels, frames["depth"])
+    assert np.array_equal(cv2.imread(colour)[..., ::-1], frames["rgb"])
+    for kind, modality in (("semantic", "semantic_0"), ("instance", "instance")):
+        file_name = str(folder / f"0001sensor_1_{kind}_label_00.png")
+        label = cv2.imread(file_name, cv2.IMREAD_UNCHANGED)
+        assert label.dtype == np.uint16
+        assert np.array_equal(label, frames[modality])
+    assert len(np.unique(frames["instance"])) > 2
+
+
+@pytest.mark.parametrize("roll_deg", [0, 70])
+def test_a_pose_is_that_of_blenders_camera(
+    start_server: StartServer,
+    connect: Callable[[Server], OriginalClient],
+    tmp_path: Path,
+    roll_deg: float,
+) -> None:
+    """The depth of the plane z = 0 follows from Blender's axes alone, wherever the camera is."""
+    mount = {"mount_position_m": [0.3, -0.2, 0.5], "mount_quat_xyzw": [0, 0.6, 0, 0.8]}
+    world = {**FLAT_WORLD, "sensors": {"cameras": [{**CAMERA, **mount}]}}
+    client = connect(start_server(world, "--legacy-out", str(tmp_path / "out")))
+    client.new_batch()
+    turn = Rotation.from_euler("ZYX", [30, roll_deg / 10, roll_deg], degrees=True)
+    x, y, z, w = turn.as_quat()
+    assert client.step_sample((2.0, -1.0, 6.0), (w, x, y, z)).successRet
+    depth = next(path for path in client.wait_for_files() if path.endswith("exr"))
+    with OpenEXR.File(depth, separate_channels=True) as file:
+        (channel,) = file.channels().values()
+    column, row = np.meshgrid(np.arange(64), np.arange(48))
+    # Blender: x right, y up, looking along -z; the image's centre is at (31.5, 23.5).
+    rays = np.stack([(column - 31.5) / 54.114, -(row - 23.5) / 54.114, -np.ones((48, 64))], axis=-1)
+    down = (rays @ turn.as_matrix().T)[..., 2]
+    expected = np.where(down < 0, -6.0 / np.where(down < 0, down, -1.0), np.inf)
+    on_stage = expected < 12  # the plane ends 20 m from its centre
+    assert on_stage.sum() > 500
+    assert_allclose(channel.pixels[on_stage], expected[on_stage], rtol=1e-5)
+    assert np.isinf(channel.pixels[down >= 0]).all()
+
+
+def test_states_tell_the_truth(
+    start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
+) -> None:
+    """Nothing is finished before it is, or still finished when something else has begun."""
+    options = ("--legacy-out", str(tmp_path / "out"))
+    client = connect(start_server(FLAT_WORLD, *options, **SLOW))
+    assert client.call("RenderFinished").state == IDLE
+    assert client.call("BatchCreationFinished").state == IDLE
+    refused = client.step_sample((0, 0, 5))
+    assert (refused.successRet, refused.batchID, refused.sampleID) == (False, 0, 0)
+    assert "batch" in client.why
+    client.new_batch()
+    for sample_id in (1, 2):
+        reply = client.step_sample((0, 0, 5.0 + sample_id))
+        state = client.call("RenderFinished")
+        assert (reply.successRet, reply.sampleID) == (True, sample_id)
+        if state.state != FINISHED:  # it may be, on a busy machine
+            assert (state.state, list(state.filePathList)) == (BUSY, [])
+        files = client.wait_for_files()
+        assert all(f"/{sample_id:04d}" in path for path in files)
+        assert all(Path(path).is_file() for path in files)
+    assert client.call("StepBatch").successRet
+    begun = client.call("RenderFinished")
+    assert (begun.state, list(begun.filePathList)) == (IDLE, [])
+    client.wait_for_batch()
+    assert client.call("BatchCreationFinished").state == FINISHED
+
+
+def test_overlapping_steps_are_refused_and_touch_nothing(
+    start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
+) -> None:
+    options = ("--legacy-out", str(tmp_path / "out"))
+    client = connect(start_server(FLAT_WORLD, *options, **SLOW))
+    client.new_batch()
+    assert client.step_sample((0, 0, 5)).successRet
+    second, third = client.step_sample((0, 0, 9)), client.call("StepBatch")
+    was_busy = client.call("RenderFinished").state == BUSY
+    (depth,) = [path for path in client.wait_for_files() if path.endswith("exr")]
+    if was_busy:
+        assert not second.successRet
+        assert not third.successRet
+        with OpenEXR.File(depth, separate_channels=True) as file:
+            assert_allclose(next(iter(file.channels().values())).pixels, 5.0, rtol=1e-5)
+    assert was_busy, "the fault was to make it slow"
+
+
+@pytest.mark.parametrize(
+    ("xyz", "q_wxyz", "field"),
+    [
+        ((float("nan"), 0, 5), LOOKING_DOWN, "pose.position"),
+        ((0, float("inf"), 5), LOOKING_DOWN, "pose.position"),
+        ((0, 0, 5), (0, 0, 0, 0), "pose.orientation"),
+        ((0, 0, 5), (1, 0, 0.2, 0), "pose.orientation"),
+        ((0, 0, -5), LOOKING_DOWN, "pose.position"),
+        ((90, 0, 5), LOOKING_DOWN, "pose.position"),
+    ],
+)
+def test_a_bad_pose_is_refused_and_changes_nothing(
+    flat_server: Server,
+    flat_client: SimulatorClient,
+    connect: Callable[[Server], OriginalClient],
+    xyz: tuple[float, float, float],
+    q_wxyz: tuple[float, float, float, float],
+    field: str,
+) -> None:
+    client = connect(flat_server)
+    client.new_batch()
+    assert client.step_sample((1, 2, 7)).successRet
+    files = client.wait_for_files()
+    before = flat_client.info()
+    assert not client.step_sample(xyz, q_wxyz).successRet
+    assert field in client.why
+    assert client.wait_for_files() == files
+    assert flat_client.info() == before
+    assert client.step_sample(None).successRet  # without a pose it stays where it is
+    assert_allclose(
+        flat_client.get_sample(before.batch_id, before.sample_id + 1).rig_pose.position_m,
+        pose_looking_down(1, 2, 7).position_m,
+        atol=1e-6,
+    )
+    client.wait_for_files()
+
+
+def test_a_failed_step_is_not_finished(
+    start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
+) -> None:
+    """A file stands where the folder should be, so that no image can be written."""
+    (tmp_path / "out").write_text("in the way")
+    client = connect(start_server(FLAT_WORLD, "--legacy-out", str(tmp_path / "out")))
+    client.new_batch()
+    assert client.step_sample((0, 0, 5)).successRet
+    wait_until(lambda: client.call("RenderFinished").state != BUSY)
+    reply = client.call("RenderFinished")
+    assert (reply.state, list(reply.filePathList)) == (IDLE, [])
+    assert "could not be written" in client.why
+
+
+def test_a_second_run_leaves_the_files_of_the_first(
+    start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
+) -> None:
+    written: list[str] = []
+    for _ in range(2):
+        client = connect(start_server(FLAT_WORLD, "--legacy-out", str(tmp_path / "out")))
+        client.new_batch()
+        assert client.step_sample((0, 0, 5)).successRet
+        written += client.wait_for_files()
+    assert len(set(written)) == len(written)
+    assert all(Path(path).is_file() for path in written)
+    assert os.path.commonpath(written) == str(tmp_path / "out")
+
+
+def test_end_simulation_ends_the_server(
+    start_server: StartServer, connect: Callable[[Server], OriginalClient]
+) -> None:
+    server = start_server(FLAT_WORLD)
+    client = connect(server)
+    worker = server.worker()
+    assert client.call("EndSimulation").successRet
+    assert server.process.wait(PATIENCE_S) == 0
+    psutil.wait_procs([worker], PATIENCE_S)
+    assert not worker.is_running()
