@@ -1,8 +1,8 @@
 """What the server and its worker say to each other, over a socket pair.
 
 A message is a JSON object and a list of arrays. No pickles: the two sides may be different Python
-versions with different numpy versions. Many bytes go through shared memory (memfd) whose descriptor
-is passed along, so that a frame is copied once, by the worker, and never through the socket.
+versions with different numpy versions. Many bytes go through shared memory whose descriptor is
+passed along, so that a frame is copied once, by the worker, and never through the socket.
 Must not import gRPC.
 """
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import mmap
 import os
 import socket
 import struct
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import types
+from oaisys_grpc.shared_memory import Segment, SegmentWriter, layout
 
 AnyArray = NDArray[Any]
 Message = dict[str, Any]
@@ -30,18 +30,19 @@ Message = dict[str, Any]
 _PREFIX = struct.Struct("<QQ?")
 """Bytes of the JSON, bytes of the arrays, and whether these are in shared memory."""
 
-_SHARED_FROM_BYTES = 64 * 1024
-_ALIGNMENT = 64
+SHARED_FROM_BYTES = 64 * 1024
 _RECORDS = {
     record.__name__: record
     for record in (
         types.Frame,
+        types.FrameName,
         types.HeightQuery,
         types.ModuleMetadata,
         types.PinholeIntrinsics,
         types.Pose,
         types.Provenance,
         types.Sample,
+        types.SampleOutline,
         types.SensorInfo,
         types.SimulatorInfo,
         types.TriangleMesh,
@@ -55,6 +56,7 @@ class Connection:
     def __init__(self, end: socket.socket) -> None:
         self._socket = end
         self._sending = threading.Lock()
+        self._segments = SegmentWriter()
 
     def fileno(self) -> int:
         """Return the descriptor, to wait on."""
@@ -69,19 +71,15 @@ class Connection:
         arrays: list[AnyArray] = []
         encoded = _encoded(message, arrays)
         raws = [np.ascontiguousarray(a).reshape(-1).view(np.uint8) for a in arrays]
-        layout = _layout([raw.size for raw in raws])
-        headers = [_header(a, begin) for a, begin in zip(arrays, layout[:-1], strict=True)]
-        text = json.dumps({"value": encoded, "arrays": headers}).encode()
-        shared = layout[-1] >= _SHARED_FROM_BYTES
-        prefix = _PREFIX.pack(len(text), layout[-1], shared)
+        shared = sum(raw.size for raw in raws) >= SHARED_FROM_BYTES
         with self._sending:
             if shared:
-                self._send_shared(prefix, raws, layout)
-                self._socket.sendall(text)
+                self._send_shared(encoded, arrays, raws)
             else:
-                inline = np.zeros(layout[-1], dtype=np.uint8)
-                _fill(inline, raws, layout)
-                self._socket.sendall(prefix + text + inline.tobytes())
+                begins, size = layout([raw.size for raw in raws])
+                text = _text(encoded, arrays, begins)
+                inline = _inline(raws, begins, size)
+                self._socket.sendall(_PREFIX.pack(len(text), size, shared) + text + inline)
 
     def receive(self) -> Message:
         """Wait for the next message.
@@ -94,7 +92,7 @@ class Connection:
         content = json.loads(self._read(text_size))
         memory: Any = b""
         if shared:
-            memory = _mapped(descriptors, arrays_size)
+            memory = Segment(descriptors[0], arrays_size)
         elif arrays_size:
             memory = self._read(arrays_size)
         arrays = [_array(memory, header) for header in content["arrays"]]
@@ -104,18 +102,19 @@ class Connection:
     def close(self) -> None:
         """Close this end, which ends the other's `receive`."""
         self._socket.close()
+        with self._sending:
+            self._segments.close()
 
-    def _send_shared(self, prefix: bytes, raws: list[AnyArray], layout: list[int]) -> None:
-        descriptor = os.memfd_create("oaisys", os.MFD_CLOEXEC)
+    def _send_shared(self, encoded: Any, arrays: list[AnyArray], raws: list[AnyArray]) -> None:
+        descriptor, begins, size = self._segments.write(raws)
         try:
-            os.ftruncate(descriptor, layout[-1])
-            with mmap.mmap(descriptor, layout[-1]) as memory:
-                target = np.frombuffer(memory, dtype=np.uint8)
-                _fill(target, raws, layout)
-                del target
-            socket.send_fds(self._socket, [prefix], [descriptor])
+            text = _text(encoded, arrays, begins)
+            content = _PREFIX.pack(len(text), size, True) + text
+            sent = socket.send_fds(self._socket, [content], [descriptor])
         finally:
             os.close(descriptor)
+        self._socket.sendall(content[sent:])
+        self._segments.prepare()
 
     def _read_prefix(self) -> tuple[bytes, list[int]]:
         try:
@@ -140,31 +139,19 @@ class Connection:
         return bytes(data)
 
 
-def _layout(sizes: list[int]) -> list[int]:
-    """Return where each array begins, aligned, and the size of all."""
-    begins = [0]
-    for size in sizes:
-        end = begins[-1] + size
-        begins.append(math.ceil(end / _ALIGNMENT) * _ALIGNMENT)
-    return begins
+def _text(encoded: Any, arrays: list[AnyArray], begins: list[int]) -> bytes:
+    headers = [
+        {"dtype": array.dtype.str, "shape": array.shape, "begin": begin}
+        for array, begin in zip(arrays, begins, strict=True)
+    ]
+    return json.dumps({"value": encoded, "arrays": headers}).encode()
 
 
-def _fill(target: AnyArray, raws: list[AnyArray], layout: list[int]) -> None:
-    for begin, raw in zip(layout[:-1], raws, strict=True):
-        target[begin : begin + raw.size] = raw
-
-
-def _header(array: AnyArray, begin: int) -> Message:
-    return {"dtype": array.dtype.str, "shape": array.shape, "begin": begin}
-
-
-def _mapped(descriptors: list[int], size: int) -> mmap.mmap:
-    """Return the shared memory; the arrays that look into it keep it alive."""
-    descriptor = descriptors[0]
-    try:
-        return mmap.mmap(descriptor, size, access=mmap.ACCESS_COPY)
-    finally:
-        os.close(descriptor)
+def _inline(raws: list[AnyArray], begins: list[int], size: int) -> bytes:
+    content = np.zeros(size, dtype=np.uint8)
+    for begin, raw in zip(begins, raws, strict=True):
+        content[begin : begin + raw.size] = raw
+    return content.tobytes()
 
 
 def _array(memory: Any, header: Message) -> AnyArray:

@@ -1,0 +1,235 @@
+"""Memory that processes of one user on one machine hand to each other: sealed memfds (Linux).
+
+The worker writes a sample into such a file, the server passes it on, a client on the same machine
+maps it: nobody copies it. A sealed file neither changes nor shrinks, so that who maps it is safe
+from whoever made it; it has no name and ends with its last user, however that one ends.
+Must not import gRPC.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import hmac
+import mmap
+import os
+import secrets
+import stat
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+AnyArray = NDArray[Any]
+
+AVAILABLE = sys.platform == "linux" and hasattr(os, "memfd_create")
+TOKEN_BYTES = 32
+"""So many random bytes begin each file: who knows them can read it."""
+
+_ALIGNMENT = 64
+_NAME = "oaisys"
+_SEALS = ("F_SEAL_SEAL", "F_SEAL_SHRINK", "F_SEAL_GROW", "F_SEAL_WRITE")
+_LARGEST_SPARE_BYTES = 16 << 20
+
+
+class SharedMemoryError(OSError):
+    """What was offered is not here, or is not what it is said to be."""
+
+
+class Place(NamedTuple):
+    """Where an array lies in a file that another process can open."""
+
+    process_id: int
+    descriptor: int
+    file_size: int
+    token: bytes
+    offset: int = 0
+
+
+class Segment(mmap.mmap):
+    """A sealed file in this process's memory; arrays that look into it keep it alive, and open.
+
+    What is written into it is this process's own, and changes nothing for others.
+    """
+
+    descriptor: int
+
+    def __new__(cls, descriptor: int, size: int) -> Self:
+        """Map a file; its descriptor is the segment's from now on."""
+        try:
+            self = super().__new__(cls, descriptor, size, access=mmap.ACCESS_COPY)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        self.descriptor = descriptor
+        return self
+
+    def __del__(self) -> None:
+        os.close(self.descriptor)
+
+    def place(self, offset: int) -> Place:
+        """Return where others find what is ``offset`` bytes from the beginning."""
+        return Place(os.getpid(), self.descriptor, len(self), self[:TOKEN_BYTES], offset)
+
+
+class SegmentWriter:
+    """Writes arrays into new sealed files, one file a call; not safe for threads.
+
+    The kernel takes longer to find memory than to copy an image into it. So it is found in
+    advance, in `prepare`, for a file as large as the last one.
+    """
+
+    def __init__(self) -> None:
+        self._spare: int | None = None
+        self._spare_bytes = 0
+
+    def write(self, raws: Sequence[AnyArray]) -> tuple[int, list[int], int]:
+        """Return the descriptor of a file with these bytes, which is the caller's to close.
+
+        Returns:
+            The descriptor, where each array begins, and the size of all.
+        """
+        begins, size = layout([raw.size for raw in raws], TOKEN_BYTES)
+        descriptor, self._spare = self._spare, None
+        if descriptor is None:
+            descriptor = _new_file()
+        try:
+            os.ftruncate(descriptor, size)
+            _write(descriptor, secrets.token_bytes(TOKEN_BYTES), 0)
+            for begin, raw in zip(begins, raws, strict=True):
+                _write(descriptor, raw, begin)
+            _seal(descriptor)
+        except BaseException:
+            os.close(descriptor)
+            raise
+        self._spare_bytes = size if size <= _LARGEST_SPARE_BYTES else 0
+        return descriptor, begins, size
+
+    def prepare(self) -> None:
+        """Find memory for the next file; call when nobody waits."""
+        if self._spare is None and self._spare_bytes:
+            descriptor = _new_file()
+            try:
+                os.posix_fallocate(descriptor, 0, self._spare_bytes)
+            except OSError:  # no memory: the next file takes what there is then
+                os.close(descriptor)
+            else:
+                self._spare = descriptor
+
+    def close(self) -> None:
+        """Give the memory back."""
+        if self._spare is not None:
+            os.close(self._spare)
+            self._spare = None
+
+
+class Probe:
+    """A small file by which a client finds out that it can read this process's memory."""
+
+    def __init__(self) -> None:
+        writer = SegmentWriter()
+        descriptor, _, size = writer.write([np.zeros(1, np.uint8)])
+        self._segment = Segment(descriptor, size)
+
+    @property
+    def place(self) -> Place:
+        """Where it is; the token in it is not to be told."""
+        return self._segment.place(0)._replace(token=b"")
+
+    def proves(self, token: bytes) -> bool:
+        """Return whether this is the token that only who reads the file knows."""
+        return hmac.compare_digest(token, self._segment[:TOKEN_BYTES])
+
+
+def layout(sizes: Sequence[int], begin: int = 0) -> tuple[list[int], int]:
+    """Return where each of arrays of so many bytes begins, aligned, and where all end."""
+    begins = []
+    end = begin
+    for size in sizes:
+        end += -end % _ALIGNMENT
+        begins.append(end)
+        end += size
+    return begins, end
+
+
+def place_of(array: AnyArray) -> Place | None:
+    """Return where other processes find an array; None where they do not."""
+    base: object = array
+    while isinstance(base, np.ndarray | memoryview):
+        base = base.base if isinstance(base, np.ndarray) else base.obj
+    if not isinstance(base, Segment) or not array.flags.c_contiguous:
+        return None
+    return base.place(_address(array) - _address(np.frombuffer(base, np.uint8)))
+
+
+def opened(place: Place) -> Segment:
+    """Return another process's file, as memory of this one.
+
+    Nothing is opened before it is known to be a file of ours: opening some other thing, such as a
+    pipe, could take something from its owner. An empty token is not compared.
+
+    Raises:
+        SharedMemoryError: It is not there, or is not what the place says.
+    """
+    try:
+        path = f"/proc/{place.process_id:d}/fd/{place.descriptor:d}"
+        handle = os.open(path, os.O_PATH | os.O_CLOEXEC)
+        try:
+            _check_file(handle, place)
+            own = f"/proc/self/fd/{handle}"
+            descriptor = os.open(own, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        finally:
+            os.close(handle)
+        segment = Segment(descriptor, place.file_size)
+    except SharedMemoryError:
+        raise
+    except (AttributeError, OSError, ValueError) as error:
+        raise SharedMemoryError(f"cannot open shared memory: {error}") from error
+    _check_content(segment, place)
+    return segment
+
+
+def _check_file(handle: int, place: Place) -> None:
+    status = os.fstat(handle)
+    name = str(Path(f"/proc/self/fd/{handle}").readlink())
+    if not stat.S_ISREG(status.st_mode) or not name.startswith(f"/memfd:{_NAME}"):
+        raise SharedMemoryError("what was offered is no shared memory of a simulator")
+    if status.st_size != place.file_size or place.file_size < TOKEN_BYTES:
+        raise SharedMemoryError(f"{status.st_size} bytes are shared, not {place.file_size}")
+
+
+def _check_content(segment: Segment, place: Place) -> None:
+    if fcntl.fcntl(segment.descriptor, fcntl.F_GET_SEALS) & _all_seals() != _all_seals():
+        raise SharedMemoryError("the shared memory is not sealed: it could change or shrink")
+    if place.token and not hmac.compare_digest(place.token, segment[:TOKEN_BYTES]):
+        raise SharedMemoryError("the shared memory is another one")
+
+
+def _new_file() -> int:
+    return os.memfd_create(_NAME, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+
+
+def _write(descriptor: int, data: bytes | AnyArray, offset: int) -> None:
+    """Write all of the data; one call writes 2 GB at most."""
+    rest = memoryview(data)
+    while rest:
+        count = os.pwrite(descriptor, rest, offset)
+        rest, offset = rest[count:], offset + count
+
+
+def _seal(descriptor: int) -> None:
+    fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, _all_seals())
+
+
+def _all_seals() -> int:
+    seals = 0
+    for name in _SEALS:
+        seals |= int(getattr(fcntl, name))
+    return seals
+
+
+def _address(array: AnyArray) -> int:
+    address: int = array.__array_interface__["data"][0]
+    return address
