@@ -33,6 +33,7 @@ from oaisys_grpc.errors import error_from_rpc
 from oaisys_grpc.operation import OperationStatus, status_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
+from oaisys_grpc.tls import ClientTls
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
 DEFAULT_TIMEOUT_S = 120.0
@@ -60,17 +61,29 @@ class SimulatorClient:
     """
 
     def __init__(
-        self, address: str = DEFAULT_ADDRESS, *, timeout_s: float = DEFAULT_TIMEOUT_S
+        self,
+        address: str = DEFAULT_ADDRESS,
+        *,
+        timeout_s: float = DEFAULT_TIMEOUT_S,
+        tls: ClientTls | None = None,
     ) -> None:
         """Prepare a connection; nothing is sent yet.
 
         Args:
             address: ``host:port`` or ``unix:PATH``.
             timeout_s: How long a call may take, rendering and waiting in the queue included.
+            tls: For a server that encrypts; None: without.
+
+        Raises:
+            InvalidInputError: A certificate or key cannot be used.
         """
         self._address = address
         self._timeout_s = timeout_s
-        self._channel = grpc.insecure_channel(address, options=_CHANNEL_OPTIONS)
+        if tls is None:
+            self._channel = grpc.insecure_channel(address, options=_CHANNEL_OPTIONS)
+        else:
+            credentials = tls.credentials()
+            self._channel = grpc.secure_channel(address, credentials, options=_CHANNEL_OPTIONS)
         self._stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
         self._health = health_pb2_grpc.HealthStub(self._channel)
 

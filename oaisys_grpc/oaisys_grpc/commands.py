@@ -16,10 +16,11 @@ from oaisys_core.command_options import (
     SizeOption,
 )
 from oaisys_core.config import SimulationConfig, adjusted, load_config
+from oaisys_grpc.addresses import check_address
 from oaisys_grpc.client import DEFAULT_ADDRESS
-from oaisys_grpc.server import check_address
 from oaisys_grpc.server import serve as run_server
 from oaisys_grpc.server_options import GRACE_S, LEGACY_FOLDER, ServerOptions
+from oaisys_grpc.tls import ServerTls
 from oaisys_grpc.worker_log import state_folder
 from oaisys_grpc.worker_memory import MEGABYTE
 
@@ -56,6 +57,23 @@ def serve(
         Path,
         typer.Option(help="Folder for the images that clients of the original's service read."),
     ] = LEGACY_FOLDER,
+    asset_root: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="Folder whose files requests may name; may be given more than once; "
+            "default: the configuration file's.",
+            exists=True,
+            file_okay=False,
+        ),
+    ] = None,
+    tls_cert: Annotated[
+        Path | None, typer.Option(help="The server's certificate (PEM); encrypts the port.")
+    ] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Private key of the certificate.")] = None,
+    tls_client_ca: Annotated[
+        Path | None,
+        typer.Option(help="Let only clients in whose certificates come from these authorities."),
+    ] = None,
     insecure: Annotated[
         bool, typer.Option("--insecure", help="Serve other machines, without encryption.")
     ] = False,
@@ -66,7 +84,8 @@ def serve(
     of them, unless a second signal comes.
     """
     chosen = load_config(config) if config else SimulationConfig()
-    check_address(address, insecure)
+    tls = ServerTls.of(tls_cert, tls_key, tls_client_ca)
+    check_address(address, insecure=insecure, encrypted=tls is not None)
     run_server(
         adjusted(chosen, seed=seed, backend=backend, quality=quality, size=size),
         address,
@@ -76,9 +95,17 @@ def serve(
             worker_memory_bytes=_bytes(worker_memory_limit_mb),
             worker_log_folder=worker_log or state_folder(),
             legacy_folder=legacy_out,
+            asset_roots=_asset_roots(asset_root, config),
+            tls=tls,
         ),
         on_ready=_announce,
     )
+
+
+def _asset_roots(given: list[Path] | None, config: Path | None) -> tuple[Path, ...]:
+    if given:
+        return tuple(given)
+    return () if config is None else (config.resolve().parent,)
 
 
 def _bytes(megabytes: int | None) -> int | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ipaddress
 import logging
 import os
 import select
@@ -17,9 +16,11 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from oaisys_core.config import SimulationConfig
-from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.errors import OaisysError
+from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket
 from oaisys_grpc.legacy import LEGACY_SERVICE, LegacyServicer
 from oaisys_grpc.legacy_files import LegacyFiles
+from oaisys_grpc.limits import MAX_REQUEST_BYTES
 from oaisys_grpc.operations import QUEUE_LIMIT, Operations
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
@@ -37,7 +38,6 @@ _THREADS = 2 * QUEUE_LIMIT + 16
 HEALTH_NAMES = ("", SERVICE, LEGACY_SERVICE)
 """What health is told of; "" is the server as a whole."""
 
-LARGEST_PORT = 65535
 _LOOK_UP_MS = 200
 _STOP_S = 1.0
 _WORKER_END_S = 0.8
@@ -62,6 +62,7 @@ class SimulatorServer:
 
         Raises:
             OaisysError: The address cannot be bound.
+            InvalidInputError: A certificate or key cannot be used.
         """
         self._options = options
         self._health = health.HealthServicer(experimental_non_blocking=True)
@@ -77,7 +78,10 @@ class SimulatorServer:
         self._started: Future[None] = Future()
         self._runner = threading.Thread(target=self._run, name="runner")
         # Two servers must not share a port by accident.
-        channel_options = [("grpc.so_reuseport", 0)]
+        channel_options = [
+            ("grpc.so_reuseport", 0),
+            ("grpc.max_receive_message_length", MAX_REQUEST_BYTES),
+        ]
         self._server = grpc.server(ThreadPoolExecutor(_THREADS, "rpc"), options=channel_options)
         self._add_services()
         self.address = self._bind(address)
@@ -105,6 +109,7 @@ class SimulatorServer:
         self._supervisor.strike()
         self._runner.join()
         stopped.wait()
+        remove_socket(self.address)
 
     def _add_services(self) -> None:
         """Add all that answers at the port."""
@@ -130,11 +135,17 @@ class SimulatorServer:
             self._supervisor.end()
 
     def _bind(self, address: str) -> str:
+        tls = self._options.tls
+        credentials = None if tls is None else tls.credentials()
         try:
-            port = self._server.add_insecure_port(address)
+            with private_socket(address):
+                if credentials is None:
+                    port = self._server.add_insecure_port(address)
+                else:
+                    port = self._server.add_secure_port(address, credentials)
         except RuntimeError as error:
             raise OaisysError(f"cannot listen on {address}: {error}") from error
-        return address if address.startswith("unix:") else f"{_host(address)}:{port}"
+        return address if address.startswith(UNIX) else f"{host_and_port(address)[0]}:{port}"
 
     def _set_ready(self, ready: bool) -> None:
         answer = health_pb2.HealthCheckResponse
@@ -216,33 +227,3 @@ class EndRequest:
         readable.register(self._read, select.POLLIN)
         while not readable.poll(_LOOK_UP_MS):
             pass
-
-
-def check_address(address: str, insecure: bool) -> None:
-    """Refuse an address that other machines can reach, unless that is wanted.
-
-    Raises:
-        InvalidInputError: It is one, or is no address.
-    """
-    if address.startswith("unix:"):
-        return
-    _, _, port = address.rpartition(":")
-    if not (port.isdecimal() and int(port) <= LARGEST_PORT):
-        raise InvalidInputError(
-            "--address", address, f"HOST:PORT, with a port up to {LARGEST_PORT}"
-        )
-    if insecure:
-        return
-    host = _host(address).strip("[]")
-    try:
-        loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        loopback = False
-    if not loopback:
-        expected = "a loopback address or unix:PATH; anyone could connect: --insecure allows it"
-        raise InvalidInputError("--address", address, expected)
-
-
-def _host(address: str) -> str:
-    host, _, _ = address.rpartition(":")
-    return host

@@ -6,6 +6,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from oaisys_grpc.tls import ServerTls
+
 GRACE_S = 30.0
 """Between a call's deadline, when it is cancelled, and the end of a worker that hangs."""
 
@@ -28,6 +30,8 @@ class ServerOptions:
             no limit; None: a share of the machine's.
         worker_log_folder: Where what workers print is kept; None: nowhere.
         legacy_folder: Where the original's service writes its files.
+        asset_roots: Folders whose files requests may name.
+        tls: Encrypts the port, and says who may connect; None: neither.
     """
 
     worker_python: str = sys.executable
@@ -36,3 +40,5 @@ class ServerOptions:
     worker_memory_bytes: int | None = None
     worker_log_folder: Path | None = None
     legacy_folder: Path = LEGACY_FOLDER
+    asset_roots: tuple[Path, ...] = ()
+    tls: ServerTls | None = None

@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_grpc.server import check_address
+from oaisys_grpc.addresses import check_address
 from oaisys_grpc.worker_process import worker_environment
 
 ROS_ENVIRONMENT = {
@@ -38,17 +38,17 @@ def test_this_interpreter_keeps_its_environment() -> None:
     "address", ["127.0.0.1:0", "localhost:50051", "[::1]:50051", "unix:/run/simulator"]
 )
 def test_addresses_of_this_machine_are_served(address: str) -> None:
-    check_address(address, insecure=False)
+    check_address(address, insecure=False, encrypted=False)
 
 
 @pytest.mark.parametrize("address", ["", "127.0.0.1", "127.0.0.1:99999", "127.0.0.1:http"])
 def test_an_address_without_a_port_is_none(address: str) -> None:
     with pytest.raises(InvalidInputError, match="HOST:PORT"):
-        check_address(address, insecure=True)
+        check_address(address, insecure=True, encrypted=False)
 
 
 @pytest.mark.parametrize("address", ["0.0.0.0:0", "192.168.0.5:50051", "[::]:50051", "host:1"])
 def test_addresses_that_others_reach_need_consent(address: str) -> None:
     with pytest.raises(InvalidInputError, match="--insecure"):
-        check_address(address, insecure=False)
-    check_address(address, insecure=True)
+        check_address(address, insecure=False, encrypted=False)
+    check_address(address, insecure=True, encrypted=False)

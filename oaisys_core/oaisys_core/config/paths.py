@@ -1,33 +1,135 @@
-"""Files and folders that a configuration names, relative to the file it stands in."""
+"""Files and folders that a configuration or a request names.
+
+Whoever writes the configuration may name any file; relative ones are taken from the folder that it
+stands in. What comes in a request is `confined` to the operator's asset roots.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, ValidationInfo
+from pydantic import AfterValidator, BaseModel, ValidationInfo
 
 BASE = "base"
 """Key of pydantic's context that holds the folder which relative paths are taken from."""
 
 
+@dataclass(frozen=True)
+class AssetRoots:
+    """Where the files lie that a request may name.
+
+    Attributes:
+        folders: The roots; links in their own paths are resolved.
+        named: Paths outside of them that may be named again, because the configuration does.
+    """
+
+    folders: tuple[Path, ...]
+    named: frozenset[Path] = frozenset()
+
+    @classmethod
+    def of(cls, folders: Iterable[Path], config: BaseModel) -> AssetRoots:
+        """Return the roots of a server with this configuration."""
+        return cls(
+            tuple(folder.resolve() for folder in folders),
+            frozenset(_paths_in(config.model_dump())),
+        )
+
+    def find(self, path: Path) -> Path:
+        """Return a path with all links resolved; a relative one is looked for in each root.
+
+        Raises:
+            ValueError: It is not in a root. Nothing is told of what is outside.
+        """
+        found = [self._resolved(root / path) for root in self.folders or (Path("/"),)]
+        inside = [each for each in found if each is not None]
+        if not inside:
+            raise ValueError("expected a path inside the asset roots of the server")
+        return next((each for each in inside if _holds(each.exists)), inside[0])
+
+    def check_links(self, folder: Path) -> None:
+        """Refuse a folder of a request with links in it that lead out of the roots."""
+        if folder in self.named:
+            return
+        for path in folder.rglob("*"):
+            if path.is_symlink() and self._resolved(path) is None:
+                raise ValueError("expected a folder whose links stay inside the asset roots")
+
+    def _resolved(self, path: Path) -> Path | None:
+        try:
+            found = path.resolve()
+        except (OSError, RuntimeError):  # links in a circle
+            return None
+        is_inside = any(found.is_relative_to(root) for root in self.folders)
+        return found if is_inside or found in self.named else None
+
+
+_confinement: ContextVar[AssetRoots | None] = ContextVar("asset_roots", default=None)
+
+
+@contextmanager
+def confined(roots: AssetRoots | None) -> Iterator[None]:
+    """Have every path that is checked in this block, in any module, lie inside the roots.
+
+    Args:
+        roots: Of the server; None: the caller may name any file.
+    """
+    token = _confinement.set(roots)
+    try:
+        yield
+    finally:
+        _confinement.reset(token)
+
+
 def _file(path: Path, info: ValidationInfo) -> Path:
     found = _absolute(path, info)
-    if not found.is_file():
+    if not _holds(found.is_file):
         raise ValueError(f"expected an existing file ({found})")
     return found
 
 
 def _folder(path: Path, info: ValidationInfo) -> Path:
     found = _absolute(path, info)
-    if not found.is_dir():
+    if not _holds(found.is_dir):
         raise ValueError(f"expected an existing folder ({found})")
+    roots = _confinement.get()
+    if roots is not None:
+        roots.check_links(found)
     return found
 
 
 def _absolute(path: Path, info: ValidationInfo) -> Path:
+    roots = _confinement.get()
+    if roots is not None:
+        return roots.find(path)
     base = (info.context or {}).get(BASE, Path())
     return Path(base, path.expanduser()).resolve()
+
+
+def _holds(test: Callable[[], bool]) -> bool:
+    """Return what a test of a path says; a name that no file can have fails it."""
+    try:
+        return test()
+    except OSError:
+        return False
+
+
+def _paths_in(value: Any) -> Iterator[Path]:
+    """Yield the paths in a section's values, and those that options of extensions may be."""
+    if isinstance(value, Path):
+        yield value
+    elif isinstance(value, str) and value.startswith("/"):
+        yield Path(value).resolve()
+    elif isinstance(value, Mapping):
+        for each in value.values():
+            yield from _paths_in(each)
+    elif isinstance(value, tuple | list):
+        for each in value:
+            yield from _paths_in(each)
 
 
 ConfigFile = Annotated[Path, AfterValidator(_file)]

@@ -1,0 +1,112 @@
+"""Addresses that a server listens on, and who can reach them."""
+
+from __future__ import annotations
+
+import contextlib
+import ipaddress
+import os
+import socket
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+from oaisys_core.errors import InvalidInputError, OaisysError
+
+UNIX = "unix:"
+LARGEST_PORT = 65535
+
+_OWNER_ONLY = 0o177
+"""Umask of a socket that nobody else may connect to."""
+
+
+def check_address(address: str, *, insecure: bool, encrypted: bool) -> None:
+    """Refuse an address that other machines can reach, unless that is wanted.
+
+    Raises:
+        InvalidInputError: It is one, or is no address.
+    """
+    if address.startswith(UNIX):
+        if not unix_path(address).name:
+            raise InvalidInputError("--address", address, "unix:PATH")
+        return
+    host, port = host_and_port(address)
+    if not (port.isdecimal() and port.isascii() and int(port) <= LARGEST_PORT):
+        raise InvalidInputError(
+            "--address", address, f"HOST:PORT, with a port up to {LARGEST_PORT}, or unix:PATH"
+        )
+    if not (insecure or encrypted or _is_loopback(host)):
+        expected = (
+            "a loopback address or unix:PATH; anyone could connect: "
+            "--tls-cert and --tls-key encrypt, --insecure allows it without"
+        )
+        raise InvalidInputError("--address", address, expected)
+
+
+def host_and_port(address: str) -> tuple[str, str]:
+    """Return both parts of ``HOST:PORT``."""
+    host, _, port = address.rpartition(":")
+    return host, port
+
+
+def unix_path(address: str) -> Path:
+    """Return the path in ``unix:PATH`` or ``unix:///PATH``."""
+    path = address.removeprefix(UNIX)
+    return Path("/", path.lstrip("/")) if path.startswith("//") else Path(path)
+
+
+@contextlib.contextmanager
+def private_socket(address: str) -> Iterator[None]:
+    """Have a ``unix:`` socket that the block binds belong to this user alone; else do nothing.
+
+    A socket that a server left behind is taken away first.
+
+    Raises:
+        OaisysError: A server listens there, or something else is there.
+    """
+    if not address.startswith(UNIX):
+        yield
+        return
+    _make_way(unix_path(address), address)
+    before = os.umask(_OWNER_ONLY)
+    try:
+        yield
+    finally:
+        os.umask(before)
+
+
+def remove_socket(address: str) -> None:
+    """Take a server's own ``unix:`` socket away once it is closed; else do nothing."""
+    if address.startswith(UNIX):
+        unix_path(address).unlink(missing_ok=True)
+
+
+def _make_way(path: Path, address: str) -> None:
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return
+    except OSError as error:
+        raise OaisysError(f"cannot listen on {address}: {error}") from error
+    if not stat.S_ISSOCK(mode):
+        raise OaisysError(f"cannot listen on {address}: there is a file that is no socket")
+    with socket.socket(socket.AF_UNIX) as other:
+        try:
+            other.connect(str(path))
+        except ConnectionRefusedError:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise OaisysError(f"cannot listen on {address}: {error}") from error
+        else:
+            raise OaisysError(f"cannot listen on {address}: a server listens there already")
+
+
+def _is_loopback(host: str) -> bool:
+    """Return whether all that a host's name or number stands for is this machine alone."""
+    if not host:
+        return False
+    try:
+        found = socket.getaddrinfo(host.strip("[]"), None, type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError):
+        return False
+    numbers = [str(sockaddr[0]).partition("%")[0] for *_, sockaddr in found]
+    return bool(numbers) and all(ipaddress.ip_address(number).is_loopback for number in numbers)

@@ -1,0 +1,120 @@
+"""Keys and certificates of server and client, read and checked before anything is opened."""
+
+from __future__ import annotations
+
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+
+import grpc
+
+from oaisys_core.errors import InvalidInputError
+
+
+@dataclass(frozen=True)
+class ServerTls:
+    """How a server proves who it is, and whom it talks to; all files are PEM.
+
+    Attributes:
+        cert: The server's certificate, with those between it and its authority.
+        key: Its private key, not encrypted.
+        client_ca: Authorities whose clients are let in; None: anyone is.
+    """
+
+    cert: Path
+    key: Path
+    client_ca: Path | None = None
+
+    @classmethod
+    def of(cls, cert: Path | None, key: Path | None, client_ca: Path | None) -> ServerTls | None:
+        """Return what options say; None where they say nothing.
+
+        Raises:
+            InvalidInputError: One of them is missing.
+        """
+        if cert is None and key is None and client_ca is None:
+            return None
+        if cert is None or key is None:
+            field = "--tls-cert" if cert is None else "--tls-key"
+            raise InvalidInputError(field, None, "certificate and key: TLS needs both")
+        return cls(cert, key, client_ca)
+
+    def credentials(self) -> grpc.ServerCredentials:
+        """Return what a port is opened with.
+
+        Raises:
+            InvalidInputError: A file cannot be used; the message never quotes it.
+        """
+        pair = _pair(self.cert, self.key, "--tls-cert", "--tls-key")
+        client_ca = (
+            None if self.client_ca is None else _authority(self.client_ca, "--tls-client-ca")
+        )
+        return grpc.ssl_server_credentials(
+            [pair], root_certificates=client_ca, require_client_auth=client_ca is not None
+        )
+
+
+@dataclass(frozen=True)
+class ClientTls:
+    """How a client knows its server, and proves who it is itself; all files are PEM.
+
+    Attributes:
+        ca: Authorities that the server's certificate may come from; None: the system's.
+        cert: The client's own certificate, where the server wants one.
+        key: Its private key, not encrypted.
+    """
+
+    ca: Path | None = None
+    cert: Path | None = None
+    key: Path | None = None
+
+    def credentials(self) -> grpc.ChannelCredentials:
+        """Return what a channel is opened with.
+
+        Raises:
+            InvalidInputError: A file cannot be used, or one of certificate and key is missing.
+        """
+        if (self.cert is None) != (self.key is None):
+            field = "tls_cert" if self.cert is None else "tls_key"
+            raise InvalidInputError(field, None, "certificate and key, or none of them")
+        ca = None if self.ca is None else _authority(self.ca, "tls_ca")
+        if self.cert is None or self.key is None:
+            return grpc.ssl_channel_credentials(ca)
+        key, cert = _pair(self.cert, self.key, "tls_cert", "tls_key")
+        return grpc.ssl_channel_credentials(ca, key, cert)
+
+
+def client_tls(ca: str, cert: str, key: str) -> ClientTls | None:
+    """Return what parameters say, where an empty text is none; None: without TLS."""
+    if not (ca or cert or key):
+        return None
+    return ClientTls(*(Path(name) if name else None for name in (ca, cert, key)))
+
+
+def _pair(cert: Path, key: Path, cert_field: str, key_field: str) -> tuple[bytes, bytes]:
+    """Return a private key and its certificate, which gRPC would take unseen."""
+    chain, private = _read(cert, cert_field), _read(key, key_field)
+    try:
+        # Without a password of its own OpenSSL asks on the terminal.
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key, password="")
+    except (OSError, ValueError) as error:
+        expected = f"a private key in PEM, not encrypted, that fits the certificate {cert}"
+        raise InvalidInputError(key_field, str(key), expected) from error
+    return private, chain
+
+
+def _authority(path: Path, field: str) -> bytes:
+    data = _read(path, field)
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT).load_verify_locations(path)
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(field, str(path), "certificates of authorities in PEM") from error
+    return data
+
+
+def _read(path: Path, field: str) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        expected = f"a readable file ({error.strerror or error})"
+        raise InvalidInputError(field, str(path), expected) from error
