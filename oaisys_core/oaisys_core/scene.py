@@ -99,7 +99,10 @@ class HeightField:
         index = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
         a, b = index[:-1, :-1], index[:-1, 1:]
         c, d = index[1:, 1:], index[1:, :-1]
-        return np.asarray(np.stack((a, b, c, a, c, d), axis=-1).reshape(-1, 3), dtype=np.int32)
+        corners = np.empty((rows - 1, cols - 1, 6), dtype=np.int32)
+        for place, corner in enumerate((a, b, c, a, c, d)):
+            corners[..., place] = corner
+        return corners.reshape(-1, 3)
 
     def height_at(self, xy_m: ArrayLike) -> FloatArray:
         """Return (N,) elevations of the triangulated surface at (N, 2) points; NaN off it."""

@@ -18,9 +18,10 @@ def new_mesh(name: str, vertices_m: ArrayLike, triangles: ArrayLike, *, smooth: 
     corners = np.ascontiguousarray(triangles, dtype=np.int32)
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(vertices))
-    mesh.vertices.foreach_set("co", vertices.ravel())
+    # Attributes take arrays as they are, Blender's other collections value by value.
+    mesh.attributes["position"].data.foreach_set("vector", vertices.ravel())
     mesh.loops.add(corners.size)
-    mesh.loops.foreach_set("vertex_index", corners.ravel())
+    mesh.attributes[".corner_vert"].data.foreach_set("value", corners.ravel())
     mesh.polygons.add(len(corners))
     mesh.polygons.foreach_set("loop_start", np.arange(0, corners.size, 3, dtype=np.int32))
     mesh.update(calc_edges=True)
@@ -40,11 +41,10 @@ def new_object(name: str, mesh: Any, T_map_object: FloatArray) -> Any:
 
 
 def evaluated_mesh(thing: Any) -> TriangleMesh:
-    """Return an object's triangles in its own frame, as the renderer gets them."""
+    """Return an object's triangles, which all its faces are, in its own frame, as rendered."""
     mesh = thing.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     vertices = np.empty(len(mesh.vertices) * 3, dtype=np.float32)
-    mesh.vertices.foreach_get("co", vertices)
-    mesh.calc_loop_triangles()
-    corners = np.empty(len(mesh.loop_triangles) * 3, dtype=np.int32)
-    mesh.loop_triangles.foreach_get("vertices", corners)
+    mesh.attributes["position"].data.foreach_get("vector", vertices)
+    corners = np.empty(len(mesh.polygons) * 3, dtype=np.int32)
+    mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
     return TriangleMesh(vertices.reshape(-1, 3).astype(np.float64), corners.reshape(-1, 3))

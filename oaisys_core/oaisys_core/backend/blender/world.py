@@ -8,8 +8,9 @@ import bpy
 import numpy as np
 
 from oaisys_core.backend.blender.ground import ground_material
+from oaisys_core.backend.blender.ground_mesh import GroundMeshes
 from oaisys_core.backend.blender.images import ImageStore
-from oaisys_core.backend.blender.meshes import evaluated_mesh, new_mesh, new_object
+from oaisys_core.backend.blender.meshes import evaluated_mesh, new_object
 from oaisys_core.backend.blender.objects import Objects
 from oaisys_core.backend.blender.plain import Plain
 from oaisys_core.scene import Scene
@@ -22,6 +23,7 @@ class World:
     def __init__(self) -> None:
         self._images = ImageStore()
         self._ground: Any = None
+        self._ground_meshes = GroundMeshes()
         self._plain = Plain()
         self._scene: Scene | None = None
         self._objects = Objects(self._images)
@@ -37,7 +39,7 @@ class World:
         self._scene = scene
         if self._ground is not None:
             return
-        mesh = new_mesh("ground", scene.ground.vertices_m(), scene.ground.triangles(), smooth=True)
+        mesh = self._ground_meshes.make(scene.ground)
         mesh.materials.append(ground_material(scene.material, self._images))
         self._ground = new_object("ground", mesh, np.eye(4))
         self._plain.build(scene, mesh.materials[0])
@@ -76,7 +78,7 @@ class World:
     def _reshape_ground(self, scene: Scene) -> None:
         """Give the ground other triangles; its material, and what lies beyond, stay."""
         old = self._ground.data
-        mesh = new_mesh("ground", scene.ground.vertices_m(), scene.ground.triangles(), smooth=True)
+        mesh = self._ground_meshes.make(scene.ground)
         mesh.materials.append(old.materials[0])
         self._ground.data = mesh
         bpy.data.meshes.remove(old)
