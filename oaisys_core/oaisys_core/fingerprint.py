@@ -17,8 +17,8 @@ Digest = bytes
 class Fingerprints:
     """Takes digests of records again and again; those that stay the same objects cost nothing.
 
-    Records are dataclasses; their content must never change. What the last call did not meet is
-    forgotten.
+    Records are dataclasses and tuples; their content must never change. What the last call did not
+    meet is forgotten.
     """
 
     def __init__(self) -> None:
@@ -36,12 +36,16 @@ class Fingerprints:
         self._known = self._met
         return found
 
+    def forget(self) -> None:
+        """Let go of all records."""
+        self._known = {}
+
     def _digest(self, value: Any) -> Digest:
-        if dataclasses.is_dataclass(value) and not isinstance(value, type):
-            return self._of_record(value)
+        if isinstance(value, tuple) or _is_record(value):
+            return self._of_constant(value)
         if isinstance(value, np.ndarray):
             return _of_array(value)
-        if isinstance(value, (tuple, list)):
+        if isinstance(value, list):
             return _joined("sequence", [self._digest(inner) for inner in value])
         if isinstance(value, (set, frozenset)):
             return _joined("set", sorted(self._digest(inner) for inner in value))
@@ -50,15 +54,22 @@ class Fingerprints:
             return _joined("mapping", sorted(pairs))
         return _of_plain(value)
 
-    def _of_record(self, record: Any) -> Digest:
-        known = self._met.get(id(record)) or self._known.get(id(record))
+    def _of_constant(self, value: Any) -> Digest:
+        known = self._met.get(id(value)) or self._known.get(id(value))
         if known is None:
-            name = f"{type(record).__module__}.{type(record).__qualname__}"
-            values = [getattr(record, field.name) for field in dataclasses.fields(record)]
-            # The record itself is kept too: another one must not get its id.
-            known = record, _joined(f"record {name}", [self._digest(value) for value in values])
-        self._met[id(record)] = known
+            if isinstance(value, tuple):
+                kind, parts = "sequence", value
+            else:
+                kind = f"record {type(value).__module__}.{type(value).__qualname__}"
+                parts = tuple(getattr(value, field.name) for field in dataclasses.fields(value))
+            # The value itself is kept too: another one must not get its id.
+            known = value, _joined(kind, [self._digest(part) for part in parts])
+        self._met[id(value)] = known
         return known[1]
+
+
+def _is_record(value: Any) -> bool:
+    return dataclasses.is_dataclass(value) and not isinstance(value, type)
 
 
 def _joined(kind: str, digests: list[Digest]) -> Digest:

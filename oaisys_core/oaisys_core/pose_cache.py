@@ -73,6 +73,10 @@ class PoseCache:
             _LOG.debug("not kept: %s", error)
             return None
 
+    def forget_world(self) -> None:
+        """Let go of the world of the last key; views of it are kept."""
+        self._fingerprints.forget()
+
     def get(self, key: Digest | None) -> View | None:
         """Return a view, or None; nobody can change its images."""
         if key is None or key not in self._views:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -37,32 +37,25 @@ from oaisys_core.types import (
     OWN_PARTS,
     RGB,
     FloatArray,
-    Frame,
     FrameName,
     HeightQuery,
     ModuleMetadata,
     Progress,
     Provenance,
     Sample,
+    SampleFramesCallback,
     SampleOutline,
     SimulatorInfo,
     TriangleMesh,
+    ignore_sample_frames,
 )
 
 DRAW_SHARE = 0.5
 """Share of a batch's progress until the backend begins to build."""
 
 
-SampleFramesCallback = Callable[[SampleOutline, tuple[Frame, ...]], None]
-"""Called with frames of a sample as soon as they are ready; it may raise `CancelledError`."""
-
-
 def ignore_progress(progress: Progress) -> None:
     """Do nothing with it."""
-
-
-def ignore_sample_frames(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
-    """Wait for the whole sample instead."""
 
 
 def _seed_of(module: Module, origin: Origin) -> int:
@@ -320,6 +313,7 @@ class Simulation:
     ) -> None:
         """Draw a world and have the backend build it; on failure there is no world at all."""
         kept, self._batch = self._batch, None
+        self._views.forget_world()
         world = World()
         for index, module in enumerate(self._modules):
             progress(Progress(module.name, DRAW_SHARE * index / len(self._modules)))

@@ -6,7 +6,7 @@ Nothing here knows Blender, gRPC or ROS. Arrays are numpy; units and frames are 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -161,7 +161,8 @@ class Frame:
     T_map_camera: FloatArray
 
 
-class FrameName(NamedTuple):
+@dataclass(frozen=True)
+class FrameName:
     """Which frame of a sample."""
 
     sensor: str
@@ -215,6 +216,14 @@ class Sample:
             if candidate.sensor == sensor and candidate.modality == modality:
                 return candidate
         raise KeyError(f"no frame {sensor}/{modality}")
+
+
+SampleFramesCallback = Callable[[SampleOutline, tuple[Frame, ...]], None]
+"""Called with frames of a sample as soon as they are ready; it may raise `CancelledError`."""
+
+
+def ignore_sample_frames(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
+    """Wait for the whole sample instead."""
 
 
 @dataclass(frozen=True)

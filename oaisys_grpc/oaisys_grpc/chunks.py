@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.types import Frame, Sample, TriangleMesh
+from oaisys_core.types import Frame, FrameName, Provenance, Sample, SampleOutline, TriangleMesh
 from oaisys_grpc import conversions
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
@@ -64,13 +64,18 @@ class ArrayAssembly:
         self._bytes[chunk.offset : end] = np.frombuffer(chunk.data, dtype=np.uint8)
         self._received = end
 
+    @property
+    def is_complete(self) -> bool:
+        """Whether all pieces have come."""
+        return self._received == self._bytes.size
+
     def array(self) -> AnyArray:
         """Return the array.
 
         Raises:
             OaisysError: Pieces are missing.
         """
-        if self._received != self._bytes.size:
+        if not self.is_complete:
             raise OaisysError(f"{self._received} of {self._bytes.size} bytes came")
         return self._array
 
@@ -94,50 +99,54 @@ def array_chunks(array: AnyArray, index: int) -> Iterator[pb.Chunk]:
 
 
 def sample_to_parts(sample: Sample) -> Iterator[pb.SamplePart]:
-    """Yield a sample's header, and each frame's header and chunks; inverse: `sample_from_parts`."""
-    provenance = conversions.provenance_to_proto(sample.provenance)
+    """Yield a sample's header, its frames and its end; inverse: `sample_from_parts`."""
+    yield sample_header_part(outline_of(sample), sample.render_time_s)
+    for index, frame in enumerate(sample.frames):
+        yield from frame_parts(frame, index, sample.provenance)
+    yield sample_end_part(sample)
+
+
+def sample_header_part(outline: SampleOutline, render_time_s: float = 0.0) -> pb.SamplePart:
+    """Return what goes before a sample's frames."""
     header = pb.SampleHeader(
+        batch_id=outline.batch_id,
+        sample_id=outline.sample_id,
+        rig_pose=conversions.pose_to_proto(outline.rig_pose),
+        render_time_s=render_time_s,
+        provenance=conversions.provenance_to_proto(outline.provenance),
+        frame_count=len(outline.frames),
+        from_cache=outline.from_cache,
+        frames=[pb.FrameName(sensor=n.sensor, modality=n.modality) for n in outline.frames],
+    )
+    return pb.SamplePart(sample=header)
+
+
+def frame_parts(frame: Frame, index: int, provenance: Provenance) -> Iterator[pb.SamplePart]:
+    """Yield a frame's header and chunks; ``index`` is its place in its sample."""
+    header = _frame_header(frame, conversions.provenance_to_proto(provenance))
+    header.index = index
+    yield pb.SamplePart(frame=header)
+    for chunk in array_chunks(frame.data, index):
+        yield pb.SamplePart(chunk=chunk)
+
+
+def sample_end_part(sample: Sample) -> pb.SamplePart:
+    """Return what says that all frames of a sample were sent."""
+    provenance = conversions.provenance_to_proto(sample.provenance)
+    return pb.SamplePart(
+        end=pb.SampleEnd(render_time_s=sample.render_time_s, provenance=provenance)
+    )
+
+
+def outline_of(sample: Sample) -> SampleOutline:
+    """Return what was known of a sample before its frames were rendered."""
+    return SampleOutline(
         batch_id=sample.batch_id,
         sample_id=sample.sample_id,
-        rig_pose=conversions.pose_to_proto(sample.rig_pose),
-        render_time_s=sample.render_time_s,
-        provenance=provenance,
-        frame_count=len(sample.frames),
-    )
-    yield pb.SamplePart(sample=header)
-    for index, frame in enumerate(sample.frames):
-        yield pb.SamplePart(frame=_frame_header(frame, provenance))
-        for chunk in array_chunks(frame.data, index):
-            yield pb.SamplePart(chunk=chunk)
-
-
-def sample_from_parts(parts: Iterable[pb.SamplePart]) -> Sample:
-    """Return the sample whose parts these are.
-
-    Raises:
-        OaisysError: Parts are missing or contradict each other.
-    """
-    header: pb.SampleHeader | None = None
-    begun: list[tuple[pb.FrameHeader, ArrayAssembly]] = []
-    for part in parts:
-        kind = part.WhichOneof("part")
-        if kind == "sample":
-            header = part.sample
-        elif kind == "frame":
-            begun.append((part.frame, ArrayAssembly(part.frame.array)))
-        elif kind == "chunk":
-            if not begun or part.chunk.index != len(begun) - 1:
-                raise OaisysError("a chunk came without its frame")
-            begun[-1][1].add(part.chunk)
-    if header is None or len(begun) != header.frame_count:
-        raise OaisysError("the sample is incomplete: frames are missing")
-    return Sample(
-        batch_id=header.batch_id,
-        sample_id=header.sample_id,
-        rig_pose=conversions.pose_from_proto(header.rig_pose),
-        frames=tuple(_frame(frame, assembly.array()) for frame, assembly in begun),
-        render_time_s=header.render_time_s,
-        provenance=conversions.provenance_from_proto(header.provenance),
+        rig_pose=sample.rig_pose,
+        frames=tuple(FrameName(frame.sensor, frame.modality) for frame in sample.frames),
+        provenance=sample.provenance,
+        from_cache=sample.from_cache,
     )
 
 
@@ -189,7 +198,8 @@ def _frame_header(frame: Frame, provenance: pb.Provenance) -> pb.FrameHeader:
     )
 
 
-def _frame(header: pb.FrameHeader, data: AnyArray) -> Frame:
+def frame_from_header(header: pb.FrameHeader, data: AnyArray) -> Frame:
+    """Return a frame whose bytes have all come."""
     return Frame(
         sensor=header.sensor,
         modality=header.modality,

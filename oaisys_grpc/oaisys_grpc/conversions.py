@@ -148,17 +148,21 @@ _PROVENANCE = (
     "backend_version",
     "quality",
     "render_samples",
+    "device",
 )
 
 
 def progress_to_proto(progress: Progress) -> pb.Progress:
     """Return the message of a progress; inverse: `progress_from_proto`."""
-    return pb.Progress(stage=progress.stage, fraction=progress.fraction)
+    return pb.Progress(
+        stage=progress.stage, fraction=progress.fraction, seconds_left=progress.seconds_left
+    )
 
 
 def progress_from_proto(message: pb.Progress) -> Progress:
     """Return a progress."""
-    return Progress(message.stage, message.fraction)
+    left_s = message.seconds_left if message.HasField("seconds_left") else None
+    return Progress(message.stage, message.fraction, left_s)
 
 
 def matrix_from_proto(values: Sequence[float]) -> FloatArray:

@@ -6,7 +6,8 @@ from typing import Any, NoReturn
 
 import grpc
 from google.protobuf.any_pb2 import Any as AnyMessage
-from google.rpc.error_details_pb2 import BadRequest, ErrorInfo
+from google.protobuf.message import Message
+from google.rpc.error_details_pb2 import BadRequest, ErrorInfo, PreconditionFailure, RetryInfo
 from google.rpc.status_pb2 import Status
 from grpc_status import rpc_status
 
@@ -51,6 +52,13 @@ STATUS_CODES: dict[type[OaisysError], grpc.StatusCode] = {
     OaisysError: grpc.StatusCode.INTERNAL,
 }
 
+RETRY_DELAYS_S: dict[type[OaisysError], float] = {
+    QueueFullError: 1.0,
+    WorkerLostError: 0.5,
+    ServerUnavailableError: 1.0,
+}
+"""Errors that pass by themselves, and when it makes sense to ask again."""
+
 _ERRORS_WITHOUT_NAME: dict[grpc.StatusCode, type[OaisysError]] = {
     grpc.StatusCode.FAILED_PRECONDITION: NotReadyError,
     grpc.StatusCode.NOT_FOUND: NotFoundError,
@@ -72,12 +80,21 @@ def status_from_error(error: OaisysError) -> Status:
     """Return the ``google.rpc.Status`` of an error; inverse: `error_from_status`."""
     fault = fault_from_error(error)
     info = ErrorInfo(domain=DOMAIN, reason=fault.reason)
-    details = [info]
+    details: list[Message] = [info]
     if fault.field:
         info.metadata.update(received=fault.received, expected=fault.expected)
         violation = BadRequest.FieldViolation(field=fault.field, description=fault.message)
         details.append(BadRequest(field_violations=[violation]))
-    code, _ = code_of(fault.reason).value
+    status_code = code_of(fault.reason)
+    if status_code is grpc.StatusCode.FAILED_PRECONDITION:
+        unmet = PreconditionFailure.Violation(type=fault.reason, description=fault.message)
+        details.append(PreconditionFailure(violations=[unmet]))
+    delay_s = RETRY_DELAYS_S.get(ERROR_TYPES.get(fault.reason, OaisysError))
+    if delay_s is not None:
+        retry = RetryInfo()
+        retry.retry_delay.FromMilliseconds(int(1000 * delay_s))
+        details.append(retry)
+    code, _ = status_code.value
     return Status(code=code, message=fault.message, details=[_packed(d) for d in details])
 
 
@@ -118,7 +135,7 @@ def error_from_rpc(error: grpc.RpcError) -> OaisysError:
     return kind(f"{call.code().name}: {call.details()}")
 
 
-def _packed(detail: ErrorInfo | BadRequest) -> AnyMessage:
+def _packed(detail: Message) -> AnyMessage:
     packed = AnyMessage()
     packed.Pack(detail)
     return packed

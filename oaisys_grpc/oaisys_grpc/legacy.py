@@ -18,12 +18,13 @@ from oaisys_core.errors import OaisysError, QueueFullError
 from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo
 from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.operation import Kind, OperationStatus, State
-from oaisys_grpc.operations import Operation, Operations, Work
+from oaisys_grpc.operations import Operations
 from oaisys_grpc.pb.legacy import oaisys_pb2 as pb
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.sample_store import SampleStore
 from oaisys_grpc.servicer import OPERATION_TIMEOUT_S
 from oaisys_grpc.supervisor import Supervisor
+from oaisys_grpc.work import Operation, Work
 
 _LOG = logging.getLogger(__name__)
 

@@ -40,7 +40,7 @@ class OperationStatus:
     """How an operation stands.
 
     Attributes:
-        name: ``operations/1`` ...
+        name: Unique among all servers' operations.
         error: Why it failed or was cancelled.
         batch_id, sample_id: What it made, once it succeeded; a batch has sample id 0.
     """

@@ -4,26 +4,27 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import secrets
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
 from oaisys_core.errors import (
     CancelledError,
-    DeadlineExceededError,
     InvalidInputError,
     NotFoundError,
     OaisysError,
     QueueFullError,
 )
 from oaisys_core.types import Progress, Sample
+from oaisys_grpc.estimates import Estimates, Run
 from oaisys_grpc.faults import OvertakenError, ServerUnavailableError
 from oaisys_grpc.operation import Kind, OperationStatus, State
 from oaisys_grpc.sample_store import SampleStore
 from oaisys_grpc.supervisor import Supervisor
+from oaisys_grpc.work import Operation, Work
 
 _LOG = logging.getLogger(__name__)
 
@@ -34,105 +35,19 @@ HISTORY_LIMIT = 256
 """How many operations are remembered after they ended."""
 
 _DRAIN_LOOK_S = 0.05
+_DEADLINE_LOOK_S = 0.05
 _WAKE_S = 0.25
-"""How often an idle runner looks after the worker, and a follower after its caller."""
-
-
-@dataclass(frozen=True)
-class Work:
-    """What the worker shall do.
-
-    Attributes:
-        kind: Of the operation; None for a question, which leaves no record.
-        method, arguments: The worker's.
-        timeout_s: From now until it must have ended, waiting included.
-        request_id: The caller's; empty where it gave none.
-        body: The whole request, to tell a repeated one from another with its id.
-    """
-
-    kind: Kind | None
-    method: str
-    arguments: Mapping[str, Any]
-    timeout_s: float
-    request_id: str = ""
-    body: bytes = b""
-
-
-@dataclass
-class Operation:
-    """One piece of work and how it stands; safe to use from any thread."""
-
-    work: Work
-    status: OperationStatus
-    deadline_s: float
-    result: Any = None
-    cancelled: threading.Event = field(default_factory=threading.Event)
-    _followers: int = 0
-    _changed: threading.Condition = field(default_factory=threading.Condition)
-
-    def update(self, **changes: Any) -> bool:
-        """Change the status, unless the operation has ended; return whether it was changed."""
-        with self._changed:
-            if self.status.state.ended:
-                return False
-            self.status = replace(self.status, **changes)
-            self._changed.notify_all()
-            return True
-
-    def advance(self, progress: Progress) -> None:
-        """Note how far it is."""
-        self.update(progress=progress)
-
-    def stop(self, error: OaisysError) -> None:
-        """End it now, unless it has ended; what the worker still makes of it is dropped."""
-        overtaken_or_cancelled = isinstance(error, CancelledError)
-        state = State.CANCELLED if overtaken_or_cancelled else State.FAILED
-        if self.update(state=state, error=error):
-            self.cancelled.set()
-
-    def succeed(self, result: Any, batch_id: int, sample_id: int) -> None:
-        """End it with a result; a large one is kept here only while somebody follows."""
-        with self._changed:
-            self.result = result if self._followers or self.work.kind is None else None
-            done = Progress("done", 1.0)
-            self.update(
-                state=State.SUCCEEDED, progress=done, batch_id=batch_id, sample_id=sample_id
-            )
-
-    def changes(self, gone: threading.Event) -> Iterator[OperationStatus]:
-        """Yield the status now and at each change, until it has ended or the caller is gone."""
-        seen: OperationStatus | None = None
-        while not gone.is_set():
-            with self._changed:
-                self._changed.wait_for(lambda: self.status is not seen, _WAKE_S)  # noqa: B023
-                current = self.status
-            if current is not seen:
-                seen = current
-                yield current
-            if current.state.ended:
-                return
-
-    @contextlib.contextmanager
-    def followed(self) -> Iterator[None]:
-        """Keep the result for this caller; when the last one leaves early, cancel."""
-        with self._changed:
-            self._followers += 1
-        try:
-            yield
-        finally:
-            with self._changed:
-                self._followers -= 1
-                abandoned = not self._followers
-                if abandoned:
-                    self.result = None
-            if abandoned:
-                self.stop(CancelledError("the caller dropped the call"))
+"""How often an idle runner looks after the worker."""
 
 
 class Operations:
     """The queue, the thread that works it off, and what is remembered."""
 
     def __init__(self, supervisor: Supervisor, samples: SampleStore) -> None:
+        # Names of an earlier server must not mean other operations of this one.
+        self._instance = secrets.token_hex(4)
+        self._estimates = Estimates()
+        self._run: Run | None = None
         self._supervisor = supervisor
         self._samples = samples
         self._waiting: deque[Operation] = deque()
@@ -146,6 +61,7 @@ class Operations:
 
     def run(self) -> None:
         """Work until `end`, on the thread that started the worker."""
+        threading.Thread(target=self._watch_deadlines, name="deadlines", daemon=True).start()
         while not self._ending.is_set():
             operation = self._next()
             if operation is None:
@@ -180,14 +96,17 @@ class Operations:
     def submit(self, work: Work) -> Operation:
         """Enqueue work; a repeated request gets the operation that it got before.
 
+        A request whose operation failed or was cancelled is not repeated but done: its id may be
+        used again, for the same request.
+
         Raises:
             QueueFullError: Too many wait.
             InvalidInputError: The request id came with another body before.
         """
         with self._lock:
             before = self._by_request.get(work.request_id)
-            if before is not None:
-                return _same_request(before, work)
+            if before is not None and _is_repeated(before, work):
+                return before
             if self._closed or self._ending.is_set():
                 raise ServerUnavailableError("the simulator is being ended")
             overtaken = self._overtaken() if work.kind is Kind.BATCH else []
@@ -219,6 +138,32 @@ class Operations:
         operation.stop(CancelledError("cancelled by CancelOperation"))
         return operation
 
+    def timed(self, operation: Operation, status: OperationStatus) -> OperationStatus:
+        """Return a status with the seconds that are left until the operation ends, if known."""
+        left_s = None if status.state.ended else self._left_s(operation)
+        return replace(status, progress=replace(status.progress, seconds_left=left_s))
+
+    def _left_s(self, operation: Operation) -> float | None:
+        """Return how long an operation, and all that goes before it, will take."""
+        with self._lock:
+            run = self._run
+            waiting = [o for o in self._waiting if not o.status.state.ended]
+        left_s = 0.0 if run is None else run.left_s()
+        if operation not in waiting:
+            return left_s if run is not None else None
+        ahead = waiting[: waiting.index(operation) + 1]
+        totals_s = [left_s, *(self._estimates.total_s(o.work.like) for o in ahead)]
+        known_s = [total_s for total_s in totals_s if total_s is not None]
+        return sum(known_s) if len(known_s) == len(totals_s) else None
+
+    def _watch_deadlines(self) -> None:
+        """End what is overdue, though the worker may not have noticed yet."""
+        while not self._ending.wait(_DEADLINE_LOOK_S):
+            with self._lock:
+                candidates = [*self._waiting, *filter(None, [self._running])]
+            for operation in candidates:
+                operation.expire()
+
     def _next(self) -> Operation | None:
         with self._lock:
             self._lock.wait_for(lambda: self._waiting or self._ending.is_set(), _WAKE_S)
@@ -229,18 +174,23 @@ class Operations:
 
     def _work_off(self, operation: Operation) -> None:
         work = operation.work
-        remaining_s = operation.deadline_s - time.monotonic()
-        if remaining_s <= 0:
-            operation.stop(DeadlineExceededError("its deadline passed while it waited"))
+        operation.expire()
         if not operation.update(state=State.RUNNING, progress=Progress("started", 0.0)):
             return
+        self._run = run = self._estimates.begin(work.like)
+
+        def advance(progress: Progress) -> None:
+            run.mark(progress.fraction)
+            operation.advance(progress)
+
         try:
             result = self._supervisor.call(
                 work.method,
                 work.arguments,
-                timeout_s=remaining_s,
+                timeout_s=operation.deadline_s - time.monotonic(),
                 cancelled=operation.cancelled,
-                progress=operation.advance,
+                progress=advance,
+                on_frames=operation.add_frames,
             )
         except OaisysError as error:
             operation.stop(error)
@@ -249,15 +199,18 @@ class Operations:
             _LOG.exception("%s failed in the server", work.method)
             operation.stop(OaisysError(f"internal error: {type(error).__name__}: {error}"))
             return
-        if isinstance(result, Sample):
-            self._samples.add(result)
-            operation.succeed(result, result.batch_id, result.sample_id)
+        finally:
+            self._run = None
+        if not isinstance(result, Sample):
+            operation.succeed(result, result if work.kind is Kind.BATCH else 0, sample_id=0)
         else:
-            operation.succeed(result, result if work.kind is Kind.BATCH else 0, 0)
+            operation.complete(result, keep=self._samples.add)
+        if not (isinstance(result, Sample) and result.from_cache):
+            self._estimates.learn(work.like, run)
 
     def _record(self, work: Work) -> Operation:
         self._count += 1
-        name = f"operations/{self._count}"
+        name = f"operations/{self._instance}-{self._count}"
         status = OperationStatus(name, work.kind or Kind.SAMPLE)
         operation = Operation(work, status, time.monotonic() + work.timeout_s)
         if work.kind is None:
@@ -268,7 +221,8 @@ class Operations:
         for old in list(self._known.values())[:-HISTORY_LIMIT]:
             if old.status.state.ended:
                 del self._known[old.status.name]
-                self._by_request.pop(old.work.request_id, None)
+                if self._by_request.get(old.work.request_id) is old:
+                    del self._by_request[old.work.request_id]
         return operation
 
     def _overtaken(self) -> list[Operation]:
@@ -279,9 +233,11 @@ class Operations:
         return overtaken
 
 
-def _same_request(before: Operation, work: Work) -> Operation:
+def _is_repeated(before: Operation, work: Work) -> bool:
+    """Return whether a request is answered by the operation that its id stands for."""
     if before.work.body != work.body:
         raise InvalidInputError(
             "request_id", work.request_id, "a new id, or the request that came with it before"
         )
-    return before
+    state = before.status.state
+    return not state.ended or state is State.SUCCEEDED

@@ -7,6 +7,7 @@ import functools
 import inspect
 import threading
 from collections.abc import Callable, Iterator
+from collections.abc import Set as AbstractSet
 from importlib.metadata import version
 from typing import Any
 
@@ -14,15 +15,23 @@ import grpc
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_core.types import ModuleMetadata, TriangleMesh
+from oaisys_core.types import (
+    Frame,
+    FrameName,
+    ModuleMetadata,
+    Sample,
+    SampleOutline,
+    TriangleMesh,
+)
 from oaisys_grpc import chunks, conversions
 from oaisys_grpc.errors import abort
-from oaisys_grpc.operation import Kind, State, status_to_proto
-from oaisys_grpc.operations import Operations, Work
+from oaisys_grpc.operation import Kind, OperationStatus, State, status_to_proto
+from oaisys_grpc.operations import Operations
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.sample_store import SampleStore
 from oaisys_grpc.supervisor import Supervisor
+from oaisys_grpc.work import Operation, Work
 
 OPERATION_TIMEOUT_S = 600.0
 """For work whose caller sets no limit, and the largest that one may set."""
@@ -97,15 +106,16 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             timeout_s=_operation_timeout_s(request),
             request_id=request.request_id,
             body=_body(request),
+            like=("batch", request.reuse_stage),
         )
         operation = self._operations.submit(work)
-        return pb.StepBatchResponse(operation=status_to_proto(operation.status))
+        return pb.StepBatchResponse(operation=self._status(operation))
 
     @_translated
     def StepSample(self, request: pb.StepSampleRequest, _context: Context) -> pb.StepSampleResponse:
         """Enqueue a sample."""
         operation = self._operations.submit(_sample_work(request, _operation_timeout_s(request)))
-        return pb.StepSampleResponse(operation=status_to_proto(operation.status))
+        return pb.StepSampleResponse(operation=self._status(operation))
 
     @_translated
     def GetOperation(
@@ -113,15 +123,16 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     ) -> pb.GetOperationResponse:
         """Answer at once."""
         operation = self._operations.get(request.name)
-        return pb.GetOperationResponse(operation=status_to_proto(operation.status))
+        return pb.GetOperationResponse(operation=self._status(operation))
 
     @_translated
     def WatchOperation(
         self, request: pb.WatchOperationRequest, context: Context
     ) -> Iterator[pb.WatchOperationResponse]:
         """Send the status until the operation has ended."""
-        for status in self._operations.get(request.name).changes(_gone(context)):
-            yield pb.WatchOperationResponse(operation=status_to_proto(status))
+        operation = self._operations.get(request.name)
+        for status in operation.changes(_gone(context)):
+            yield pb.WatchOperationResponse(operation=self._status(operation, status))
 
     @_translated
     def CancelOperation(
@@ -129,7 +140,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     ) -> pb.CancelOperationResponse:
         """Cancel, and answer with how it stands now."""
         operation = self._operations.cancel(request.name)
-        return pb.CancelOperationResponse(operation=status_to_proto(operation.status))
+        return pb.CancelOperationResponse(operation=self._status(operation))
 
     @_translated
     def GetSample(
@@ -143,12 +154,24 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def RenderSample(
         self, request: pb.RenderSampleRequest, context: Context
     ) -> Iterator[pb.RenderSampleResponse]:
-        """Enqueue a sample; send its progress and then the sample."""
+        """Enqueue a sample; send its progress, and its frames as soon as they are ready."""
         operation = self._operations.submit(_sample_work(request, _remaining_s(context)))
+        sent: set[FrameName] = set()
+        outline: SampleOutline | None = None
         with operation.followed():
-            for status in operation.changes(_gone(context)):
-                if not status.state.ended:
-                    yield pb.RenderSampleResponse(operation=status_to_proto(status))
+            for event in operation.events(_gone(context)):
+                if isinstance(event, SampleOutline):
+                    outline = event
+                    yield pb.RenderSampleResponse(part=chunks.sample_header_part(outline))
+                elif isinstance(event, Frame):
+                    assert outline is not None
+                    name = FrameName(event.sensor, event.modality)
+                    sent.add(name)
+                    index = outline.frames.index(name)
+                    for part in chunks.frame_parts(event, index, outline.provenance):
+                        yield pb.RenderSampleResponse(part=part)
+                elif not event.state.ended:
+                    yield pb.RenderSampleResponse(operation=self._status(operation, event))
             status = operation.status
             if status.error is not None:
                 raise status.error
@@ -157,7 +180,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             sample = operation.result
             if sample is None:
                 sample = self._samples.get(status.batch_id, status.sample_id)
-            for part in chunks.sample_to_parts(sample):
+            for part in _rest_of(sample, outline, sent):
                 yield pb.RenderSampleResponse(part=part)
 
     @_translated
@@ -199,19 +222,37 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
                 raise operation.status.error
             return operation.result
 
+    def _status(self, operation: Operation, status: OperationStatus | None = None) -> pb.Operation:
+        return status_to_proto(self._operations.timed(operation, status or operation.status))
+
+
+def _rest_of(
+    sample: Sample, outline: SampleOutline | None, sent: AbstractSet[FrameName]
+) -> Iterator[pb.SamplePart]:
+    """Yield the parts of a complete sample of which some frames were sent already."""
+    if outline is None:
+        yield chunks.sample_header_part(chunks.outline_of(sample), sample.render_time_s)
+    for index, frame in enumerate(sample.frames):
+        if FrameName(frame.sensor, frame.modality) not in sent:
+            yield from chunks.frame_parts(frame, index, sample.provenance)
+    yield chunks.sample_end_part(sample)
+
 
 def _sample_work(request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float) -> Work:
+    metadata = _metadata(request)
+    quality = str(((metadata and metadata.render) or {}).get("quality", ""))
     return Work(
         kind=Kind.SAMPLE,
         method="step_sample",
         arguments={
-            "metadata": _metadata(request),
+            "metadata": metadata,
             "modalities": tuple(request.modalities),
             "sensors": tuple(request.sensors),
         },
         timeout_s=timeout_s,
         request_id=request.request_id,
         body=_body(request),
+        like=("sample", tuple(request.modalities), tuple(request.sensors), quality),
     )
 
 
@@ -224,7 +265,11 @@ def _metadata(
 
 
 def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest) -> bytes:
-    """Return the request as bytes that are equal for equal requests."""
+    """Return the request as bytes that are equal for equal requests, however they are answered."""
+    if isinstance(request, pb.RenderSampleRequest) and request.HasField("transfer"):
+        asked, request = request, pb.RenderSampleRequest()
+        request.CopyFrom(asked)
+        request.ClearField("transfer")
     return request.DESCRIPTOR.name.encode() + request.SerializeToString(deterministic=True)
 
 

@@ -18,7 +18,12 @@ from oaisys_core.errors import (
     OaisysError,
     WorkerLostError,
 )
-from oaisys_core.types import Progress, SimulatorInfo
+from oaisys_core.types import (
+    Progress,
+    SampleFramesCallback,
+    SimulatorInfo,
+    ignore_sample_frames,
+)
 from oaisys_grpc.faults import Fault, error_from_fault
 from oaisys_grpc.server_options import ServerOptions
 from oaisys_grpc.wire import Message
@@ -94,7 +99,11 @@ class Supervisor:
             self._worker.strike()
         _LOG.info("worker %d started", self._worker.pid)
         limit = Limit(START_TIMEOUT_S, options.grace_s, threading.Event())
-        arguments = {"config": self._config, "state": self._state}
+        arguments = {
+            "config": self._config,
+            "state": self._state,
+            "pose_cache_bytes": options.pose_cache_bytes,
+        }
         answer = self._worker.call("start", arguments, limit=limit, progress=ignore_progress)
         self._take(answer)
         self._needed_bytes = 0
@@ -108,6 +117,7 @@ class Supervisor:
         timeout_s: float,
         cancelled: threading.Event,
         progress: Callable[[Progress], None] = ignore_progress,
+        on_frames: SampleFramesCallback = ignore_sample_frames,
     ) -> Any:
         """Have the worker do something, starting a new worker first where there is none.
 
@@ -122,7 +132,7 @@ class Supervisor:
         self.tend()
         if limit.must_stop():
             raise limit.error()
-        answer = self._answer_of(method, arguments, limit, progress)
+        answer = self._answer_of(method, arguments, limit, progress, on_frames)
         failure: OaisysError | None = None
         try:
             self._take(answer)
@@ -140,10 +150,13 @@ class Supervisor:
         arguments: Mapping[str, Any],
         limit: Limit,
         progress: Callable[[Progress], None],
+        on_frames: SampleFramesCallback,
     ) -> Message:
         assert self._worker is not None
         try:
-            answer = self._worker.call(method, arguments, limit=limit, progress=progress)
+            answer = self._worker.call(
+                method, arguments, limit=limit, progress=progress, on_frames=on_frames
+            )
         except (WorkerLostError, DeadlineExceededError) as error:
             self._lost(error)
             raise

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import faulthandler
 import logging
 import os
 import queue
@@ -17,12 +18,13 @@ import sys
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import CancelledError, NotReadyError, OaisysError, RenderError
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import Progress
+from oaisys_core.types import Frame, Progress, Sample, SampleOutline
 from oaisys_grpc import fault_injection
 from oaisys_grpc.faults import fault_from_error
 from oaisys_grpc.wire import Connection, Message
@@ -87,7 +89,9 @@ class Worker:
         self._connection.send({"type": "answer", **answer})
 
     def _start(self, arguments: Message, report: _Reporter) -> None:
-        simulation = Simulation(config_from_mapping(arguments["config"]))
+        simulation = Simulation(
+            config_from_mapping(arguments["config"]), pose_cache_bytes=arguments["pose_cache_bytes"]
+        )
         if arguments["state"] is not None:
             simulation.restore(arguments["state"], report)
         self._simulation = simulation
@@ -95,10 +99,12 @@ class Worker:
     def _step_batch(self, arguments: Message, report: _Reporter) -> int:
         return self._ready().step_batch(**arguments, progress=report)
 
-    def _step_sample(self, arguments: Message, report: _Reporter) -> Any:
+    def _step_sample(self, arguments: Message, report: _Reporter) -> Sample:
+        """Send each frame as soon as it is ready, and return the sample without them."""
         simulation = self._ready()
         fault_injection.strike(report)
-        return simulation.step_sample(**arguments, progress=report)
+        sample = simulation.step_sample(**arguments, progress=report, on_frames=report.frames)
+        return replace(sample, frames=())
 
     def _ready(self) -> Simulation:
         if self._simulation is None:
@@ -107,7 +113,7 @@ class Worker:
 
 
 class _Reporter:
-    """The progress callback of one call: tells the server, and stops where it was cancelled."""
+    """The callbacks of one call: tell the server, and stop where it was cancelled."""
 
     def __init__(self, connection: Connection, call: int, cancelled: set[int]) -> None:
         self._connection = connection
@@ -117,13 +123,22 @@ class _Reporter:
         self._last_s = 0.0
 
     def __call__(self, progress: Progress) -> None:
-        if self._call in self._cancelled:
-            raise CancelledError("cancelled by the caller")
+        self._stop_if_cancelled()
         now_s = time.monotonic()
         if progress.stage == self._last_stage and now_s - self._last_s < _PROGRESS_PERIOD_S:
             return
         self._last_stage, self._last_s = progress.stage, now_s
         self._connection.send({"type": "progress", "id": self._call, **vars(progress)})
+
+    def frames(self, outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
+        """Tell the server frames that are ready."""
+        self._stop_if_cancelled()
+        message = {"type": "frames", "id": self._call, "outline": outline, "frames": frames}
+        self._connection.send(message)
+
+    def _stop_if_cancelled(self) -> None:
+        if self._call in self._cancelled:
+            raise CancelledError("cancelled by the caller")
 
 
 def die_with_parent(parent_pid: int) -> None:
@@ -143,6 +158,8 @@ def main() -> int:
     options = parser.parse_args()
     die_with_parent(options.parent)
     limit_worker()
+    # What a crash was in goes to the log, and from there into the error.
+    faulthandler.enable(all_threads=False)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the server's to handle
     logging.basicConfig(level=logging.INFO, format="%(levelname)s %(name)s: %(message)s")
     Worker(Connection(socket.socket(fileno=options.fd))).run()

@@ -27,7 +27,7 @@ from oaisys_core.errors import (
     DeadlineExceededError,
     WorkerLostError,
 )
-from oaisys_core.types import Progress
+from oaisys_core.types import Progress, SampleFramesCallback, ignore_sample_frames
 from oaisys_grpc.wire import Connection, Message
 from oaisys_grpc.worker_log import WorkerLog
 from oaisys_grpc.worker_memory import MEGABYTE, resident_bytes
@@ -36,9 +36,13 @@ _LOG = logging.getLogger(__name__)
 RENDER_STATISTICS = "Fra:"
 """Begins the lines that Blender 4.5 prints as it renders; they would push out what went wrong."""
 
+CRASH = "Fatal Python error"
+"""Begins what Python's faulthandler prints of a crash."""
+
 _POLL_MS = 50
 _MEMORY_PERIOD_S = 0.5
-_LINES_KEPT = 20
+_LINES_KEPT = 40
+_LINES_QUOTED = 5
 _LONGEST_LINE = 10_000
 _END_S = 1.0
 _FOLDER = "oaisys-worker-"
@@ -111,6 +115,7 @@ class WorkerProcess:
         *,
         limit: Limit,
         progress: Callable[[Progress], None],
+        on_frames: SampleFramesCallback = ignore_sample_frames,
     ) -> Message:
         """Have the worker do something and return its answer.
 
@@ -144,7 +149,10 @@ class WorkerProcess:
                     continue
                 if message["type"] == "answer":
                     return message
-                progress(Progress(message["stage"], message["fraction"]))
+                if message["type"] == "frames":
+                    on_frames(message["outline"], message["frames"])
+                else:
+                    progress(Progress(message["stage"], message["fraction"]))
         except (EOFError, OSError) as error:
             if limit.must_kill():
                 self.kill()
@@ -208,7 +216,8 @@ class WorkerProcess:
         self._reader.join(_END_S)
         code = self._process.returncode
         how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
-        said = "; it said last: " + " | ".join(list(self._lines)[-5:]) if self._lines else ""
+        lines = _telling(list(self._lines))
+        said = "; it said last: " + " | ".join(lines) if lines else ""
         return f"the worker {how}{said}"
 
 
@@ -264,6 +273,15 @@ class Limit:
         if self._cancelled.is_set():
             return CancelledError("cancelled by the caller")
         return DeadlineExceededError("the operation did not end within its deadline")
+
+
+def _telling(lines: list[str]) -> list[str]:
+    """Return the few lines that say most of why a process ended: where it crashed, or the last."""
+    crashes = [i for i, line in enumerate(lines) if line.startswith(CRASH)]
+    if not crashes:
+        return lines[-_LINES_QUOTED:]
+    traceback = [line.strip() for line in lines[crashes[-1] :] if line.strip()]
+    return traceback[:_LINES_QUOTED]
 
 
 def _killed(method: str, limit: Limit) -> CancelledError | DeadlineExceededError:

@@ -36,6 +36,7 @@ from oaisys_grpc.operation import (
     status_to_proto,
 )
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.sample_stream import sample_from_parts
 from oaisys_grpc.wire import Connection
 
 POSE = Pose((1.25, -2.5, 1e-9), (0.5, -0.5, 0.5, math.sqrt(0.25)))
@@ -146,7 +147,7 @@ def test_a_sample_comes_back_from_its_parts(size: tuple[int, int]) -> None:
     sample = make_sample(*size)
     parts = list(chunks.sample_to_parts(sample))
     assert max(part.ByteSize() for part in parts) < chunks.CHUNK_BYTES + 1024
-    assert_same(chunks.sample_from_parts(parts), sample)
+    assert_same(sample_from_parts(parts), sample)
 
 
 def test_a_frame_says_its_camera_matrix() -> None:
@@ -167,7 +168,7 @@ def test_a_stream_with_a_gap_is_refused(missing: int) -> None:
     parts = list(chunks.sample_to_parts(make_sample(1200, 1600)))
     del parts[missing]
     with pytest.raises(OaisysError):
-        chunks.sample_from_parts(parts)
+        sample_from_parts(parts)
 
 
 def test_a_header_that_contradicts_itself_allocates_nothing() -> None:
