@@ -25,14 +25,17 @@ from oaisys_core.types import (
     Pose,
     Progress,
     Sample,
+    SampleFramesCallback,
     SimulatorInfo,
     TriangleMesh,
+    ignore_sample_frames,
 )
 from oaisys_grpc import chunks, conversions, requests
 from oaisys_grpc.errors import error_from_rpc
 from oaisys_grpc.operation import OperationStatus, status_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
+from oaisys_grpc.sample_stream import SampleStream, sample_from_parts
 from oaisys_grpc.tls import ClientTls
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
@@ -165,6 +168,7 @@ class SimulatorClient:
         modalities: Sequence[str] = (),
         sensors: Sequence[str] = (),
         on_progress: ProgressListener | None = None,
+        on_frames: SampleFramesCallback = ignore_sample_frames,
     ) -> Sample:
         """Move the rig, render, and return the frames.
 
@@ -174,12 +178,39 @@ class SimulatorClient:
             modalities: Which of them to render; none named: all of each sensor.
             sensors: Which of them to render; none named: all.
             on_progress: Told how far it is, on this thread. If it raises, the render is cancelled.
+            on_frames: Told each frame as soon as it comes: depth and labels before any colour. If
+                this method raises afterwards, these frames belong to no sample.
+        """
+        with self.stream_sample(
+            pose,
+            metadata=metadata,
+            modalities=modalities,
+            sensors=sensors,
+            on_progress=on_progress,
+        ) as stream:
+            for frame in stream:
+                on_frames(stream.outline, (frame,))
+            return stream.sample
+
+    @contextlib.contextmanager
+    def stream_sample(
+        self,
+        pose: Pose | None = None,
+        *,
+        metadata: ModuleMetadata | None = None,
+        modalities: Sequence[str] = (),
+        sensors: Sequence[str] = (),
+        on_progress: ProgressListener | None = None,
+    ) -> Iterator[SampleStream]:
+        """Move the rig and render, in a ``with`` block: iterate over the frames as they come.
+
+        Leaving the block before the last frame cancels the render. See `render_sample`.
         """
         request = requests.render_sample(pose, metadata, modalities, sensors)
         with _translated():
             call = self._stub.RenderSample(request, timeout=self._timeout_s)
             try:
-                return chunks.sample_from_parts(_parts_after_progress(call, on_progress))
+                yield SampleStream(_parts_after_progress(call, on_progress))
             finally:
                 call.cancel()
 
@@ -250,7 +281,7 @@ class SimulatorClient:
         with _translated():
             request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id)
             call = self._stub.GetSample(request, timeout=self._timeout_s)
-            return chunks.sample_from_parts(answer.part for answer in call)
+            return sample_from_parts(answer.part for answer in call)
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return the surface of the world as rendered, in ``map``."""

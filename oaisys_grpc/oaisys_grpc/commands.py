@@ -19,7 +19,7 @@ from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_grpc.addresses import check_address
 from oaisys_grpc.client import DEFAULT_ADDRESS
 from oaisys_grpc.server import serve as run_server
-from oaisys_grpc.server_options import GRACE_S, LEGACY_FOLDER, ServerOptions
+from oaisys_grpc.server_options import GRACE_S, LEGACY_FOLDER, POSE_CACHE_MB, ServerOptions
 from oaisys_grpc.tls import ServerTls
 from oaisys_grpc.worker_log import state_folder
 from oaisys_grpc.worker_memory import MEGABYTE
@@ -49,6 +49,10 @@ def serve(
             min=0,
         ),
     ] = None,
+    pose_cache_mb: Annotated[
+        int,
+        typer.Option(help="Images that are kept for views that come again; 0: none.", min=0),
+    ] = POSE_CACHE_MB,
     worker_log: Annotated[
         Path | None,
         typer.Option(help="Folder for what the worker prints; default: in ~/.local/state/oaisys."),
@@ -93,6 +97,7 @@ def serve(
             worker_python=worker_python,
             grace_s=grace,
             worker_memory_bytes=_bytes(worker_memory_limit_mb),
+            pose_cache_bytes=pose_cache_mb * MEGABYTE,
             worker_log_folder=worker_log or state_folder(),
             legacy_folder=legacy_out,
             asset_roots=_asset_roots(asset_root, config),

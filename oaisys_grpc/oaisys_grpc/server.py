@@ -21,20 +21,18 @@ from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_so
 from oaisys_grpc.legacy import LEGACY_SERVICE, LegacyServicer
 from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.limits import MAX_REQUEST_BYTES
-from oaisys_grpc.operations import QUEUE_LIMIT, Operations
+from oaisys_grpc.operations import Operations
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
 from oaisys_grpc.sample_store import SampleStore
 from oaisys_grpc.server_options import ServerOptions
 from oaisys_grpc.servicer import SimulatorServicer
+from oaisys_grpc.stream_limits import THREADS, StreamLimits
 from oaisys_grpc.supervisor import Supervisor
 
 _LOG = logging.getLogger(__name__)
 
 SERVICE = simulator_pb2.DESCRIPTOR.services_by_name["SimulatorService"].full_name
-_THREADS = 2 * QUEUE_LIMIT + 16
-"""Each waiting call holds one, and health must be answered all the same."""
-
 HEALTH_NAMES = ("", SERVICE, LEGACY_SERVICE)
 """What health is told of; "" is the server as a whole."""
 
@@ -82,7 +80,11 @@ class SimulatorServer:
             ("grpc.so_reuseport", 0),
             ("grpc.max_receive_message_length", MAX_REQUEST_BYTES),
         ]
-        self._server = grpc.server(ThreadPoolExecutor(_THREADS, "rpc"), options=channel_options)
+        self._server = grpc.server(
+            ThreadPoolExecutor(THREADS, "rpc"),
+            interceptors=[StreamLimits()],
+            options=channel_options,
+        )
         self._add_services()
         self.address = self._bind(address)
 

@@ -7,12 +7,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from oaisys_grpc.tls import ServerTls
+from oaisys_grpc.worker_memory import MEGABYTE
 
 GRACE_S = 30.0
 """Between a call's deadline, when it is cancelled, and the end of a worker that hangs."""
 
 SHUTDOWN_GRACE_S = 2.0
 """For calls under way once the end was asked for; all is over within 5 s of that."""
+
+POSE_CACHE_MB = 256
+"""Of images: 60 samples at 640x480."""
 
 LEGACY_FOLDER = Path("out/legacy")
 """Relative to where the server runs."""
@@ -28,6 +32,7 @@ class ServerOptions:
         shutdown_grace_s: How long calls under way may go on once the end was asked for.
         worker_memory_bytes: Resident memory at which a worker is replaced between two frames; 0:
             no limit; None: a share of the machine's.
+        pose_cache_bytes: Of images that the worker keeps for views that come again; 0: none.
         worker_log_folder: Where what workers print is kept; None: nowhere.
         legacy_folder: Where the original's service writes its files.
         asset_roots: Folders whose files requests may name.
@@ -38,6 +43,7 @@ class ServerOptions:
     grace_s: float = GRACE_S
     shutdown_grace_s: float = SHUTDOWN_GRACE_S
     worker_memory_bytes: int | None = None
+    pose_cache_bytes: int = POSE_CACHE_MB * MEGABYTE
     worker_log_folder: Path | None = None
     legacy_folder: Path = LEGACY_FOLDER
     asset_roots: tuple[Path, ...] = ()
