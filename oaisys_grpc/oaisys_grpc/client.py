@@ -336,8 +336,9 @@ def _parts_after_progress(
     events: Iterable[pb.RenderSampleResponse], on_progress: ProgressListener | None
 ) -> Iterator[pb.SamplePart]:
     """Tell the listener what precedes the sample; yield the sample's parts."""
-    for event in events:
-        if event.HasField("part"):
-            yield event.part
-        elif on_progress is not None:
-            on_progress(conversions.progress_from_proto(event.operation.progress))
+    with _translated():
+        for event in events:
+            if event.HasField("part"):
+                yield event.part
+            elif on_progress is not None:
+                on_progress(conversions.progress_from_proto(event.operation.progress))

@@ -149,9 +149,9 @@ def test_a_batch_overtakes_samples(slow_client: SimulatorClient) -> None:
 
 def _operations_known(client: SimulatorClient, name: str) -> bool:
     """Whether an operation was enqueued after the one with this name."""
-    number = int(name.rpartition("/")[2])
+    instance, _, number = name.rpartition("-")
     try:
-        client.get_operation(f"operations/{number + 1}")
+        client.get_operation(f"{instance}-{int(number) + 1}")
     except NotFoundError:
         return False
     return True
