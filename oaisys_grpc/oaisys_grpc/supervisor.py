@@ -103,6 +103,7 @@ class Supervisor:
             "config": self._config,
             "state": self._state,
             "pose_cache_bytes": options.pose_cache_bytes,
+            "asset_roots": [str(root) for root in options.asset_roots],
         }
         answer = self._worker.call("start", arguments, limit=limit, progress=ignore_progress)
         self._take(answer)

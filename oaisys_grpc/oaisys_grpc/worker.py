@@ -19,9 +19,11 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 from oaisys_core.config import config_from_mapping
+from oaisys_core.config.paths import AssetRoots, confined
 from oaisys_core.errors import CancelledError, NotReadyError, OaisysError, RenderError
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, Progress, Sample, SampleOutline
@@ -43,6 +45,7 @@ class Worker:
         self._calls: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._cancelled: set[int] = set()
         self._simulation: Simulation | None = None
+        self._roots: AssetRoots | None = None
         self._methods: dict[str, Callable[[Message, _Reporter], Any]] = {
             "start": self._start,
             "step_batch": self._step_batch,
@@ -76,7 +79,8 @@ class Worker:
         answer: Message = {"id": number}
         try:
             reporter = _Reporter(self._connection, number, self._cancelled)
-            answer["value"] = self._methods[call["method"]](call["arguments"], reporter)
+            with confined(self._roots):
+                answer["value"] = self._methods[call["method"]](call["arguments"], reporter)
         except OaisysError as error:
             answer["fault"] = vars(fault_from_error(error))
         except Exception as error:  # noqa: BLE001 - whatever failed is the caller's to know
@@ -89,11 +93,12 @@ class Worker:
         self._connection.send({"type": "answer", **answer})
 
     def _start(self, arguments: Message, report: _Reporter) -> None:
-        simulation = Simulation(
-            config_from_mapping(arguments["config"]), pose_cache_bytes=arguments["pose_cache_bytes"]
-        )
+        config = config_from_mapping(arguments["config"])
+        simulation = Simulation(config, pose_cache_bytes=arguments["pose_cache_bytes"])
+        self._roots = AssetRoots.of(map(Path, arguments["asset_roots"]), config)
         if arguments["state"] is not None:
-            simulation.restore(arguments["state"], report)
+            with confined(self._roots):
+                simulation.restore(arguments["state"], report)
         self._simulation = simulation
 
     def _step_batch(self, arguments: Message, report: _Reporter) -> int:
