@@ -223,6 +223,35 @@ def time_chart(seconds: Mapping[str, Sequence[float]]) -> bytes:
     return _figure_png(figure)
 
 
+def coverage_chart(runs: Sequence[tuple[str, Sequence[float], Sequence[float]]]) -> bytes:
+    """Return a PNG of coverage against views and against the path flown.
+
+    Args:
+        runs: Name, share seen after each view, and metres flown until each view. Those whose names
+            begin alike up to a comma share a colour.
+    """
+    figure = Figure(figsize=(11.2, 3.8), dpi=120, facecolor=PAGE_COLOR, layout="constrained")
+    against_views, against_path = figure.subplots(1, 2, sharey=True)
+    kinds = list(dict.fromkeys(name.split(",")[0] for name, _, _ in runs))
+    for name, coverage, path_m in runs:
+        kind = name.split(",")[0]
+        style = {"color": f"C{kinds.index(kind)}", "lw": 1.6, "alpha": 0.8}
+        against_views.plot(np.arange(1, len(coverage) + 1), np.multiply(coverage, 100), **style)
+        against_path.plot(path_m, np.multiply(coverage, 100), **style)
+    for index, kind in enumerate(kinds):
+        against_views.plot([], [], color=f"C{index}", label=kind)
+    against_views.legend(frameon=False)
+    against_views.set_ylabel("reachable surface seen, %")
+    against_views.set_xlabel("views")
+    against_path.set_xlabel("path flown, m")
+    for axes in (against_views, against_path):
+        axes.set_ylim(0, 100)
+        axes.grid(alpha=0.3)
+        axes.set_facecolor("white")
+        axes.spines[["top", "right"]].set_visible(False)
+    return _figure_png(figure)
+
+
 def _figure_png(figure: Figure) -> bytes:
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=130)

@@ -40,6 +40,30 @@ class ViewRecord:
 
 
 @dataclass(frozen=True)
+class CoverageRecord:
+    """How one planner came on in one world.
+
+    Attributes:
+        planner: Its name.
+        seed: Of the world.
+        coverage: Share of the reachable surface that was seen, after each view.
+        path_m: Length flown until each view.
+        plan_s: Median time to find the next view.
+    """
+
+    planner: str
+    seed: int
+    coverage: Sequence[float]
+    path_m: Sequence[float]
+    plan_s: float
+
+    def views_to(self, share: float) -> int | None:
+        """Return how many views it took to see so much; None: it never did."""
+        reached = np.flatnonzero(np.asarray(self.coverage) >= share)
+        return int(reached[0]) + 1 if len(reached) else None
+
+
+@dataclass(frozen=True)
 class SurveyReport:
     """Everything that a report shows.
 
@@ -54,6 +78,7 @@ class SurveyReport:
         labels: Names of semantic ids.
         command: How to run it again.
         config_text: The whole configuration.
+        coverage: Of explorations; none for a survey.
     """
 
     title: str
@@ -66,6 +91,7 @@ class SurveyReport:
     labels: Mapping[int, str]
     command: str
     config_text: str
+    coverage: Sequence[CoverageRecord] = ()
 
     @property
     def missed(self) -> list[str]:
@@ -126,6 +152,13 @@ def _pictures(report: SurveyReport) -> dict[str, bytes]:
         voxel_m,
         "From the visible truth to the reconstruction",
     )
+    if report.coverage:
+        files["coverage.png"] = pictures.coverage_chart(
+            [
+                (f"{run.planner}, world {run.seed}", run.coverage, run.path_m)
+                for run in report.coverage
+            ]
+        )
     names = list(report.views[0].seconds)
     files["time.png"] = pictures.time_chart(
         {name: [view.seconds[name] for view in report.views] for name in names}

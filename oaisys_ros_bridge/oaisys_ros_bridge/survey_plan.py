@@ -2,40 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, pi, sqrt
-from pathlib import Path
 
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import nadir_spacing_m
 from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_ros_bridge.system import SystemOptions
 
 
 @dataclass(frozen=True)
-class SurveyOptions:
-    """What a survey is asked to do.
+class SurveyOptions(SystemOptions):
+    """What a survey is asked to do."""
 
-    Attributes:
-        out: Folder for everything it writes.
-        config: Configuration file; None: the default world.
-        overrides: Options of ``oaisys config show`` that change the configuration.
-        worker_python: Interpreter that has ``bpy``; None: this one.
-    """
-
-    out: Path
-    config: Path | None
-    overrides: Mapping[str, str]
     views: int
     altitude_m: float
     overlap: float
-    voxel_size_m: float
-    max_range_m: float
-    record: bool
-    worker_python: Path | None
-    command: Sequence[str]
 
 
 NORTH_UP_YAW_RAD = pi / 2

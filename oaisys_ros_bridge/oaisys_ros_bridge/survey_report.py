@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 import statistics
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SimulatorInfo
@@ -15,6 +14,7 @@ from oaisys_mapping.report import SurveyReport, ViewRecord
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.survey_client import ReceivedView
 from oaisys_ros_bridge.survey_plan import SurveyOptions, survey_columns
+from oaisys_ros_bridge.system import CONFIG_FILE, SystemOptions
 
 
 def thresholds_for(voxel_size_m: float) -> Thresholds:
@@ -31,29 +31,27 @@ def survey_report(
     mesh: ColoredMesh,
     received: Sequence[ReceivedView],
     seconds_total: float,
-    config_path: Path,
 ) -> SurveyReport:
     """Return everything that the report shows."""
     return SurveyReport(
         title="Survey of a rendered terrain",
-        facts=_facts(options, info, received, seconds_total),
+        facts=run_facts(info, received, seconds_total)
+        | {"altitude_m": options.altitude_m, "overlap": options.overlap},
         evaluation=evaluation,
         thresholds=thresholds_for(options.voxel_size_m),
         mesh=mesh,
-        views=[_record(view) for view in received],
+        views=[view_record(view) for view in received],
         columns=survey_columns(options.views),
         labels=info.semantic_labels,
         command=shlex.join(options.command),
-        config_text=config_path.read_text(encoding="utf-8"),
+        config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
     )
 
 
-def _facts(
-    options: SurveyOptions,
-    info: SimulatorInfo,
-    received: Sequence[ReceivedView],
-    seconds_total: float,
+def run_facts(
+    info: SimulatorInfo, received: Sequence[ReceivedView], seconds_total: float
 ) -> dict[str, Any]:
+    """Return what every experiment's report says of how it was run."""
     is_blender = info.backend == "blender"
     return {
         "views": len(received),
@@ -63,15 +61,14 @@ def _facts(
         "backend_version": info.backend_version,
         "blender_version": info.backend_version if is_blender else None,
         "quality": info.quality,
-        "altitude_m": options.altitude_m,
-        "overlap": options.overlap,
         "seconds_total": seconds_total,
         "seconds_per_view": statistics.median(view.service_s for view in received),
         "seconds_per_render": statistics.median(view.render_s for view in received),
     }
 
 
-def _record(view: ReceivedView) -> ViewRecord:
+def view_record(view: ReceivedView) -> ViewRecord:
+    """Return what the report shows of a view."""
     images = view.images
     return ViewRecord(
         rgb=images.get(RGB),
@@ -86,7 +83,7 @@ def _record(view: ReceivedView) -> ViewRecord:
     )
 
 
-def say_result(report: SurveyReport, options: SurveyOptions, reporter: Reporter) -> None:
+def say_result(report: SurveyReport, options: SystemOptions, reporter: Reporter) -> None:
     """Print the figures and the verdict."""
     figures = report.evaluation.metrics
     reporter.say(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
@@ -110,11 +110,11 @@ class Planner(ABC):
         """Return where to look from next, in known free space and within reach, or None: done."""
 
 
-def level_pose(position_m: FloatArray, yaw_rad: float) -> Pose:
+def level_pose(position_m: ArrayLike, yaw_rad: float) -> Pose:
     """Return the pose of a level vehicle that looks along its x axis."""
     half = yaw_rad / 2
     quat_xyzw = (0.0, 0.0, float(np.sin(half)), float(np.cos(half)))
-    x, y, z = (float(value) for value in position_m)
+    x, y, z = (float(value) for value in np.asarray(position_m))
     return Pose((x, y, z), quat_xyzw)
 
 

@@ -1,0 +1,117 @@
+"""What explorations found, as the mapping package's report takes it."""
+
+from __future__ import annotations
+
+import shlex
+import statistics
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from math import ceil, sqrt
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.geometry import pose_to_matrix
+from oaisys_core.types import SimulatorInfo, TriangleMesh
+from oaisys_mapping.certificate import write_views
+from oaisys_mapping.exploration.planner import Vehicle
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.mesh_io import write_truth
+from oaisys_mapping.metrics import Thresholds, evaluate_reconstruction
+from oaisys_mapping.report import CoverageRecord, SurveyReport, write_report
+from oaisys_mapping.visibility import View
+from oaisys_ros_bridge.explore_plan import ExploreOptions
+from oaisys_ros_bridge.explorer import Exploration
+from oaisys_ros_bridge.progress import Reporter
+from oaisys_ros_bridge.survey_report import run_facts, say_result, view_record
+from oaisys_ros_bridge.system import CONFIG_FILE
+
+GOAL = 0.9
+"""Coverage at which planners are compared."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """The exploration whose map is measured."""
+
+    found: Exploration
+    vehicle: Vehicle
+    mesh: ColoredMesh
+    truth: TriangleMesh
+
+
+def write_explore_report(
+    options: ExploreOptions,
+    info: SimulatorInfo,
+    records: Sequence[CoverageRecord],
+    measured: Measured,
+    seconds_total: float,
+    reporter: Reporter,
+) -> bool:
+    """Measure the map, write everything to the output folder, and return whether it closes."""
+    reporter.say("measuring against the true surface")
+    vehicle = measured.vehicle
+    views = [
+        View(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera)
+        for pose in measured.found.poses
+    ]
+    write_views(options.out / "poses.json", views)
+    write_truth(options.out / "truth.ply", measured.truth)
+    evaluation = evaluate_reconstruction(
+        measured.mesh,
+        measured.truth,
+        views,
+        options.voxel_size_m,
+        options.max_range_m,
+        np.random.default_rng(records[0].seed),
+    )
+    received = measured.found.views
+    report = SurveyReport(
+        title="Exploration of a rendered terrain",
+        facts=run_facts(info, received, seconds_total) | _facts(records),
+        evaluation=evaluation,
+        thresholds=_thresholds(options.voxel_size_m),
+        mesh=measured.mesh,
+        views=[view_record(view) for view in received],
+        columns=ceil(sqrt(len(received) * 6 / 5)),
+        labels=info.semantic_labels,
+        command=shlex.join(options.command),
+        config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
+        coverage=records,
+    )
+    write_report(report, options.out)
+    say_result(report, options, reporter)
+    return not report.missed
+
+
+def _thresholds(voxel_size_m: float) -> Thresholds:
+    """Return what counts as closed.
+
+    A camera that looks ahead sees ground far away at grazing angles, a few pixels to a voxel: what
+    it saw of that may miss, but what is there must be right.
+    """
+    return Thresholds(max_rmse_m=voxel_size_m / 2, min_completion=0.9, min_f_score=0.9)
+
+
+def _facts(records: Sequence[CoverageRecord]) -> dict[str, Any]:
+    first = records[0]
+    return {
+        "planner": first.planner,
+        "coverage": list(first.coverage),
+        "path_length_m": first.path_m[-1],
+        "seconds_to_plan": first.plan_s,
+        "explorations": [
+            asdict(record) | {"views_to_90": record.views_to(GOAL)} for record in records
+        ],
+        "views_to_90": {
+            planner: _median_views([record for record in records if record.planner == planner])
+            for planner in dict.fromkeys(record.planner for record in records)
+        },
+    }
+
+
+def _median_views(records: Sequence[CoverageRecord]) -> float | None:
+    """Return the median number of views to the goal; None where half of them never reach it."""
+    views = [record.views_to(GOAL) or np.inf for record in records]
+    median = statistics.median(views)
+    return float(median) if np.isfinite(median) else None

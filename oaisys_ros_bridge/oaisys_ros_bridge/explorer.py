@@ -1,0 +1,202 @@
+"""Explores: asks a planner where to look next, looks from there through ROS, and maps what it sees.
+
+What it knows comes from ROS alone: depth images, their camera and transforms, at one stamp.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import CameraInfo, Image
+from tf2_msgs.msg import TFMessage
+
+from oaisys_core.errors import OaisysError, RenderError
+from oaisys_core.types import FloatArray, Pose
+from oaisys_mapping.exploration.planner import Planner, Situation, Vehicle
+from oaisys_mapping.exploration.voxel_map import Bounds, VoxelMap
+from oaisys_mapping.rectification import rectified, rectified_camera
+from oaisys_msgs.srv import StepBatch
+from oaisys_ros_bridge.frame_assembly import FrameAssembler
+from oaisys_ros_bridge.fusion import DepthFrame
+from oaisys_ros_bridge.qos import SENSOR_QOS, TF_QOS, TF_STATIC_QOS
+from oaisys_ros_bridge.survey_client import ReceivedView, SurveyClient
+
+FRAME_TIMEOUT_S = 20.0
+"""From a view's answer until its depth image, camera and transforms are all there."""
+
+MORE_PLACES = (1000, 5000)
+"""Places among which a way is looked for where the straight one is not free."""
+
+LOST_POSES = 5
+"""So many poses in a row that the simulator refuses, and an exploration ends."""
+
+
+class ExplorerClient(SurveyClient):
+    """Looks from poses, and gives depth with its camera and pose as they were published."""
+
+    def __init__(self, namespace: str, modalities: tuple[str, ...], map_frame: str = "map") -> None:
+        super().__init__(namespace, modalities)
+        self._map_frame = map_frame
+        self._assembler = FrameAssembler(map_frame, use_color=False)
+        self._frames: dict[int, DepthFrame] = {}
+        assembler, node = self._assembler, self._node
+        for topic, take, qos in (
+            ("/tf_static", assembler.add_static, TF_STATIC_QOS),
+            ("/tf", assembler.add_transforms, TF_QOS),
+        ):
+            node.create_subscription(TFMessage, topic, partial(self._take_in, take), qos)
+        for kind, message_type, topic in (
+            ("depth", Image, "depth/image_raw"),
+            ("info", CameraInfo, "depth/camera_info"),
+        ):
+            add = partial(self._take_in, partial(self._add_image, kind))
+            node.create_subscription(message_type, f"{namespace}/{topic}", add, SENSOR_QOS)
+        self._step_batch = node.create_client(StepBatch, "oaisys_bridge/step_batch")
+
+    def step_batch(self, seed: int, timeout_s: float) -> None:
+        """Have the simulator build the world of a seed.
+
+        Raises:
+            RenderError: It could not.
+            DeadlineExceededError: No answer in time.
+        """
+        answer = self._call(self._step_batch, StepBatch.Request(seed=seed), timeout_s)
+        if not answer.success:
+            raise RenderError(f"step_batch failed: {answer.message}")
+
+    def look(self, pose: Pose, sensor: str, timeout_s: float) -> tuple[ReceivedView, DepthFrame]:
+        """Look from a pose and return all images, and depth with camera and pose.
+
+        Raises:
+            RenderError: The bridge refused or failed; holds its message.
+            DeadlineExceededError: No answer, or not all messages, in time.
+        """
+        with self._changed:
+            self._frames.clear()
+        view = self.view(pose, sensor, self._map_frame, timeout_s)
+        self._wait("depth with its camera and pose", lambda: bool(self._frames), FRAME_TIMEOUT_S)
+        with self._changed:
+            return view, self._frames[max(self._frames)]
+
+    def _add_image(self, kind: str, message: Any) -> None:
+        self._assembler.add_image(kind, message, time.monotonic())
+
+    def _take_in(self, add: Callable[[Any], None], message: Any) -> None:
+        with self._changed:
+            add(message)
+            while (frame := self._assembler.pop()) is not None:
+                self._frames[frame.stamp_ns] = frame
+            self._changed.notify_all()
+
+
+@dataclass(frozen=True)
+class ExplorationLimits:
+    """When an exploration ends.
+
+    Attributes:
+        views: Most views.
+        path_m: Longest path flown.
+    """
+
+    views: int
+    path_m: float = np.inf
+
+
+@dataclass
+class Exploration:
+    """What was flown and seen.
+
+    Attributes:
+        poses: Of the vehicle, one per view.
+        path_m: Length of the path flown, for each view, up to it.
+        plan_s: How long each next pose took to find.
+        views: What came back.
+        voxels: What was observed.
+    """
+
+    voxels: VoxelMap
+    poses: list[Pose] = field(default_factory=list)
+    path_m: list[float] = field(default_factory=list)
+    plan_s: list[float] = field(default_factory=list)
+    views: list[ReceivedView] = field(default_factory=list)
+
+
+def explore(
+    look: Callable[[Pose], tuple[ReceivedView, DepthFrame]],
+    planner: Planner,
+    start: Pose,
+    bounds: Bounds,
+    vehicle: Vehicle,
+    voxel_size_m: float,
+    limits: ExplorationLimits,
+    rng: np.random.Generator,
+    goes_on: Callable[[Exploration], bool],
+) -> Exploration:
+    """Look from ``start``, and from where ``planner`` says, until one of them, or a limit, ends it.
+
+    Args:
+        look: Gives what is seen from a pose; raises `RenderError` where it is refused.
+        planner: Asked after every view.
+        start: A pose around which there is room for the vehicle.
+        bounds: The box to fly in and to look at.
+        vehicle: What flies; its camera's intrinsics and pose are those that come with the views.
+        voxel_size_m: Of the observed map.
+        limits: When to end.
+        rng: The planner's.
+        goes_on: Told after every view; says whether to go on.
+    """
+    found = Exploration(VoxelMap(bounds, voxel_size_m))
+    found.voxels.set_free(start.position_m, vehicle.radius_m + 2 * voxel_size_m)
+    pose, flown_m, refused = start, 0.0, 0
+    while len(found.poses) < limits.views:
+        try:
+            view, frame = look(pose)
+        except RenderError:
+            refused += 1
+            if not found.poses or refused == LOST_POSES:
+                raise
+        else:
+            refused = 0
+            _take_in(found.voxels, frame, vehicle)
+            found.poses.append(pose)
+            found.views.append(view)
+            found.path_m.append(flown_m)
+            if not goes_on(found):
+                break
+        started_s = time.perf_counter()
+        situation = Situation(vehicle, found.voxels, found.poses, rng)
+        wanted = planner.next_pose(situation)
+        found.plan_s.append(time.perf_counter() - started_s)
+        if wanted is None:
+            break
+        way_m = _way_length_m(situation, np.asarray(wanted.position_m))
+        if flown_m + way_m > limits.path_m:
+            break
+        pose, flown_m = wanted, flown_m + way_m
+    return found
+
+
+def _take_in(voxels: VoxelMap, frame: DepthFrame, vehicle: Vehicle) -> None:
+    depth_m, _ = rectified(frame.depth_m, None, frame.intrinsics)
+    camera = rectified_camera(frame.intrinsics)
+    voxels.integrate(depth_m, camera, frame.T_map_camera, vehicle.max_range_m)
+
+
+def _way_length_m(situation: Situation, position_m: FloatArray) -> float:
+    """Return the length of the way there through what is known to be free.
+
+    Raises:
+        OaisysError: There is none: a planner must not ask for such a pose.
+    """
+    for places in (0, *MORE_PLACES):
+        between_m = situation.random_positions(places)
+        length_m = float(situation.roadmap(np.vstack((position_m, between_m))).lengths_m[0])
+        if np.isfinite(length_m):
+            return length_m
+    place = position_m.round(2).tolist()
+    raise OaisysError(f"the planner asked for {place}, to which no way is known to be free")

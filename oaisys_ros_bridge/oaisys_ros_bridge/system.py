@@ -1,0 +1,200 @@
+"""Server, bridge, mapper and recorder as child processes of an experiment, and talk with them."""
+
+from __future__ import annotations
+
+import os
+import random
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_core.geometry import T_LINK_OPTICAL
+from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
+from oaisys_grpc.client import SimulatorClient
+from oaisys_ros_bridge.processes import ManagedProcess
+from oaisys_ros_bridge.progress import Reporter
+from oaisys_ros_bridge.sample_publisher import TOPIC_BY_MODALITY, sensor_namespace
+from oaisys_ros_bridge.survey_client import SurveyClient
+
+START_TIMEOUT_S = 600.0
+"""Until a world must stand: textures are made on a machine's first run."""
+
+MAP_TIMEOUT_S = 120.0
+
+CONFIG_FILE = "config.yaml"
+"""The whole configuration of an experiment, in its folder."""
+
+Client = TypeVar("Client", bound=SurveyClient)
+
+
+@dataclass(frozen=True)
+class SystemOptions:
+    """What runs in an experiment.
+
+    Attributes:
+        out: Folder for everything it writes.
+        config: Configuration file; None: the default world.
+        overrides: Options of ``oaisys config show`` that change the configuration.
+        voxel_size_m, max_range_m: Of the map.
+        record: Whether all is recorded as a bag.
+        worker_python: Interpreter that has ``bpy``; None: this one.
+        command: How it was called.
+    """
+
+    out: Path
+    config: Path | None
+    overrides: Mapping[str, str]
+    voxel_size_m: float
+    max_range_m: float
+    record: bool
+    worker_python: Path | None
+    command: Sequence[str]
+
+
+@dataclass(frozen=True)
+class System(Generic[Client]):
+    """The running processes, as an experiment talks to them.
+
+    Attributes:
+        posed_sensor: Whose pose is asked for; empty where the rig's is the sensor's own.
+    """
+
+    simulator: SimulatorClient
+    client: Client
+    sensor: SensorInfo
+    posed_sensor: str
+
+
+@contextmanager
+def running_system(
+    options: SystemOptions,
+    make_client: Callable[[str, tuple[str, ...]], Client],
+    reporter: Reporter,
+) -> Iterator[System[Client]]:
+    """Start server, bridge, mapper and recorder; end them all, last started first.
+
+    Args:
+        options: What to run; its configuration is written to ``out`` whole and checked.
+        make_client: Given the camera's namespace and the modalities to wait for.
+        reporter: Told what is being started.
+
+    Raises:
+        ConfigError: The configuration cannot be used.
+        OaisysError: A process failed, or did not answer in time.
+    """
+    config_path = write_config(options)
+    logs = options.out / "logs"
+    environment = _environment()
+    with ExitStack() as stack:
+
+        def start(name: str, *arguments: str) -> ManagedProcess:
+            command = [sys.executable, "-m", *arguments]
+            process = ManagedProcess(name, command, logs / f"{name}.log", environment)
+            return stack.enter_context(process)
+
+        reporter.say("starting the simulator")
+        server = start("server", *_server_arguments(options, config_path))
+        address = server.wait_for_line("ready:", START_TIMEOUT_S)
+        simulator = stack.enter_context(SimulatorClient(address, timeout_s=START_TIMEOUT_S))
+        info = simulator.info()
+        sensor = info.sensors[0]
+        reporter.say("building the world")
+        bridge = start("bridge", *_node_arguments("bridge", {"address": address}))
+        namespace = sensor_namespace(sensor.name, info.sensors)
+        mapping = _mapper_parameters(options, namespace)
+        mapper = start("mapper", *_node_arguments("mapper", mapping))
+        modalities = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensor.modalities)
+        client = make_client(namespace, modalities)
+        stack.enter_context(client)
+        client.wait_for_bridge(START_TIMEOUT_S, lambda: _check_all(server, bridge, mapper))
+        client.wait_for_mapper()
+        if options.record:
+            bag = options.out / "bag"
+            _remove_old_bag(bag)
+            recorder = start("recorder", *_recorder_arguments(bag, namespace, modalities))
+            recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
+        client.wait_for_subscribers()
+        yield System(simulator, client, sensor, _posed_sensor(info))
+
+
+def _posed_sensor(info: SimulatorInfo) -> str:
+    sensor = info.sensors[0]
+    is_rig = len(info.sensors) == 1 and np.allclose(sensor.T_base_camera, T_LINK_OPTICAL)
+    return "" if is_rig else sensor.name
+
+
+def _check_all(*processes: ManagedProcess) -> None:
+    for process in processes:
+        process.check()
+
+
+def write_config(options: SystemOptions) -> Path:
+    """Write the whole configuration, checked, to the output folder and return its path."""
+    command = [sys.executable, "-m", "oaisys_core", "config", "show"]
+    if options.config is not None:
+        command += ["--config", str(options.config)]
+    for name, value in options.overrides.items():
+        command += [f"--{name}", value]
+    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    if result.returncode != 0:
+        fault = result.stderr.strip().removeprefix("oaisys: ")
+        raise ConfigError(fault) if result.returncode == 2 else OaisysError(fault)
+    options.out.mkdir(parents=True, exist_ok=True)
+    path = options.out / CONFIG_FILE
+    path.write_text(result.stdout, encoding="utf-8")
+    return path
+
+
+def _environment() -> dict[str, str]:
+    """Return the children's environment, in a ROS domain of this survey's own unless one is set."""
+    if "ROS_DOMAIN_ID" not in os.environ:
+        os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    return dict(os.environ)
+
+
+def _server_arguments(options: SystemOptions, config_path: Path) -> list[str]:
+    arguments = ["oaisys_grpc", "serve", "--config", str(config_path), "--address", "127.0.0.1:0"]
+    if options.worker_python is not None:
+        arguments += ["--worker-python", str(options.worker_python)]
+    return arguments
+
+
+def _node_arguments(node: str, parameters: Mapping[str, Any]) -> list[str]:
+    arguments = [f"oaisys_ros_bridge.nodes.{node}", "--ros-args"]
+    for name, value in parameters.items():
+        arguments += ["-p", f"{name}:={value}"]
+    return arguments
+
+
+def _mapper_parameters(options: SystemOptions, namespace: str) -> dict[str, Any]:
+    return {
+        "camera": namespace,
+        "voxel_size": options.voxel_size_m,
+        "max_range": options.max_range_m,
+        # The mesh is wanted once, at the end, and not every few seconds on the way.
+        "mesh_period": 0.0,
+    }
+
+
+def _remove_old_bag(folder: Path) -> None:
+    """Make room for a new bag, but only where an earlier survey's is."""
+    if any(folder.glob("*.mcap")):
+        shutil.rmtree(folder)
+
+
+def _recorder_arguments(folder: Path, namespace: str, modalities: Sequence[str]) -> list[str]:
+    """Return what records everything, and begins once the sample's own topics are heard."""
+    images = [f"{namespace}/{TOPIC_BY_MODALITY.get(m, m)}" for m in modalities]
+    topics = [f"{image}/image_raw" for image in images]
+    topics += ["/tf", "/tf_static", "ground_truth/odometry", "oaisys_bridge/sample_info"]
+    command = ["oaisys_ros_bridge.nodes.recorder", "--out", str(folder), "--all"]
+    return [*command, "--topics", *topics]

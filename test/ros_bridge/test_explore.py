@@ -1,0 +1,166 @@
+"""``oaisys explore`` as a user runs it, and the loop that it runs, without ROS."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from oaisys_core.errors import InvalidInputError, OaisysError, RenderError
+from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
+from oaisys_core.types import PinholeIntrinsics
+from oaisys_mapping.certificate import read_views
+from oaisys_mapping.exploration.planner import Planner, Vehicle, level_pose
+from oaisys_mapping.exploration.voxel_map import Bounds
+from oaisys_ros_bridge.explore_plan import flight_box, start_pose
+from oaisys_ros_bridge.explorer import LOST_POSES, ExplorationLimits, explore
+from oaisys_ros_bridge.fusion import DepthFrame
+from oaisys_ros_bridge.survey_client import ReceivedView
+
+WORLD = """
+seed: 4
+stage: {preset: mountain_1, extent_m: 24, resolution_px: 193}
+materials: {texture_size_px: 64, mask: {size_px: 128}}
+assets: {rocks: [{count: [20, 20], size_m: [0.3, 1.0]}]}
+"""
+CAMERA = PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5)
+VEHICLE = Vehicle(CAMERA, T_LINK_OPTICAL, 0.6, 12.0)
+BOUNDS = Bounds(np.array([-10.0, -10, -4]), np.array([10.0, 10, 4]))
+START = level_pose(np.array([-8.0, 0, 0]), 0.0)
+
+
+def run(out: Path, world: Path, domain_id: int, *more: str) -> subprocess.CompletedProcess[str]:
+    options = ("--config", str(world), "--out", str(out), "--backend", "analytic", *more)
+    return subprocess.run(
+        [sys.executable, "-m", "oaisys_core", "explore", *options],
+        env={**os.environ, "ROS_DOMAIN_ID": str(domain_id)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Path:
+    path = tmp_path / "world.yaml"
+    path.write_text(WORLD, encoding="utf-8")
+    return path
+
+
+@pytest.mark.ros
+@pytest.mark.usefixtures("no_process_left")
+def test_planners_explore_the_same_worlds_over_ros(world, tmp_path, ros_domain_id):
+    out = tmp_path / "out"
+    options = ("--views", "3", "--compare", "--size", "160x120", "--camera-range", "12")
+    result = run(out, world, ros_domain_id, *options)
+    assert result.returncode in (0, 1), result.stderr
+    figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    assert (figures["closed"], figures["missed"] == []) == ((result.returncode == 0),) * 2
+    assert figures["planner"] == "next_best_view"
+    assert figures["rmse_m"] < 0.05
+    assert len(figures["coverage"]) == len(read_views(out / "poses.json")) == figures["views"] == 3
+    assert 0 < figures["coverage"][0] < figures["coverage"][-1] < 1
+    explorations = figures["explorations"]
+    planners = [found["planner"] for found in explorations]
+    assert planners == ["next_best_view", "random", "grid", "frontier"]
+    # All of them see the same world from the same first pose.
+    assert len({found["coverage"][0] for found in explorations}) == 1
+    assert figures["path_length_m"] == explorations[0]["path_m"][-1] > 0
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "views to 90 %" in page
+    assert (out / "pictures" / "coverage.png").stat().st_size > 10_000
+    assert list((out / "bag").glob("*.mcap"))
+
+
+@pytest.mark.ros
+def test_a_planner_that_does_not_exist_is_refused_before_anything_starts(
+    world, tmp_path, ros_domain_id
+):
+    result = run(tmp_path / "out", world, ros_domain_id, "--planner", "oracle")
+    assert result.returncode == 2
+    assert "oracle" in result.stderr
+    assert "next_best_view" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+class Listed(Planner):
+    """Answers with poses of a list."""
+
+    name = "listed"
+
+    def __init__(self, *poses):
+        self.poses = list(poses)
+
+    def next_pose(self, _situation):
+        return self.poses.pop(0) if self.poses else None
+
+
+def empty_world(pose):
+    """Sky all around."""
+    depth_m = np.full((48, 64), np.inf, np.float32)
+    T_map_camera = pose_to_matrix(pose) @ T_LINK_OPTICAL
+    return ReceivedView({}, 0.0, 0.0), DepthFrame(0, depth_m, None, CAMERA, T_map_camera)
+
+
+def explored(planner, look=empty_world, limits=None):
+    limits = limits or ExplorationLimits(views=20)
+    rng = np.random.default_rng(0)
+    return explore(look, planner, START, BOUNDS, VEHICLE, 0.5, limits, rng, lambda _: True)
+
+
+def test_paths_are_as_long_as_what_was_flown():
+    there, back = level_pose(np.array([-2.0, 0, 0]), 0.0), level_pose(np.array([-6.0, 0, 0]), 0.0)
+    found = explored(Listed(there, back))
+    np.testing.assert_allclose(found.path_m, [0, 6, 10])
+    assert found.poses == [START, there, back]
+    short = explored(Listed(there, back), limits=ExplorationLimits(20, path_m=8.0))
+    assert short.poses == [START, there]
+
+
+def test_a_pose_that_is_not_known_to_be_free_ends_it():
+    behind = level_pose(np.array([-8.0, 9, 0]), 0.0)
+    with pytest.raises(OaisysError, match="no way is known"):
+        explored(Listed(behind))
+
+
+def test_refused_poses_are_asked_for_again_elsewhere_but_not_forever():
+    steps = [level_pose(np.array([-8.0 + 0.5 * n, 0, 0]), 0.0) for n in range(1, 12)]
+
+    def moody(pose):
+        if pose is steps[0]:
+            raise RenderError("no")
+        return empty_world(pose)
+
+    assert explored(Listed(*steps[:2]), moody).poses == [START, steps[1]]
+
+    def never(pose):
+        if pose is START:
+            return empty_world(pose)
+        raise RenderError("never")
+
+    planner = Listed(*steps)
+    with pytest.raises(RenderError, match="never"):
+        explored(planner, never)
+    assert len(steps) - len(planner.poses) == LOST_POSES
+
+
+def test_the_box_holds_the_stage_and_the_start_stands_free_in_it():
+    def height_m(xy_m):
+        return 0.25 * xy_m[:, 0]
+
+    box = flight_box((-20.0, -10.0, 20.0, 10.0), height_m)
+    np.testing.assert_allclose(box.low_m[:2], [-20, -10])
+    assert -5.0 <= box.low_m[2] < -4.8
+    assert 10.8 < box.high_m[2] < 11.1
+    pose = start_pose(box, height_m, 3.0, VEHICLE)
+    np.testing.assert_allclose(pose.position_m, [-15, -7.5, -15 * 0.25 + 3])
+    forward = pose_to_matrix(pose)[:3, 0]
+    np.testing.assert_allclose(forward[:2], np.array([15, 7.5]) / np.hypot(15, 7.5))
+    with pytest.raises(InvalidInputError, match="--start-height"):
+        start_pose(box, height_m, 0.5, VEHICLE)
