@@ -210,6 +210,18 @@ class Sample:
     provenance: Provenance
     from_cache: bool = False
 
+    @property
+    def outline(self) -> SampleOutline:
+        """What was known before its frames were rendered."""
+        return SampleOutline(
+            batch_id=self.batch_id,
+            sample_id=self.sample_id,
+            rig_pose=self.rig_pose,
+            frames=tuple(FrameName(frame.sensor, frame.modality) for frame in self.frames),
+            provenance=self.provenance,
+            from_cache=self.from_cache,
+        )
+
     def frame(self, sensor: str, modality: str) -> Frame:
         """Return the frame of ``sensor`` and ``modality``; `KeyError` where there is none."""
         for candidate in self.frames:

@@ -27,6 +27,8 @@ def ignore_frames(frames: tuple[Frame, ...]) -> None:
 
 ViewTransform = Literal["agx", "filmic", "standard", "raw"]
 
+Device = Literal["auto", "cpu", "cuda", "optix", "hip", "oneapi", "metal"]
+
 
 @dataclass(frozen=True)
 class RenderSettings:
@@ -44,6 +46,7 @@ class RenderSettings:
         passes: Modalities that may be rendered; None: all.
         effects: What happens to colour after rendering.
         noise_seed: Of this sample's sensor noise.
+        device: What is wanted to render on.
     """
 
     quality: str
@@ -57,6 +60,7 @@ class RenderSettings:
     passes: frozenset[str] | None = None
     effects: Effects = NO_EFFECTS
     noise_seed: int = 0
+    device: Device = "auto"
 
     def allowed(self, cameras: Sequence[PlacedCamera]) -> tuple[PlacedCamera, ...]:
         """Return the cameras with the modalities that may be rendered; those without any go."""
@@ -147,6 +151,13 @@ class Backend(ABC):
 
 
 def in_order(cameras: Sequence[PlacedCamera], frames: Sequence[Frame]) -> tuple[Frame, ...]:
-    """Return the frames in the order of the cameras and of their modalities."""
-    by_name = {(frame.sensor, frame.modality): frame for frame in frames}
-    return tuple(by_name[camera.name, name] for camera in cameras for name in camera.modalities)
+    """Return the frames in the order of the cameras and of their modalities.
+
+    Where cameras share a name, the frames of each modality are in the cameras' order already.
+    """
+    by_name: dict[tuple[str, str], list[Frame]] = {}
+    for frame in reversed(frames):
+        by_name.setdefault((frame.sensor, frame.modality), []).append(frame)
+    return tuple(
+        by_name[camera.name, name].pop() for camera in cameras for name in camera.modalities
+    )
