@@ -1,0 +1,185 @@
+"""How arrays become bytes and back, losslessly, as the contract's `Encoding` says; in pairs."""
+
+from __future__ import annotations
+
+import math
+import struct
+import zlib
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import OaisysError
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+
+AnyArray = NDArray[Any]
+Raw = NDArray[np.uint8]
+
+_DTYPES: dict[int, np.dtype[Any]] = {
+    pb.DATA_TYPE_UINT8: np.dtype("<u1"),
+    pb.DATA_TYPE_UINT16: np.dtype("<u2"),
+    pb.DATA_TYPE_UINT32: np.dtype("<u4"),
+    pb.DATA_TYPE_INT32: np.dtype("<i4"),
+    pb.DATA_TYPE_FLOAT32: np.dtype("<f4"),
+    pb.DATA_TYPE_FLOAT64: np.dtype("<f8"),
+}
+_DATA_TYPES: dict[np.dtype[Any], Any] = {dtype: data_type for data_type, dtype in _DTYPES.items()}
+
+_FAST = 1
+"""zlib's level: the next ones take several times as long for a few per cent."""
+
+
+class Codec(NamedTuple):
+    """One encoding: ``encoded`` returns None where it cannot hold an array."""
+
+    encoded: Callable[[AnyArray], bytes | None]
+    decoded: Callable[[bytes, np.dtype[Any], tuple[int, ...]], AnyArray]
+
+
+def encoded(array: AnyArray, accepted: Iterable[int]) -> tuple[pb.ArrayHeader, Raw]:
+    """Return an array's header and bytes: in the first of the encodings that makes it smaller.
+
+    In raw bytes, which are the array's own memory, where none does. Inverse: `decoded`.
+    """
+    array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
+    header = pb.ArrayHeader(data_type=_DATA_TYPES[array.dtype], shape=array.shape)
+    for encoding in accepted:
+        codec = CODECS.get(encoding)
+        data = codec.encoded(array) if codec and array.size else None
+        if data is not None and len(data) < array.nbytes:
+            header.encoding, header.byte_size = pb.Encoding.ValueType(encoding), len(data)
+            return header, np.frombuffer(data, np.uint8)
+    header.encoding, header.byte_size = pb.ENCODING_RAW, array.nbytes
+    return header, array.reshape(-1).view(np.uint8)
+
+
+def decoded(header: pb.ArrayHeader, data: Raw) -> AnyArray:
+    """Return the array of a header that `checked_nbytes` passed; raw bytes are not copied.
+
+    Raises:
+        OaisysError: The bytes are not what the header says.
+    """
+    dtype, shape = _DTYPES[header.data_type], tuple(header.shape)
+    if header.encoding == pb.ENCODING_RAW:
+        return data.view(dtype).reshape(shape)
+    return CODECS[header.encoding].decoded(data.tobytes(), dtype, shape)
+
+
+def checked_nbytes(header: pb.ArrayHeader, limit: int) -> int:
+    """Return how many bytes an array has once decoded, before anything is allocated for it.
+
+    Raises:
+        OaisysError: The header contradicts itself, is beyond the limit, or says what nobody here
+            can read.
+    """
+    dtype = _DTYPES.get(header.data_type)
+    if dtype is None or header.encoding not in (pb.ENCODING_RAW, *CODECS):
+        raise OaisysError(
+            f"cannot read an array of data type {header.data_type}, encoding {header.encoding}"
+        )
+    nbytes = math.prod(header.shape) * dtype.itemsize
+    if nbytes > limit:
+        raise OaisysError(
+            f"shape {list(header.shape)} takes {nbytes} bytes: this client takes {limit} at most"
+        )
+    if header.byte_size != nbytes and (
+        header.encoding == pb.ENCODING_RAW or header.byte_size > nbytes
+    ):
+        raise OaisysError(f"shape {list(header.shape)} is not {header.byte_size} bytes")
+    return nbytes
+
+
+def _to_png(array: AnyArray) -> bytes | None:
+    """Return a PNG file of an image that the contract has one for."""
+    image = _png_image(array)
+    if image is None:
+        return None
+    made, data = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, _FAST])
+    return data.tobytes() if made else None
+
+
+def _png_image(array: AnyArray) -> AnyArray | None:
+    """Return an image as OpenCV has it, whose colours go blue, green, red."""
+    if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:
+        return array[..., ::-1]
+    if array.dtype in (np.uint8, np.uint16) and array.ndim == 2:
+        return array
+    if array.dtype == np.uint32 and array.ndim == 2:
+        return array.view(np.uint8).reshape(*array.shape, 4)[..., [2, 1, 0, 3]]
+    return None
+
+
+def _from_png(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyArray:
+    expected = _PNG_KINDS.get((dtype.str, shape[2:]))
+    if expected is None or len(shape) < 2 or _png_header(data) != (shape[1], shape[0], *expected):
+        raise OaisysError(f"the PNG file is no image of shape {list(shape)}, {dtype.name}")
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise OaisysError("the PNG file is damaged")
+    if dtype == np.uint32:
+        ids = np.ascontiguousarray(image[..., [2, 1, 0, 3]])
+        return ids.view(dtype).reshape(shape)
+    array: AnyArray = image[..., ::-1] if len(shape) == 3 else image
+    return np.ascontiguousarray(array, dtype)
+
+
+_PNG_START = struct.Struct(">8sI4sIIBB")
+_PNG_KINDS = {
+    ("|u1", (3,)): (8, 2),
+    ("|u1", ()): (8, 0),
+    ("<u2", ()): (16, 0),
+    ("<u4", ()): (8, 6),
+}
+"""Bits and colour type of the file's header, by data type and channels."""
+
+
+def _png_header(data: bytes) -> tuple[int, ...]:
+    """Return width, height, bits and colour type: what decoding is going to allocate."""
+    if len(data) < _PNG_START.size:
+        return ()
+    signature, _, kind, *header = _PNG_START.unpack_from(data)
+    return tuple(header) if (signature, kind) == (b"\x89PNG\r\n\x1a\n", b"IHDR") else ()
+
+
+def _to_shuffled_zlib(array: AnyArray) -> bytes:
+    """Return the first bytes of all elements, then the second ones ..., compressed.
+
+    The upper bytes of neighbouring depths are alike; the lower ones are nearly noise.
+    """
+    planes = array.reshape(-1).view(np.uint8).reshape(-1, array.itemsize).T
+    return zlib.compress(np.ascontiguousarray(planes), _FAST)
+
+
+def _from_shuffled_zlib(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyArray:
+    nbytes = math.prod(shape) * dtype.itemsize
+    decompressor = zlib.decompressobj()
+    try:
+        planes = decompressor.decompress(data, nbytes + 1)
+    except zlib.error as error:
+        raise OaisysError(f"the zlib stream is damaged: {error}") from error
+    if len(planes) != nbytes or not decompressor.eof or decompressor.unused_data:
+        raise OaisysError(f"the zlib stream does not hold {nbytes} bytes")
+    elements = np.frombuffer(planes, np.uint8).reshape(dtype.itemsize, -1).T
+    return np.ascontiguousarray(elements).reshape(-1).view(dtype).reshape(shape)
+
+
+CODECS: dict[int, Codec] = {
+    pb.ENCODING_PNG: Codec(_to_png, _from_png),
+    pb.ENCODING_SHUFFLED_ZLIB: Codec(_to_shuffled_zlib, _from_shuffled_zlib),
+}
+"""All encodings but raw."""
+
+ENCODINGS: dict[str, int] = {"png": pb.ENCODING_PNG, "shuffled_zlib": pb.ENCODING_SHUFFLED_ZLIB}
+"""The encodings that a client can ask for, by name."""
+
+
+def encodings_from_names(names: Sequence[str]) -> list[int]:
+    """Return the contract's values.
+
+    Raises:
+        KeyError: There is no such encoding.
+    """
+    return [ENCODINGS[name] for name in names]
