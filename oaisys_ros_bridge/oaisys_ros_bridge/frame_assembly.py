@@ -21,7 +21,7 @@ from oaisys_ros_bridge.fusion import DepthFrame
 from oaisys_ros_bridge.synchronizer import ExactSynchronizer
 
 COLOR_WAIT_S = 2.0
-"""A depth image whose colour has not come by then is fused grey."""
+"""A depth image whose colour has not come so long after its sample was complete is fused grey."""
 
 MOST_WITHOUT_POSE = 32
 """Frames that may wait for their transform; the oldest are given up first."""
@@ -37,7 +37,8 @@ class FrameAssembler:
 
     Args:
         map_frame: Frame that poses are wanted in.
-        use_color: Whether a depth image waits up to `COLOR_WAIT_S` for its colour image.
+        use_color: Whether a depth image waits for its colour image: until its sample is complete
+            where that is told, and in any case for `COLOR_WAIT_S`.
     """
 
     def __init__(self, map_frame: str, *, use_color: bool) -> None:
@@ -45,6 +46,7 @@ class FrameAssembler:
         self._transforms = FrameBuffer()
         self._images = ExactSynchronizer(("depth", "info"), ("color",) if use_color else ())
         self._without_pose: dict[int, dict[str, Any]] = {}
+        self._ended_s: dict[int, float] = {}
 
     def add_static(self, message: TFMessage) -> None:
         """Take in transforms that hold for all times."""
@@ -72,13 +74,38 @@ class FrameAssembler:
         stamp_ns = nanoseconds(message.header.stamp)
         complete = self._images.add(stamp_ns, kind, message, now_s)
         if complete is not None:
-            self._without_pose[stamp_ns] = complete
-            while len(self._without_pose) > MOST_WITHOUT_POSE:
-                del self._without_pose[min(self._without_pose)]
+            self._go_on(stamp_ns, complete)
 
-    def give_up_color(self, now_s: float) -> None:
-        """Let those go on without colour that have waited for it long enough."""
-        self._without_pose.update(self._images.release_older_than(now_s - COLOR_WAIT_S))
+    def end_sample(self, stamp_ns: int, now_s: float, *, has_color: bool) -> None:
+        """Take note that all of a sample was published, and whether colour is among it."""
+        self._ended_s[stamp_ns] = now_s if has_color else now_s - COLOR_WAIT_S
+        while len(self._ended_s) > MOST_WITHOUT_POSE:
+            del self._ended_s[min(self._ended_s)]
+        self.give_up_color(now_s, ends_are_told=True)
+
+    def give_up_color(self, now_s: float, *, ends_are_told: bool = False) -> None:
+        """Let those go on without colour that have waited for it long enough.
+
+        Where it is told which samples got complete, one may take as long as it likes, and what
+        belongs to a sample that never did is dropped once a later one is complete.
+        """
+        if not ends_are_told:
+            for stamp_ns, messages in self._images.release_older_than(now_s - COLOR_WAIT_S):
+                self._go_on(stamp_ns, messages)
+            return
+        overdue = [s for s, ended_s in self._ended_s.items() if now_s - ended_s >= COLOR_WAIT_S]
+        for stamp_ns in overdue:
+            released = self._images.release(stamp_ns)
+            if released is not None:
+                self._go_on(stamp_ns, released)
+        last_ns = max(overdue, default=0)
+        lost = [s for s in self._images.stamps_ns if s < last_ns and s not in self._ended_s]
+        self._images.drop(lost)
+
+    def _go_on(self, stamp_ns: int, messages: dict[str, Any]) -> None:
+        self._without_pose[stamp_ns] = messages
+        while len(self._without_pose) > MOST_WITHOUT_POSE:
+            del self._without_pose[min(self._without_pose)]
 
     def pop(self) -> DepthFrame | None:
         """Return the earliest frame that is complete by now, and forget it; None if there is none.
@@ -105,4 +132,5 @@ class FrameAssembler:
     def clear(self) -> None:
         """Forget images that are incomplete; transforms stay."""
         self._images.clear()
+        self._ended_s.clear()
         self._without_pose.clear()

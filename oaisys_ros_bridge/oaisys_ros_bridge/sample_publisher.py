@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -23,6 +23,7 @@ from oaisys_core.types import (
     RANGE,
     RGB,
     Frame,
+    Pose,
     Sample,
     SensorInfo,
     SimulatorInfo,
@@ -116,16 +117,43 @@ class SamplePublisher:
 
     def publish(self, sample: Sample, stamp: Time) -> None:
         """Publish all of ``sample`` with ``stamp``: transforms first, sample_info last."""
+        self.publish_pose(sample.rig_pose, stamp)
+        self.publish_frames(sample.frames, stamp)
+        for sensor in {frame.sensor: None for frame in sample.frames}:
+            self.publish_cloud(sensor, sample.frames, stamp)
+        self.publish_info(sample, stamp)
+
+    def publish_pose(self, rig_pose: Pose, stamp: Time) -> None:
+        """Publish where the rig is."""
         header = Header(stamp=stamp, frame_id=self._map_frame)
-        T_map_base = pose_to_matrix(sample.rig_pose)
+        T_map_base = pose_to_matrix(rig_pose)
         self._tf.publish(
             TFMessage(transforms=[transform_to_msg(T_map_base, header, self._base_frame)])
         )
-        self._odometry.publish(odometry_to_msg(sample.rig_pose, header, self._base_frame))
-        for frame in sample.frames:
+        self._odometry.publish(odometry_to_msg(rig_pose, header, self._base_frame))
+
+    def publish_frames(self, frames: Iterable[Frame], stamp: Time) -> None:
+        """Publish images, and their cameras."""
+        for frame in frames:
             self._publish_frame(frame, stamp)
-        if self._publish_points:
-            self._publish_clouds(sample, stamp)
+
+    def publish_cloud(self, sensor: str, frames: Iterable[Frame], stamp: Time) -> None:
+        """Publish the cloud of a sensor's depth, in colour if there is one, where it is offered."""
+        images = {frame.modality: frame for frame in frames if frame.sensor == sensor}
+        if not self._publish_points or DEPTH not in images:
+            return
+        topic = f"{self._namespaces[sensor]}/depth_registered/points"
+        publisher = self._publisher(PointCloud2, topic, SENSOR_QOS)
+        if publisher.get_subscription_count() == 0:
+            return  # the largest message; nobody would ever see this one
+        header = Header(stamp=stamp, frame_id=self._optical_frame(sensor))
+        depth = images[DEPTH]
+        rgb = images[RGB].data if RGB in images else None
+        publisher.publish(depth_to_cloud_msg(depth.data, rgb, depth.intrinsics, header))
+
+    def publish_info(self, sample: Sample, stamp: Time) -> None:
+        """Say that all of a sample has been published."""
+        header = Header(stamp=stamp, frame_id=self._map_frame)
         self._sample_info.publish(sample_info_msg(sample, header))
 
     def _publisher(self, kind: type[Any], topic: str, qos: Any) -> Publisher:
@@ -184,19 +212,6 @@ class SamplePublisher:
             camera_info.publish(intrinsics_to_msg(frame.intrinsics, header, baseline_m))
         image = self._publisher(Image, f"{prefix}/image_raw", SENSOR_QOS)
         image.publish(image_to_msg(frame.data, encoding_of(frame.modality), header))
-
-    def _publish_clouds(self, sample: Sample, stamp: Time) -> None:
-        colors = {frame.sensor: frame.data for frame in sample.frames if frame.modality == RGB}
-        for frame in sample.frames:
-            if frame.modality != DEPTH:
-                continue
-            topic = f"{self._namespaces[frame.sensor]}/depth_registered/points"
-            publisher = self._publisher(PointCloud2, topic, SENSOR_QOS)
-            if publisher.get_subscription_count() == 0:
-                continue  # the largest message; nobody would ever see this one
-            header = Header(stamp=stamp, frame_id=self._optical_frame(frame.sensor))
-            rgb = colors.get(frame.sensor)
-            publisher.publish(depth_to_cloud_msg(frame.data, rgb, frame.intrinsics, header))
 
     def _optical_frame(self, sensor: str) -> str:
         return f"{self._namespaces[sensor]}_optical_frame"

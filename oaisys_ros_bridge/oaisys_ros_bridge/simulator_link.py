@@ -7,8 +7,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
-from oaisys_core.types import ModuleMetadata, Pose, Sample, SimulatorInfo
+from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError, WorkerLostError
+from oaisys_core.types import (
+    ModuleMetadata,
+    Pose,
+    Sample,
+    SampleFramesCallback,
+    SimulatorInfo,
+)
 from oaisys_grpc.client import SimulatorClient
 
 R = TypeVar("R")
@@ -37,7 +43,7 @@ class LinkState:
     @property
     def ready(self) -> bool:
         """Whether a sample could be rendered now."""
-        return self.info is not None and self.info.batch_id > 0
+        return self.info is not None and not self.reason
 
 
 class SimulatorLink:
@@ -90,8 +96,12 @@ class SimulatorLink:
         metadata: ModuleMetadata | None,
         modalities: Sequence[str],
         sensors: Sequence[str],
+        on_frames: SampleFramesCallback,
     ) -> Sample:
         """Render a sample; a server that has started afresh gets its first batch before that.
+
+        Args:
+            on_frames: Told frames as soon as they come; see `SimulatorClient.render_sample`.
 
         Raises:
             OaisysError: As the server says, or there is none.
@@ -99,7 +109,11 @@ class SimulatorLink:
 
         def call(client: SimulatorClient) -> Sample:
             return client.render_sample(
-                pose, metadata=metadata, modalities=modalities, sensors=sensors
+                pose,
+                metadata=metadata,
+                modalities=modalities,
+                sensors=sensors,
+                on_frames=on_frames,
             )
 
         with self.lock:
@@ -114,15 +128,13 @@ class SimulatorLink:
     def step_batch(
         self, *, seed: int | None, reuse_stage: bool, metadata: ModuleMetadata | None
     ) -> int:
-        """Build a new batch and return its id."""
+        """Build a new batch and return its id; it overtakes a sample that renders."""
+        batch_id = self._call(
+            lambda client: client.step_batch(seed=seed, reuse_stage=reuse_stage, metadata=metadata)
+        )
         with self.lock:
-            batch_id = self._call(
-                lambda client: client.step_batch(
-                    seed=seed, reuse_stage=reuse_stage, metadata=metadata
-                )
-            )
             self.check()
-            return batch_id
+        return batch_id
 
     def end_simulation(self) -> None:
         """End the server's process."""
@@ -132,13 +144,19 @@ class SimulatorLink:
 
     def _call(self, call: Callable[[SimulatorClient], R]) -> R:
         if self._client is None:
-            self.check()
+            with self.lock:
+                self.check()
         client = self._client
         if client is None:
             raise NotReadyError(self._state.reason)
         try:
             return call(client)
         except InvalidInputError:
+            raise
+        except WorkerLostError as error:
+            with self.lock:
+                self._enter(self._state.info, str(error))
+            self._wake.set()
             raise
         except OaisysError:
             self._wake.set()
@@ -175,10 +193,14 @@ class SimulatorLink:
             self._enter(info, "the first batch is being built")
             self._client.step_batch()
             info = self._client.info()
+        if self._state.info is not None and self._state.ready:
+            restarts = info.worker_restarts - self._state.info.worker_restarts
+            if restarts > 0:
+                self._enter(info, f"the simulator's worker died; restarted {restarts} time(s)")
         self._enter(info, "" if info.batch_id > 0 else "no batch has been stepped yet")
 
-    def _enter(self, info: SimulatorInfo, reason: str) -> None:
-        found = int(self._state.info is None)
+    def _enter(self, info: SimulatorInfo | None, reason: str) -> None:
+        found = int(self._state.info is None and info is not None)
         self._change(LinkState(info, reason, self._state.connections + found))
 
     def _lose(self, reason: str) -> None:

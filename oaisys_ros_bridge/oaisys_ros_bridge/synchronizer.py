@@ -45,6 +45,24 @@ class ExactSynchronizer:
             del self._pending[stamp_ns]
         return released
 
+    def release(self, stamp_ns: int) -> dict[str, Any] | None:
+        """Return what there is of a stamp, if only wanted kinds are missing, and forget it."""
+        _, messages = self._pending.get(stamp_ns, (0.0, {}))
+        if not messages or not messages.keys() >= self._required:
+            return None
+        del self._pending[stamp_ns]
+        return messages
+
+    def drop(self, stamps_ns: Iterable[int]) -> None:
+        """Give stamps up."""
+        for stamp_ns in stamps_ns:
+            self._pending.pop(stamp_ns, None)
+
+    @property
+    def stamps_ns(self) -> tuple[int, ...]:
+        """Stamps of which something has come, but not all."""
+        return tuple(self._pending)
+
     def clear(self) -> None:
         """Forget what is incomplete."""
         self._pending.clear()

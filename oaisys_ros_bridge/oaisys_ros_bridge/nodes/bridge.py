@@ -17,9 +17,19 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
-from oaisys_core.types import ModuleMetadata, Pose, Sample, SimulatorInfo
+from oaisys_core.types import (
+    Frame,
+    ModuleMetadata,
+    Pose,
+    Sample,
+    SampleFramesCallback,
+    SampleOutline,
+    SimulatorInfo,
+)
+from oaisys_msgs.msg import SampleInfo
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.node_process import run_node
+from oaisys_ros_bridge.publication import Publication
 from oaisys_ros_bridge.qos import LATCHED_QOS, NEWEST_QOS
 from oaisys_ros_bridge.requests import (
     checked_modalities,
@@ -55,7 +65,9 @@ class BridgeNode(Node):
         self._last_stamp_ns = 0
         self._last_render_s = float("nan")
         self._samples: SamplePublisher | None = None
+        self._announced_batch: tuple[str, int, int] | None = None
         self._ready = self.create_publisher(Bool, "~/ready", LATCHED_QOS)
+        self._batch = self.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._link = SimulatorLink(
             address, initial_batch=initial_batch, timeout_s=timeout_s, on_change=self._follow
@@ -148,7 +160,11 @@ class BridgeNode(Node):
     def _render(
         self, pose: PoseStamped, sensor: str, modalities: Sequence[str]
     ) -> tuple[Sample, TimeMsg]:
-        """Render and publish one sample; requests go one at a time, so stamps only increase."""
+        """Render and publish one sample; requests go one at a time, so stamps only increase.
+
+        What is ready goes out at once. Where the render then fails, ``~/sample_info`` never tells
+        of that stamp: its images belong to no sample.
+        """
         with self._link.lock:
             info = self._link.state.info
             if info is None:
@@ -158,14 +174,33 @@ class BridgeNode(Node):
                 raise NotReadyError(self._link.state.reason)
             target = rig_pose(pose, sensor, info, self._map_frame)
             wanted = checked_modalities(modalities, sensor, info)
-            sample = self._render_at(target, wanted, [sensor] if sensor else [])
-            self._last_render_s = sample.render_time_s
-            stamp = self._next_stamp()
-            if self._samples is not None:
-                self._samples.publish(sample, stamp)
-            return sample, stamp
+            begun: list[Publication] = []
 
-    def _render_at(self, pose: Pose, modalities: list[str], sensors: list[str]) -> Sample:
+            def publish(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
+                if not begun:
+                    begun.append(self._begin(outline))
+                begun[0].add(frames)
+
+            sample = self._render_at(target, wanted, [sensor] if sensor else [], publish)
+            self._last_render_s = sample.render_time_s
+            publication = begun[0] if begun else self._begin(sample.outline)
+            publication.finish(sample)
+            return sample, publication.stamp
+
+    def _begin(self, outline: SampleOutline) -> Publication:
+        """Begin to publish a sample, with a stamp after that of its batch."""
+        self._notice_batch(outline.batch_id)
+        if self._samples is None:
+            raise NotReadyError(self._link.state.reason)
+        return Publication(self._samples, outline, self._next_stamp())
+
+    def _render_at(
+        self,
+        pose: Pose,
+        modalities: list[str],
+        sensors: list[str],
+        on_frames: SampleFramesCallback,
+    ) -> Sample:
         """Render with what was set since the last sample; the simulator keeps it from then on.
 
         Metadata that it refuses is forgotten: it would spoil every later sample.
@@ -174,7 +209,11 @@ class BridgeNode(Node):
             metadata, self._metadata = self._metadata, None
         try:
             return self._link.render(
-                pose, metadata=metadata, modalities=modalities, sensors=sensors
+                pose,
+                metadata=metadata,
+                modalities=modalities,
+                sensors=sensors,
+                on_frames=on_frames,
             )
         except OaisysError as error:
             refused = isinstance(error, InvalidInputError) and "pose" not in error.field
@@ -193,14 +232,40 @@ class BridgeNode(Node):
         """Offer the topics of the simulator that was found and say whether it is ready."""
         if state.info is not None:
             self._offer_topics_of(state.info)
+            self._announce_batch_of(state.info)
         if state.ready != before.ready:
             self._ready.publish(Bool(data=state.ready))
         if state.reason == before.reason:
             return
+        self._publish_diagnostics()
         if state.info is not None:
             self.get_logger().info(f"simulator at {self._link.address}: {state.reason or 'ready'}")
         else:
             self.get_logger().warning(f"simulator lost: {state.reason}")
+
+    def _notice_batch(self, batch_id: int) -> None:
+        """Look at the simulator before a sample of a batch that another client has stepped."""
+        info = self._link.state.info
+        if info is None or info.batch_id != batch_id:
+            self._link.check()
+
+    def _announce_batch_of(self, info: SimulatorInfo) -> None:
+        """Say that another world stands: what was published before shows the old one."""
+        batch = (info.config_sha256, info.seed, info.batch_id)
+        if info.batch_id == 0 or batch == self._announced_batch:
+            return
+        self._announced_batch = batch
+        message = SampleInfo(
+            batch_id=info.batch_id,
+            seed=info.seed,
+            config_sha256=info.config_sha256,
+            backend=info.backend,
+            backend_version=info.backend_version,
+            quality=info.quality,
+        )
+        message.header.stamp = self._next_stamp()
+        message.header.frame_id = self._map_frame
+        self._batch.publish(message)
 
     def _offer_topics_of(self, info: SimulatorInfo) -> None:
         if self._samples is not None and self._samples.fits(info):
@@ -231,6 +296,7 @@ class BridgeNode(Node):
         if state.info is not None:
             values["backend"] = f"{state.info.backend} {state.info.backend_version}"
             values["batch_id"] = str(state.info.batch_id)
+            values["worker_restarts"] = str(state.info.worker_restarts)
         status = DiagnosticStatus(
             level=level,
             name=f"{self.get_name()}: simulator",

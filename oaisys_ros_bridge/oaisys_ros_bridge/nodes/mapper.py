@@ -6,6 +6,7 @@ import json
 import sys
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -24,18 +25,24 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
 
 from oaisys_core.errors import NotReadyError, OaisysError
+from oaisys_core.types import RGB
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_truth, write_ply
 from oaisys_mapping.metrics import evaluate_reconstruction
 from oaisys_mapping.tsdf import TsdfConfig
-from oaisys_msgs.msg import MapStatus
+from oaisys_msgs.msg import MapStatus, SampleInfo
 from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
-from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler
-from oaisys_ros_bridge.fusion import Fusion, FusionState
+from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler, nanoseconds
+from oaisys_ros_bridge.fusion import DepthFrame, Fusion, FusionState
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TF_STATIC_QOS
 from oaisys_ros_bridge.surface import at_most
+
+BATCH_TOPIC = "oaisys_bridge/batch"
+SAMPLE_INFO_TOPIC = "oaisys_bridge/sample_info"
+EARLY_FRAMES = 4
+"""Frames of a new world that may come before the word that it stands."""
 
 EVALUATION_SEED = 0
 """Draws the points that are measured: the same map gets the same figures."""
@@ -48,10 +55,14 @@ class MapperNode(Node):
         voxel_size, truncation_voxels, max_range: Of the volume; metres, voxels, metres.
         camera: Prefix of the camera's topics.
         map_frame: Frame of the volume.
-        use_color: Whether to wait for colour images.
+        use_color: Whether to wait for colour images: as long as it takes where the bridge tells on
+            ``oaisys_bridge/sample_info`` which samples are complete. Depth images of a sample that
+            never gets complete are dropped then; without colour they are fused at once.
         use_odometry: Take poses from ``ground_truth/odometry`` instead of ``/tf``.
         mesh_period: Seconds between meshes published while frames come; 0: only when one is saved.
         mesh_triangles: Most triangles of a published mesh; a saved one has them all.
+        clear_on_batch: Whether to begin anew when the bridge says on ``oaisys_bridge/batch`` that
+            another world stands.
         settle_timeout: Longest time that a service waits for frames that are being fused.
     """
 
@@ -74,6 +85,9 @@ class MapperNode(Node):
         use_color = self.declare_parameter("use_color", True).value
         self._assembler = FrameAssembler(self._map_frame, use_color=use_color)
         self._input_lock = threading.Lock()
+        self._batch: tuple[str, int, int] | None = None
+        self._batch_begin_ns = 0
+        self._newest: deque[DepthFrame] = deque(maxlen=EARLY_FRAMES)
         self._mesh_publisher = self.create_publisher(Marker, "~/mesh", LATCHED_QOS)
         self._points_publisher = self.create_publisher(PointCloud2, "~/surface_points", LATCHED_QOS)
         self._status_publisher = self.create_publisher(MapStatus, "~/metrics", LATCHED_QOS)
@@ -102,7 +116,11 @@ class MapperNode(Node):
         ]
         if use_color:
             inputs.append(("color", Image, "color/image_raw"))
+            end = partial(self._end_sample, camera)
+            self._feed(SampleInfo, SAMPLE_INFO_TOPIC, end, SENSOR_QOS)
             self.create_timer(COLOR_WAIT_S / 2, self._give_up_color)
+        if self.declare_parameter("clear_on_batch", True).value:
+            self.create_subscription(SampleInfo, BATCH_TOPIC, self._on_batch, LATCHED_QOS)
         for kind, message_type, topic in inputs:
             add = partial(self._add_image, kind)
             self._feed(message_type, f"{camera}/{topic}", add, SENSOR_QOS)
@@ -116,8 +134,20 @@ class MapperNode(Node):
     def _add_image(self, kind: str, message: Any) -> None:
         self._assembler.add_image(kind, message, time.monotonic())
 
+    def _end_sample(self, camera: str, message: SampleInfo) -> None:
+        """Let a depth image go on whose sample has no colour, and drop those of failed samples."""
+        has_color = any(
+            RGB in sensor.modalities
+            for sensor in message.sensors
+            if sensor.sensor == camera or len(message.sensors) == 1
+        )
+        stamp_ns = nanoseconds(message.header.stamp)
+        self._assembler.end_sample(stamp_ns, time.monotonic(), has_color=has_color)
+
     def _give_up_color(self) -> None:
-        self._take_in(self._assembler.give_up_color, time.monotonic())
+        are_told = self.count_publishers(SAMPLE_INFO_TOPIC) > 0
+        give_up = partial(self._assembler.give_up_color, ends_are_told=are_told)
+        self._take_in(give_up, time.monotonic())
 
     def _take_in(self, add: Callable[[Any], None], message: Any) -> None:
         """Give a message to the assembler and queue all frames that it completed."""
@@ -138,9 +168,28 @@ class MapperNode(Node):
             return True
         if frame is None:
             return False
+        if frame.stamp_ns >= self._batch_begin_ns:
+            self._newest.append(frame)
+            self._fuse(frame)
+        return True
+
+    def _fuse(self, frame: DepthFrame) -> None:
         if not self._fusion.add(frame):
             self.get_logger().warning("the queue is full: a frame is dropped")
-        return True
+
+    def _on_batch(self, message: SampleInfo) -> None:
+        """Forget what was seen of the world before, whenever it is that this message comes."""
+        batch = (message.config_sha256, message.seed, message.batch_id)
+        with self._input_lock:
+            known, self._batch = self._batch, batch
+            if known in (None, batch):
+                return
+            self._batch_begin_ns = nanoseconds(message.header.stamp)
+            self._forget_map()
+            for frame in list(self._newest):
+                if frame.stamp_ns >= self._batch_begin_ns:
+                    self._fuse(frame)
+        self.get_logger().info(f"batch {message.batch_id}: the map of the one before is cleared")
 
     def _offer_services(self) -> None:
         """Offer services, and meshes from time to time, in a group that may wait for frames."""
@@ -197,10 +246,14 @@ class MapperNode(Node):
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         with self._input_lock:
             self._assembler.clear()
-            self._metrics_json = ""
-            self._fusion.reset()
+            self._newest.clear()
+            self._forget_map()
         response.success = True
         return response
+
+    def _forget_map(self) -> None:
+        self._metrics_json = ""
+        self._fusion.reset()
 
     def _publish_status(self, state: FusionState) -> None:
         stamp = Time(nanoseconds=state.stamp_ns).to_msg()

@@ -1,0 +1,44 @@
+"""A sample on its way to its topics: what is ready goes out, all of it with one stamp."""
+
+from __future__ import annotations
+
+from builtin_interfaces.msg import Time
+
+from oaisys_core.types import DEPTH, RGB, Frame, FrameName, Sample, SampleOutline
+from oaisys_ros_bridge.sample_publisher import SamplePublisher
+
+
+class Publication:
+    """Publishes the frames of one sample as they come.
+
+    Pose and transforms first; depth, labels and all else that needs no light next; then colours; a
+    sensor's cloud once its colour is there, or at once where it will have none; sample_info last,
+    and only if the sample gets complete.
+    """
+
+    def __init__(self, publisher: SamplePublisher, outline: SampleOutline, stamp: Time) -> None:
+        """Publish where the rig is."""
+        self.stamp = stamp
+        self._publisher = publisher
+        self._outline = outline
+        self._frames: dict[FrameName, Frame] = {}
+        publisher.publish_pose(outline.rig_pose, stamp)
+
+    def add(self, frames: tuple[Frame, ...]) -> None:
+        """Publish frames that are ready, and the clouds that they complete."""
+        self._publisher.publish_frames(frames, self.stamp)
+        for frame in frames:
+            self._frames[FrameName(frame.sensor, frame.modality)] = frame
+            if frame.modality in (DEPTH, RGB) and self._has_cloud(frame.sensor):
+                self._publisher.publish_cloud(frame.sensor, self._frames.values(), self.stamp)
+
+    def finish(self, sample: Sample) -> None:
+        """Say that this was all of it."""
+        self._publisher.publish_info(sample, self.stamp)
+
+    def _has_cloud(self, sensor: str) -> bool:
+        """Return whether everything has come that a sensor's cloud is made of."""
+        wanted = {FrameName(sensor, DEPTH), FrameName(sensor, RGB)}.intersection(
+            self._outline.frames
+        )
+        return wanted <= self._frames.keys()
