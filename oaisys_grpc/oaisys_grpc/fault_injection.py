@@ -1,8 +1,9 @@
 """Faults that tests ask for, to show that the server keeps its promises when a worker fails.
 
-``OAISYS_FAULT`` is ``slow`` or ``slow:SECONDS``, ``hang``, ``crash`` or ``leak`` or
-``leak:MEGABYTES``; it strikes each sample, and only where ``OAISYS_TEST_BUILD=1`` says that this is
-a test.
+``OAISYS_FAULT`` names them, separated by commas: ``crash``, ``hang``, ``slow:SECONDS``,
+``leak:MEGABYTES``. Each strikes every sample, or with ``@NUMBER`` behind it that one of every
+worker; with ``late-`` before it once depth and labels have been sent, else before anything is
+rendered; and only where ``OAISYS_TEST_BUILD=1`` says that this is a test.
 """
 
 from __future__ import annotations
@@ -10,29 +11,54 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections.abc import Iterator
 
 from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.types import Progress
 
-_SLOW_S = 1.0
 _STEP_S = 0.02
-_LEAK_MB = 50.0
+_LATE = "late-"
+_samples = 0
 _leaked: list[bytes] = []
 
 
 def strike(progress: ProgressCallback) -> None:
     """Do what the environment asks for, before a sample is rendered."""
+    global _samples
+    _samples += 1
+    for fault in _wanted():
+        if not fault.startswith(_LATE):
+            _strike(*fault.partition(":")[::2], progress)
+
+
+def strike_late(progress: ProgressCallback) -> None:
+    """Do what the environment asks for, once the first frames of a sample were sent."""
+    for fault in _wanted():
+        if fault.startswith(_LATE):
+            _strike(*fault.removeprefix(_LATE).partition(":")[::2], progress)
+
+
+def _wanted() -> Iterator[str]:
+    """Yield the faults of the sample that is being rendered."""
     if os.environ.get("OAISYS_TEST_BUILD") != "1":
         return
-    fault, _, amount = os.environ.get("OAISYS_FAULT", "").partition(":")
-    if fault == "crash":
+    for fault in filter(None, os.environ.get("OAISYS_FAULT", "").split(",")):
+        what, _, number = fault.partition("@")
+        if not number or int(number) == _samples:
+            yield what
+
+
+def _strike(name: str, amount: str, progress: ProgressCallback) -> None:
+    if name == "crash":
         os.abort()
-    if fault == "hang":
+    elif name == "hang":
         threading.Event().wait()
-    if fault == "leak":
-        _leaked.append(b"\1" * int(1e6 * float(amount or _LEAK_MB)))
-    if fault == "slow":
-        end_s = time.monotonic() + float(amount or _SLOW_S)
+    elif name == "leak":
+        _leaked.append(b"\1" * int(1e6 * float(amount)))
+    elif name == "slow":
+        end_s = time.monotonic() + float(amount)
         while time.monotonic() < end_s:
             progress(Progress("fault", 0.0))
             time.sleep(_STEP_S)
+    else:
+        raise ValueError(f"OAISYS_FAULT: there is no fault {name!r}")

@@ -126,6 +126,7 @@ class _Reporter:
         self._cancelled = cancelled
         self._last_stage = ""
         self._last_s = 0.0
+        self._has_sent = False
 
     def __call__(self, progress: Progress) -> None:
         self._stop_if_cancelled()
@@ -140,6 +141,9 @@ class _Reporter:
         self._stop_if_cancelled()
         message = {"type": "frames", "id": self._call, "outline": outline, "frames": frames}
         self._connection.send(message)
+        if not self._has_sent:
+            self._has_sent = True
+            fault_injection.strike_late(self)
 
     def _stop_if_cancelled(self) -> None:
         if self._call in self._cancelled:
