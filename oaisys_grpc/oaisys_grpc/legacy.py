@@ -15,9 +15,9 @@ import grpc
 
 from oaisys_core import geometry
 from oaisys_core.errors import OaisysError, QueueFullError
-from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo
+from oaisys_core.types import ModuleMetadata, Pose, SampleOutline, SimulatorInfo
 from oaisys_grpc.legacy_files import LegacyFiles
-from oaisys_grpc.operation import Kind, OperationStatus, State
+from oaisys_grpc.operation import Kind, OperationStatus
 from oaisys_grpc.operations import Operations
 from oaisys_grpc.pb.legacy import oaisys_pb2 as pb
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
@@ -190,24 +190,21 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
     def _admitted(
         self, operation: Operation, followed: Future[None], context: Context
     ) -> tuple[int, int]:
-        """Wait until a sample renders; return its batch and sample id.
+        """Wait until there is something of a sample; return its batch and sample id.
 
         Raises:
             OaisysError: It was refused, or has failed already.
         """
         gone = threading.Event()
         context.add_callback(gone.set)
-        for status in operation.changes(gone):
-            if status.state.ended or not _waits(status):
-                break
-        info = self._supervisor.info
+        for event in operation.events(gone):
+            if isinstance(event, SampleOutline):
+                return event.batch_id, event.sample_id
         status = operation.status
         if status.error is not None:
             wait([followed])
             raise status.error
-        if status.state is State.SUCCEEDED:
-            return status.batch_id, status.sample_id
-        return info.batch_id, info.sample_id + 1
+        return status.batch_id, status.sample_id
 
 
 def _waits(status: OperationStatus) -> bool:
