@@ -6,7 +6,7 @@ import numpy as np
 
 from oaisys_core.backend.blender.haze import through_haze
 from oaisys_core.backend.blender.nodes import NodeTree, Socket
-from oaisys_core.terrain_material import TerrainMaterial
+from oaisys_core.terrain_material import PbrMaps
 
 IOR = 1.33
 """Refractive index of water; ice has 1.31."""
@@ -19,13 +19,10 @@ SHINY_SHARE = 0.01
 ground, gloss costs noise and shows nothing."""
 
 
-def is_glossy(material: TerrainMaterial) -> bool:
-    """Return whether any layer has parts that shine."""
-    return any(
-        np.count_nonzero(layer.maps.roughness < DULL * 255)
-        > SHINY_SHARE * layer.maps.roughness.size
-        for layer in material.layers
-    )
+def is_glossy(maps: PbrMaps) -> bool:
+    """Return whether a texture set has parts that shine."""
+    shiny = np.count_nonzero(maps.roughness < DULL * 255)
+    return bool(shiny > SHINY_SHARE * maps.roughness.size)
 
 
 def glossed(tree: NodeTree, surface: Socket, roughness: Socket, normal: Socket) -> Socket:

@@ -1,4 +1,8 @@
-"""The ground's material: layers weighted by their masks, each laid on as its tiling says."""
+"""The ground's material: layers mixed by their masks, each laid on as its tiling says.
+
+A mixture of surfaces evaluates only what shows of it, so each layer is a surface of its own: where
+one layer lies alone, as it does nearly everywhere, the others cost nothing.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +30,10 @@ changes by: so that the two never repeat together."""
 STEEP_COS = (0.77, 0.57)
 """Upward part of the normal (40 and 55 degrees) where sides begin to show, and where all is side.
 """
+
+NOTHING = 1 / 256
+"""Share of a layer up to which none of it shows, and beyond which, of the rest, nothing else does:
+what the eye cannot see is not to be evaluated."""
 
 SIDE_BLEND = 2.5
 """How quickly one side gives way to the next around a corner."""
@@ -59,16 +67,15 @@ class GroundNodes:
         self._material = material
         self._images = images
         self._tilings = TilingNodes(tree)
-        # The ground lies in ``map``, so object coordinates are metres there.
-        self._position = tree.add("TexCoord").outputs["Object"]
-        self._normal = tree.add("NewGeometry").outputs["Normal"]
-        self._weights = _weights(tree, material, self._position)
-        self._is_glossy = is_glossy(material)
+        # The ground lies in ``map``: no coordinates need to be transformed.
+        geometry = tree.add("NewGeometry")
+        self._position, self._normal = geometry.outputs["Position"], geometry.outputs["Normal"]
+        self._shares = _shares(tree, material, self._position)
         self._variation = self._make_variation(material.layers[0].maps, material.variation)
 
     def surface(self) -> tuple[Socket, Socket]:
         """Return the ground's surface, and the radiance of the air before it."""
-        top, veil = self._diffuse(Plane(self._position, None))
+        top, veil = self._laid_on(Plane(self._position, None))
         if not self._material.projects_sides:
             return top, veil
         tree = self._tree
@@ -77,31 +84,35 @@ class GroundNodes:
             tree.math("ABSOLUTE", part)
             for part in tree.add("SeparateXYZ", {0: self._normal}).outputs
         )
-        facing_x, _ = self._diffuse(Plane(tree.combined(y, z, 0.0), (1, 2)))
-        facing_y, _ = self._diffuse(Plane(tree.combined(x, z, 0.0), (0, 2)))
+        facing_x, _ = self._laid_on(Plane(tree.combined(y, z, 0.0), (1, 2)))
+        facing_y, _ = self._laid_on(Plane(tree.combined(x, z, 0.0), (0, 2)))
         slope = 1 / (STEEP_COS[0] - STEEP_COS[1])
         steep = tree.clamped("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
         turn = tree.clamped("MULTIPLY_ADD", tree.math("SUBTRACT", nx, ny), SIDE_BLEND, 0.5)
         # Cycles evaluates only that side of a mixture that shows: level ground costs no more.
         return tree.mixed(steep, top, tree.mixed(turn, facing_y, facing_x)), veil
 
-    def _diffuse(self, plane: Plane) -> tuple[Socket, Socket]:
+    def _laid_on(self, plane: Plane) -> tuple[Socket, Socket]:
+        """Return the surface of all layers on a plane, and the radiance of the air."""
+        layers = self._material.layers
+        result, veil = self._surface_of(layers[0], plane)
+        for layer, share in zip(layers[1:], self._shares, strict=True):
+            result = self._tree.mixed(share, result, self._surface_of(layer, plane)[0])
+        return result, veil
+
+    def _surface_of(self, layer: TerrainLayer, plane: Plane) -> tuple[Socket, Socket]:
+        """Return the surface of one layer, as if it lay everywhere."""
         tree = self._tree
-        color: Socket = (0.0, 0.0, 0.0)
-        detail: Socket = (0.0, 0.0, 0.0)
-        roughness: Socket = 0.0
-        for layer, weight in zip(self._material.layers, self._weights, strict=True):
-            texel = self._texel(layer, plane)
-            color = tree.vector("MULTIPLY_ADD", texel.color, weight, color)
-            detail = tree.vector("MULTIPLY_ADD", texel.detail, weight, detail)
-            roughness = tree.math("MULTIPLY_ADD", texel.roughness, weight, roughness)
+        texel = self._texel(layer, plane)
+        color = texel.color
         if self._variation is not None:
             color = tree.vector("MULTIPLY", color, self._variation)
-        normal = tree.vector("ADD", self._normal, self._slope(detail, plane))
-        normal = tree.vector("NORMALIZE", normal)
-        surface, veil = diffuse(tree, color, roughness, normal)
-        if self._is_glossy:
-            surface = glossed(tree, surface, roughness, normal)
+        # Diffuse surfaces make its length 1.
+        normal = tree.vector("ADD", self._normal, self._slope(texel.detail, plane))
+        surface, veil = diffuse(tree, color, texel.roughness, normal)
+        if is_glossy(layer.maps):
+            unit = tree.vector("NORMALIZE", normal)
+            surface = glossed(tree, surface, texel.roughness, unit)
         return surface, veil
 
     def _slope(self, detail: Socket, plane: Plane) -> Socket:
@@ -157,11 +168,11 @@ class GroundNodes:
         if not (variation.brightness or variation.tint) or np.ptp(maps.height) == 0:
             return None
         tree = self._tree
-        inputs: dict[str | int, Any] = {"Vector": self._position, "Angle": VARIATION_TURN_RAD}
-        turned = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
         size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
-        place = tree.scaled(turned, 1.0 / size_m)
-        texel = tree.add("TexImage", {"Vector": place}, image=self._images.height(maps))
+        texel = tree.add("TexImage", {"Vector": self._position}, image=self._images.height(maps))
+        # The node's own mapping is one matrix; a node that rotates takes sine and cosine each time.
+        texel.texture_mapping.rotation[2] = VARIATION_TURN_RAD
+        texel.texture_mapping.scale = (1.0 / size_m,) * 3
         ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
         least = tuple((1 - ranges / 2).tolist())
         return tree.vector("MULTIPLY_ADD", texel.outputs["Color"], tuple(ranges.tolist()), least)
@@ -197,23 +208,34 @@ def _mixture(
     return tree.vector("MULTIPLY_ADD", total, gain, mean)
 
 
-def _weights(tree: NodeTree, material: TerrainMaterial, position: Socket) -> list[Socket]:
-    """Return one socket per layer with its weight at ``position``."""
-    if len(material.layers) == 1:
-        return [1.0]
+def _shares(tree: NodeTree, material: TerrainMaterial, position: Socket) -> list[Socket]:
+    """Return, for each layer but the first, its share at ``position`` of it and those before it."""
+    masks = material.masks[1:]
+    if not len(masks):
+        return []
     x0, y0, x1, y1 = material.extent_m
     size_inverse = (1.0 / (x1 - x0), 1.0 / (y1 - y0), 0.0)
     place = tree.vector(
         "MULTIPLY_ADD", position, size_inverse, (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
     )
-    sockets: list[Socket] = []
-    masks = material.masks
+    weights: list[Socket] = []
     for first in range(0, len(masks), CHANNELS):
         part = masks[first : first + CHANNELS]
         pixels = np.zeros((*masks.shape[1:], CHANNELS), dtype=np.float32)
-        pixels[..., : len(part)] = np.moveaxis(part, 0, -1)
+        # Alpha comes first: it is a scalar already.
+        pixels[..., -1] = part[0]
+        pixels[..., : len(part) - 1] = np.moveaxis(part[1:], 0, -1)
         image = new_image(f"masks_{first}", pixels, is_float=True, is_color=False)
         texel = tree.add("TexImage", {"Vector": place}, image=image, extension="MIRROR")
-        channels = tree.add("SeparateColor", {"Color": texel.outputs["Color"]})
-        sockets.extend([*channels.outputs, texel.outputs["Alpha"]][: len(part)])
-    return sockets
+        weights.append(texel.outputs["Alpha"])
+        if len(part) > 1:
+            channels = tree.add("SeparateColor", {"Color": texel.outputs["Color"]})
+            weights.extend(channels.outputs[: len(part) - 1])
+    shares: list[Socket] = []
+    rest: Socket = 1.0
+    for weight in reversed(weights):
+        share = tree.math("DIVIDE", weight, rest) if shares else weight
+        rest = tree.math("SUBTRACT", rest, weight)
+        gain = 1 / (1 - 2 * NOTHING)
+        shares.append(tree.clamped("MULTIPLY_ADD", share, gain, -NOTHING * gain))
+    return shares[::-1]
