@@ -36,7 +36,9 @@ from oaisys_grpc.operation import OperationStatus, status_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.sample_stream import SampleStream, sample_from_parts
-from oaisys_grpc.tls import ClientTls
+from oaisys_grpc.tls import ClientTls, client_tls
+
+__all__ = ["ClientTls", "SimulatorClient", "client_tls"]
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
 DEFAULT_TIMEOUT_S = 120.0

@@ -15,7 +15,7 @@ from oaisys_core.types import (
     SampleFramesCallback,
     SimulatorInfo,
 )
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client import ClientTls, SimulatorClient
 
 R = TypeVar("R")
 
@@ -60,8 +60,10 @@ class SimulatorLink:
         initial_batch: bool,
         timeout_s: float,
         on_change: Callable[[LinkState, LinkState], None],
+        tls: ClientTls | None = None,
     ) -> None:
         self.address = address
+        self._tls = tls
         self.lock = threading.RLock()
         self._initial_batch = initial_batch
         self._timeout_s = timeout_s
@@ -185,7 +187,7 @@ class SimulatorLink:
             OaisysError: It does not answer, or cannot build.
         """
         if self._client is None:
-            self._client = SimulatorClient(self.address, timeout_s=self._timeout_s)
+            self._client = SimulatorClient(self.address, timeout_s=self._timeout_s, tls=self._tls)
         if not self._client.is_ready(HEALTH_TIMEOUT_S):
             raise NotReadyError(f"no simulator serves at {self.address}")
         info = self._client.info()

@@ -26,6 +26,7 @@ from oaisys_core.types import (
     SampleOutline,
     SimulatorInfo,
 )
+from oaisys_grpc.client import client_tls
 from oaisys_msgs.msg import SampleInfo
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.node_process import run_node
@@ -50,6 +51,8 @@ class BridgeNode(Node):
         publish_points: Whether to offer clouds.
         map_frame, base_frame: Frames of the world and of the rig.
         timeout_s: Longest time that a call to the server may take.
+        tls_ca, tls_cert, tls_key: PEM files for a server that encrypts: authorities of its
+            certificate, and this client's own; all empty: without TLS.
     """
 
     def __init__(self) -> None:
@@ -57,6 +60,7 @@ class BridgeNode(Node):
         address = self.declare_parameter("address", "127.0.0.1:50051").value
         initial_batch = self.declare_parameter("initial_batch", True).value
         timeout_s = self.declare_parameter("timeout_s", 600.0).value
+        tls_files = [self.declare_parameter(f"tls_{n}", "").value for n in ("ca", "cert", "key")]
         self._publish_points = self.declare_parameter("publish_points", True).value
         self._map_frame = self.declare_parameter("map_frame", "map").value
         self._base_frame = self.declare_parameter("base_frame", "base_link").value
@@ -70,7 +74,11 @@ class BridgeNode(Node):
         self._batch = self.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._link = SimulatorLink(
-            address, initial_batch=initial_batch, timeout_s=timeout_s, on_change=self._follow
+            address,
+            initial_batch=initial_batch,
+            timeout_s=timeout_s,
+            on_change=self._follow,
+            tls=client_tls(*tls_files),
         )
         self._create_interfaces()
         self._ready.publish(Bool(data=False))
