@@ -1,0 +1,126 @@
+"""Runs the benchmarks: ``python -m tools.bench``; ``make bench`` does."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import traceback
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import typer
+from rich.console import Console
+
+from oaisys_core.errors import OaisysError
+from tools.bench.figures import Figure
+from tools.bench.machine import machine
+from tools.bench.progress import Progress
+from tools.bench.report import print_table, write_results
+from tools.bench.settings import Settings
+
+
+class Topic(NamedTuple):
+    """What it is about, and the seconds it takes on two cores: at first, and quickly."""
+
+    about: str
+    full_s: float
+    quick_s: float
+
+
+TOPICS = {
+    "quality": Topic("colour by preset and view against converged references", 2400, 400),
+    "plain": Topic("one full render for each kind of image, as the original", 240, 60),
+    "batches": Topic("new worlds, reused stages, first samples", 400, 120),
+    "sync": Topic("what moving only the camera costs before rendering", 60, 40),
+    "budget": Topic("time budgets on random views", 220, 60),
+    "growth": Topic("growth with image, rocks, triangles, cameras", 700, 150),
+    "equality": Topic("depth and labels against Cycles' own passes", 150, 80),
+    "transfer": Topic("samples from worker to client", 60, 30),
+    "publish": Topic("samples from worker to ROS subscribers", 60, 30),
+    "end_to_end": Topic("from the service call to the last message", 120, 60),
+    "mapping": Topic("TSDF integration and mesh beside plain Open3D", 120, 60),
+}
+QUICK_RUNS = 2
+
+
+def main(
+    out: Annotated[Path, typer.Option(help="Folder for figures, plots, references.")] = Path(
+        "out/bench"
+    ),
+    only: Annotated[
+        list[str] | None, typer.Option(help=f"A topic, repeatable: {', '.join(TOPICS)}.")
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer values, coarse references: for a look.")
+    ] = False,
+    runs: Annotated[
+        int | None, typer.Option(min=1, help="Values per figure: 5, or 2 with --quick.")
+    ] = None,
+    size: Annotated[str, typer.Option(help="Of images, WIDTHxHEIGHT.")] = "640x480",
+    final: Annotated[
+        bool, typer.Option("--final", help="Measure the preset final, too: a minute a view.")
+    ] = False,
+    plain_views: Annotated[
+        int, typer.Option(min=1, max=6, help="Views rendered the plain way, 3 minutes each.")
+    ] = 1,
+) -> None:
+    """Measure, show each figure beside its goal, and write bench.json, bench.md and plots.
+
+    Exit code 1 where a topic fails; never for a goal that is missed.
+    """
+    settings = Settings(
+        out=out.absolute(),
+        runs=runs or (QUICK_RUNS if quick else Settings.runs),
+        quick=quick,
+        with_final=final,
+        plain_views=plain_views,
+        **_size(size),
+    )
+    chosen = only or list(TOPICS)
+    for name in chosen:
+        if name not in TOPICS:
+            raise typer.BadParameter(f"received {name}, expected one of {', '.join(TOPICS)}")
+    failures = _run(settings, chosen)
+    if failures:
+        raise typer.Exit(1)
+
+
+def _size(text: str) -> dict[str, int]:
+    match = re.fullmatch(r"(\d{2,4})x(\d{2,4})", text)
+    if match is None:
+        raise typer.BadParameter(f"--size: received {text}, expected WIDTHxHEIGHT")
+    return {"width_px": int(match[1]), "height_px": int(match[2])}
+
+
+def _run(settings: Settings, chosen: list[str]) -> dict[str, str]:
+    """Run topics one after the other, and return those that failed with their reasons."""
+    console = Console()
+    facts = machine()
+    console.print(", ".join(f"{name} {value}" for name, value in facts.items()), highlight=False)
+    by_topic: dict[str, list[Figure]] = {}
+    failures: dict[str, str] = {}
+    progress = Progress(console, {name: _expected_s(name, settings) for name in chosen})
+    for name in chosen:
+        progress.begin(name)
+        try:
+            topic: Any = importlib.import_module(f"tools.bench.topics.{name}")
+            by_topic[name] = topic.run(settings, progress.say)
+        except OaisysError as error:
+            failures[name] = str(error)
+        except Exception:  # noqa: BLE001 - the other topics' figures must not be lost
+            failures[name] = traceback.format_exc()
+        seconds = progress.end()
+        write_results(settings, facts, by_topic, failures)
+        print_table(console, f"{name}, {seconds:.0f} s", by_topic.get(name, []))
+    for name, reason in failures.items():
+        console.print(f"{name} failed: {reason}", style="red", markup=False, highlight=False)
+    console.print(f"{settings.out / 'bench.json'}, {settings.out / 'bench.md'}", highlight=False)
+    return failures
+
+
+def _expected_s(name: str, settings: Settings) -> float:
+    return TOPICS[name].quick_s if settings.quick else TOPICS[name].full_s
+
+
+if __name__ == "__main__":
+    typer.run(main)

@@ -1,0 +1,140 @@
+"""Runs jobs in processes of their own, so that memory peaks, caches and Blender are theirs alone.
+
+``python -m tools.bench.child MODULE FUNCTION`` reads settings and arguments as JSON from standard
+input and writes lines of JSON: what it does, then what it measured.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from oaisys_core.errors import OaisysError
+from tools.bench.settings import Say, Settings
+
+TIMEOUT_S = 3600.0
+"""For a job; the dearest are references, five minutes a view."""
+PATIENCE_S = 30.0
+"""For a job that is done, or told to stop, to clear up."""
+LOG_LINES = 12
+
+
+class JobError(OaisysError):
+    """A job failed, or did not end in time; tells what it wrote."""
+
+
+def run_job(
+    job: str, settings: Settings, say: Say, *, timeout_s: float = TIMEOUT_S, **arguments: Any
+) -> Any:
+    """Return what a job returns.
+
+    Args:
+        job: ``module.function`` below `tools.bench.jobs`; called with ``settings``, ``say`` and
+            the arguments, all of which are JSON-able, as its result is.
+        settings: Of the run.
+        say: Told how far it is.
+        timeout_s: Until it is stopped.
+        arguments: By keyword.
+
+    Raises:
+        JobError: It failed.
+    """
+    module, _, function = job.rpartition(".")
+    log = settings.out / "logs" / f"{job}.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    command = [sys.executable, "-m", "tools.bench.child", f"tools.bench.jobs.{module}", function]
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=output,
+            cwd=Path(__file__).parents[2],
+            start_new_session=True,
+        )
+        try:
+            result = _result(process, {"settings": settings.to_dict(), **arguments}, say, timeout_s)
+            process.wait(PATIENCE_S)
+        except (EOFError, subprocess.TimeoutExpired) as error:
+            raise JobError(f"{job}: {error}{_end_of(log)}") from error
+        finally:
+            _end(process)
+    return result
+
+
+def _result(
+    process: subprocess.Popen[bytes], arguments: dict[str, Any], say: Say, timeout_s: float
+) -> Any:
+    """Return the job's result; `EOFError` where it ends without one."""
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(json.dumps(arguments).encode())
+    process.stdin.close()
+    end_s = time.monotonic() + timeout_s
+    pending = b""
+    with selectors.DefaultSelector() as selector:
+        selector.register(process.stdout, selectors.EVENT_READ)
+        while (left_s := end_s - time.monotonic()) > 0:
+            if not selector.select(left_s):
+                break
+            chunk = os.read(process.stdout.fileno(), 1 << 20)
+            if not chunk:
+                raise EOFError(f"ended with exit code {process.wait(PATIENCE_S)}")
+            *lines, pending = (pending + chunk).split(b"\n")
+            for message in map(json.loads, lines):
+                if "result" in message:
+                    return message["result"]
+                say(message["share"], message["text"])
+    raise EOFError(f"no result after {timeout_s:g} s")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End it, if it still runs, as Ctrl-C does: what it started, it ends itself."""
+    try:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(PATIENCE_S)
+    finally:
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def _end_of(log: Path) -> str:
+    lines = log.read_text(errors="replace").splitlines()
+    lines = [line for line in lines if not line.startswith("Fra:")]
+    return "".join(f"\n  | {line}" for line in lines[-LOG_LINES:])
+
+
+def main() -> None:
+    """Run one job and write its result to what was standard output."""
+    ours = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
+    os.dup2(2, 1)  # what libraries print goes to the log
+    # A shell that starts a job in the background has it ignore Ctrl-C.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    def say(share: float, text: str) -> None:
+        ours.write(json.dumps({"share": share, "text": text}) + "\n")
+
+    arguments = json.load(sys.stdin)
+    settings = Settings.from_dict(arguments.pop("settings"))
+    job = getattr(importlib.import_module(sys.argv[1]), sys.argv[2])
+    result = job(settings, say, **arguments)
+    ours.write(json.dumps({"result": result}) + "\n")
+    ours.close()
+
+
+if __name__ == "__main__":
+    main()

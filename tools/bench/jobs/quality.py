@@ -1,0 +1,100 @@
+"""What colour costs and how good it is, by preset and view."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from oaisys_core.config import config_sha256
+from oaisys_core.types import RGB
+from tools.bench.images import psnr_db, ssim
+from tools.bench.jobs.world import Observer, simulation_of, world_config
+from tools.bench.references import Image, Reference, References, sha256
+from tools.bench.settings import Say, Settings
+from tools.bench.views import VIEWS, View
+
+REFERENCE_SAMPLES, QUICK_REFERENCE_SAMPLES = 512, 64
+ASIDE_M = 0.15
+"""Between two samples: the camera moves, as a planner's does."""
+RUNS_OF_FINAL = 1
+
+
+def presets(settings: Settings, say: Say) -> list[dict[str, Any]]:
+    """Return, for each view, what its reference cost and how each preset did."""
+    views = VIEWS
+    names = ["geometry", "preview", "standard", "high", *(["final"] * settings.with_final)]
+    rows = []
+    config = world_config(settings)
+    with simulation_of(config) as simulation:
+        simulation.step_batch()
+        observer = Observer(simulation)
+        version = simulation.info().backend_version
+        for index, view in enumerate(views):
+            share = index / len(views)
+            say(share, f"{view.name}: reference")
+            facts = {"config": config_sha256(config), "blender": version}
+            reference = _reference(observer, view, settings, facts)
+            by_preset = {}
+            for each, name in enumerate(names):
+                say(share + (0.5 + 0.5 * each / len(names)) / len(views), f"{view.name}: {name}")
+                by_preset[name] = _preset(observer, view, name, reference.image, settings)
+            rows.append(
+                {
+                    "view": view.name,
+                    "reference_s": reference.seconds,
+                    "is_reused": reference.is_reused,
+                    "presets": by_preset,
+                }
+            )
+    return rows
+
+
+def _reference(
+    observer: Observer, view: View, settings: Settings, facts: dict[str, str]
+) -> Reference:
+    """Return the converged picture of a view, from the folder where it is there.
+
+    Whatever changes the picture changes one of its samples, too: the noisy picture of a single
+    light sample stands for materials, shaders, light and colour management in the key.
+    """
+    samples = QUICK_REFERENCE_SAMPLES if settings.quick else REFERENCE_SAMPLES
+    pose = view.pose(observer.heights_m)
+
+    def render(count: int) -> tuple[float, Image]:
+        quality = {"quality": "final", "samples": count, "denoise": False, **view.render}
+        seconds, sample = observer.sample(pose, quality, view.environment, [RGB])
+        return seconds, sample.frames[0].data
+
+    _, noisy = render(1)
+    key = {
+        **facts,
+        "pose": [*pose.position_m, *pose.quat_xyzw],
+        "environment": dict(view.environment),
+        "render": dict(view.render),
+        "size": [settings.width_px, settings.height_px],
+        "samples": samples,
+        "one_sample": sha256(noisy),
+    }
+    folder = settings.out / "references"
+    return References(folder).get(view.name, key, lambda: render(samples))
+
+
+def _preset(
+    observer: Observer, view: View, name: str, reference: Image, settings: Settings
+) -> dict[str, Any]:
+    """Return seconds of samples around a view, and how alike its own picture is.
+
+    Those that change the settings or the light are not counted.
+    """
+    runs = RUNS_OF_FINAL if name == "final" else settings.runs
+    # Later keys stay in force in a simulation: what one view sets, the next one must undo.
+    render = {"quality": name, "samples": None, "denoise": True, "exposure_ev": 0.0, **view.render}
+    seconds = []
+    for index in range(runs + 1):
+        pose = view.pose(observer.heights_m, aside_m=ASIDE_M * (runs - index))
+        took_s, sample = observer.sample(pose, render, view.environment)
+        seconds.append(took_s)
+    result: dict[str, Any] = {"seconds": seconds[1:]}
+    colors = [frame.data for frame in sample.frames if frame.modality == RGB]
+    if colors:
+        result |= {"psnr_db": psnr_db(colors[0], reference), "ssim": ssim(colors[0], reference)}
+    return result

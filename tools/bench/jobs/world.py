@@ -1,0 +1,85 @@
+"""A simulation in this process, and what its samples take."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+# Must come before anything that loads Open3D, see oaisys_core.raycast.
+import bpy  # noqa: F401
+import yaml
+
+from oaisys_core.config import SimulationConfig, config_from_mapping
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import FloatArray, ModuleMetadata, Pose, Sample, merged
+from tools.bench.settings import CONFIG, Settings
+from tools.bench.views import NOON
+
+MEGABYTE = 1e6
+
+
+def world_config(settings: Settings, changes: Mapping[str, Any] | None = None) -> SimulationConfig:
+    """Return the demo's configuration at the run's image size, with changes on top."""
+    demo = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    scale = settings.width_px / 640
+    camera = {
+        "name": "camera",
+        "width_px": settings.width_px,
+        "height_px": settings.height_px,
+        "fx_px": 541.14 * scale,
+        "fy_px": 541.14 * scale,
+    }
+    sized = merged(demo, {"sensors": {"cameras": [camera]}})
+    return config_from_mapping(merged(sized, changes or {}), CONFIG.parent)
+
+
+@contextmanager
+def simulation_of(config: SimulationConfig) -> Iterator[Simulation]:
+    """Yield a simulation without a cache of views."""
+    simulation = Simulation(config)
+    try:
+        yield simulation
+    finally:
+        simulation.close()
+
+
+class Observer:
+    """Steps samples of a simulation and times them."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+
+    def heights_m(self, points_m: Sequence[tuple[float, float, float]]) -> FloatArray:
+        """Return the surface's heights under points."""
+        return self._simulation.query_height(points_m).surface_height_m
+
+    def sample(
+        self,
+        pose: Pose,
+        render: Mapping[str, Any],
+        environment: Mapping[str, Any] | None = None,
+        modalities: Sequence[str] = (),
+    ) -> tuple[float, Sample]:
+        """Return the seconds that a sample took, and the sample."""
+        metadata = ModuleMetadata(
+            sensor={"pose": pose}, environment={**NOON, **(environment or {})}, render=render
+        )
+        started_s = time.perf_counter()
+        sample = self._simulation.step_sample(metadata, modalities=modalities)
+        return time.perf_counter() - started_s, sample
+
+    def seconds(self, poses: Sequence[Pose], quality: str) -> list[float]:
+        """Return what a sample takes at each pose, after one that warms up."""
+        self.sample(poses[-1], {"quality": quality})
+        return [self.sample(pose, {"quality": quality})[0] for pose in poses]
+
+
+def peak_memory_mb(process: str = "self") -> float:
+    """Return the largest resident memory that a process has had so far."""
+    for line in Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines():
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) * 1024 / MEGABYTE
+    raise ValueError(f"/proc/{process}/status says nothing of VmHWM")

@@ -1,0 +1,58 @@
+"""What the figures were measured on."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import platform
+import subprocess
+from datetime import UTC, datetime
+from pathlib import Path
+
+import psutil
+
+MEGABYTE = 1e6
+
+
+def machine() -> dict[str, str]:
+    """Return the machine, its load and the versions, for people to read."""
+    return {
+        "processor": _processor(),
+        "cores": f"{len(os.sched_getaffinity(0))} of {os.cpu_count()}",
+        "memory": f"{psutil.virtual_memory().total / MEGABYTE:.0f} MB",
+        "load at the start": "{:.2f} {:.2f} {:.2f}".format(*os.getloadavg()),
+        "system": platform.platform(),
+        "python": platform.python_version(),
+        "bpy": _version("bpy"),
+        "open3d": _version("open3d"),
+        "commit": _commit(),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+    }
+
+
+def _processor() -> str:
+    for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+        if line.startswith("model name"):
+            return line.partition(":")[2].strip()
+    return platform.machine()
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "not installed"
+
+
+def _commit() -> str:
+    """Return the commit, and whether files differ from it; empty outside a repository."""
+    folder = Path(__file__).parent
+    commands = ["git", "rev-parse", "--short", "HEAD"], ["git", "status", "--porcelain", "-uno"]
+    try:
+        commit, changes = (
+            subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True).stdout
+            for command in commands
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+    return commit.strip() + (" with changes" if changes.strip() else "")

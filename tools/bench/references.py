@@ -1,0 +1,71 @@
+"""Converged pictures of views, kept between runs: they take minutes each."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from tools.bench.figures import write_json
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A converged picture.
+
+    Attributes:
+        image: (H, W, 3) sRGB.
+        seconds: What it took when it was rendered.
+        is_reused: Whether that was in an earlier run.
+    """
+
+    image: Image
+    seconds: float
+    is_reused: bool
+
+
+class References:
+    """A folder of references, each named by everything that its picture depends on."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def get(
+        self, name: str, key: Mapping[str, Any], render: Callable[[], tuple[float, Image]]
+    ) -> Reference:
+        """Return the reference of a view, rendered now unless it is there.
+
+        Args:
+            name: Of the view.
+            key: JSON-able; another value means another picture.
+            render: Returns seconds and picture.
+        """
+        text = json.dumps(key, sort_keys=True)
+        stem = self._folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
+        picture, facts = stem.with_suffix(".png"), stem.with_suffix(".json")
+        if facts.is_file():
+            image = cv2.imread(str(picture), cv2.IMREAD_COLOR)
+            if image is not None:
+                seconds = float(json.loads(facts.read_text(encoding="utf-8"))["seconds"])
+                return Reference(np.ascontiguousarray(image[..., ::-1]), seconds, is_reused=True)
+        seconds, rendered = render()
+        self._folder.mkdir(parents=True, exist_ok=True)
+        if not cv2.imwrite(str(picture), rendered[..., ::-1]):
+            raise OSError(f"cannot write {picture}")
+        # Last: a picture without its facts was cut short.
+        write_json(facts, {"view": name, "seconds": seconds, "key": dict(key)})
+        return Reference(rendered, seconds, is_reused=False)
+
+
+def sha256(image: Image) -> str:
+    """Return the hash of an image's pixels."""
+    return hashlib.sha256(np.ascontiguousarray(image).tobytes()).hexdigest()

@@ -1,0 +1,98 @@
+"""What a run writes: ``bench.json``, ``bench.md``, the plots, and the table on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from tools.bench.figures import Figure, write_json, write_text
+from tools.bench.plots import plot_growth, plot_quality
+from tools.bench.settings import Settings
+from tools.bench.topics import quality
+
+HEADINGS = ("figure", "median", "min", "max", "n", "unit", "goal", "")
+DIGITS = 4
+
+
+def write_results(
+    settings: Settings,
+    machine: Mapping[str, str],
+    by_topic: Mapping[str, Sequence[Figure]],
+    failures: Mapping[str, str],
+) -> None:
+    """Write everything that is known so far."""
+    figures = [figure for topic in by_topic.values() for figure in topic]
+    write_json(settings.out / "bench.json", [figure.to_dict() for figure in figures])
+    write_json(settings.out / "machine.json", dict(machine))
+    points = quality.points(figures)
+    plots = []
+    if points:
+        plots.append(plot_quality(points, settings.out / "quality.png"))
+    if any(figure.curve for figure in figures):
+        plots.append(plot_growth(figures, settings.out / "growth.png"))
+    page = markdown(settings, machine, by_topic, failures, plots)
+    write_text(settings.out / "bench.md", page)
+
+
+def markdown(
+    settings: Settings,
+    machine: Mapping[str, str],
+    by_topic: Mapping[str, Sequence[Figure]],
+    failures: Mapping[str, str],
+    plots: Sequence[Path],
+) -> str:
+    """Return the page that shows the figures."""
+    lines = ["# Benchmarks", ""]
+    if settings.quick:
+        lines += ["**A quick look** (`--quick`): fewer values, references of fewer samples.", ""]
+    lines += [f"* {name}: {value}" for name, value in machine.items()]
+    lines += [f"* image: {settings.width_px}x{settings.height_px}", ""]
+    for topic, figures in by_topic.items():
+        lines += [f"## {topic}", "", _row(HEADINGS), _row(["---"] * len(HEADINGS))]
+        lines += [_row(cells(figure)) for figure in figures]
+        lines.append("")
+    for topic, failure in failures.items():
+        lines += [f"## {topic}: failed", "", "```", failure, "```", ""]
+    lines += [f"![{plot.stem}]({plot.name})" for plot in plots]
+    return "\n".join(lines) + "\n"
+
+
+def cells(figure: Figure) -> list[str]:
+    """Return a figure's row of the table."""
+    goal = "" if figure.goal is None else str(figure.goal)
+    verdict = {None: "", True: "met", False: "missed"}[figure.is_met]
+    remarks = ", ".join(filter(None, (verdict, figure.note)))
+    numbers = (figure.median, min(figure.values), max(figure.values))
+    return [
+        figure.name,
+        *map(rounded, numbers),
+        str(len(figure.values)),
+        figure.unit,
+        goal,
+        remarks,
+    ]
+
+
+def rounded(value: float) -> str:
+    """Return a number with few digits, none of them an exponent's."""
+    if abs(value) >= 10 ** (DIGITS - 1):
+        return f"{value:.0f}"
+    return f"{value:.{DIGITS}g}"
+
+
+def print_table(console: Console, topic: str, figures: Sequence[Figure]) -> None:
+    """Print a topic's figures."""
+    table = Table(title=topic, title_justify="left")
+    for heading in HEADINGS:
+        table.add_column(heading, justify="right" if heading in HEADINGS[1:5] else "left")
+    colors = {None: "", True: "green", False: "yellow"}
+    for figure in figures:
+        table.add_row(*cells(figure), style=colors[figure.is_met])
+    console.print(table)
+
+
+def _row(values: Sequence[str]) -> str:
+    return "| " + " | ".join(values) + " |"

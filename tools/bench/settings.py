@@ -1,0 +1,44 @@
+"""What a run of the benchmarks was asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+CONFIG = Path(__file__).parents[2] / "config" / "simulator.yaml"
+
+Say = Callable[[float, str], None]
+"""Takes the share of a topic that is done, and what comes next."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a run was asked for.
+
+    Attributes:
+        out: Folder of the results, and of the references that are kept between runs.
+        runs: Values per figure where it does not say otherwise.
+        quick: Fewer points and references of fewer samples: for a look, not for the record.
+        width_px, height_px: Image size.
+        with_final: Whether the slowest preset is measured, too.
+        plain_views: How many views are rendered the plain way, minutes each.
+    """
+
+    out: Path
+    runs: int = 5
+    quick: bool = False
+    width_px: int = 640
+    height_px: int = 480
+    with_final: bool = False
+    plain_views: int = 1
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON-able data; inverse: `from_dict`."""
+        return asdict(self) | {"out": str(self.out)}
+
+    @classmethod
+    def from_dict(cls, data: dict[str, Any]) -> Settings:
+        """Return what `to_dict` was called on."""
+        return cls(**(data | {"out": Path(data["out"])}))

@@ -1,0 +1,87 @@
+"""The views that colour is judged by, in the demo's world."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.geometry import pose_looking_at, pose_looking_down
+from oaisys_core.types import FloatArray, Pose
+
+Heights = Callable[[list[tuple[float, float, float]]], FloatArray]
+"""Surface heights under (x, y, z) points."""
+
+NOON = {"sun_elevation_deg": 38.0, "sun_strength_w_m2": 4.0}
+
+
+@dataclass(frozen=True)
+class View:
+    """A place to look from.
+
+    Attributes:
+        eye_xy_m, eye_rise_m: Where it is, and how far above the surface there.
+        target_xy_m: What it looks at; None: straight down.
+        target_rise_m: Height of that above the surface there.
+        environment, render: Metadata, on top of what all views have.
+    """
+
+    name: str
+    eye_xy_m: tuple[float, float]
+    eye_rise_m: float
+    target_xy_m: tuple[float, float] | None = None
+    target_rise_m: float = 0.0
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    render: Mapping[str, Any] = field(default_factory=dict)
+
+    def pose(self, heights_m: Heights, aside_m: float = 0.0) -> Pose:
+        """Return the rig's pose, moved ``aside_m`` metres to the east."""
+        x, y = self.eye_xy_m
+        x += aside_m
+        target = self.target_xy_m or (x, y)
+        surface_m = heights_m([(x, y, 0.0), (*target, 0.0)])
+        eye_z = float(surface_m[0]) + self.eye_rise_m
+        if self.target_xy_m is None:
+            return pose_looking_down(x, y, eye_z)
+        return pose_looking_at((x, y, eye_z), (*target, float(surface_m[1]) + self.target_rise_m))
+
+
+VIEWS = (
+    View("nadir", (3, 4), 10.0),
+    View("oblique", (-14, -10), 6.0, (4, 4)),
+    View("low_sun", (12, -12), 4.0, (0, 2), environment={"sun_elevation_deg": 8.0}),
+    View("close_up", (5, -3), 1.2, (7, -1.5)),
+    View("horizon", (-20, 0), 2.0, (20, 5), 1.5),
+    # No sun at all: everything is lit by the sky alone, and exposed as a camera would.
+    View(
+        "shadow",
+        (12, 12),
+        5.0,
+        (0, 0),
+        environment={"sun_strength_w_m2": 0.0},
+        render={"exposure_ev": 2.0},
+    ),
+)
+
+
+def random_poses(
+    count: int, extent_m: tuple[float, float, float, float], heights_m: Heights, seed: int = 0
+) -> list[Pose]:
+    """Return poses 1.5 to 12 m above the surface that look at it, from steep to nearly level."""
+    rng = np.random.default_rng(seed)
+    x0, y0, x1, y1 = extent_m
+    middle, half = np.array((x0 + x1, y0 + y1)) / 2, np.array((x1 - x0, y1 - y0)) / 2
+    poses = []
+    for _ in range(count):
+        eye = middle + half * rng.uniform(-0.7, 0.7, 2)
+        heading = rng.uniform(0, 2 * np.pi)
+        target = eye + rng.uniform(2, 12) * np.array((np.cos(heading), np.sin(heading)))
+        target = np.clip(target, middle - 0.95 * half, middle + 0.95 * half)
+        surface_m = heights_m([(*eye.tolist(), 0.0), (*target.tolist(), 0.0)])
+        eye_z = float(surface_m[0]) + rng.uniform(1.5, 12)
+        poses.append(
+            pose_looking_at((*eye.tolist(), eye_z), (*target.tolist(), float(surface_m[1])))
+        )
+    return poses
