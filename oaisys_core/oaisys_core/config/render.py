@@ -82,6 +82,9 @@ class RenderConfig(Section):
             so that all its cameras together stay within, judged by the time that recent views
             took; the first view has one. Such colour depends on the machine; depth and labels
             never do. None: as long as it takes.
+        device: What Blender renders on. ``auto`` takes a GPU where there is one; a kind that is not
+            there is replaced by the CPU, with a warning in the log. The provenance of a sample
+            names what was used. The analytic backend always renders on the CPU.
         exposure_ev: Exposure in stops.
         view_transform: What pixel values mean. ``agx`` and ``filmic`` roll bright parts off as
             film does, for pictures; ``standard`` is radiance, clipped at white and sRGB-encoded,
@@ -96,6 +99,7 @@ class RenderConfig(Section):
     denoise: bool = True
     max_bounces: Annotated[int, Field(ge=0, le=64)] | None = None
     time_budget_s: Positive | None = None
+    device: Literal["auto", "cpu", "cuda", "optix", "hip", "oneapi", "metal"] = "auto"
     exposure_ev: float = Field(default=0.0, ge=-20, le=20)
     view_transform: Literal["agx", "filmic", "standard", "raw"] = "agx"
     passes: tuple[Annotated[str, AfterValidator(_is_modality)], ...] | None = None

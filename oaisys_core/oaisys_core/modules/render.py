@@ -72,6 +72,7 @@ def _settings(config: RenderConfig) -> RenderSettings:
         time_budget_s=config.time_budget_s,
         passes=None if passes == ALL_PASSES else passes,
         effects=_effects(config.effects),
+        device=config.device,
     )
 
 

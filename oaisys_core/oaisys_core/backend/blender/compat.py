@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from math import pi
 from typing import Any
 
@@ -40,20 +38,4 @@ def set_up_sky_node(node: Any, sky: Sky) -> None:
 
 
 DIFFUSE_COLOR = "Diffuse Color" if IS_BLENDER_5 else "DiffCol"
-"""Name in files of the pass that holds reflectance."""
-
-
-@contextmanager
-def passes_format(settings: Any) -> Iterator[None]:
-    """Have images written with all passes, as floats."""
-    before = settings.file_format, settings.color_mode
-    if IS_BLENDER_5:
-        settings.media_type = "MULTI_LAYER_IMAGE"
-    settings.file_format = "OPEN_EXR_MULTILAYER"
-    settings.color_depth = "32"
-    try:
-        yield
-    finally:
-        if IS_BLENDER_5:
-            settings.media_type = "IMAGE"
-        settings.file_format, settings.color_mode = before
+"""Name of the pass that holds reflectance."""

@@ -70,16 +70,22 @@ class BlenderBackend(Backend):
         self._budget = TimeBudget()
 
     @property
+    def device(self) -> str:  # type: ignore[override]
+        """What Cycles renders on."""
+        return self._cycles.device
+
+    @property
     def version(self) -> str:
         """Blender's version, such as ``5.2.3``."""
         return ".".join(str(part) for part in bpy.app.version)
 
     def build(self, scene: Scene, progress: ProgressCallback) -> None:
         """Replace the world by ``scene``; a ground of the same hash and material stays."""
-        self._surface = None
+        surface, self._surface = self._surface, None
         progress(Progress("clear", 0.0))
         self._cycles.forget()
-        self._world.clear(scene)
+        if not self._world.clear(scene):
+            surface = None
         progress(Progress("ground", 0.05))
         self._world.build_ground(scene)
         progress(Progress("objects", 0.5))
@@ -87,7 +93,11 @@ class BlenderBackend(Backend):
         self._set_sky(scene.sky)
         progress(Progress("surface", 0.7))
         self._memory.forget()
-        self._surface = Surface(scene, self._world.ground_mesh())
+        if surface is None:
+            surface = Surface(scene, self._world.ground_mesh())
+        else:
+            surface.begin_again(scene)
+        self._surface = surface
 
     def update(self, scene: Scene) -> None:
         """See `Backend.update`."""
@@ -153,7 +163,6 @@ class BlenderBackend(Backend):
     def close(self) -> None:
         """Empty Blender."""
         self._surface = None
-        self._cycles.close()
         bpy.ops.wm.read_factory_settings(use_empty=True)
 
     def _color(
@@ -165,11 +174,10 @@ class BlenderBackend(Backend):
         if settings.time_budget_s is not None:
             samples = self._budget.samples(pinhole, seconds, samples)
             self.light_samples = min(samples, self.light_samples or samples)
-        self._cycles.set(settings, samples)
         set_lens(self._camera, camera.lens)
         started_s = time.perf_counter()
         with moving(self._camera, camera.T_map_previous, camera.shutter_share):
-            image = self._cycles.render()
+            image = self._cycles.render(replace(settings, samples=samples))
         self._budget.learn(pinhole, samples, time.perf_counter() - started_s)
         if pinhole is not camera.intrinsics:
             image = distorted_image(image, pinhole, camera.intrinsics)
@@ -179,14 +187,14 @@ class BlenderBackend(Backend):
     def _albedo(self, camera: PlacedCamera, settings: RenderSettings) -> NDArray[np.uint8]:
         """Return the reflectance that a camera sees, without depth of field or motion."""
         pinhole = self._aim(camera)
-        self._cycles.set(settings, self.light_samples)
+        samples = self.light_samples or settings.samples
         set_lens(self._camera, None)
         sky = self._built().scene.sky
         # Haze is part of the materials' colours.
         if sky.haze is not None:
             self._lights.set(replace(sky, haze=None))
         try:
-            image = self._cycles.render_albedo()
+            image = self._cycles.render_albedo(replace(settings, samples=samples))
         finally:
             if sky.haze is not None:
                 self._lights.set(sky)

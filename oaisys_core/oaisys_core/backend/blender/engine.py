@@ -1,0 +1,101 @@
+"""Between Blender and Cycles: settings that cost no resync, and pixels that touch no file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import bpy
+import numpy as np
+from cycles import CyclesRender
+from numpy.typing import NDArray
+
+_SAMPLE = re.compile(r"Sample (\d+)/\d+")
+
+
+@dataclass
+class Rendered:
+    """What a render gave.
+
+    Attributes:
+        passes: (H, W, channels) scene-linear float32 by Blender's name, first row on top.
+        samples: Light samples per pixel that were taken; 0: not told.
+    """
+
+    passes: dict[str, NDArray[np.float32]] = field(default_factory=dict)
+    samples: int = 0
+
+
+def render_scene(settings: Mapping[str, Any]) -> Rendered:
+    """Render the scene's camera with settings of Cycles, by their names in ``scene.cycles``.
+
+    Blender copies a scene before it renders it, and copies no change of these settings unless the
+    whole scene is marked as changed, which has Cycles look at every object again (1 s here): they
+    are written into the copy.
+
+    Raises:
+        RuntimeError: Blender failed.
+    """
+    cycles = bpy.context.scene.cycles
+    for name, value in settings.items():
+        if getattr(cycles, name) != value:
+            setattr(cycles, name, value)
+    rendered = Rendered()
+    with _intercepted(settings, rendered), _counted(rendered):
+        bpy.ops.render.render()
+    return rendered
+
+
+@contextmanager
+def _intercepted(settings: Mapping[str, Any], rendered: Rendered) -> Iterator[None]:
+    """Stand before and behind the two calls that Blender makes of its Cycles add-on."""
+    update, render = CyclesRender.update, CyclesRender.render
+
+    def update_with_settings(engine: Any, data: Any, depsgraph: Any) -> None:
+        for name, value in settings.items():
+            setattr(depsgraph.scene_eval.cycles, name, value)
+        update(engine, data, depsgraph)
+
+    def render_and_read(engine: Any, depsgraph: Any) -> None:
+        render(engine, depsgraph)
+        result = engine.get_result()
+        if result is not None:
+            rendered.passes = _passes_of(result)
+
+    CyclesRender.update, CyclesRender.render = update_with_settings, render_and_read
+    try:
+        yield
+    finally:
+        CyclesRender.update, CyclesRender.render = update, render
+
+
+def _passes_of(result: Any) -> dict[str, NDArray[np.float32]]:
+    passes = {}
+    for layer in result.layers:
+        for given in layer.passes:
+            pixels = np.empty(
+                result.resolution_x * result.resolution_y * given.channels, np.float32
+            )
+            given.rect.foreach_get(pixels)
+            shape = (result.resolution_y, result.resolution_x, given.channels)
+            passes[given.name] = pixels.reshape(shape)[::-1]
+    return passes
+
+
+@contextmanager
+def _counted(rendered: Rendered) -> Iterator[None]:
+    """Take down how many light samples Cycles says it has taken."""
+
+    def read(text: str, *_: Any) -> None:
+        counted = _SAMPLE.search(str(text))
+        if counted:
+            rendered.samples = int(counted[1])
+
+    bpy.app.handlers.render_stats.append(read)
+    try:
+        yield
+    finally:
+        bpy.app.handlers.render_stats.remove(read)
