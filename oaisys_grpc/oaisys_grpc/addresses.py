@@ -42,6 +42,11 @@ def check_address(address: str, *, insecure: bool, encrypted: bool) -> None:
         raise InvalidInputError("--address", address, expected)
 
 
+def is_this_machine(address: str) -> bool:
+    """Return whether a server at an address can only be one on this machine."""
+    return address.startswith(UNIX) or _is_loopback(host_and_port(address)[0])
+
+
 def host_and_port(address: str) -> tuple[str, str]:
     """Return both parts of ``HOST:PORT``."""
     host, _, port = address.rpartition(":")

@@ -1,58 +1,52 @@
 """Samples and meshes as streams of small messages, and back; in pairs.
 
-Chunks of 1 MiB keep every message below gRPC's default limit of 4 MiB, whatever an image's size.
+What comes back of a sample's parts is `oaisys_grpc.sample_stream`.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
 from oaisys_core.types import Frame, FrameName, Provenance, Sample, SampleOutline, TriangleMesh
-from oaisys_grpc import conversions
+from oaisys_grpc import conversions, encodings
+from oaisys_grpc.messages import Part, RawChunk
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-
-CHUNK_BYTES = 1 << 20
+from oaisys_grpc.shared_memory import place_of
+from oaisys_grpc.transfer import (
+    CHUNK_BYTES,
+    MAX_FRAME_BYTES,
+    MAX_MESSAGE_BYTES,
+    PLAIN,
+    Transfer,
+    place_to_proto,
+)
 
 AnyArray = NDArray[Any]
-
-_DTYPES: dict[int, np.dtype[Any]] = {
-    pb.DATA_TYPE_UINT8: np.dtype("<u1"),
-    pb.DATA_TYPE_UINT16: np.dtype("<u2"),
-    pb.DATA_TYPE_UINT32: np.dtype("<u4"),
-    pb.DATA_TYPE_INT32: np.dtype("<i4"),
-    pb.DATA_TYPE_FLOAT32: np.dtype("<f4"),
-    pb.DATA_TYPE_FLOAT64: np.dtype("<f8"),
-}
-_DATA_TYPES: dict[np.dtype[Any], Any] = {dtype: data_type for data_type, dtype in _DTYPES.items()}
 
 
 class ArrayAssembly:
     """Puts an array together from its header and its chunks, in one allocation."""
 
-    def __init__(self, header: pb.ArrayHeader) -> None:
+    def __init__(self, header: pb.ArrayHeader, limit: int = MAX_FRAME_BYTES) -> None:
         """Check the header and allocate.
 
+        Args:
+            limit: Most bytes that the array may have, decoded.
+
         Raises:
-            OaisysError: The header contradicts itself or says what this client cannot read.
+            OaisysError: The header contradicts itself, or says what this client cannot read.
         """
-        dtype = _DTYPES.get(header.data_type)
-        if dtype is None or header.encoding != pb.ENCODING_RAW:
-            raise OaisysError(
-                f"cannot read an array of data type {header.data_type}, encoding {header.encoding}"
-            )
-        if math.prod(header.shape) * dtype.itemsize != header.byte_size:
-            raise OaisysError(f"shape {list(header.shape)} is not {header.byte_size} bytes")
+        encodings.checked_nbytes(header, limit)
+        self._header = header
         self._bytes = np.empty(header.byte_size, dtype=np.uint8)
-        self._array: AnyArray = self._bytes.view(dtype).reshape(tuple(header.shape))
         self._received = 0
 
-    def add(self, chunk: pb.Chunk) -> None:
+    def add(self, chunk: pb.Chunk | RawChunk) -> None:
         """Take the next piece.
 
         Raises:
@@ -73,37 +67,31 @@ class ArrayAssembly:
         """Return the array.
 
         Raises:
-            OaisysError: Pieces are missing.
+            OaisysError: Pieces are missing, or cannot be decoded.
         """
         if not self.is_complete:
             raise OaisysError(f"{self._received} of {self._bytes.size} bytes came")
-        return self._array
+        return encodings.decoded(self._header, self._bytes)
 
 
-def array_header(array: AnyArray) -> pb.ArrayHeader:
-    """Return the header of an array of one of the contract's data types."""
-    return pb.ArrayHeader(
-        data_type=_DATA_TYPES[array.dtype.newbyteorder("<")],
-        shape=array.shape,
-        encoding=pb.ENCODING_RAW,
-        byte_size=array.nbytes,
-    )
+def array_chunks(
+    data: NDArray[np.uint8], index: int, size: int = CHUNK_BYTES
+) -> Iterator[RawChunk]:
+    """Yield an encoded array's bytes in pieces; inverse: `ArrayAssembly`."""
+    for offset in range(0, data.size, size):
+        yield RawChunk(index, offset, memoryview(data[offset : offset + size]))
 
 
-def array_chunks(array: AnyArray, index: int) -> Iterator[pb.Chunk]:
-    """Yield an array's bytes; inverse: `ArrayAssembly`."""
-    raw = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1).view(np.uint8)
-    for offset in range(0, raw.size, CHUNK_BYTES):
-        data = raw[offset : offset + CHUNK_BYTES].tobytes()
-        yield pb.Chunk(index=index, offset=offset, data=data)
-
-
-def sample_to_parts(sample: Sample) -> Iterator[pb.SamplePart]:
+def sample_to_parts(sample: Sample, transfer: Transfer = PLAIN) -> Iterator[Part]:
     """Yield a sample's header, its frames and its end; inverse: `sample_from_parts`."""
-    yield sample_header_part(outline_of(sample), sample.render_time_s)
-    for index, frame in enumerate(sample.frames):
-        yield from frame_parts(frame, index, sample.provenance)
-    yield sample_end_part(sample)
+
+    def parts() -> Iterator[Part]:
+        yield sample_header_part(sample.outline, sample.render_time_s)
+        for index, frame in enumerate(sample.frames):
+            yield from frame_parts(frame, index, sample.provenance, transfer)
+        yield sample_end_part(sample)
+
+    yield from grouped(parts(), transfer)
 
 
 def sample_header_part(outline: SampleOutline, render_time_s: float = 0.0) -> pb.SamplePart:
@@ -121,13 +109,80 @@ def sample_header_part(outline: SampleOutline, render_time_s: float = 0.0) -> pb
     return pb.SamplePart(sample=header)
 
 
-def frame_parts(frame: Frame, index: int, provenance: Provenance) -> Iterator[pb.SamplePart]:
-    """Yield a frame's header and chunks; ``index`` is its place in its sample."""
-    header = _frame_header(frame, conversions.provenance_to_proto(provenance))
-    header.index = index
+def frame_parts(
+    frame: Frame, index: int, provenance: Provenance, transfer: Transfer = PLAIN
+) -> Iterator[Part]:
+    """Yield a frame's header and chunks; ``index`` is its place in its sample.
+
+    Raises:
+        InvalidInputError: The client does not take frames as large as this one.
+    """
+    if frame.data.nbytes > transfer.frame_bytes:
+        expected = f"at least {frame.data.nbytes}, which {frame.sensor}/{frame.modality} has"
+        raise InvalidInputError("transfer.max_frame_bytes", transfer.frame_bytes, expected)
+    header = _frame_header(frame, index, provenance)
+    place = place_of(frame.data) if transfer.token else None
+    if place is not None:
+        header.array.CopyFrom(encodings.raw_header(frame.data))
+        header.shared_memory.CopyFrom(place_to_proto(place))
+        yield pb.SamplePart(frame=header)
+        return
+    array, data = encodings.encoded(frame.data, transfer.encodings)
+    header.array.CopyFrom(array)
+    if data.size <= transfer.inline_bytes:
+        header.data = data.tobytes()
+        yield pb.SamplePart(frame=header)
+        return
     yield pb.SamplePart(frame=header)
-    for chunk in array_chunks(frame.data, index):
-        yield pb.SamplePart(chunk=chunk)
+    yield from array_chunks(data, index, transfer.chunk_bytes)
+
+
+def frame_response(sample: Sample, name: FrameName, accepted: Iterable[int]) -> pb.GetFrameResponse:
+    """Return one frame of a sample in one message.
+
+    Raises:
+        NotFoundError: The sample has no such frame.
+        InvalidInputError: It is too large for one message.
+    """
+    outline = sample.outline
+    if name not in outline.frames:
+        raise NotFoundError(f"the sample has no frame {name.sensor}/{name.modality}")
+    index = outline.frames.index(name)
+    header = _frame_header(sample.frames[index], index, sample.provenance)
+    array, data = encodings.encoded(sample.frames[index].data, accepted)
+    if data.size > MAX_MESSAGE_BYTES:
+        expected = f"a frame of at most {MAX_MESSAGE_BYTES} bytes: GetSample sends larger ones"
+        raise InvalidInputError("modality", f"{name.modality} of {data.size} bytes", expected)
+    header.array.CopyFrom(array)
+    header.data = data.tobytes()
+    begin = sample_header_part(outline, sample.render_time_s)
+    return pb.GetFrameResponse(sample=begin.sample, frame=header)
+
+
+def grouped(parts: Iterable[Part], transfer: Transfer) -> Iterator[Part]:
+    """Yield parts with neighbours put together, for a client that takes them so."""
+    group: list[pb.SamplePart] = []
+    group_bytes = 0
+    for part in parts:
+        if not transfer.grouped or isinstance(part, RawChunk):
+            yield from _group(group)
+            group, group_bytes = [], 0
+            yield part
+            continue
+        part_bytes = len(part.frame.data)
+        if group_bytes + part_bytes > transfer.inline_bytes:
+            yield from _group(group)
+            group, group_bytes = [], 0
+        group.append(part)
+        group_bytes += part_bytes
+    yield from _group(group)
+
+
+def _group(parts: list[pb.SamplePart]) -> Iterator[pb.SamplePart]:
+    if len(parts) > 1:
+        yield pb.SamplePart(group=pb.SamplePartGroup(parts=parts))
+    else:
+        yield from parts
 
 
 def sample_end_part(sample: Sample) -> pb.SamplePart:
@@ -138,63 +193,57 @@ def sample_end_part(sample: Sample) -> pb.SamplePart:
     )
 
 
-def outline_of(sample: Sample) -> SampleOutline:
-    """Return what was known of a sample before its frames were rendered."""
-    return SampleOutline(
-        batch_id=sample.batch_id,
-        sample_id=sample.sample_id,
-        rig_pose=sample.rig_pose,
-        frames=tuple(FrameName(frame.sensor, frame.modality) for frame in sample.frames),
-        provenance=sample.provenance,
-        from_cache=sample.from_cache,
-    )
-
-
-def mesh_to_parts(mesh: TriangleMesh) -> Iterator[pb.GetGroundTruthMeshResponse]:
+def mesh_to_parts(mesh: TriangleMesh) -> Iterator[pb.GetGroundTruthMeshResponse | RawChunk]:
     """Yield a mesh's header and its arrays' chunks; inverse: `mesh_from_parts`."""
     arrays = {name: getattr(mesh, name) for name in _MESH_ARRAYS}
-    headers = {name: array_header(a) for name, a in arrays.items() if a is not None}
+    encoded = {n: encodings.encoded(a, ()) for n, a in arrays.items() if a is not None}
+    headers = {name: header for name, (header, _) in encoded.items()}
     yield pb.GetGroundTruthMeshResponse(header=pb.MeshHeader(**headers))
-    for index, array in enumerate(arrays.values()):
-        if array is not None:
-            for chunk in array_chunks(array, index):
-                yield pb.GetGroundTruthMeshResponse(chunk=chunk)
+    for index, name in enumerate(_MESH_ARRAYS):
+        if name in encoded:
+            yield from array_chunks(encoded[name][1], index)
 
 
 _MESH_ARRAYS = ("vertices_m", "triangles", "semantic_ids", "instance_ids")
 
 
-def mesh_from_parts(parts: Iterable[pb.GetGroundTruthMeshResponse]) -> TriangleMesh:
+def mesh_from_parts(
+    parts: Iterable[pb.GetGroundTruthMeshResponse | RawChunk], limit: int = MAX_FRAME_BYTES
+) -> TriangleMesh:
     """Return the mesh whose parts these are.
 
+    Args:
+        limit: Most bytes that an array may have.
+
     Raises:
-        OaisysError: Parts are missing or contradict each other.
+        OaisysError: Parts are missing, contradict each other, or are beyond the limit.
     """
     begun: dict[str, ArrayAssembly] = {}
     for part in parts:
-        if part.WhichOneof("part") == "header":
+        if isinstance(part, pb.GetGroundTruthMeshResponse) and part.HasField("header"):
             present = {field.name: header for field, header in part.header.ListFields()}
-            begun = {name: ArrayAssembly(header) for name, header in present.items()}
+            begun = {name: ArrayAssembly(header, limit) for name, header in present.items()}
             continue
-        assembly = begun.get(_MESH_ARRAYS[part.chunk.index])
-        if assembly is None:
-            raise OaisysError(f"a chunk of array {part.chunk.index} came without its header")
-        assembly.add(part.chunk)
+        chunk = part if isinstance(part, RawChunk) else part.chunk
+        name = dict(enumerate(_MESH_ARRAYS)).get(chunk.index)
+        if name not in begun:
+            raise OaisysError(f"a chunk of array {chunk.index} came without its header")
+        begun[name].add(chunk)
     if not {"vertices_m", "triangles"} <= begun.keys():
         raise OaisysError("the mesh is incomplete: vertices or triangles are missing")
     arrays = {name: assembly.array() for name, assembly in begun.items()}
     return TriangleMesh(**arrays)
 
 
-def _frame_header(frame: Frame, provenance: pb.Provenance) -> pb.FrameHeader:
+def _frame_header(frame: Frame, index: int, provenance: Provenance) -> pb.FrameHeader:
     return pb.FrameHeader(
         sensor=frame.sensor,
         modality=frame.modality,
-        array=array_header(frame.data),
         intrinsics=conversions.intrinsics_to_proto(frame.intrinsics),
         t_map_camera=conversions.matrix_to_proto(frame.T_map_camera),
         k=conversions.matrix_to_proto(frame.intrinsics.K),
-        provenance=provenance,
+        provenance=conversions.provenance_to_proto(provenance),
+        index=index,
     )
 
 

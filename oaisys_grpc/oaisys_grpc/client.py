@@ -3,27 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from types import TracebackType
 from typing import Self
 
-import grpc
 import numpy as np
-from grpc_health.v1 import health_pb2, health_pb2_grpc
 from numpy.typing import ArrayLike
 
-from oaisys_core.errors import (
-    CancelledError,
-    DeadlineExceededError,
-    InvalidInputError,
-    OaisysError,
-)
+from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import (
     HeightQuery,
     ModuleMetadata,
     Pose,
-    Progress,
     Sample,
     SampleFramesCallback,
     SimulatorInfo,
@@ -31,30 +22,28 @@ from oaisys_core.types import (
     ignore_sample_frames,
 )
 from oaisys_grpc import chunks, conversions, requests
-from oaisys_grpc.errors import error_from_rpc
+from oaisys_grpc.channel import SERVICE, Channel, translated
+from oaisys_grpc.encodings import encodings_from_names
 from oaisys_grpc.operation import OperationStatus, status_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
-from oaisys_grpc.sample_stream import SampleStream, sample_from_parts
+from oaisys_grpc.sample_client import MAX_FRAME_BYTES, ProgressListener, SampleClient
+from oaisys_grpc.sample_stream import SampleStream
 from oaisys_grpc.tls import ClientTls, client_tls
 
-__all__ = ["ClientTls", "SimulatorClient", "client_tls"]
+__all__ = [
+    "DEFAULT_ADDRESS",
+    "SERVICE",
+    "ClientTls",
+    "ProgressListener",
+    "SampleStream",
+    "SimulatorClient",
+    "client_tls",
+]
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
 DEFAULT_TIMEOUT_S = 120.0
-SERVICE = "oaisys.v1.SimulatorService"
 
-ProgressListener = Callable[[Progress], None]
-
-_CHANNEL_OPTIONS = [
-    # A server that was replaced is found again at once; the default waits up to two minutes.
-    ("grpc.initial_reconnect_backoff_ms", 100),
-    ("grpc.max_reconnect_backoff_ms", 1000),
-    # A proxy for the web is none for a simulator on this machine.
-    ("grpc.enable_http_proxy", 0),
-]
 _HEIGHTS_PER_CALL = 50_000
-_HEALTH_POLL_S = 0.1
 
 
 class SimulatorClient:
@@ -71,6 +60,9 @@ class SimulatorClient:
         *,
         timeout_s: float = DEFAULT_TIMEOUT_S,
         tls: ClientTls | None = None,
+        shared_memory: bool = True,
+        encodings: Sequence[str] = (),
+        max_array_bytes: int = MAX_FRAME_BYTES,
     ) -> None:
         """Prepare a connection; nothing is sent yet.
 
@@ -78,19 +70,26 @@ class SimulatorClient:
             address: ``host:port`` or ``unix:PATH``.
             timeout_s: How long a call may take, rendering and waiting in the queue included.
             tls: For a server that encrypts; None: without.
+            shared_memory: Read images in the server's memory where that is on this machine; they
+                come through the connection where it is not.
+            encodings: In which of ``png`` and ``shuffled_zlib`` images may come through the
+                connection, the dearest first; none: not compressed. They are lossless.
+            max_array_bytes: A larger image, or array of a mesh, is refused before it is received.
 
         Raises:
-            InvalidInputError: A certificate or key cannot be used.
+            InvalidInputError: A certificate or key cannot be used, or there is no such encoding.
         """
-        self._address = address
         self._timeout_s = timeout_s
-        if tls is None:
-            self._channel = grpc.insecure_channel(address, options=_CHANNEL_OPTIONS)
-        else:
-            credentials = tls.credentials()
-            self._channel = grpc.secure_channel(address, credentials, options=_CHANNEL_OPTIONS)
-        self._stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
-        self._health = health_pb2_grpc.HealthStub(self._channel)
+        self._max_array_bytes = max_array_bytes
+        accepted = encodings_from_names(encodings)
+        self._channel = Channel(address, tls)
+        self._stub = self._channel.stub
+        self._samples = SampleClient(
+            self._channel,
+            shared_memory=shared_memory,
+            encodings=accepted,
+            max_frame_bytes=max_array_bytes,
+        )
 
     def __enter__(self) -> Self:
         return self
@@ -109,26 +108,15 @@ class SimulatorClient:
         Raises:
             DeadlineExceededError: It does not within ``timeout_s`` seconds.
         """
-        end_s = time.monotonic() + timeout_s
-        while not self.is_ready(max(0.01, min(1.0, end_s - time.monotonic()))):
-            if time.monotonic() >= end_s:
-                message = f"no simulator serves at {self._address} after {timeout_s:g} s"
-                raise DeadlineExceededError(message)
-            time.sleep(_HEALTH_POLL_S)
+        self._channel.wait_ready(timeout_s)
 
     def is_ready(self, timeout_s: float = 1.0) -> bool:
         """Return whether the simulator says within ``timeout_s`` seconds that it serves."""
-        request = health_pb2.HealthCheckRequest(service=SERVICE)
-        try:
-            with _translated():
-                answer = self._health.Check(request, timeout=timeout_s)
-        except OaisysError:
-            return False
-        return bool(answer.status == health_pb2.HealthCheckResponse.SERVING)
+        return self._channel.is_ready(timeout_s)
 
     def info(self) -> SimulatorInfo:
         """Return what the simulator is and where it stands."""
-        with _translated():
+        with translated():
             request = pb.GetSimulatorInfoRequest()
             message = self._stub.GetSimulatorInfo(request, timeout=self._timeout_s)
         return conversions.info_from_proto(message)
@@ -208,13 +196,10 @@ class SimulatorClient:
 
         Leaving the block before the last frame cancels the render. See `render_sample`.
         """
-        request = requests.render_sample(pose, metadata, modalities, sensors)
-        with _translated():
-            call = self._stub.RenderSample(request, timeout=self._timeout_s)
-            try:
-                yield SampleStream(_parts_after_progress(call, on_progress))
-            finally:
-                call.cancel()
+        transfer = self._samples.transfer(self._timeout_s)
+        request = requests.render_sample(pose, metadata, modalities, sensors, transfer)
+        with self._samples.rendered(request, self._timeout_s, on_progress) as stream:
+            yield stream
 
     def start_batch(
         self,
@@ -232,7 +217,7 @@ class SimulatorClient:
         request = requests.step_batch(
             self._timeout_s, seed, reuse_stage, metadata, request_id=request_id
         )
-        with _translated():
+        with translated():
             answer = self._stub.StepBatch(request, timeout=self._timeout_s)
         return answer.operation.name
 
@@ -249,20 +234,20 @@ class SimulatorClient:
         request = requests.step_sample(
             self._timeout_s, pose, metadata, modalities, sensors, request_id=request_id
         )
-        with _translated():
+        with translated():
             answer = self._stub.StepSample(request, timeout=self._timeout_s)
         return answer.operation.name
 
     def get_operation(self, name: str) -> OperationStatus:
         """Return how an operation stands."""
-        with _translated():
+        with translated():
             request = pb.GetOperationRequest(name=name)
             answer = self._stub.GetOperation(request, timeout=self._timeout_s)
         return status_from_proto(answer.operation)
 
     def watch_operation(self, name: str) -> Iterator[OperationStatus]:
         """Yield how an operation stands, at each change until it has ended."""
-        with _translated():
+        with translated():
             request = pb.WatchOperationRequest(name=name)
             call = self._stub.WatchOperation(request, timeout=self._timeout_s)
             try:
@@ -273,24 +258,21 @@ class SimulatorClient:
 
     def cancel_operation(self, name: str) -> OperationStatus:
         """Ask an operation to stop, and return how it stands now."""
-        with _translated():
+        with translated():
             request = pb.CancelOperationRequest(name=name)
             answer = self._stub.CancelOperation(request, timeout=self._timeout_s)
         return status_from_proto(answer.operation)
 
     def get_sample(self, batch_id: int, sample_id: int) -> Sample:
         """Return a sample that was rendered lately."""
-        with _translated():
-            request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id)
-            call = self._stub.GetSample(request, timeout=self._timeout_s)
-            return sample_from_parts(answer.part for answer in call)
+        return self._samples.fetched(batch_id, sample_id, self._timeout_s)
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return the surface of the world as rendered, in ``map``."""
-        with _translated():
+        with translated():
             request = pb.GetGroundTruthMeshRequest()
-            call = self._stub.GetGroundTruthMesh(request, timeout=self._timeout_s)
-            return chunks.mesh_from_parts(call)
+            call = self._channel.ground_truth_mesh(request, timeout=self._timeout_s)
+            return chunks.mesh_from_parts(call, self._max_array_bytes)
 
     def query_height(self, points_m: ArrayLike) -> HeightQuery:
         """Return the heights under (N, 3) points in ``map``; NaN off the stage."""
@@ -301,7 +283,7 @@ class SimulatorClient:
         for begin in range(0, max(1, len(points)), _HEIGHTS_PER_CALL):
             block = points[begin : begin + _HEIGHTS_PER_CALL]
             request = pb.QueryHeightRequest(points_m=block.ravel().tolist())
-            with _translated():
+            with translated():
                 message = self._stub.QueryHeight(request, timeout=self._timeout_s)
             answers.append(conversions.heights_from_proto(message))
         return HeightQuery(
@@ -312,35 +294,9 @@ class SimulatorClient:
 
     def end_simulation(self) -> None:
         """End the simulator: its worker and the server's process."""
-        with _translated():
+        with translated():
             self._stub.EndSimulation(pb.EndSimulationRequest(), timeout=self._timeout_s)
 
     def close(self) -> None:
         """Close the connection; the simulator goes on."""
         self._channel.close()
-
-
-@contextlib.contextmanager
-def _translated() -> Iterator[None]:
-    """Turn a failed call into the error that it means."""
-    try:
-        yield
-    except grpc.RpcError as error:
-        raise error_from_rpc(error) from error
-    except ValueError as error:
-        # grpc's word for a client that another thread has closed meanwhile.
-        if "closed" not in str(error):
-            raise
-        raise CancelledError("the connection was closed") from error
-
-
-def _parts_after_progress(
-    events: Iterable[pb.RenderSampleResponse], on_progress: ProgressListener | None
-) -> Iterator[pb.SamplePart]:
-    """Tell the listener what precedes the sample; yield the sample's parts."""
-    with _translated():
-        for event in events:
-            if event.HasField("part"):
-                yield event.part
-            elif on_progress is not None:
-                on_progress(conversions.progress_from_proto(event.operation.progress))

@@ -70,6 +70,10 @@ def serve(
             file_okay=False,
         ),
     ] = None,
+    shared_memory: Annotated[
+        bool,
+        typer.Option(help="Hand images to clients on this machine through shared memory."),
+    ] = True,
     tls_cert: Annotated[
         Path | None, typer.Option(help="The server's certificate (PEM); encrypts the port.")
     ] = None,
@@ -101,6 +105,7 @@ def serve(
             worker_log_folder=worker_log or state_folder(),
             legacy_folder=legacy_out,
             asset_roots=_asset_roots(asset_root, config),
+            shared_memory=shared_memory,
             tls=tls,
         ),
         on_ready=_announce,

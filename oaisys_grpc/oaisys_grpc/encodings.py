@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 AnyArray = NDArray[Any]
@@ -45,15 +45,24 @@ def encoded(array: AnyArray, accepted: Iterable[int]) -> tuple[pb.ArrayHeader, R
     In raw bytes, which are the array's own memory, where none does. Inverse: `decoded`.
     """
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
-    header = pb.ArrayHeader(data_type=_DATA_TYPES[array.dtype], shape=array.shape)
+    header = raw_header(array)
     for encoding in accepted:
         codec = CODECS.get(encoding)
         data = codec.encoded(array) if codec and array.size else None
         if data is not None and len(data) < array.nbytes:
             header.encoding, header.byte_size = pb.Encoding.ValueType(encoding), len(data)
             return header, np.frombuffer(data, np.uint8)
-    header.encoding, header.byte_size = pb.ENCODING_RAW, array.nbytes
     return header, array.reshape(-1).view(np.uint8)
+
+
+def raw_header(array: AnyArray) -> pb.ArrayHeader:
+    """Return the header of an array whose bytes stay as they are."""
+    return pb.ArrayHeader(
+        data_type=_DATA_TYPES[array.dtype],
+        shape=array.shape,
+        encoding=pb.ENCODING_RAW,
+        byte_size=array.nbytes,
+    )
 
 
 def decoded(header: pb.ArrayHeader, data: Raw) -> AnyArray:
@@ -172,14 +181,16 @@ CODECS: dict[int, Codec] = {
 }
 """All encodings but raw."""
 
-ENCODINGS: dict[str, int] = {"png": pb.ENCODING_PNG, "shuffled_zlib": pb.ENCODING_SHUFFLED_ZLIB}
-"""The encodings that a client can ask for, by name."""
+_NAMES: dict[str, int] = {"png": pb.ENCODING_PNG, "shuffled_zlib": pb.ENCODING_SHUFFLED_ZLIB}
 
 
-def encodings_from_names(names: Sequence[str]) -> list[int]:
-    """Return the contract's values.
+def encodings_from_names(names: Sequence[str]) -> tuple[int, ...]:
+    """Return the contract's values of ``png`` and ``shuffled_zlib``.
 
     Raises:
-        KeyError: There is no such encoding.
+        InvalidInputError: There is no such encoding.
     """
-    return [ENCODINGS[name] for name in names]
+    for name in names:
+        if name not in _NAMES:
+            raise InvalidInputError("encodings", name, " or ".join(_NAMES))
+    return tuple(_NAMES[name] for name in names)

@@ -15,7 +15,7 @@ import grpc
 
 from oaisys_core import geometry
 from oaisys_core.errors import OaisysError, QueueFullError
-from oaisys_core.types import ModuleMetadata, Pose, SampleOutline, SimulatorInfo
+from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo
 from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.operation import Kind, OperationStatus
 from oaisys_grpc.operations import Operations
@@ -198,8 +198,9 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         gone = threading.Event()
         context.add_callback(gone.set)
         for event in operation.events(gone):
-            if isinstance(event, SampleOutline):
-                return event.batch_id, event.sample_id
+            if not isinstance(event, OperationStatus):
+                outline, _ = event
+                return outline.batch_id, outline.sample_id
         status = operation.status
         if status.error is not None:
             wait([followed])

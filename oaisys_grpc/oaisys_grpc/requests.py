@@ -11,6 +11,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc import conversions
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.transfer import Transfer, transfer_to_proto
 
 
 def step_batch(
@@ -65,6 +66,7 @@ def render_sample(
     metadata: ModuleMetadata | None,
     modalities: Sequence[str],
     sensors: Sequence[str],
+    transfer: Transfer,
 ) -> pb.RenderSampleRequest:
     """Return a request for a sample whose frames the same call brings; see `step_sample`."""
     return pb.RenderSampleRequest(
@@ -72,6 +74,7 @@ def render_sample(
         metadata=_metadata(pose, metadata),
         modalities=modalities,
         sensors=sensors,
+        transfer=transfer_to_proto(transfer),
     )
 
 

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import logging
+from collections.abc import Callable, Iterable, Iterator
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import Frame, FrameName, Sample, SampleOutline
-from oaisys_grpc import conversions
+from oaisys_grpc import conversions, encodings
 from oaisys_grpc.chunks import ArrayAssembly, frame_from_header
+from oaisys_grpc.messages import Part, RawChunk
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError
+from oaisys_grpc.transfer import MAX_FRAME_BYTES, place_from_proto
+
+_LOG = logging.getLogger(__name__)
 
 
 class SampleStream:
@@ -16,14 +22,37 @@ class SampleStream:
 
     Frames of a stream that raises belong to no sample and must be thrown away: its ids will be
     those of another one. `sample` is there once the iteration has ended by itself.
+
+    Attributes:
+        shared: Whether frames came through shared memory.
     """
 
-    def __init__(self, parts: Iterable[pb.SamplePart]) -> None:
+    def __init__(
+        self,
+        parts: Iterable[Part],
+        *,
+        limit: int = MAX_FRAME_BYTES,
+        reader: Reader | None = None,
+        fetch: Callable[[int, int], Sample] | None = None,
+    ) -> None:
+        """Read nothing yet.
+
+        Args:
+            limit: Most bytes that a frame may have; a larger one is refused before it is received.
+            reader: Of frames that stay in the server's memory; None: they cannot be read.
+            fetch: Brings the complete sample of a batch and sample id as bytes, for frames that
+                could not be read there.
+        """
         self._parts = iter(parts)
+        self._limit = limit
+        self._reader = reader
+        self._fetch = fetch
         self._frames: dict[FrameName, Frame] = {}
+        self._unread: list[FrameName] = []
         self._begun: tuple[pb.FrameHeader, ArrayAssembly] | None = None
         self._header: pb.SampleHeader | None = None
         self._sample: Sample | None = None
+        self.shared = False
 
     @property
     def outline(self) -> SampleOutline:
@@ -62,19 +91,7 @@ class SampleStream:
             OaisysError: The render failed, or parts are missing or contradict each other.
         """
         for part in self._parts:
-            kind = part.WhichOneof("part")
-            if kind == "sample":
-                self._header = part.sample
-            elif kind == "frame":
-                yield from self._taken()
-                self._begun = part.frame, ArrayAssembly(part.frame.array)
-            elif kind == "chunk":
-                self._take(part.chunk)
-                if self._begun is not None and self._begun[1].is_complete:
-                    yield from self._taken()
-            elif kind == "end":
-                yield from self._taken()
-                self._finish(part.end)
+            yield from self._take(part)
 
     def read(self) -> Sample:
         """Read to the end and return the sample."""
@@ -82,20 +99,75 @@ class SampleStream:
             pass
         return self.sample
 
-    def _take(self, chunk: pb.Chunk) -> None:
+    def _take(self, part: Part) -> Iterator[Frame]:
+        """Take the next part; yield the frames that are complete by it."""
+        if isinstance(part, RawChunk):
+            yield from self._add(part)
+            return
+        kind = part.WhichOneof("part")
+        if kind == "sample":
+            self._header = part.sample
+        elif kind == "frame":
+            yield from self._completed()
+            yield from self._begin(part.frame)
+        elif kind == "chunk":
+            yield from self._add(part.chunk)
+        elif kind == "group":
+            for member in part.group.parts:
+                yield from self._take(member)
+        elif kind == "end":
+            yield from self._completed()
+            yield from self._fetched()
+            self._finish(part.end)
+
+    def _begin(self, header: pb.FrameHeader) -> Iterator[Frame]:
+        content = header.WhichOneof("content")
+        if content == "shared_memory":
+            yield from self._shared(header)
+            return
+        self._begun = header, ArrayAssembly(header.array, self._limit)
+        if content == "data":
+            yield from self._add(RawChunk(header.index, 0, memoryview(header.data)))
+
+    def _add(self, chunk: pb.Chunk | RawChunk) -> Iterator[Frame]:
         if self._begun is None or chunk.index != self._begun[0].index:
             raise OaisysError("a chunk came without its frame")
         self._begun[1].add(chunk)
+        if self._begun[1].is_complete:
+            yield from self._completed()
 
-    def _taken(self) -> Iterator[Frame]:
+    def _completed(self) -> Iterator[Frame]:
         """Yield the frame that has begun, if there is one."""
         if self._begun is None:
             return
         header, assembly = self._begun
         self._begun = None
-        frame = frame_from_header(header, assembly.array())
+        yield self._kept(frame_from_header(header, assembly.array()))
+
+    def _shared(self, header: pb.FrameHeader) -> Iterator[Frame]:
+        """Yield a frame that stayed in the server's memory, or note that it must be fetched."""
+        size = encodings.checked_nbytes(header.array, self._limit)
+        try:
+            if self._reader is None:
+                raise SharedMemoryError("this client reads no shared memory")
+            data = self._reader.read(place_from_proto(header.shared_memory), size)
+        except SharedMemoryError as error:
+            _LOG.info("%s; the frame is fetched instead", error)
+            self._unread.append(FrameName(header.sensor, header.modality))
+            return
+        self.shared = True
+        yield self._kept(frame_from_header(header, encodings.decoded(header.array, data)))
+
+    def _fetched(self) -> Iterator[Frame]:
+        if not self._unread or self._fetch is None:
+            return
+        sample = self._fetch(self.outline.batch_id, self.outline.sample_id)
+        for name in self._unread:
+            yield self._kept(sample.frame(name.sensor, name.modality))
+
+    def _kept(self, frame: Frame) -> Frame:
         self._frames[FrameName(frame.sensor, frame.modality)] = frame
-        yield frame
+        return frame
 
     def _finish(self, end: pb.SampleEnd) -> None:
         outline = self.outline
@@ -112,7 +184,7 @@ class SampleStream:
         )
 
 
-def sample_from_parts(parts: Iterable[pb.SamplePart]) -> Sample:
+def sample_from_parts(parts: Iterable[Part]) -> Sample:
     """Return the sample whose parts these are; inverse: `oaisys_grpc.chunks.sample_to_parts`.
 
     Raises:

@@ -21,9 +21,10 @@ from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_so
 from oaisys_grpc.legacy import LEGACY_SERVICE, LegacyServicer
 from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.limits import MAX_REQUEST_BYTES
+from oaisys_grpc.messages import add_servicer
 from oaisys_grpc.operations import Operations
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
-from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2
 from oaisys_grpc.sample_store import SampleStore
 from oaisys_grpc.server_options import ServerOptions
 from oaisys_grpc.servicer import SimulatorServicer
@@ -116,9 +117,13 @@ class SimulatorServer:
     def _add_services(self) -> None:
         """Add all that answers at the port."""
         servicer = SimulatorServicer(
-            self._supervisor, self._operations, self._samples, self._on_end
+            self._supervisor,
+            self._operations,
+            self._samples,
+            self._on_end,
+            shared_memory=self._options.shared_memory,
         )
-        simulator_pb2_grpc.add_SimulatorServiceServicer_to_server(servicer, self._server)
+        add_servicer(servicer, self._server)
         oaisys_pb2_grpc.add_OaisysServicer_to_server(self._legacy, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
         names = (SERVICE, LEGACY_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)

@@ -36,6 +36,7 @@ class ServerOptions:
         worker_log_folder: Where what workers print is kept; None: nowhere.
         legacy_folder: Where the original's service writes its files.
         asset_roots: Folders whose files requests may name.
+        shared_memory: Hand images to clients on this machine without copying them.
         tls: Encrypts the port, and says who may connect; None: neither.
     """
 
@@ -47,4 +48,5 @@ class ServerOptions:
     worker_log_folder: Path | None = None
     legacy_folder: Path = LEGACY_FOLDER
     asset_roots: tuple[Path, ...] = ()
+    shared_memory: bool = True
     tls: ServerTls | None = None

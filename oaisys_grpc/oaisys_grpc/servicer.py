@@ -7,7 +7,6 @@ import functools
 import inspect
 import threading
 from collections.abc import Callable, Iterator
-from collections.abc import Set as AbstractSet
 from importlib.metadata import version
 from typing import Any
 
@@ -15,22 +14,25 @@ import grpc
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_core.types import (
-    Frame,
-    FrameName,
-    ModuleMetadata,
-    Sample,
-    SampleOutline,
-    TriangleMesh,
-)
+from oaisys_core.types import FrameName, ModuleMetadata, TriangleMesh
 from oaisys_grpc import chunks, conversions
 from oaisys_grpc.errors import abort
+from oaisys_grpc.messages import RawChunk, response
 from oaisys_grpc.operation import Kind, OperationStatus, State, status_to_proto
 from oaisys_grpc.operations import Operations
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
+from oaisys_grpc.sample_sender import SampleSender
 from oaisys_grpc.sample_store import SampleStore
+from oaisys_grpc.shared_memory import AVAILABLE, Probe
 from oaisys_grpc.supervisor import Supervisor
+from oaisys_grpc.transfer import (
+    Transfer,
+    granted,
+    limits_message,
+    place_to_proto,
+    transfer_from_proto,
+)
 from oaisys_grpc.work import Operation, Work
 
 OPERATION_TIMEOUT_S = 600.0
@@ -74,12 +76,20 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         operations: Operations,
         samples: SampleStore,
         on_end: Callable[[], None],
+        *,
+        shared_memory: bool,
     ) -> None:
-        """Args: on_end: Told that a client ended the simulation; must return at once."""
+        """Take over what the calls work with.
+
+        Args:
+            on_end: Told that a client ended the simulation; must return at once.
+            shared_memory: Offer frames to clients on this machine without copying them.
+        """
         self._supervisor = supervisor
         self._operations = operations
         self._samples = samples
         self._on_end = on_end
+        self._probe = Probe() if shared_memory and AVAILABLE else None
 
     @_translated
     def GetSimulatorInfo(
@@ -90,6 +100,9 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         message.server_version = version("oaisys_grpc")
         message.worker_restarts = self._supervisor.restarts
         message.worker_recycles = self._supervisor.recycles
+        message.transfer_limits.CopyFrom(limits_message())
+        if self._probe is not None:
+            message.shared_memory_probe.CopyFrom(place_to_proto(self._probe.place))
         return message
 
     @_translated
@@ -145,31 +158,31 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     @_translated
     def GetSample(
         self, request: pb.GetSampleRequest, _context: Context
-    ) -> Iterator[pb.GetSampleResponse]:
+    ) -> Iterator[pb.GetSampleResponse | bytes]:
         """Send a sample that was rendered lately."""
-        for part in chunks.sample_to_parts(self._samples.get(request.batch_id, request.sample_id)):
-            yield pb.GetSampleResponse(part=part)
+        sample = self._samples.get(request.batch_id, request.sample_id)
+        for part in chunks.sample_to_parts(sample, self._granted(request)):
+            yield response(pb.GetSampleResponse, part)
+
+    @_translated
+    def GetFrame(self, request: pb.GetFrameRequest, _context: Context) -> pb.GetFrameResponse:
+        """Answer with one frame of a sample that was rendered lately."""
+        sample = self._samples.get(request.batch_id, request.sample_id)
+        name = FrameName(request.sensor, request.modality)
+        return chunks.frame_response(sample, name, request.accepted_encodings)
 
     @_translated
     def RenderSample(
         self, request: pb.RenderSampleRequest, context: Context
-    ) -> Iterator[pb.RenderSampleResponse]:
+    ) -> Iterator[pb.RenderSampleResponse | bytes]:
         """Enqueue a sample; send its progress, and its frames as soon as they are ready."""
         operation = self._operations.submit(_sample_work(request, _remaining_s(context)))
-        sent: set[FrameName] = set()
-        outline: SampleOutline | None = None
+        sender = SampleSender(self._granted(request))
         with operation.followed():
             for event in operation.events(_gone(context)):
-                if isinstance(event, SampleOutline):
-                    outline = event
-                    yield pb.RenderSampleResponse(part=chunks.sample_header_part(outline))
-                elif isinstance(event, Frame):
-                    assert outline is not None
-                    name = FrameName(event.sensor, event.modality)
-                    sent.add(name)
-                    index = outline.frames.index(name)
-                    for part in chunks.frame_parts(event, index, outline.provenance):
-                        yield pb.RenderSampleResponse(part=part)
+                if not isinstance(event, OperationStatus):
+                    for part in sender.early(*event):
+                        yield response(pb.RenderSampleResponse, part)
                 elif not event.state.ended:
                     yield pb.RenderSampleResponse(operation=self._status(operation, event))
             status = operation.status
@@ -180,16 +193,20 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             sample = operation.result
             if sample is None:
                 sample = self._samples.get(status.batch_id, status.sample_id)
-            for part in _rest_of(sample, outline, sent):
-                yield pb.RenderSampleResponse(part=part)
+            for part in sender.rest(sample):
+                yield response(pb.RenderSampleResponse, part)
 
     @_translated
     def GetGroundTruthMesh(
         self, _request: pb.GetGroundTruthMeshRequest, context: Context
-    ) -> Iterator[pb.GetGroundTruthMeshResponse]:
+    ) -> Iterator[pb.GetGroundTruthMeshResponse | bytes]:
         """Ask the worker for the mesh and send it."""
         mesh: TriangleMesh = self._asked("ground_truth_mesh", {}, context)
-        yield from chunks.mesh_to_parts(mesh)
+        for part in chunks.mesh_to_parts(mesh):
+            if isinstance(part, RawChunk):
+                yield response(pb.GetGroundTruthMeshResponse, part)
+            else:
+                yield part
 
     @_translated
     def QueryHeight(
@@ -212,6 +229,9 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self._on_end()
         return pb.EndSimulationResponse()
 
+    def _granted(self, request: pb.GetSampleRequest | pb.RenderSampleRequest) -> Transfer:
+        return granted(transfer_from_proto(request.transfer), self._probe)
+
     def _asked(self, method: str, arguments: dict[str, Any], context: Context) -> Any:
         """Enqueue a question, wait, and return the worker's answer."""
         operation = self._operations.submit(Work(None, method, arguments, _remaining_s(context)))
@@ -224,18 +244,6 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
 
     def _status(self, operation: Operation, status: OperationStatus | None = None) -> pb.Operation:
         return status_to_proto(self._operations.timed(operation, status or operation.status))
-
-
-def _rest_of(
-    sample: Sample, outline: SampleOutline | None, sent: AbstractSet[FrameName]
-) -> Iterator[pb.SamplePart]:
-    """Yield the parts of a complete sample of which some frames were sent already."""
-    if outline is None:
-        yield chunks.sample_header_part(chunks.outline_of(sample), sample.render_time_s)
-    for index, frame in enumerate(sample.frames):
-        if FrameName(frame.sensor, frame.modality) not in sent:
-            yield from chunks.frame_parts(frame, index, sample.provenance)
-    yield chunks.sample_end_part(sample)
 
 
 def _sample_work(request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float) -> Work:

@@ -13,10 +13,8 @@ import hmac
 import mmap
 import os
 import secrets
-import stat
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -29,13 +27,9 @@ TOKEN_BYTES = 32
 """So many random bytes begin each file: who knows them can read it."""
 
 _ALIGNMENT = 64
-_NAME = "oaisys"
+NAME = "oaisys"
 _SEALS = ("F_SEAL_SEAL", "F_SEAL_SHRINK", "F_SEAL_GROW", "F_SEAL_WRITE")
 _LARGEST_SPARE_BYTES = 16 << 20
-
-
-class SharedMemoryError(OSError):
-    """What was offered is not here, or is not what it is said to be."""
 
 
 class Place(NamedTuple):
@@ -164,51 +158,8 @@ def place_of(array: AnyArray) -> Place | None:
     return base.place(_address(array) - _address(np.frombuffer(base, np.uint8)))
 
 
-def opened(place: Place) -> Segment:
-    """Return another process's file, as memory of this one.
-
-    Nothing is opened before it is known to be a file of ours: opening some other thing, such as a
-    pipe, could take something from its owner. An empty token is not compared.
-
-    Raises:
-        SharedMemoryError: It is not there, or is not what the place says.
-    """
-    try:
-        path = f"/proc/{place.process_id:d}/fd/{place.descriptor:d}"
-        handle = os.open(path, os.O_PATH | os.O_CLOEXEC)
-        try:
-            _check_file(handle, place)
-            own = f"/proc/self/fd/{handle}"
-            descriptor = os.open(own, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        finally:
-            os.close(handle)
-        segment = Segment(descriptor, place.file_size)
-    except SharedMemoryError:
-        raise
-    except (AttributeError, OSError, ValueError) as error:
-        raise SharedMemoryError(f"cannot open shared memory: {error}") from error
-    _check_content(segment, place)
-    return segment
-
-
-def _check_file(handle: int, place: Place) -> None:
-    status = os.fstat(handle)
-    name = str(Path(f"/proc/self/fd/{handle}").readlink())
-    if not stat.S_ISREG(status.st_mode) or not name.startswith(f"/memfd:{_NAME}"):
-        raise SharedMemoryError("what was offered is no shared memory of a simulator")
-    if status.st_size != place.file_size or place.file_size < TOKEN_BYTES:
-        raise SharedMemoryError(f"{status.st_size} bytes are shared, not {place.file_size}")
-
-
-def _check_content(segment: Segment, place: Place) -> None:
-    if fcntl.fcntl(segment.descriptor, fcntl.F_GET_SEALS) & _all_seals() != _all_seals():
-        raise SharedMemoryError("the shared memory is not sealed: it could change or shrink")
-    if place.token and not hmac.compare_digest(place.token, segment[:TOKEN_BYTES]):
-        raise SharedMemoryError("the shared memory is another one")
-
-
 def _new_file() -> int:
-    return os.memfd_create(_NAME, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    return os.memfd_create(NAME, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
 
 
 def _write(descriptor: int, data: bytes | AnyArray, offset: int) -> None:
@@ -220,10 +171,11 @@ def _write(descriptor: int, data: bytes | AnyArray, offset: int) -> None:
 
 
 def _seal(descriptor: int) -> None:
-    fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, _all_seals())
+    fcntl.fcntl(descriptor, fcntl.F_ADD_SEALS, all_seals())
 
 
-def _all_seals() -> int:
+def all_seals() -> int:
+    """Return what keeps a file as it is: its bytes, its size, and this very promise."""
     seals = 0
     for name in _SEALS:
         seals |= int(getattr(fcntl, name))

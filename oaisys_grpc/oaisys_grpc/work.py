@@ -16,7 +16,8 @@ from oaisys_grpc.operation import Kind, OperationStatus, State
 _LOOK_S = 0.25
 """How often a follower looks after its caller."""
 
-Event = OperationStatus | SampleOutline | Frame
+SampleFrames = tuple[SampleOutline, tuple[Frame, ...]]
+Event = OperationStatus | SampleFrames
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ class Operation:
     def events(self, gone: threading.Event) -> Iterator[Event]:
         """Yield the status and frames, now and as they come, until the end or the caller is gone.
 
-        The outline comes before the first frame. Frames that came with the end may be missing.
+        Frames that came with the end may be missing.
         """
         seen: OperationStatus | None = None
         sent = 0
@@ -131,9 +132,7 @@ class Operation:
             if current.state.ended:
                 return
             if frames and outline is not None:
-                if not sent:
-                    yield outline
-                yield from frames
+                yield outline, tuple(frames)
                 sent += len(frames)
 
     def changes(self, gone: threading.Event) -> Iterator[OperationStatus]:

@@ -1,0 +1,138 @@
+"""How a client receives samples: which way, within which limits, and from where."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+
+from oaisys_core.errors import OaisysError
+from oaisys_core.types import Progress, Sample
+from oaisys_grpc import conversions
+from oaisys_grpc.addresses import is_this_machine
+from oaisys_grpc.channel import Channel, translated
+from oaisys_grpc.messages import Part, RawChunk
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.sample_stream import SampleStream
+from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError, found_token
+from oaisys_grpc.transfer import Transfer, place_from_proto, transfer_to_proto
+
+_LOG = logging.getLogger(__name__)
+
+ProgressListener = Callable[[Progress], None]
+
+MAX_FRAME_BYTES = 1 << 30
+"""Of a frame or of an array of a mesh, decoded, where the caller sets no limit."""
+
+_INLINE_BYTES = 64 << 10
+"""Larger ones are faster in chunks."""
+
+_ASK_AGAIN_S = 10.0
+_ASK_TIMEOUT_S = 2.0
+
+
+class SampleClient:
+    """Receives samples: through shared memory where that works, otherwise as bytes."""
+
+    def __init__(
+        self,
+        channel: Channel,
+        *,
+        shared_memory: bool,
+        encodings: tuple[int, ...],
+        max_frame_bytes: int,
+    ) -> None:
+        self._channel = channel
+        self._reader = Reader()
+        self._wanted = Transfer(
+            encodings=encodings,
+            inline_bytes=_INLINE_BYTES,
+            frame_bytes=max_frame_bytes,
+            grouped=True,
+        )
+        self._token = b""
+        self._ask_from_s = 0.0 if shared_memory and is_this_machine(channel.address) else None
+        self._lock = threading.Lock()
+
+    def transfer(self, timeout_s: float) -> Transfer:
+        """Return how frames shall come; asks the server once whether it shares its memory."""
+        return replace(self._wanted, token=self._found_token(timeout_s))
+
+    @contextlib.contextmanager
+    def rendered(
+        self,
+        request: pb.RenderSampleRequest,
+        timeout_s: float,
+        on_progress: ProgressListener | None,
+    ) -> Iterator[SampleStream]:
+        """Have a sample rendered; leaving the block early cancels that."""
+        with translated():
+            call = self._channel.render_sample(request, timeout=timeout_s)
+            try:
+                stream = self._stream(_parts_after_progress(call, on_progress), timeout_s)
+                yield stream
+                self._learn(request.transfer, stream)
+            finally:
+                call.cancel()
+
+    def fetched(
+        self, batch_id: int, sample_id: int, timeout_s: float, transfer: Transfer | None = None
+    ) -> Sample:
+        """Return a sample that was rendered lately."""
+        options = transfer_to_proto(transfer or self.transfer(timeout_s))
+        request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id, transfer=options)
+        with translated():
+            answers = self._channel.get_sample(request, timeout=timeout_s)
+            parts = (a if isinstance(a, RawChunk) else a.part for a in answers)
+            stream = self._stream(parts, timeout_s)
+            sample = stream.read()
+        self._learn(options, stream)
+        return sample
+
+    def _stream(self, parts: Iterable[Part], timeout_s: float) -> SampleStream:
+        def fetch(batch_id: int, sample_id: int) -> Sample:
+            return self.fetched(batch_id, sample_id, timeout_s, self._wanted)
+
+        limit = self._wanted.frame_bytes
+        return SampleStream(parts, limit=limit, reader=self._reader, fetch=fetch)
+
+    def _found_token(self, timeout_s: float) -> bytes:
+        with self._lock:
+            now_s = time.monotonic()
+            if self._token or self._ask_from_s is None or now_s < self._ask_from_s:
+                return self._token
+            self._ask_from_s = now_s + _ASK_AGAIN_S
+            request = pb.GetSimulatorInfoRequest()
+            try:
+                with translated():
+                    stub = self._channel.stub
+                    info = stub.GetSimulatorInfo(request, timeout=min(timeout_s, _ASK_TIMEOUT_S))
+                if info.HasField("shared_memory_probe"):
+                    self._token = found_token(place_from_proto(info.shared_memory_probe))
+            except (OaisysError, SharedMemoryError) as error:
+                _LOG.info("no shared memory with %s: %s", self._channel.address, error)
+            return self._token
+
+    def _learn(self, options: pb.TransferOptions, stream: SampleStream) -> None:
+        """Forget a token that did not bring any frame: the server may be another one by now."""
+        if options.shared_memory_token and not stream.shared:
+            with self._lock:
+                if self._token == options.shared_memory_token:
+                    self._token = b""
+
+
+def _parts_after_progress(
+    events: Iterable[pb.RenderSampleResponse | RawChunk], on_progress: ProgressListener | None
+) -> Iterator[Part]:
+    """Tell the listener of progress; yield the sample's parts."""
+    with translated():
+        for event in events:
+            if isinstance(event, RawChunk):
+                yield event
+            elif event.HasField("part"):
+                yield event.part
+            elif on_progress is not None:
+                on_progress(conversions.progress_from_proto(event.operation.progress))
