@@ -9,14 +9,11 @@ import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
-import psutil
 import pytest
+from leak_check import MARK, LeakCheck
 
 LARGEST_DOMAIN_ID = 101
 """Above it, DDS's ports run into those that Linux gives to clients."""
-
-MARK = "OAISYS_TEST_PROCESS"
-"""Variable that marks the processes of a test."""
 
 
 @pytest.fixture
@@ -48,26 +45,19 @@ def no_process_left(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     mark = str(uuid.uuid4())
     monkeypatch.setenv(MARK, mark)
     yield
-    _, left = psutil.wait_procs(_marked(mark), timeout=5.0)
-    commands = [_command(process) for process in left]
-    for process in left:
-        process.kill()
-    assert not commands, f"processes left behind: {commands}"
+    left = LeakCheck(mark).left_behind()
+    assert not left, f"left behind: {left}"
 
 
-def _marked(mark: str) -> list[psutil.Process]:
-    return [p for p in psutil.process_iter() if _mark_of(p) == mark and p.pid != os.getpid()]
+@pytest.fixture
+def leaks(monkeypatch: pytest.MonkeyPatch) -> Iterator[LeakCheck]:
+    """Fail a test whose processes leave anything: themselves, shared memory, sockets, ports.
 
-
-def _mark_of(process: psutil.Process) -> str | None:
-    try:
-        return process.environ().get(MARK)
-    except psutil.Error:
-        return None
-
-
-def _command(process: psutil.Process) -> str:
-    try:
-        return " ".join(process.cmdline())
-    except psutil.Error:
-        return str(process)
+    To be asked for before what starts processes, so that it looks last.
+    """
+    mark = str(uuid.uuid4())
+    monkeypatch.setenv(MARK, mark)
+    with LeakCheck(mark) as check:
+        yield check
+    left = check.left_behind()
+    assert not left, f"left behind: {left}"

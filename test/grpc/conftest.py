@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from leak_check import LeakCheck
 from served_simulator import FLAT_WORLD, Server
 
 from oaisys_grpc.client import SimulatorClient
 
 
 @pytest.fixture
-def start_server(tmp_path: Path, no_process_left: None) -> Iterator[Callable[..., Server]]:
+def start_server(tmp_path: Path, leaks: LeakCheck) -> Iterator[Callable[..., Server]]:
     """Start a server: ``start_server(config, *options, **environment)``."""
     with ExitStack() as stack:
 

@@ -1,0 +1,288 @@
+"""Faults injected into a running server, its worker or its client; see docs/reliability.md."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+
+import grpc
+import numpy as np
+import psutil
+import pytest
+from grpc_health.v1 import health_pb2, health_pb2_grpc
+from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, code_of, wait_until
+
+from oaisys_core.config import config_from_mapping
+from oaisys_core.errors import (
+    DeadlineExceededError,
+    InvalidInputError,
+    NotFoundError,
+    OaisysError,
+    WorkerLostError,
+)
+from oaisys_core.geometry import pose_looking_at, pose_looking_down
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata, Pose, Progress, Sample
+from oaisys_grpc.client import SERVICE, SimulatorClient
+
+StartServer = Callable[..., Server]
+POSES = [pose_looking_down(1, 1, 11, 0.4), pose_looking_at((-6, -5, 7), (2, 3, 0))]
+LONGER_THAN_ANY_TEST_S = 2 * PATIENCE_S
+FAULTY = {"OAISYS_TEST_BUILD": "1"}
+MEGABYTE = 1e6
+
+
+def labels_of(sample: Sample) -> list[bytes]:
+    return [f.data.tobytes() for f in sample.frames if f.modality != "rgb"]
+
+
+def control_run(poses: list[Pose], batches: int = 1) -> list[Sample]:
+    """The samples of the last batch of an undisturbed run; all batches have one stage."""
+    simulation = Simulation(config_from_mapping(ROCKY_WORLD))
+    for index in range(batches):
+        simulation.step_batch(reuse_stage=index > 0)
+    return [simulation.step_sample(ModuleMetadata(sensor={"pose": pose})) for pose in poses]
+
+
+def render_slowly(client: SimulatorClient, pose: Pose, begun: threading.Event) -> Sample:
+    """Render a sample that a fault makes slow; set ``begun`` once the worker is at it."""
+
+    def listen(progress: Progress) -> None:
+        if progress.stage == "fault":
+            begun.set()
+
+    return client.render_sample(pose, on_progress=listen)
+
+
+@contextmanager
+def health_asked_all_the_time(address: str) -> Iterator[list[int]]:
+    """Collect the answers of health, each within seconds; one that does not come is an error."""
+    answers: list[int] = []
+    ended = threading.Event()
+
+    def ask() -> None:
+        with grpc.insecure_channel(address) as channel:
+            health = health_pb2_grpc.HealthStub(channel)
+            while not ended.wait(0.02):
+                request = health_pb2.HealthCheckRequest(service=SERVICE)
+                answers.append(health.Check(request, timeout=PATIENCE_S / 4).status)
+
+    with ThreadPoolExecutor(1) as pool:
+        asking = pool.submit(ask)
+        try:
+            yield answers
+        finally:
+            ended.set()
+            asking.result()
+
+
+def lost_in_a_render(
+    server: Server, client: SimulatorClient, number: signal.Signals
+) -> WorkerLostError:
+    """End the worker while it renders `POSES[1]`; return what the caller gets."""
+    with ThreadPoolExecutor() as pool:
+        begun = threading.Event()
+        killed = pool.submit(render_slowly, client, POSES[1], begun)
+        assert begun.wait(PATIENCE_S)
+        worker = server.worker()
+        worker.send_signal(number)
+        with pytest.raises(WorkerLostError, match=number.name) as lost:
+            killed.result(PATIENCE_S)
+        client.wait_ready(PATIENCE_S)
+        assert server.worker().pid != worker.pid
+    return lost.value
+
+
+def test_a_worker_that_dies_in_a_render_is_replaced_and_goes_on_as_if_nothing_had_happened(
+    start_server: StartServer,
+) -> None:
+    control = control_run([POSES[0], *POSES], batches=2)
+    fault = f"slow:{LONGER_THAN_ANY_TEST_S}@2"
+    server = start_server(ROCKY_WORLD, OAISYS_FAULT=fault, **FAULTY)
+    with server.client() as client:
+        client.step_batch()
+        client.step_batch(reuse_stage=True)
+        client.render_sample(POSES[0])
+        for restarts, number in enumerate((signal.SIGKILL, signal.SIGSEGV), start=1):
+            error = lost_in_a_render(server, client, number)
+            assert code_of(error) is grpc.StatusCode.ABORTED
+            assert client.info().worker_restarts == restarts
+            sample, expected = client.render_sample(POSES[restarts - 1]), control[restarts]
+            assert (sample.batch_id, sample.sample_id) == (2, 1 + restarts)
+            assert (sample.rig_pose, sample.provenance) == (expected.rig_pose, expected.provenance)
+            assert labels_of(sample) == labels_of(expected)
+
+
+def test_a_crash_loop_ends_and_nothing_spins(start_server: StartServer) -> None:
+    server = start_server(ROCKY_WORLD, OAISYS_FAULT="crash", **FAULTY)
+    with server.client() as client:
+        client.step_batch()
+        for _ in range(3):
+            with pytest.raises(WorkerLostError, match=r"Aborted.*fault_injection\.py"):
+                client.render_sample(POSES[0])
+        wait_until(lambda: not client.is_ready(PATIENCE_S))
+        process = psutil.Process(server.process.pid)
+        used_s = sum(process.cpu_times()[:2])
+        end_s = time.monotonic() + 2.0
+        while time.monotonic() < end_s:
+            assert not process.children()
+            time.sleep(0.1)
+        assert sum(process.cpu_times()[:2]) - used_s < 1.0
+        with pytest.raises(OaisysError, match=r"no worker runs any more.*SIGABRT") as refused:
+            client.render_sample(POSES[0])
+        assert code_of(refused.value) is grpc.StatusCode.FAILED_PRECONDITION
+        assert client.info().worker_restarts == 2
+    (log,) = server.stderr.parent.glob("state/oaisys/worker-127.0.0.1-*.log")
+    assert log.read_text().count("in _step_sample") == 3
+
+
+def test_a_stopped_worker_is_killed_after_the_deadline_while_health_answers(
+    start_server: StartServer,
+) -> None:
+    """The server cannot even send a large request to the end; it must not wait for that."""
+    server = start_server(ROCKY_WORLD, "--grace", "0.5")
+    with (
+        server.client() as client,
+        SimulatorClient(server.address, timeout_s=1.0) as hasty,
+        health_asked_all_the_time(server.address) as answers,
+    ):
+        client.step_batch()
+        before = client.render_sample(POSES[0])
+        for count, text_bytes in enumerate((10, 2_000_000), start=1):
+            worker = server.worker()
+            worker.suspend()
+            metadata = ModuleMetadata(custom={"nothing": "x" * text_bytes})
+            with pytest.raises(DeadlineExceededError):
+                hasty.render_sample(POSES[1], metadata=metadata)
+            psutil.wait_procs([worker], PATIENCE_S)
+            assert not worker.is_running()
+            after = client.render_sample()
+            assert (after.sample_id, labels_of(after)) == (1 + count, labels_of(before))
+    assert set(answers) <= {
+        health_pb2.HealthCheckResponse.SERVING,
+        health_pb2.HealthCheckResponse.NOT_SERVING,
+    }
+
+
+def test_a_worker_that_grows_is_replaced_between_two_frames(start_server: StartServer) -> None:
+    poses = [pose_looking_down(i / 2, -i / 2, 10 + i / 10) for i in range(8)]
+    expected = control_run(poses)
+    options = (
+        "--worker-memory-limit-mb",
+        "800",
+    )
+    server = start_server(ROCKY_WORLD, *options, OAISYS_FAULT="leak:250", **FAULTY)
+    workers: list[int] = []
+    with server.client() as client, health_asked_all_the_time(server.address) as answers:
+        client.step_batch()
+        begin = len(answers)
+        samples = []
+        for pose in poses:
+            samples.append(client.render_sample(pose))
+            workers.append(server.worker().pid)
+        assert client.info().worker_restarts == 0
+    assert len(set(workers)) >= 2
+    assert [s.sample_id for s in samples] == list(range(1, len(poses) + 1))
+    assert [labels_of(s) for s in samples] == [labels_of(s) for s in expected]
+    assert set(answers[begin:]) == {health_pb2.HealthCheckResponse.SERVING}
+
+
+def test_a_worker_that_grows_within_a_frame_is_killed(start_server: StartServer) -> None:
+    fault = f"leak:1200@1,slow:{LONGER_THAN_ANY_TEST_S}@1"
+    options = ("--worker-memory-limit-mb", "600")
+    server = start_server(ROCKY_WORLD, *options, OAISYS_FAULT=fault, **FAULTY)
+    with server.client() as client:
+        client.step_batch()
+        with pytest.raises(WorkerLostError, match="MB of memory"):
+            client.render_sample(POSES[0])
+
+
+CLIENT = """
+import sys
+from oaisys_grpc.client import SimulatorClient
+SimulatorClient(sys.argv[1]).render_sample(on_progress=lambda p: print(p.stage, flush=True))
+"""
+
+
+def test_a_killed_client_frees_the_worker(start_server: StartServer) -> None:
+    fault = f"slow:{LONGER_THAN_ANY_TEST_S}@1"
+    server = start_server(FLAT_WORLD, OAISYS_FAULT=fault, **FAULTY)
+    with server.client() as client:
+        client.step_batch()
+        other = subprocess.Popen(
+            [sys.executable, "-c", CLIENT, server.address], stdout=subprocess.PIPE, text=True
+        )
+        with other:
+            assert other.stdout is not None
+            assert any(line.strip() == "fault" for line in other.stdout)
+            other.kill()
+        sample = client.render_sample(POSES[0])
+        assert sample.sample_id == 1
+        assert client.info().worker_restarts == 0
+
+
+def test_after_a_deadline_nothing_stale_comes(start_server: StartServer) -> None:
+    fault = f"slow:{LONGER_THAN_ANY_TEST_S}@2"
+    server = start_server(FLAT_WORLD, OAISYS_FAULT=fault, **FAULTY)
+    with server.client() as client, SimulatorClient(server.address, timeout_s=0.5) as hasty:
+        client.step_batch()
+        client.render_sample(POSES[0])
+        with pytest.raises(DeadlineExceededError) as late:
+            hasty.render_sample(POSES[1])
+        assert code_of(late.value) is grpc.StatusCode.DEADLINE_EXCEEDED
+        for sample_id, height_m in ((2, 6.0), (3, 8.0)):
+            sample = client.render_sample(pose_looking_down(2, 3, height_m))
+            assert (sample.sample_id, sample.rig_pose.position_m) == (sample_id, (2, 3, height_m))
+            np.testing.assert_allclose(sample.frame("camera", "depth").data, height_m, rtol=1e-5)
+        with pytest.raises(NotFoundError):
+            client.get_sample(1, 4)
+
+
+@pytest.mark.parametrize(
+    ("factor", "accepted"), [(1 + 9e-4, True), (1 - 9e-4, True), (1.01, False), (0, False)]
+)
+def test_a_quaternion_almost_of_unit_norm_is_normalised(
+    flat_client: SimulatorClient, factor: float, accepted: bool
+) -> None:
+    pose = pose_looking_at((-3, 1, 6), (2, -1, 0))
+    x, y, z, w = (factor * component for component in pose.quat_xyzw)
+    scaled = Pose(pose.position_m, (x, y, z, w))
+    if accepted:
+        sample, same = flat_client.render_sample(scaled), flat_client.render_sample(pose)
+        assert np.linalg.norm(sample.rig_pose.quat_xyzw) == pytest.approx(1, abs=1e-12)
+        np.testing.assert_allclose(sample.rig_pose.quat_xyzw, pose.quat_xyzw, atol=1e-12)
+        depths_m = [s.frame("camera", "depth").data for s in (sample, same)]
+        np.testing.assert_allclose(*depths_m, rtol=1e-5)
+    else:
+        with pytest.raises(InvalidInputError, match="unit quaternion"):
+            flat_client.render_sample(scaled)
+
+
+def test_poses_under_the_ground_and_outside_the_world(start_server: StartServer) -> None:
+    def world(policy: str) -> dict[str, object]:
+        return {**FLAT_WORLD, "sensors": {**FLAT_WORLD["sensors"], "pose_policy": policy}}
+
+    under, outside = pose_looking_down(1, 2, -3), pose_looking_down(50, 0, 5)
+    with start_server(FLAT_WORLD).client() as client:
+        client.step_batch()
+        for pose, said in ((under, "clearance.*3.000 m under"), (outside, "stage")):
+            with pytest.raises(InvalidInputError, match=said):
+                client.render_sample(pose)
+        assert client.info().sample_id == 0
+    with start_server(world("clamp")).client() as client:
+        client.step_batch()
+        x, y, z = client.render_sample(under).rig_pose.position_m
+        assert (x, y) == (1, 2)
+        assert 0 < z < 1
+        x, y, _ = client.render_sample(outside).rig_pose.position_m
+        assert (x, y) == (pytest.approx(20, abs=0.5), 0)
+    with start_server(world("allow")).client() as client:
+        client.step_batch()
+        assert client.render_sample(under).rig_pose == under
+        assert client.render_sample(outside).rig_pose == outside

@@ -1,0 +1,89 @@
+"""Rows 1, 2 and 5 of docs/reliability.md with Blender, at 32x24."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+import pytest
+from served_simulator import PATIENCE_S, ROCKY_WORLD, Server
+
+from oaisys_core.errors import WorkerLostError
+from oaisys_core.geometry import pose_looking_at, pose_looking_down
+from oaisys_core.types import ModuleMetadata, Progress, Sample
+from oaisys_grpc.client import SimulatorClient
+
+pytestmark = pytest.mark.blender
+
+WORLD: dict[str, Any] = {
+    **ROCKY_WORLD,
+    "backend": "blender",
+    "sensors": {"cameras": [{"width_px": 32, "height_px": 24, "fx_px": 27.0, "fy_px": 27.0}]},
+}
+POSES = [
+    pose_looking_down(1, 1, 11, 0.4),
+    pose_looking_at((-6, -5, 7), (2, 3, 0)),
+    pose_looking_down(-2, 0, 9, 1.1),
+    pose_looking_at((5, -4, 6), (0, 1, 0)),
+    pose_looking_at((3, 6, 8), (0, 0, 0)),
+    pose_looking_down(4, 3, 10),
+]
+LONG_RENDER = ModuleMetadata(render={"samples": 60_000})
+"""Minutes within Cycles."""
+
+
+def kill_within_cycles(server: Server, client: SimulatorClient, number: signal.Signals) -> None:
+    """End the worker while Cycles renders `POSES[1]`; the caller is told."""
+    begun = threading.Event()
+
+    def listen(progress: Progress) -> None:
+        if progress.stage == "color":
+            begun.set()
+
+    with ThreadPoolExecutor() as pool:
+        rendering = pool.submit(
+            client.render_sample, POSES[1], metadata=LONG_RENDER, on_progress=listen
+        )
+        assert begun.wait(PATIENCE_S)
+        server.worker().send_signal(number)
+        with pytest.raises(WorkerLostError, match=number.name):
+            rendering.result(PATIENCE_S)
+
+
+def assert_alike(sample: Sample, control: Sample) -> None:
+    assert (sample.batch_id, sample.sample_id) == (control.batch_id, control.sample_id)
+    assert (sample.rig_pose, sample.provenance) == (control.rig_pose, control.provenance)
+    for frame, other in zip(sample.frames, control.frames, strict=True):
+        if frame.modality == "rgb":
+            assert frame.data.std() > 1
+            assert np.abs(frame.data.astype(int) - other.data.astype(int)).max() <= 2
+        else:
+            np.testing.assert_array_equal(frame.data, other.data)
+
+
+def test_a_blender_that_is_killed_crashes_or_grows_is_replaced_and_renders_the_same(
+    start_server: Callable[..., Server],
+) -> None:
+    with start_server(WORLD).client() as client:
+        client.step_batch()
+        control = [client.render_sample(pose) for pose in POSES]
+    leak = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "leak:1300@3"}
+    server = start_server(WORLD, "--worker-memory-limit-mb", "1600", **leak)
+    with server.client() as client:
+        client.step_batch()
+        samples = [client.render_sample(POSES[0])]
+        for number in (signal.SIGKILL, signal.SIGSEGV):
+            kill_within_cycles(server, client, number)
+            samples.append(client.render_sample(POSES[len(samples)]))
+        worker = server.worker().pid
+        samples += [client.render_sample(pose) for pose in POSES[3:5]]
+        # The worker has leaked in its third sample: another one renders the next.
+        samples.append(client.render_sample(POSES[5]))
+        assert server.worker().pid != worker
+        assert client.info().worker_restarts == 2
+    for sample, expected in zip(samples, control, strict=True):
+        assert_alike(sample, expected)
