@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.table import Table
 
 from tools.bench.figures import Figure, write_json, write_text
@@ -87,10 +87,12 @@ def print_table(console: Console, topic: str, figures: Sequence[Figure]) -> None
     """Print a topic's figures."""
     table = Table(title=topic, title_justify="left")
     for heading in HEADINGS:
-        table.add_column(heading, justify="right" if heading in HEADINGS[1:5] else "left")
+        justify: JustifyMethod = "right" if heading in HEADINGS[1:5] else "left"
+        table.add_column(heading, justify=justify, no_wrap=heading != HEADINGS[-1])
     colors = {None: "", True: "green", False: "yellow"}
     for figure in figures:
-        table.add_row(*cells(figure), style=colors[figure.is_met])
+        verdict = cells(figure)[-1].partition(",")[0] if figure.goal else ""
+        table.add_row(*cells(figure)[:-1], verdict, style=colors[figure.is_met])
     console.print(table)
 
 

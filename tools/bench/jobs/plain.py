@@ -50,7 +50,9 @@ def against_presets(settings: Settings, say: Say) -> dict[str, Any]:
                 with _plain(kind):
                     seconds, sample = observer.sample(pose, render, view.environment, [RGB])
                 rows[-1][kind] = seconds
-                cv2.imwrite(str(folder / f"{view.name}_{kind}.png"), sample.frames[0].data[..., ::-1])
+                cv2.imwrite(
+                    str(folder / f"{view.name}_{kind}.png"), sample.frames[0].data[..., ::-1]
+                )
     return {"samples": samples, "views": rows, "presets": presets}
 
 
@@ -59,12 +61,12 @@ def _plain(kind: str) -> Iterator[None]:
     """Have the next render be one of the plain way; restore everything afterwards."""
     bpy.context.scene.render.use_persistent_data = False
     layer = bpy.context.view_layer
-    swapped = []
+    swapped: list[tuple[Any, Any, Any, list[Any]] | None] = []
     if kind == "rgb_and_depth":
         layer.use_pass_z = True
     else:
-        for material in bpy.data.materials:
-            swapped.append(_swap(material, by_object=kind == "instance"))
+        by_object = kind == "instance"
+        swapped += [_swap(material, by_object=by_object) for material in bpy.data.materials]
     try:
         yield
     finally:

@@ -12,7 +12,7 @@ from tools.bench.settings import Say, Settings
 from tools.bench.views import VIEWS
 
 ASIDE_M = 0.15
-LIGHT = ("Path Tracing", "Rendered", "Sample ", "Denois", "Finish")
+LIGHT = ("Path Tracing", "Sample ", "Rendered", "Finish")
 """In Cycles' own words, what is rendering; all that it says before is preparation."""
 
 
@@ -26,12 +26,13 @@ def shares(settings: Settings, say: Say) -> dict[str, Any]:
     def listen(text: str, *_: Any) -> None:
         heard.append((time.perf_counter(), str(text)))
 
-    bpy.app.handlers.render_stats.append(listen)
-    bpy.app.handlers.render_pre.append(lambda *_: listen("begins"))
     prepare_s, all_s = [], []
     with simulation_of(world_config(settings)) as simulation:
         simulation.step_batch()
         observer = Observer(simulation)
+        # Not earlier: the backend resets Blender as it begins.
+        bpy.app.handlers.render_stats.append(listen)
+        bpy.app.handlers.render_pre.append(lambda *_: listen("begins"))
         for run in range(settings.runs + 1):
             say(run / (settings.runs + 1), "moving the camera")
             heard.clear()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 # Must come before anything that loads Open3D, see oaisys_core.raycast.
@@ -17,8 +16,6 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import FloatArray, ModuleMetadata, Pose, Sample, merged
 from tools.bench.settings import CONFIG, Settings
 from tools.bench.views import NOON
-
-MEGABYTE = 1e6
 
 
 def world_config(settings: Settings, changes: Mapping[str, Any] | None = None) -> SimulationConfig:
@@ -75,11 +72,3 @@ class Observer:
         """Return what a sample takes at each pose, after one that warms up."""
         self.sample(poses[-1], {"quality": quality})
         return [self.sample(pose, {"quality": quality})[0] for pose in poses]
-
-
-def peak_memory_mb(process: str = "self") -> float:
-    """Return the largest resident memory that a process has had so far."""
-    for line in Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines():
-        if line.startswith("VmHWM:"):
-            return int(line.split()[1]) * 1024 / MEGABYTE
-    raise ValueError(f"/proc/{process}/status says nothing of VmHWM")

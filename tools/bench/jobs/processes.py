@@ -1,0 +1,84 @@
+"""Servers and nodes of ours as processes beside a job."""
+
+from __future__ import annotations
+
+import os
+import random
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import psutil
+import yaml
+
+from oaisys_core.types import merged
+from oaisys_ros_bridge.processes import ManagedProcess
+from tools.bench.settings import CONFIG, Settings
+
+START_TIMEOUT_S = 300.0
+WORKER = "oaisys_grpc.worker"
+SERVER = "oaisys_grpc serve"
+BRIDGE = "oaisys_ros_bridge.nodes.bridge"
+
+SMALL_WORLD: dict[str, Any] = {
+    "backend": "analytic",
+    "stage": {"preset": "mounds", "extent_m": 40.0, "resolution_px": 129},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
+    "assets": {"rocks": [{"count": [20, 20]}]},
+}
+"""Renders in no time, for what is measured of its images' way alone."""
+
+
+def camera(width_px: int, height_px: int) -> dict[str, Any]:
+    """Return the changes of a configuration that give it one camera of a size."""
+    focal_px = 541.14 * width_px / 640
+    size = {"width_px": width_px, "height_px": height_px, "fx_px": focal_px, "fy_px": focal_px}
+    return {"sensors": {"cameras": [{"name": "camera", **size}]}}
+
+
+def demo_world(settings: Settings) -> dict[str, Any]:
+    """Return the demo's configuration at the run's image size."""
+    demo = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    return merged(demo, camera(settings.width_px, settings.height_px))
+
+
+@contextmanager
+def server(settings: Settings, world: Mapping[str, Any], *options: str) -> Iterator[str]:
+    """Run a server on a free port and yield its address."""
+    file = settings.out / "logs" / "world.yaml"
+    file.write_text(yaml.safe_dump(dict(world)), encoding="utf-8")
+    command = ["oaisys_grpc", "serve", "--config", str(file), "--address", "127.0.0.1:0"]
+    with _process(settings, "server", *command, *options) as process:
+        yield process.wait_for_line("ready:", START_TIMEOUT_S)
+
+
+@contextmanager
+def bridge(settings: Settings, address: str) -> Iterator[None]:
+    """Run a bridge to a server, in a ROS domain of this process's own."""
+    with _process(settings, "bridge", BRIDGE, "--ros-args", "-p", f"address:={address}"):
+        yield
+
+
+def choose_ros_domain() -> None:
+    """Keep this process and its children apart from other ROS programs; before rclpy starts."""
+    os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+
+
+def child(text: str) -> psutil.Process:
+    """Return the process below this one that has a text in its command line.
+
+    Raises:
+        LookupError: There is none.
+    """
+    for process in psutil.Process().children(recursive=True):
+        if text in " ".join(process.cmdline()):
+            return process
+    raise LookupError(f"no process below this one runs {text}")
+
+
+def _process(settings: Settings, name: str, *arguments: str) -> ManagedProcess:
+    log: Path = settings.out / "logs" / f"{name}.log"
+    return ManagedProcess(name, [sys.executable, "-m", *arguments], log, os.environ)
