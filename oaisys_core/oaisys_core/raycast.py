@@ -73,6 +73,13 @@ class RayCaster:
         self._triangles = soup.triangles
         self._embree = embree_scene(self._local_m, self._triangles)
 
+    def prepare(self) -> None:
+        """Build the search structure now; else the first ray that is cast waits for it."""
+        if self._embree is not None:
+            import open3d as o3d
+
+            self._embree.cast_rays(o3d.core.Tensor(np.zeros((1, 6), np.float32)))
+
     def cast(self, T_map_camera: FloatArray, intrinsics: PinholeIntrinsics) -> CameraHits:
         """Return what a camera with its optical frame at ``T_map_camera`` sees."""
         directions = pixel_rays(intrinsics) @ T_map_camera[:3, :3].T
@@ -135,9 +142,11 @@ class RayCaster:
 
     def _planes(self, triangle_ids: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
         """Return (N, 3) corners and (N, 3) normals of any length."""
-        corners = self._triangles[triangle_ids]
-        a, b, c = (self._local_m[corners[:, i]] for i in range(3))
-        return a, np.cross(b - a, c - a)
+        corners = self._triangles.take(triangle_ids, axis=0)
+        a, b, c = (self._local_m.take(corners[:, i], axis=0) for i in range(3))
+        b -= a
+        c -= a
+        return a, _cross(b, c)
 
     def _refine(
         self,
@@ -201,6 +210,15 @@ def embree_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
         o3d.core.Tensor(np.ascontiguousarray(triangles, dtype=np.uint32)),
     )
     return scene
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the (N, 3) cross products, as `numpy.cross` does, without its copies."""
+    product = np.empty_like(a)
+    product[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
+    product[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]
+    product[:, 2] = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return product
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -268,3 +268,13 @@ def merge_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:
         semantic_ids=np.concatenate(semantic) if semantic else None,
         instance_ids=np.concatenate(instance) if instance else None,
     )
+
+
+def stands_on(old: Scene | None, new: Scene) -> bool:
+    """Return whether a scene has the very ground, and the material, of an older one."""
+    return (
+        old is not None
+        and bool(new.stage_hash)
+        and new.stage_hash == old.stage_hash
+        and new.material is old.material
+    )

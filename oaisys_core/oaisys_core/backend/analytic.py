@@ -21,7 +21,7 @@ from oaisys_core.backend.solids import flat_ground
 from oaisys_core.backend.surface import Surface, View, ground_mesh
 from oaisys_core.effects import with_effects
 from oaisys_core.errors import NotReadyError
-from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.scene import PlacedCamera, Scene, stands_on
 from oaisys_core.types import ALBEDO, RGB, FloatArray, Frame, Progress, TriangleMesh
 
 
@@ -46,9 +46,13 @@ class AnalyticBackend(Backend):
 
     def build(self, scene: Scene, progress: ProgressCallback) -> None:
         """Replace the world by ``scene``."""
+        surface = self._surface
         self.close()
         progress(Progress("ground", 0.0))
-        surface = Surface(scene, _ground(scene))
+        if surface is not None and stands_on(surface.scene, scene):
+            surface.begin_again(scene)
+        else:
+            surface = Surface(scene, _ground(scene))
         progress(Progress("colours", 0.9))
         self._palette = Palette(scene)
         self._surface = surface

@@ -24,11 +24,18 @@ class Objects:
 
     def __init__(self, scene: Scene) -> None:
         self._casters = LocalCasters()
-        standing = _standing(scene)
-        self._still = [each for each in standing if not each.placement.is_moving]
-        self._still_parts = self._parts_of(self._still)
+        self._still: list[Standing] = []
+        self._still_parts: list[Part] = []
         self._others: list[Standing] = []
         self._other_parts: list[Part] = []
+        self.begin_again(scene)
+
+    def begin_again(self, scene: Scene) -> None:
+        """Take over a batch's placements: those that do not move are held to stand still."""
+        still = [each for each in _standing(scene) if not each.placement.is_moving]
+        if not _are_same(still, self._still):
+            self._still = still
+            self._still_parts = self._parts_of(still)
         self.update(scene)
 
     @property
@@ -44,10 +51,7 @@ class Objects:
             self._still = still
             self._still_parts = self._parts_of(still)
         others = [each for each in standing if not any(each.is_same(kept) for kept in still)]
-        unchanged = len(others) == len(self._others) and all(
-            now.is_same(before) for now, before in zip(others, self._others, strict=True)
-        )
-        if not unchanged:
+        if not _are_same(others, self._others):
             self._others = others
             self._other_parts = [InstancePart(InstanceCaster(others, self._casters))]
         self._casters.keep_only(scene.prototypes)
@@ -62,6 +66,12 @@ class Objects:
         if sum(each.triangle_count for each in standing) <= MERGED_TRIANGLES:
             return [TrianglePart(RayCaster([each.mesh() for each in standing]))]
         return [InstancePart(InstanceCaster(standing, self._casters))]
+
+
+def _are_same(some: Sequence[Standing], others: Sequence[Standing]) -> bool:
+    return len(some) == len(others) and all(
+        one.is_same(other) for one, other in zip(some, others, strict=True)
+    )
 
 
 def _standing(scene: Scene) -> list[Standing]:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.backend.bands import bands
 from oaisys_core.backend.id_table import IdTable, table_of
 from oaisys_core.backend.instances import placed
 from oaisys_core.backend.objects import Objects
@@ -41,6 +43,13 @@ class View:
     parts: NDArray[np.int64]
     elements: NDArray[np.int64]
     instance_ids: NDArray[np.uint32]
+
+    def rows(self, rows: slice) -> View:
+        """Return some rows of it; what is written there is written to the whole."""
+        return View(**{name: array[rows] for name, array in self._arrays().items()})
+
+    def _arrays(self) -> dict[str, NDArray[Any]]:
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @cached_property
     def is_hit(self) -> NDArray[np.bool_]:
@@ -78,7 +87,15 @@ class Surface:
             self._ground_part = SolidPart(flat, 0, flat.height_m)
         else:
             self._ground = ground or ground_mesh(scene)
-            self._ground_part = TrianglePart(RayCaster([self._ground]))
+            caster = RayCaster([self._ground])
+            # Half a second per million triangles, which the first view need not wait for.
+            caster.prepare()
+            self._ground_part = TrianglePart(caster)
+        self.update_objects(scene)
+
+    def begin_again(self, scene: Scene) -> None:
+        """Take over another batch's scene on the same ground."""
+        self._objects.begin_again(scene)
         self.update_objects(scene)
 
     def update_objects(self, scene: Scene) -> None:
@@ -97,26 +114,48 @@ class Surface:
 
     def view(self, camera: PlacedCamera) -> View:
         """Return what a camera sees."""
-        origin_m = camera.T_map_camera[:3, 3]
-        directions = pixel_rays(camera.intrinsics) @ camera.T_map_camera[:3, :3].T
-        shape = directions.shape[:-1]
-        depth_m = np.full(shape, np.inf)
-        parts = np.full(shape, NO_PART, dtype=np.int64)
-        elements = np.zeros(shape, dtype=np.int64)
-        instance_ids = np.zeros(shape, dtype=np.uint32)
+        camera_rays = pixel_rays(camera.intrinsics)
+        shape = camera_rays.shape[:-1]
+        view = View(
+            depth_m=np.full(shape, np.inf),
+            directions=np.empty((*shape, 3)),
+            points_m=np.empty((*shape, 3)),
+            parts=np.full(shape, NO_PART, dtype=np.int64),
+            elements=np.zeros(shape, dtype=np.int64),
+            instance_ids=np.zeros(shape, dtype=np.uint32),
+        )
+
+        for rows in bands(*shape):
+            self._look(camera_rays[rows], camera.T_map_camera, view.rows(rows))
+        return view
+
+    def _look(self, camera_rays: FloatArray, T_map_camera: FloatArray, view: View) -> None:
+        """Fill a part of a view."""
+        origin_m = T_map_camera[:3, 3]
+        np.matmul(camera_rays, T_map_camera[:3, :3].T, out=view.directions)
+        depth_m = view.depth_m
         for index, part in enumerate(self._parts):
-            part_depth_m, part_elements = part.nearest(origin_m, directions, depth_m)
+            part_depth_m, part_elements = part.nearest(origin_m, view.directions, depth_m)
             nearer = part_depth_m < depth_m
-            depth_m[nearer], parts[nearer] = part_depth_m[nearer], index
-            elements[nearer] = part_elements[nearer]
-            instance_ids[nearer] = part.instance_ids(part_elements[nearer])
+            elements = part_elements[nearer]
+            depth_m[nearer], view.parts[nearer] = part_depth_m[nearer], index
+            view.elements[nearer] = elements
+            view.instance_ids[nearer] = part.instance_ids(elements)
         with np.errstate(invalid="ignore"):
-            points_m = origin_m + depth_m[..., None] * directions
-        return View(depth_m, directions, points_m, parts, elements, instance_ids)
+            np.multiply(depth_m[..., None], view.directions, out=view.points_m)
+            view.points_m[...] += origin_m
 
     def semantic_ids(self, view: View, level: int = 0) -> NDArray[np.uint16]:
         """Return the (H, W) labels of a view: on the ground those of the heaviest layers."""
-        ids = self._semantic_of_instance(level)(view.instance_ids)
+        of_instance = self._semantic_of_instance(level)
+        ids = np.empty(view.depth_m.shape, np.uint16)
+
+        for rows in bands(*ids.shape):
+            ids[rows] = self._labels(view.rows(rows), of_instance, level)
+        return ids
+
+    def _labels(self, view: View, of_instance: IdTable, level: int) -> NDArray[np.uint16]:
+        ids = of_instance(view.instance_ids)
         ids[view.is_ground] = self._scene.material.semantic_ids_at(
             view.points_m[view.is_ground][:, :2], level
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,13 +12,14 @@ from oaisys_core.config.groups import MOST_INSTANCES
 from oaisys_core.config.objects import ShapedConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
-from oaisys_core.modules.asset_drawing import Drawing
+from oaisys_core.modules.asset_drawing import Drawing, Drawn
 from oaisys_core.modules.asset_edits import EditedAssets, check_labels
 from oaisys_core.modules.asset_ids import IdPlan
 from oaisys_core.modules.asset_metadata import PART, AssetMetadata, asset_metadata
 from oaisys_core.modules.looks import Looks
 from oaisys_core.scatter.ids import added_id
 from oaisys_core.scatter.rocks import ROCK_KINDS
+from oaisys_core.scene import Ground
 from oaisys_core.types import merged
 
 
@@ -45,6 +46,7 @@ class AssetsModule(Module):
             raise ConfigError(str(error)) from error
         self._metadata: Mapping[str, Any] = {}
         self._edited: EditedAssets | None = None
+        self._last: _Last | None = None
 
     def setup(self) -> None:
         """Load or make the rocks' texture set."""
@@ -76,8 +78,7 @@ class AssetsModule(Module):
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Replace all objects of the world; changes to ids that it has not are passed over."""
         checked = asset_metadata({}, metadata)
-        drawing = Drawing(self._config, self._looks, self._plan, drawn(world.ground), rng)
-        things = drawing.draw(checked)
+        things = self._drawn(drawn(world.ground), checked, rng)
         world.primitives = things.primitives
         for thing in self._config.labelled:
             world.semantic_labels.update(thing.labels)
@@ -91,6 +92,17 @@ class AssetsModule(Module):
         # A sample that fails brings the old module back, so what it holds must not change.
         self._edited = drawn(self._edited).in_world(world)
         self._edited.apply(asset_metadata({}, self._metadata))
+
+    def _drawn(self, ground: Ground, metadata: AssetMetadata, rng: np.random.Generator) -> Drawn:
+        """Draw all things, or return those of the last batch where they would be the same."""
+        before = rng.bit_generator.state
+        last = self._last
+        if last and last.ground is ground and (last.metadata, last.before) == (metadata, before):
+            rng.bit_generator.state = last.after
+            return last.things
+        things = Drawing(self._config, self._looks, self._plan, ground, rng).draw(metadata)
+        self._last = _Last(ground, metadata, before, rng.bit_generator.state, things)
+        return things
 
     def _shaped(self) -> Iterable[tuple[str, ShapedConfig]]:
         """Yield everything that has a shape of its own, with its path."""
@@ -123,6 +135,16 @@ class AssetsModule(Module):
             other = ids.setdefault(added_id(name), name)
             if other != name:
                 raise InvalidInputError(path, name, f"a name whose id is not that of {other!r}")
+
+
+class _Last(NamedTuple):
+    """What a batch has drawn, from what, and the generator's states before and after."""
+
+    ground: Ground
+    metadata: AssetMetadata
+    before: Mapping[str, Any]
+    after: Mapping[str, Any]
+    things: Drawn
 
 
 def _refuse_counts(metadata: Mapping[str, Any]) -> None:

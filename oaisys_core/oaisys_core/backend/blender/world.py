@@ -13,7 +13,7 @@ from oaisys_core.backend.blender.images import ImageStore
 from oaisys_core.backend.blender.meshes import evaluated_mesh, new_object
 from oaisys_core.backend.blender.objects import Objects
 from oaisys_core.backend.blender.plain import Plain
-from oaisys_core.scene import Scene
+from oaisys_core.scene import Scene, stands_on
 from oaisys_core.types import TriangleMesh
 
 
@@ -28,11 +28,15 @@ class World:
         self._scene: Scene | None = None
         self._objects = Objects(self._images)
 
-    def clear(self, scene: Scene) -> None:
-        """Remove all objects, and the ground too unless ``scene`` stands on the same one."""
+    def clear(self, scene: Scene) -> bool:
+        """Remove all objects; return whether ``scene`` stands on the same ground, which stays."""
         self._objects.clear()
-        if self._ground is not None and not _same_ground(self._scene, scene):
+        if self._ground is None:
+            return False
+        stays = stands_on(self._scene, scene)
+        if not stays:
             self._remove_ground()
+        return stays
 
     def build_ground(self, scene: Scene) -> None:
         """Make the ground where none was kept."""
@@ -91,12 +95,3 @@ class World:
     def _purge(self) -> None:
         bpy.data.orphans_purge(do_recursive=True)
         self._images.remove_unused()
-
-
-def _same_ground(old: Scene | None, new: Scene) -> bool:
-    return (
-        old is not None
-        and bool(new.stage_hash)
-        and new.stage_hash == old.stage_hash
-        and new.material is old.material
-    )
