@@ -1,6 +1,6 @@
 """The queue: order, idempotency, cancelling, bounds; all while a worker is slow."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import grpc
@@ -17,10 +17,14 @@ from oaisys_core.errors import (
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Pose, Progress
 from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.errors import error_from_rpc
 from oaisys_grpc.faults import OvertakenError
 from oaisys_grpc.operation import OperationStatus, State
 from oaisys_grpc.operations import QUEUE_LIMIT
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.sample_store import MAX_SAMPLES
+from oaisys_grpc.stream_limits import LIMITS
 
 POSES = [pose_looking_down(-10 + i, 5 - i / 2, 4 + i / 4) for i in range(20)]
 
@@ -93,6 +97,83 @@ def test_a_request_id_with_another_body_is_refused(flat_client: SimulatorClient)
     assert (refused.value.field, refused.value.received) == ("request_id", "once")
     with pytest.raises(InvalidInputError):
         flat_client.start_batch(request_id="once")
+
+
+def test_a_request_that_failed_may_be_sent_again(slow_client: SimulatorClient) -> None:
+    first = slow_client.start_sample(POSES[0], request_id="again")
+    assert slow_client.start_sample(POSES[0], request_id="again") == first
+    slow_client.cancel_operation(first)
+    second = slow_client.start_sample(POSES[0], request_id="again")
+    assert second != first
+    rendering(slow_client, second)
+    assert slow_client.get_operation(first).state is State.CANCELLED
+    with pytest.raises(InvalidInputError):
+        slow_client.start_sample(POSES[1], request_id="again")
+
+
+def test_names_of_another_server_are_not_known(
+    flat_client: SimulatorClient, slow_client: SimulatorClient
+) -> None:
+    name = flat_client.start_sample(POSES[0])
+    assert ended(flat_client, name).state is State.SUCCEEDED
+    for stale in (name, "operations/1", "operations/2", ""):
+        with pytest.raises(NotFoundError):
+            slow_client.get_operation(stale)
+
+
+def test_an_operation_that_nobody_watches_ends_at_its_deadline(
+    slow_server: Server, slow_client: SimulatorClient
+) -> None:
+    with SimulatorClient(slow_server.address, timeout_s=0.5) as hasty:
+        running, waiting = (hasty.start_sample(pose) for pose in POSES[:2])
+    for name in (running, waiting):
+        status = ended(slow_client, name)
+        assert status.state is State.FAILED
+        assert isinstance(status.error, DeadlineExceededError)
+    assert slow_client.info().sample_id == 0
+
+
+def test_the_seconds_left_are_known_from_work_done_before(
+    start_server: Callable[..., Server],
+) -> None:
+    env = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "slow:0.5"}
+    with start_server(FLAT_WORLD, **env).client() as client:
+        client.step_batch()
+        first = list(client.watch_operation(client.start_sample(POSES[0])))
+        assert all(status.progress.seconds_left is None for status in first)
+        running, waiting = (client.start_sample(pose) for pose in POSES[1:3])
+        rendering(client, running)
+        queued = client.get_operation(waiting)
+        now = client.get_operation(running)
+        assert queued.progress.seconds_left is not None
+        if now.state is State.RUNNING:
+            assert now.progress.seconds_left is not None
+            assert 0 <= now.progress.seconds_left <= queued.progress.seconds_left
+        assert ended(client, waiting).progress == Progress("done", 1.0)
+
+
+def test_many_streams_leave_room_for_calls_that_answer_at_once(
+    slow_server: Server, slow_client: SimulatorClient
+) -> None:
+    name = slow_client.start_sample(POSES[0])
+    rendering(slow_client, name)
+    limit = LIMITS["WatchOperation"]
+    with grpc.insecure_channel(slow_server.address) as channel:
+        stub = simulator_pb2_grpc.SimulatorServiceStub(channel)
+        request = pb.WatchOperationRequest(name=name)
+        watches = [stub.WatchOperation(request, timeout=PATIENCE_S) for _ in range(limit)]
+        for watch in watches:
+            assert next(watch).operation.name == name
+        for _ in range(20):
+            with pytest.raises(grpc.RpcError) as refused:
+                next(stub.WatchOperation(request, timeout=PATIENCE_S))
+            assert isinstance(error_from_rpc(refused.value), QueueFullError)
+        assert slow_client.is_ready(PATIENCE_S)
+        assert slow_client.cancel_operation(name).state is State.CANCELLED
+        for watch in watches:
+            *_, last = watch
+            assert last.operation.state == pb.OPERATION_STATE_CANCELLED
+    assert ended(slow_client, name).state is State.CANCELLED
 
 
 def test_a_cancelled_operation_frees_the_worker(slow_client: SimulatorClient) -> None:

@@ -1,0 +1,60 @@
+"""What an error status carries beside its code and text: google.rpc's own messages."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from google.rpc import code_pb2, error_details_pb2
+
+from oaisys_core.errors import (
+    InvalidInputError,
+    NotReadyError,
+    OaisysError,
+    QueueFullError,
+    WorkerLostError,
+)
+from oaisys_grpc.errors import status_from_error
+from oaisys_grpc.faults import OvertakenError
+
+
+def detail_of(error: OaisysError, kind: type[Any]) -> Any:
+    message = kind()
+    (found,) = [d for d in status_from_error(error).details if d.Is(kind.DESCRIPTOR)]
+    found.Unpack(message)
+    return message
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (QueueFullError("full"), code_pb2.RESOURCE_EXHAUSTED),
+        (WorkerLostError("x"), code_pb2.ABORTED),
+    ],
+)
+def test_what_passes_by_itself_says_when_to_ask_again(error: OaisysError, code: int) -> None:
+    assert status_from_error(error).code == code
+    retry = detail_of(error, error_details_pb2.RetryInfo)
+    assert 0 < retry.retry_delay.ToMilliseconds() <= 5000
+    assert detail_of(error, error_details_pb2.ErrorInfo).domain == "oaisys"
+
+
+def test_what_does_not_pass_by_itself_says_nothing_of_asking_again() -> None:
+    for error in (OvertakenError("newer"), InvalidInputError("pose", 1, "a pose")):
+        kinds = [detail.TypeName() for detail in status_from_error(error).details]
+        assert "google.rpc.RetryInfo" not in kinds
+
+
+def test_a_refused_field_is_a_field_violation() -> None:
+    error = InvalidInputError("metadata.render.samples", -1, "1 or more")
+    (violation,) = detail_of(error, error_details_pb2.BadRequest).field_violations
+    assert violation.field == "metadata.render.samples"
+    assert "1 or more" in violation.description
+
+
+def test_what_must_be_done_before_is_a_precondition() -> None:
+    error = NotReadyError("there is no world yet")
+    assert status_from_error(error).code == code_pb2.FAILED_PRECONDITION
+    (violation,) = detail_of(error, error_details_pb2.PreconditionFailure).violations
+    assert violation.type == "NotReadyError"
+    assert "no world" in violation.description
