@@ -2,5 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from oaisys_core.errors import InvalidInputError
+
 MAX_REQUEST_BYTES = 4 * 1024 * 1024
 """Of one message to the server; a larger one ends with RESOURCE_EXHAUSTED, unread."""
+
+MAX_NAMES = 1000
+"""Of sensors or modalities in one request."""
+
+
+def names(given: Sequence[str], field: str) -> tuple[str, ...]:
+    """Return the names in a field of a request.
+
+    Raises:
+        InvalidInputError: There are more than `MAX_NAMES`.
+    """
+    if len(given) > MAX_NAMES:
+        raise InvalidInputError(field, f"{len(given)} names", f"at most {MAX_NAMES}")
+    return tuple(given)

@@ -17,6 +17,7 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import FrameName, ModuleMetadata, TriangleMesh
 from oaisys_grpc import chunks, conversions
 from oaisys_grpc.errors import abort
+from oaisys_grpc.limits import names
 from oaisys_grpc.messages import RawChunk, response
 from oaisys_grpc.operation import Kind, OperationStatus, State, status_to_proto
 from oaisys_grpc.operations import Operations
@@ -254,8 +255,8 @@ def _sample_work(request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout
         method="step_sample",
         arguments={
             "metadata": metadata,
-            "modalities": tuple(request.modalities),
-            "sensors": tuple(request.sensors),
+            "modalities": names(request.modalities, "modalities"),
+            "sensors": names(request.sensors, "sensors"),
         },
         timeout_s=timeout_s,
         request_id=request.request_id,

@@ -9,7 +9,7 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from oaisys_core.config.groups import GroupConfig
+from oaisys_core.config.groups import Count, GroupConfig
 from oaisys_core.config.objects import MoverConfig, ObjectConfig, unit_quaternion
 from oaisys_core.config.section import Labelled, Positive, Section, SemanticId, Vector3
 
@@ -31,7 +31,7 @@ class RockGroupConfig(Labelled):
     """
 
     kind: str = "angular"
-    count: tuple[int, int] = (120, 120)
+    count: tuple[Count, Count] = (120, 120)
     size_m: tuple[float, float] = (0.15, 1.2)
     size_exponent: Positive = 1.8
     variants: int = Field(default=3, ge=1, le=64)

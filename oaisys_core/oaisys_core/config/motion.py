@@ -223,8 +223,8 @@ class GridMotion(Section):
     """
 
     kind: Literal["grid"]
-    columns: int = Field(default=6, ge=1)
-    rows: int = Field(default=5, ge=1)
+    columns: int = Field(default=6, ge=1, le=10_000)
+    rows: int = Field(default=5, ge=1, le=10_000)
     altitude_m: Positive = 10.0
     overlap: float = Field(default=0.5, ge=0, lt=1)
     centre_m: tuple[float, float] | None = None

@@ -275,7 +275,7 @@ def _rock_poses(
     rng: np.random.Generator,
 ) -> FloatArray:
     least, most = group.count
-    count = round(factor * int(rng.integers(least, most, endpoint=True)))
+    count = min(round(factor * int(rng.integers(least, most, endpoint=True))), MOST_INSTANCES)
     T_map_object, _ = scatter_on(
         ground,
         count,
