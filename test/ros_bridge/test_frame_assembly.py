@@ -135,6 +135,53 @@ def test_a_frame_whose_colour_never_comes_goes_on_grey():
     assert frame.rgb is None
 
 
+def begun_frame(stamp_ns: int = STAMP_NS) -> FrameAssembler:
+    """A frame that has everything but its colour, at 10 s."""
+    made = assembler()
+    made.add_static(static_msg())
+    made.add_transforms(tf_msg(stamp_ns))
+    made.add_image("depth", depth_msg(stamp_ns), 10.0)
+    made.add_image("info", info_msg(stamp_ns), 10.0)
+    return made
+
+
+def test_colour_may_take_as_long_as_it_likes_where_the_end_of_samples_is_told():
+    made = begun_frame()
+    made.give_up_color(1000.0, ends_are_told=True)
+    assert made.pop() is None
+    made.add_image("color", color_msg(), 1001.0)
+    frame = made.pop()
+    assert frame is not None
+    assert frame.rgb is not None
+
+
+def test_a_frame_of_a_sample_without_colour_goes_on_at_its_end():
+    made = begun_frame()
+    made.end_sample(STAMP_NS, 11.0, has_color=False)
+    frame = made.pop()
+    assert frame is not None
+    assert frame.rgb is None
+
+
+def test_colour_that_was_lost_on_the_way_is_waited_for_after_the_end():
+    made = begun_frame()
+    made.end_sample(STAMP_NS, 500.0, has_color=True)
+    assert made.pop() is None
+    made.give_up_color(500.1 + COLOR_WAIT_S, ends_are_told=True)
+    frame = made.pop()
+    assert frame is not None
+    assert frame.rgb is None
+
+
+def test_a_frame_of_a_sample_that_failed_is_dropped():
+    made = begun_frame()
+    made.end_sample(STAMP_NS + 1, 20.0, has_color=True)
+    made.give_up_color(20.1 + COLOR_WAIT_S, ends_are_told=True)
+    assert made.pop() is None
+    made.add_image("color", color_msg(), 30.0)
+    assert made.pop() is None
+
+
 def test_frames_without_a_pose_are_bounded_and_the_oldest_is_given_up():
     made = assembler(use_color=False)
     made.add_static(static_msg())

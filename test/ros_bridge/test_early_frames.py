@@ -1,0 +1,99 @@
+"""What the bridge publishes while colour is still being rendered, and what becomes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from ros_peer import Stage, User, stamped
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from served_simulator import FLAT_WORLD, PATIENCE_S
+from tf2_msgs.msg import TFMessage
+
+from oaisys_core.geometry import pose_looking_down
+from oaisys_msgs.msg import SampleInfo
+from oaisys_msgs.srv import SetPose, StepBatch
+from oaisys_ros_bridge.clouds import cloud_from_msg
+from oaisys_ros_bridge.conversions import image_from_msg
+from oaisys_ros_bridge.qos import SENSOR_QOS, TF_QOS
+
+pytestmark = pytest.mark.ros
+
+EARLY: dict[str, type[Any]] = {
+    "camera/depth/image_raw": Image,
+    "camera/depth/camera_info": CameraInfo,
+    "camera/semantic_0/image_raw": Image,
+    "camera/instance/image_raw": Image,
+    "ground_truth/odometry": Odometry,
+}
+LATE: dict[str, type[Any]] = {
+    "camera/color/image_raw": Image,
+    "camera/color/camera_info": CameraInfo,
+    "camera/depth_registered/points": PointCloud2,
+    "oaisys_bridge/sample_info": SampleInfo,
+}
+
+
+@pytest.fixture
+def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
+    with Stage(tmp_path) as stage:
+        yield stage
+
+
+def bridged(stage: Stage) -> User:
+    user = stage.user
+    for topic, kind in (EARLY | LATE).items():
+        user.listen(kind, topic, SENSOR_QOS)
+    user.listen(TFMessage, "/tf", TF_QOS)
+    server = stage.start_world(FLAT_WORLD)
+    stage.start_bridge(server.address)
+    user.wait_until_ready()
+    return user
+
+
+def test_depth_goes_out_before_colour_and_a_sample_that_fails_is_never_called_complete(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("OAISYS_TEST_BUILD", "1")
+    monkeypatch.setenv("OAISYS_FAULT", f"late-slow:{2 * PATIENCE_S:g}")
+    user = bridged(stage)
+    client = user.node.create_client(SetPose, "oaisys_bridge/set_pose")
+    user.wait_until(client.service_is_ready)
+    answer = client.call_async(SetPose.Request(pose=stamped(pose_looking_down(0, 0, 5))))
+
+    user.wait_until(lambda: all(user.received[topic] for topic in [*EARLY, "/tf"]))
+    assert not answer.done()
+    assert not any(user.received[topic] for topic in LATE)
+    stamps = {str(user.received[topic][0].header.stamp) for topic in EARLY}
+    stamps.add(str(user.received["/tf"][0].transforms[0].header.stamp))
+    assert len(stamps) == 1
+    depth_m = image_from_msg(user.received["camera/depth/image_raw"][0])
+    np.testing.assert_allclose(depth_m, 5.0, rtol=1e-6)
+
+    assert user.call(StepBatch, "step_batch", StepBatch.Request(seed=5)).success
+    user.wait_until(answer.done)
+    assert not answer.result().success
+    assert "overtaken" in answer.result().message
+    assert not any(user.received[topic] for topic in LATE)
+
+
+def test_a_cloud_waits_for_the_colour_that_it_will_have_and_for_no_other(stage: Stage) -> None:
+    user = bridged(stage)
+    plain = user.set_pose(pose_looking_down(0, 0, 5), modalities=["depth"])
+    colored = user.set_pose(pose_looking_down(0, 0, 6))
+    assert plain.success
+    assert colored.success
+    received = user.received
+    user.wait_until(lambda: len(received["oaisys_bridge/sample_info"]) == 2)
+    user.wait_until(lambda: len(received["camera/depth_registered/points"]) == 2)
+    (color,) = user.wait_until(lambda: received["camera/color/image_raw"])
+    first, second = received["camera/depth_registered/points"]
+    assert [str(c.header.stamp) for c in (first, second)] == [str(plain.stamp), str(colored.stamp)]
+    points_m, colors = cloud_from_msg(first)
+    np.testing.assert_allclose(points_m[..., 2], 5.0, rtol=1e-6)
+    assert not colors.any()
+    np.testing.assert_array_equal(cloud_from_msg(second)[1], image_from_msg(color))
