@@ -15,6 +15,9 @@ from oaisys_core.raycast import RayCaster
 from oaisys_core.scene import Scene
 from oaisys_core.types import TriangleMesh
 
+UNPREPARED_TRIANGLES = 1_000_000
+"""Up to so many, the batch's first view prepares them, in half a second; of more, the batch."""
+
 
 class Objects:
     """Placements, in two groups, so that what moves does not cost a new structure over all.
@@ -63,8 +66,12 @@ class Objects:
     def _parts_of(self, standing: Sequence[Standing]) -> list[Part]:
         if not standing:
             return []
-        if sum(each.triangle_count for each in standing) <= MERGED_TRIANGLES:
-            return [TrianglePart(RayCaster([each.mesh() for each in standing]))]
+        triangles = sum(each.triangle_count for each in standing)
+        if triangles <= MERGED_TRIANGLES:
+            caster = RayCaster([each.mesh() for each in standing])
+            if triangles > UNPREPARED_TRIANGLES:
+                caster.prepare()
+            return [TrianglePart(caster)]
         return [InstancePart(InstanceCaster(standing, self._casters))]
 
 
