@@ -5,12 +5,13 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format schema contract clean
+.PHONY: help setup demo bench test lint format schema contract clean
 
 VENV ?= .venv
 PYTHON ?=
 DEMO_ARGS ?= --out out/survey
 GALLERY_ARGS ?= --out out/gallery
+BENCH_ARGS ?= --out out/bench
 PYTEST_ARGS ?=
 
 IN_ENV := source '$(abspath $(VENV))/oaisys_env.sh' &&
@@ -30,6 +31,9 @@ demo: setup ## Survey a rocky terrain from 30 viewpoints and rebuild it: out/sur
 
 gallery: setup ## Render every example and texture set with its labels: out/gallery/index.html
 	@$(IN_ENV) python -m tools.gallery $(GALLERY_ARGS)
+
+bench: setup ## Measure everything: out/bench/bench.md (an hour; BENCH_ARGS='--only transfer', --quick)
+	@$(IN_ENV) python -m tools.bench $(BENCH_ARGS)
 
 test: setup ## Run every test
 	@$(IN_ENV) pytest $(PYTEST_ARGS)

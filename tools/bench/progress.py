@@ -8,6 +8,9 @@ from collections.abc import Mapping
 from rich.console import Console
 from rich.status import Status
 
+QUIET_S = 5.0
+"""Between two plain lines that tell the same."""
+
 RELIABLE_SHARE = 0.15
 """From here on a topic's own pace says more than what it was expected to take."""
 
@@ -25,6 +28,7 @@ class Progress:
         self._expected_s = dict(expected_s)
         self._topic = ""
         self._started_s = 0.0
+        self._said, self._said_s = "", 0.0
         self._status: Status | None = console.status("") if console.is_terminal else None
 
     def begin(self, topic: str) -> None:
@@ -47,7 +51,8 @@ class Progress:
         line = f"{self._topic}, {100 * share:.0f} %, {minutes:.0f} min left: {text}"
         if self._status is not None:
             self._status.update(line)
-        else:
+        elif text != self._said or time.monotonic() - self._said_s > QUIET_S:
+            self._said, self._said_s = text, time.monotonic()
             self._console.print(line, highlight=False)
 
     def left_s(self, share: float) -> float:

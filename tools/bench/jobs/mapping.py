@@ -1,0 +1,113 @@
+"""What fusing views and drawing their mesh takes, beside plain Open3D on the same views."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+import open3d as o3d
+
+from oaisys_core.config import config_from_mapping
+from oaisys_core.geometry import invert, pose_looking_down
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import DEPTH, RGB, Frame, ModuleMetadata, merged
+from oaisys_mapping.tsdf import BLOCK_VOXELS, INITIAL_BLOCKS, TsdfConfig, TsdfVolume
+from tools.bench.jobs.processes import SMALL_WORLD, camera
+from tools.bench.settings import Say, Settings
+
+EXTENT_M = 100.0
+COLUMNS, ROWS = 6, 5
+ALTITUDE_M = 25.0
+"""From where thirty 640x480 images see all of the ground, and each a tenth of the next one's."""
+LEAST_WEIGHT = 0.5
+
+Pair = tuple[Frame, Frame]
+
+
+def fusing(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
+    """Return milliseconds of each view and of meshes of all, ours and plain Open3D's."""
+    pairs = _views(settings, say)
+    config = TsdfConfig()
+    found: dict[str, dict[str, list[float]]] = {"ours": {}, "open3d": {}}
+    volume, plain = TsdfVolume(config), _Plain(config)
+    ways: dict[str, tuple[Callable[[Pair], object], Callable[[], object]]] = {
+        "ours": (partial(_integrate, volume), volume.extract_mesh),
+        "open3d": (plain.integrate, plain.mesh),
+    }
+    # One view of another volume each: libraries load and allocate on their first call.
+    _integrate(TsdfVolume(config), pairs[0])
+    _Plain(config).integrate(pairs[0])
+    say(0.6, f"fusing {len(pairs)} views")
+    for pair in pairs:
+        for name, (integrate, _) in ways.items():
+            found[name].setdefault("integrate_ms", []).append(_ms(partial(integrate, pair)))
+    for run in range(settings.runs):
+        say(0.7 + 0.3 * run / settings.runs, "meshes")
+        for name, (_, mesh) in ways.items():
+            found[name].setdefault("mesh_ms", []).append(_ms(mesh))
+    return found
+
+
+def _views(settings: Settings, say: Say) -> list[Pair]:
+    """Return depth and colour of a grid of views of uneven ground, exact and without Blender."""
+    changes = {"seed": 1, "stage": {"extent_m": EXTENT_M, "resolution_px": 801}}
+    sized = merged(SMALL_WORLD, camera(settings.width_px, settings.height_px))
+    simulation = Simulation(config_from_mapping(merged(sized, changes)))
+    simulation.step_batch()
+    pairs = []
+    for index in range(COLUMNS * ROWS):
+        say(0.5 * index / (COLUMNS * ROWS), "views of 100 m x 100 m")
+        x_m = EXTENT_M * ((index % COLUMNS + 0.5) / COLUMNS - 0.5)
+        y_m = EXTENT_M * ((index // COLUMNS + 0.5) / ROWS - 0.5)
+        z_m = float(simulation.query_height([(x_m, y_m, 0.0)]).surface_height_m[0])
+        pose = pose_looking_down(x_m, y_m, z_m + ALTITUDE_M, np.pi / 2)
+        sample = simulation.step_sample(ModuleMetadata(sensor={"pose": pose}))
+        pairs.append((sample.frame("camera", DEPTH), sample.frame("camera", RGB)))
+    simulation.close()
+    return pairs
+
+
+def _integrate(volume: TsdfVolume, pair: Pair) -> None:
+    depth, color = pair
+    volume.integrate(depth.data, color.data, depth.intrinsics, depth.T_map_camera)
+
+
+class _Plain:
+    """Open3D's own volume of the same voxels, called as its tutorial does."""
+
+    def __init__(self, config: TsdfConfig) -> None:
+        kinds = (o3d.core.float32, o3d.core.float32, o3d.core.float32)
+        self._config = config
+        self._grid = o3d.t.geometry.VoxelBlockGrid(
+            ("tsdf", "weight", "color"),
+            kinds,
+            ((1), (1), (3)),
+            config.voxel_size_m,
+            BLOCK_VOXELS,
+            INITIAL_BLOCKS,
+            o3d.core.Device("CPU:0"),
+        )
+
+    def integrate(self, pair: Pair) -> None:
+        """Fuse a view."""
+        depth, color = pair
+        shown = o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(depth.data)))
+        colored = o3d.t.geometry.Image(o3d.core.Tensor(color.data.astype(np.float32) / 255))
+        K = o3d.core.Tensor(depth.intrinsics.K)
+        T_camera_map = o3d.core.Tensor(invert(depth.T_map_camera))
+        far = (1.0, float(self._config.max_range_m), float(self._config.truncation_voxels))
+        blocks = self._grid.compute_unique_block_coordinates(shown, K, T_camera_map, *far)
+        self._grid.integrate(blocks, shown, colored, K, K, T_camera_map, *far)
+
+    def mesh(self) -> Any:
+        """Return the surface."""
+        return self._grid.extract_triangle_mesh(LEAST_WEIGHT)
+
+
+def _ms(action: Callable[[], object]) -> float:
+    started_s = time.perf_counter()
+    action()
+    return 1e3 * (time.perf_counter() - started_s)
