@@ -25,8 +25,9 @@ _OPTIONS = [
     ("grpc.max_reconnect_backoff_ms", 1000),
     # A proxy for the web is none for a simulator on this machine.
     ("grpc.enable_http_proxy", 0),
-    # How much may be under way: the default lets the server wait again and again.
+    # By default the server waits again and again for leave to send, and sends pieces of 16 KiB.
     ("grpc.http2.lookahead_bytes", 8 << 20),
+    ("grpc.http2.max_frame_size", 1 << 20),
 ]
 _HEALTH_POLL_S = 0.1
 

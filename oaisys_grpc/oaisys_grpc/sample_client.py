@@ -18,7 +18,7 @@ from oaisys_grpc.messages import Part, RawChunk
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.sample_stream import SampleStream
 from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError, found_token
-from oaisys_grpc.transfer import Transfer, place_from_proto, transfer_to_proto
+from oaisys_grpc.transfer import MAX_MESSAGE_BYTES, Transfer, place_from_proto, transfer_to_proto
 
 _LOG = logging.getLogger(__name__)
 
@@ -50,6 +50,7 @@ class SampleClient:
         self._wanted = Transfer(
             encodings=encodings,
             inline_bytes=_INLINE_BYTES,
+            chunk_bytes=MAX_MESSAGE_BYTES,
             frame_bytes=max_frame_bytes,
             grouped=True,
         )

@@ -11,10 +11,10 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.shared_memory import Place, Probe
 
 CHUNK_BYTES = 1 << 20
-"""Keeps every message below gRPC's default limit of 4 MiB; larger ones are not faster."""
+"""For a client that says nothing."""
 
 MAX_MESSAGE_BYTES = 3 << 20
-"""Of array data in one message, as a chunk or inline, whatever a client asks for."""
+"""Of array data in one message, whatever a client asks for: gRPC's default limit is 4 MiB."""
 
 MAX_FRAME_BYTES = 12 * MAX_IMAGE_PX
 """The largest image with three floats a pixel."""
