@@ -80,6 +80,19 @@ def cases() -> dict[str, tuple[Scene, PlacedCamera]]:
     ahead = camera(pose_looking_at((0, -9, 2.4), (0, 0, 0)), VIEW, (RGB,))
     for name, sides in (("wall from above", False), ("wall from the side", True)):
         found[name] = (world(wall, (layer,), projects_sides=sides), ahead)
+    # Single texels of 220 and 40, 1.6 cm wide, in pixels of 30 cm; and their mean in linear light.
+    for name, shades in {"fine": (220, 40), "even": (163, 163)}.items():
+        maps = checked(np.indices((4, 4)).sum(axis=0) % 2 == 0)
+        shade = np.where(np.indices((256, 256)).sum(axis=0) % 2, *shades).astype(np.uint8)
+        maps = replace(
+            maps,
+            color_srgb=np.stack([shade] * 3, axis=-1),
+            height=np.zeros((256, 256), np.float32),
+            normal_gl=np.full((256, 256, 3), (128, 128, 255), np.uint8),
+            roughness=np.full((256, 256), 255, np.uint8),
+        )
+        high = camera(pose_looking_down(1.0, 2.0, 30.0), VIEW, (RGB,))
+        found[name] = (world(level(), (TerrainLayer("a", (9,), maps),)), high)
     return found
 
 
@@ -121,6 +134,13 @@ def test_a_steep_slope_shows_its_texture_undistorted(seen: dict[str, Any]) -> No
         return int(np.count_nonzero(np.diff(is_light)))
 
     assert changes("wall from the side") >= 2.5 * changes("wall from above") > 0
+
+
+def test_texels_smaller_than_a_pixel_are_seen_as_their_mean(seen: dict[str, Any]) -> None:
+    fine, even = (seen[name][0].data[32:64, 32:64].astype(float) for name in ("fine", "even"))
+    assert fine.mean() == pytest.approx(even.mean(), abs=1.5)
+    # A few light samples would hit white or black texels by chance.
+    assert np.abs(fine - even).max() < 8
 
 
 def test_another_material_leaves_nothing_of_the_old_one() -> None:

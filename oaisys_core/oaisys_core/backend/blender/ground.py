@@ -1,16 +1,21 @@
 """The ground's material: layers mixed by their masks, each laid on as its tiling says.
 
 A mixture of surfaces evaluates only what shows of it, so each layer is a surface of its own: where
-one layer lies alone, as it does nearly everywhere, the others cost nothing.
+one layer lies alone, as it does nearly everywhere, the others cost nothing. The same goes for the
+levels of the textures.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+from math import log2
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.footprint import by_footprint
 from oaisys_core.backend.blender.gloss import glossed, is_glossy
 from oaisys_core.backend.blender.images import ImageStore, new_image
 from oaisys_core.backend.blender.materials import diffuse, new_material, show
@@ -18,6 +23,7 @@ from oaisys_core.backend.blender.nodes import NodeTree, Socket
 from oaisys_core.backend.blender.tiling import Look, TilingNodes
 from oaisys_core.backend.shading import mean_color
 from oaisys_core.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
+from oaisys_core.textures.levels import LEAST_PX, level_at
 
 CHANNELS = 4
 """Masks that one image holds."""
@@ -71,7 +77,11 @@ class GroundNodes:
         geometry = tree.add("NewGeometry")
         self._position, self._normal = geometry.outputs["Position"], geometry.outputs["Normal"]
         self._shares = _shares(tree, material, self._position)
-        self._variation = self._make_variation(material.layers[0].maps, material.variation)
+        self._footprints_m = _footprints_m([layer.maps for layer in material.layers])
+        self._variations = [
+            self._make_variation(material.layers[0].maps, material.variation, footprint_m)
+            for footprint_m in self._footprints_m
+        ]
 
     def surface(self) -> tuple[Socket, Socket]:
         """Return the ground's surface, and the radiance of the air before it."""
@@ -94,19 +104,30 @@ class GroundNodes:
 
     def _laid_on(self, plane: Plane) -> tuple[Socket, Socket]:
         """Return the surface of all layers on a plane, and the radiance of the air."""
-        layers = self._material.layers
-        result, veil = self._surface_of(layers[0], plane)
-        for layer, share in zip(layers[1:], self._shares, strict=True):
-            result = self._tree.mixed(share, result, self._surface_of(layer, plane)[0])
-        return result, veil
+        veil: Socket = None
+        surfaces = []
+        for footprint_m, variation in zip(self._footprints_m, self._variations, strict=True):
+            parts = [
+                self._surface_of(layer, plane, footprint_m, variation)
+                for layer in self._material.layers
+            ]
+            mixture, veil = parts[0]
+            for (surface, _), share in zip(parts[1:], self._shares, strict=True):
+                mixture = self._tree.mixed(share, mixture, surface)
+            surfaces.append(mixture)
+        return by_footprint(self._tree, self._footprints_m[1:], surfaces), veil
 
-    def _surface_of(self, layer: TerrainLayer, plane: Plane) -> tuple[Socket, Socket]:
-        """Return the surface of one layer, as if it lay everywhere."""
+    def _surface_of(
+        self, layer: TerrainLayer, plane: Plane, footprint_m: float, variation: Socket | None
+    ) -> tuple[Socket, Socket]:
+        """Return the surface of one layer, as if it lay everywhere, in pixels of a size."""
         tree = self._tree
-        texel = self._texel(layer, plane)
+        levels = self._images.levels(layer.maps)
+        seen = levels[level_at(layer.maps, len(levels), footprint_m)]
+        texel = self._texel(replace(layer, maps=seen), plane)
         color = texel.color
-        if self._variation is not None:
-            color = tree.vector("MULTIPLY", color, self._variation)
+        if variation is not None:
+            color = tree.vector("MULTIPLY", color, variation)
         # Diffuse surfaces make its length 1.
         normal = tree.vector("ADD", self._normal, self._slope(texel.detail, plane))
         surface, veil = diffuse(tree, color, texel.roughness, normal)
@@ -163,13 +184,17 @@ class GroundNodes:
             detail = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
         return Texel(color.outputs["Color"], detail, other.outputs["Alpha"])
 
-    def _make_variation(self, maps: PbrMaps, variation: Variation) -> Socket | None:
+    def _make_variation(
+        self, maps: PbrMaps, variation: Variation, footprint_m: float
+    ) -> Socket | None:
         """Return a slow change of colour around 1, which hides that textures repeat."""
         if not (variation.brightness or variation.tint) or np.ptp(maps.height) == 0:
             return None
         tree = self._tree
         size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
-        texel = tree.add("TexImage", {"Vector": self._position}, image=self._images.height(maps))
+        levels = self._images.levels(maps)
+        seen = levels[level_at(replace(maps, tile_m=size_m), len(levels), footprint_m)]
+        texel = tree.add("TexImage", {"Vector": self._position}, image=self._images.height(seen))
         # The node's own mapping is one matrix; a node that rotates takes sine and cosine each time.
         texel.texture_mapping.rotation[2] = VARIATION_TURN_RAD
         texel.texture_mapping.scale = (1.0 / size_m,) * 3
@@ -184,6 +209,13 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
     tree = NodeTree(node_tree_of(result))
     show(tree, *GroundNodes(tree, material, images).surface())
     return result
+
+
+def _footprints_m(sets: Sequence[PbrMaps]) -> list[float]:
+    """Return the sizes of a pixel on the ground from which on some texture shows another level."""
+    finest_m = min(maps.tile_m / len(maps.color_srgb) for maps in sets)
+    coarsest_m = max(maps.tile_m / LEAST_PX for maps in sets)
+    return [finest_m * 2**step for step in range(max(1, round(log2(coarsest_m / finest_m)) + 1))]
 
 
 def _contrast(tree: NodeTree, weights: list[Socket]) -> Socket:

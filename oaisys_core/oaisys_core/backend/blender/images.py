@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.scene import PbrMaps
+from oaisys_core.textures.levels import levels_of
 
 BYTE = np.float32(1 / 255)
 """What one step of a byte is to Blender, which takes all pixels as floats."""
@@ -21,6 +22,13 @@ class ImageStore:
 
     def __init__(self) -> None:
         self._images: dict[tuple[int, str], tuple[PbrMaps, Any]] = {}
+        self._levels: dict[int, tuple[PbrMaps, ...]] = {}
+
+    def levels(self, maps: PbrMaps) -> tuple[PbrMaps, ...]:
+        """Return a texture set and the smaller ones that stand for it, see `levels_of`."""
+        if id(maps) not in self._levels:
+            self._levels[id(maps)] = levels_of(maps)
+        return self._levels[id(maps)]
 
     def color(self, maps: PbrMaps) -> Any:
         """Return the albedo."""
@@ -38,6 +46,10 @@ class ImageStore:
         """Remove what no material uses any more."""
         unused = [key for key, (_, image) in self._images.items() if image.users <= 1]
         bpy.data.batch_remove([self._images.pop(key)[1] for key in unused])
+        used = {key for key, _ in self._images}
+        for key, levels in list(self._levels.items()):
+            if used.isdisjoint(map(id, levels)):
+                del self._levels[key]
 
     def _stored(
         self,

@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 
 from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.footprint import by_footprint
 from oaisys_core.backend.blender.haze import through_haze, without_light_sampling
 from oaisys_core.backend.blender.images import ImageStore
 from oaisys_core.backend.blender.instances import SIZE
@@ -40,14 +41,21 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
         info.outputs["Location"],
     )
     place = tree.scaled(position, 1.0 / maps.tile_m)
-    color = _box(tree, images.color(maps), place).outputs["Color"]
-    height = _box(tree, images.height(maps), place).outputs["Color"]
-    bump = tree.add("Bump", {"Height": height, "Distance": ROCK_BUMP_M, "Strength": 1.0})
     least, range_ = ROCK_BRIGHTNESS
     brightness = tree.math("MULTIPLY_ADD", info.outputs["Random"], range_, least)
-    roughness = float(maps.roughness.mean()) / 255
-    color = tree.scaled(color, brightness)
-    show(tree, *diffuse(tree, color, roughness, bump.outputs[0]))
+    veil: Socket = None
+    surfaces = []
+    levels = images.levels(maps)
+    for level in levels:
+        color = tree.scaled(_box(tree, images.color(level), place).outputs["Color"], brightness)
+        height = _box(tree, images.height(level), place).outputs["Color"]
+        bump = tree.add("Bump", {"Height": height, "Distance": ROCK_BUMP_M, "Strength": 1.0})
+        roughness = float(level.roughness.mean()) / 255
+        surface, veil = diffuse(tree, color, roughness, bump.outputs[0])
+        surfaces.append(surface)
+    texel_m = maps.tile_m / len(maps.color_srgb)
+    bounds_m = [texel_m * 2**step for step in range(1, len(levels))]
+    show(tree, by_footprint(tree, bounds_m, surfaces), veil)
     return result
 
 
