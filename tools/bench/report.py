@@ -15,6 +15,8 @@ from tools.bench.topics import quality
 
 HEADINGS = ("figure", "median", "min", "max", "n", "unit", "goal", "")
 DIGITS = 4
+NEARLY_ALL = 99.9
+"""Percent above which decimals count."""
 
 
 def write_results(
@@ -78,6 +80,8 @@ def cells(figure: Figure) -> list[str]:
 
 def rounded(value: float) -> str:
     """Return a number with few digits, none of them an exponent's."""
+    if NEARLY_ALL < value < 100:
+        return f"{value:.{DIGITS}f}"
     if abs(value) >= 10 ** (DIGITS - 1):
         return f"{value:.0f}"
     return f"{value:.{DIGITS}g}"
