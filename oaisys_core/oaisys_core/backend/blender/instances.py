@@ -10,8 +10,10 @@ from typing import Any
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from oaisys_core.scene import Placement
 from oaisys_core.types import FloatArray
 
 SIZE = "size"
@@ -20,6 +22,9 @@ SIZE = "size"
 ROTATION = "turned"
 """Attribute that holds an instance's quaternion."""
 
+ID = "instance_id"
+"""Attribute of an instance, and property of an object, that holds its id; see `id_halves`."""
+
 NODES = "instances"
 """Name of the node group."""
 
@@ -27,21 +32,24 @@ NODES = "instances"
 class InstancedMesh:
     """One mesh at many poses."""
 
-    def __init__(self, name: str, mesh: Any, T_map_object: FloatArray) -> None:
-        """Show a Blender mesh at (N, 4, 4) poses, which may scale."""
+    def __init__(self, name: str, mesh: Any, placement: Placement) -> None:
+        """Show a Blender mesh at a placement's poses."""
         # Not in the scene itself: only its instances are seen.
         self._original = bpy.data.objects.new(f"{name}_original", mesh)
         points = bpy.data.meshes.new(f"{name}_points")
-        points.vertices.add(len(T_map_object))
+        points.vertices.add(len(placement.instance_ids))
         points.attributes.new(ROTATION, "QUATERNION", "POINT")
         points.attributes.new(SIZE, "FLOAT", "POINT")
+        halves = id_halves(placement.instance_ids)
+        numbers = points.attributes.new(ID, "FLOAT_VECTOR", "POINT")
+        numbers.data.foreach_set("vector", halves.ravel())
         self._points = points
         self.thing = bpy.data.objects.new(name, points)
         self._nodes = _node_group(self._original)
         modifier = self.thing.modifiers.new(NODES, "NODES")
         modifier.node_group = self._nodes
         bpy.context.scene.collection.objects.link(self.thing)
-        self.place(T_map_object)
+        self.place(placement.T_map_object)
 
     def place(self, T_map_object: FloatArray) -> None:
         """Move the instances to (N, 4, 4) poses."""
@@ -60,6 +68,22 @@ class InstancedMesh:
     def remove(self) -> None:
         """Take it out of Blender; the mesh stays."""
         bpy.data.batch_remove([self.thing, self._original, self._points, self._nodes])
+
+
+def id_halves(instance_ids: NDArray[np.uint32]) -> NDArray[np.float32]:
+    """Return (N, 3) lower and upper halves of (N,) ids, and 0: a float holds 24 bits exactly.
+
+    Inverse: `ids_of`.
+    """
+    halves = np.zeros((len(instance_ids), 3), np.float32)
+    halves[:, 0], halves[:, 1] = instance_ids & 0xFFFF, instance_ids >> 16
+    return halves
+
+
+def ids_of(halves: NDArray[np.float32]) -> NDArray[np.uint32]:
+    """Return (...) ids of (..., 2) lower and upper halves."""
+    low, high = np.moveaxis(halves.astype(np.uint32), -1, 0)
+    return np.asarray(high << np.uint32(16) | low)
 
 
 def _node_group(original: Any) -> Any:

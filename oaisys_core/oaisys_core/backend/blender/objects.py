@@ -10,7 +10,7 @@ import numpy as np
 from mathutils import Matrix
 
 from oaisys_core.backend.blender.images import ImageStore
-from oaisys_core.backend.blender.instances import SIZE, InstancedMesh
+from oaisys_core.backend.blender.instances import ID, SIZE, InstancedMesh, id_halves
 from oaisys_core.backend.blender.materials import plain_material, rock_material
 from oaisys_core.backend.blender.meshes import new_mesh, new_object
 from oaisys_core.backend.blender.paint import painted_material
@@ -41,6 +41,9 @@ class SeparateObjects:
             new_object(f"instance_{instance_id}", mesh, np.eye(4))
             for instance_id in placement.instance_ids.tolist()
         ]
+        halves = id_halves(placement.instance_ids).tolist()
+        for thing, half in zip(self._things, halves, strict=True):
+            thing[ID] = half
         self.place(placement.T_map_object)
 
     def place(self, T_map_object: FloatArray) -> None:
@@ -124,7 +127,7 @@ class Objects:
         mesh = self._mesh(prototype)
         if len(placement.instance_ids) < INSTANCED_FROM:
             return Group(prototype, placement, SeparateObjects(mesh, placement))
-        shown = InstancedMesh(f"instances_of_{prototype.name}", mesh, placement.T_map_object)
+        shown = InstancedMesh(f"instances_of_{prototype.name}", mesh, placement)
         return Group(prototype, placement, shown)
 
     def _update_solids(self, scene: Scene) -> None:
@@ -176,4 +179,6 @@ def _solid(primitive: Primitive) -> Any:
     is_round = primitive.shape == "sphere"
     mesh = new_mesh(primitive.shape, triangles.vertices_m, triangles.triangles, smooth=is_round)
     mesh.materials.append(plain_material(primitive.color_srgb))
-    return new_object(f"instance_{primitive.instance_id}", mesh, primitive.T_map_object)
+    thing = new_object(f"instance_{primitive.instance_id}", mesh, primitive.T_map_object)
+    thing[ID] = id_halves(np.array([primitive.instance_id], np.uint32))[0].tolist()
+    return thing

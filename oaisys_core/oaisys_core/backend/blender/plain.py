@@ -25,6 +25,9 @@ FARTHEST = 2000.0
 
 RINGS = np.array([0.995, 1.0, 1.03, 1.08, 1.15, 1.25, 1.4, 1.6, 1.85, 2.1, 2.4, 2.7, FLAT_AT, 10.0])
 
+PLAIN = "plain"
+"""Name of the object and its mesh."""
+
 SUNK_M = 0.3
 """Depth of the innermost ring below the stage, whose edge has more points."""
 
@@ -44,9 +47,9 @@ class Plain:
     def build(self, scene: Scene, material: Any) -> None:
         """Make it around a scene's ground."""
         self.clear()
-        mesh = new_mesh("plain", *_rings(scene.ground), smooth=True)
+        mesh = new_mesh(PLAIN, *_rings(scene.ground), smooth=True)
         mesh.materials.append(material)
-        self._thing = new_object("plain", mesh, np.eye(4))
+        self._thing = new_object(PLAIN, mesh, np.eye(4))
 
     def show(self, is_shown: bool) -> None:
         """Let it be seen or not."""

@@ -1,0 +1,203 @@
+"""Depth and labels from passes of Cycles: the slow, independent path that proves the fast one.
+
+Tests and measurements compare `oaisys_core.backend.surface` with it; samples never need it. Cycles
+renders the very objects that colour is rendered from, under one material that only writes down
+what is there: each object's id, and the weights of the ground's layers, which Cycles interpolates
+itself. A pixel filter of no width puts every ray within 0.005 px of its pixel's centre.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.backend.blender.camera import place, set_intrinsics, set_lens
+from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.engine import render_scene
+from oaisys_core.backend.blender.instances import ID, ids_of
+from oaisys_core.backend.blender.nodes import NodeTree
+from oaisys_core.backend.blender.plain import PLAIN
+from oaisys_core.errors import RenderError
+from oaisys_core.geometry import pixel_rays
+from oaisys_core.scene import PlacedCamera, Scene, TerrainMaterial, id_of_level
+from oaisys_core.terrain_material import grain_numbers
+from oaisys_core.types import DEPTH, INSTANCE, SEMANTIC_0, FloatArray, semantic_level
+
+FILTER_WIDTH_PX = 0.01
+"""Least width of the pixel filter."""
+
+BACKGROUND_M = 1e9
+"""Depths beyond it are Cycles' way to say that nothing was hit."""
+
+PER_IMAGE = 3
+"""Weights that one colour holds."""
+
+
+def reference_images(
+    scene: Scene, camera: PlacedCamera, modalities: Sequence[str] = (DEPTH, SEMANTIC_0, INSTANCE)
+) -> dict[str, NDArray[Any]]:
+    """Return (H, W) images as Cycles sees the scene that stands in Blender, by modality.
+
+    Spheres and boxes are seen as they are tessellated. What is kept between colour renders is
+    lost: the next sample takes as long as the first.
+
+    Args:
+        scene: What the backend was last given.
+        camera: Without distortion.
+        modalities: Any of depth, instance and levels of semantic.
+
+    Raises:
+        RenderError: The camera's lens bends light, or Blender failed.
+    """
+    if any(camera.intrinsics.distortion):
+        raise RenderError(f"{camera.name}: there is no reference for distorted images")
+    passes = _passes(scene, camera)
+    depth_m = passes["Depth"][..., 0].copy()
+    depth_m[depth_m > BACKGROUND_M] = np.inf
+    instance_ids = ids_of(passes[ID][..., :2])
+    images: dict[str, NDArray[Any]] = {}
+    for modality in modalities:
+        level = semantic_level(modality)
+        if level is not None:
+            images[modality] = _labels(scene, camera, passes, instance_ids, level)
+        else:
+            images[modality] = {DEPTH: depth_m, INSTANCE: instance_ids}[modality]
+    return images
+
+
+def _passes(scene: Scene, camera: PlacedCamera) -> dict[str, NDArray[np.float32]]:
+    """Return Cycles' passes, with ids and weights among them, by name."""
+    blender, layer = bpy.context.scene, bpy.context.view_layer
+    names = [ID, *_weight_names(scene.material)]
+    material, images = _material(scene.material)
+    place(blender.camera, camera.T_map_camera)
+    set_intrinsics(blender.camera, camera.intrinsics)
+    set_lens(blender.camera, None)
+    settings = {"samples": 1, "seed": 0, "use_denoising": False, "max_bounces": 0}
+    aovs = [layer.aovs.add() for _ in names]
+    for aov, name in zip(aovs, names, strict=True):
+        aov.name, aov.type = name, "COLOR"
+    try:
+        with ExitStack() as stack:
+            for owner, values in (
+                (blender.render, {"use_persistent_data": False}),
+                (
+                    blender.cycles,
+                    {"pixel_filter_type": "BLACKMAN_HARRIS", "filter_width": FILTER_WIDTH_PX},
+                ),
+                (blender.cycles, {name: getattr(blender.cycles, name) for name in settings}),
+                (layer, {"use_pass_z": True, "use_pass_position": True}),
+                (layer, {"material_override": material}),
+                *((thing, {"hide_render": True}) for thing in _beyond_the_stage()),
+            ):
+                stack.enter_context(_having(owner, values))
+            return render_scene(settings).passes
+    except RuntimeError as error:
+        raise RenderError(f"Blender could not render: {error}") from error
+    finally:
+        for aov in aovs:
+            layer.aovs.remove(aov)
+        bpy.data.materials.remove(material)
+        bpy.data.batch_remove(images)
+
+
+@contextmanager
+def _having(owner: Any, values: dict[str, Any]) -> Iterator[None]:
+    """Give properties other values for a while."""
+    before = {name: getattr(owner, name) for name in values}
+    for name, value in values.items():
+        setattr(owner, name, value)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            setattr(owner, name, value)
+
+
+def _beyond_the_stage() -> list[Any]:
+    """Return the plain around the ground, which depth and labels know nothing of."""
+    return [thing for thing in bpy.context.scene.objects if thing.data and thing.data.name == PLAIN]
+
+
+def _material(ground: TerrainMaterial) -> tuple[Any, list[Any]]:
+    """Return a material that writes down ids and weights, and the images it reads."""
+    material = bpy.data.materials.new("reference")
+    nodes = node_tree_of(material)
+    tree = NodeTree(nodes)
+    tree.add("OutputMaterial", {"Surface": tree.add("BsdfDiffuse").outputs[0]})
+    number = tree.add("Attribute", attribute_type="INSTANCER", attribute_name=ID)
+    tree.add("OutputAOV", {"Color": number.outputs["Vector"]}, aov_name=ID)
+    x0, y0, x1, y1 = ground.extent_m
+    at = tree.vector("SUBTRACT", tree.add("NewGeometry").outputs["Position"], (x0, y0, 0.0))
+    uv = tree.vector("MULTIPLY", at, (1 / (x1 - x0), 1 / (y1 - y0), 0.0))
+    images = []
+    for index, name in enumerate(_weight_names(ground)):
+        images.append(_image(ground.masks[PER_IMAGE * index : PER_IMAGE * (index + 1)]))
+        texture = tree.add("TexImage", {"Vector": uv}, image=images[-1], extension="EXTEND")
+        tree.add("OutputAOV", {"Color": texture.outputs["Color"]}, aov_name=name)
+    return material, images
+
+
+def _weight_names(ground: TerrainMaterial) -> list[str]:
+    return [f"weights_{first}" for first in range(0, len(ground.layers), PER_IMAGE)]
+
+
+def _image(masks: NDArray[np.float32]) -> Any:
+    """Return up to three (M, M) masks as an image of 32-bit floats."""
+    size = masks.shape[1]
+    image = bpy.data.images.new("masks", size, size, float_buffer=True, is_data=True)
+    pixels = np.zeros((size, size, 4), np.float32)
+    pixels[..., : len(masks)] = np.moveaxis(masks, 0, -1)
+    pixels[..., 3] = 1.0
+    image.pixels.foreach_set(pixels.ravel())
+    image.update()
+    image.pack()
+    return image
+
+
+def _labels(
+    scene: Scene,
+    camera: PlacedCamera,
+    passes: dict[str, NDArray[np.float32]],
+    instance_ids: NDArray[np.uint32],
+    level: int,
+) -> NDArray[np.uint16]:
+    """Return the (H, W) labels of objects by their ids, of the ground by weights, of the sky."""
+    labels = np.zeros(instance_ids.shape, np.uint16)
+    seen = passes["Depth"][..., 0] <= BACKGROUND_M
+    for placement in scene.placements:
+        own = np.isin(instance_ids, placement.instance_ids)
+        labels[own] = id_of_level(placement.semantic_ids, level)
+    for primitive in scene.primitives:
+        own = instance_ids == primitive.instance_id
+        labels[own] = id_of_level(primitive.semantic_ids, level)
+    ground = seen & (instance_ids == 0)
+    names = _weight_names(scene.material)
+    weights = np.concatenate([passes[name][ground][:, :PER_IMAGE] for name in names], axis=1)
+    xy_m = passes["Position"][ground][:, :2].astype(np.float64)
+    layers = scene.material.layers
+    labels[ground] = _ground_labels(scene.material, weights[:, : len(layers)], xy_m, level)
+    directions = pixel_rays(camera.intrinsics) @ camera.T_map_camera[:3, :3].T
+    labels[~seen] = scene.sky.semantic_ids_at(directions[~seen], level)
+    return labels
+
+
+def _ground_labels(
+    material: TerrainMaterial, weights: NDArray[np.float32], xy_m: FloatArray, level: int
+) -> NDArray[np.uint16]:
+    """Return the (N,) labels where Cycles found (N, L) weights at (N, 2) points."""
+    chosen = weights.argmax(axis=1)
+    if material.label_cell_m is not None:
+        share = np.cumsum(weights, axis=1, dtype=np.float64)
+        pick = grain_numbers(xy_m, material.label_cell_m) * share[:, -1]
+        chosen = (share[:, :-1] <= pick[:, None]).sum(axis=1)
+    labels = np.zeros(len(xy_m), np.uint16)
+    for index, layer in enumerate(material.layers):
+        here = chosen == index
+        labels[here] = layer.ids_at(xy_m[here], level)
+    return labels
