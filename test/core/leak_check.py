@@ -20,18 +20,13 @@ _SHARED = re.compile(r"/dev/shm/(?:fastrtps_[0-9a-f]{16}|.*oaisys.*)")
 
 
 class LeakCheck:
-    """Watches all processes with a mark; a context manager.
-
-    Attributes:
-        forgiven: Process ids that were killed on purpose, whose middleware could not clean up.
-    """
+    """Watches all processes with a mark; a context manager."""
 
     def __init__(self, mark: str) -> None:
         self._mark = mark
-        self._shared: dict[str, set[int]] = {}
+        self._shared: set[str] = set()
         self._ports: set[int] = set()
         self._files: set[str] = set()
-        self.forgiven: set[int] = set()
         self._ended = threading.Event()
         self._watcher = threading.Thread(target=self._watch, name="leak-check", daemon=True)
 
@@ -49,15 +44,10 @@ class LeakCheck:
         left = [f"process: {_command(process)}" for process in running]
         for process in running:
             process.kill()
-        left += [f"shared memory: {file}" for file in self._shared if self._is_leaked(file)]
+        left += [f"shared memory: {file}" for file in self._shared if Path(file).exists()]
         left += [f"socket: {file}" for file in self._files if Path(file).exists()]
         listening = {c.laddr.port for c in psutil.net_connections("tcp") if c.status == "LISTEN"}
         return left + [f"port: {port}" for port in sorted(self._ports & listening)]
-
-    def _is_leaked(self, file: str) -> bool:
-        if self._shared[file] <= self.forgiven:
-            Path(file).unlink(missing_ok=True)
-        return Path(file).exists()
 
     def _watch(self) -> None:
         while not self._ended.wait(_LOOK_PERIOD_S):
@@ -68,7 +58,7 @@ class LeakCheck:
     def _note(self, process: psutil.Process) -> None:
         for line in Path(f"/proc/{process.pid}/maps").read_text().splitlines():
             if found := _SHARED.search(line.removesuffix(" (deleted)")):
-                self._shared.setdefault(found[0], set()).add(process.pid)
+                self._shared.add(found[0])
         for connection in process.net_connections("all"):
             if connection.status == "LISTEN":
                 self._ports.add(connection.laddr.port)

@@ -18,6 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
+from rclpy.task import Future
 from served_simulator import PATIENCE_S, Server
 from std_msgs.msg import Bool, Header
 
@@ -125,11 +126,17 @@ class User:
             self._matched[value.key.removeprefix(SUBSCRIBERS)] = int(value.value)
 
     def call(self, kind: type[Any], name: str, request: Any) -> Any:
+        return self.answer(self.begin(kind, name, request))
+
+    def begin(self, kind: type[Any], name: str, request: Any) -> Future:
+        """Call a service of the bridge without waiting for its answer."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, f"oaisys_bridge/{name}")
         client = self._clients[name]
         self.wait_until(client.service_is_ready)
-        future = client.call_async(request)
+        return client.call_async(request)
+
+    def answer(self, future: Future) -> Any:
         return self.wait_until(lambda: future.result() if future.done() else None)
 
     def set_pose(self, pose: Pose, **fields: Any) -> SetPose.Response:
@@ -164,10 +171,10 @@ class Stage:
     def __exit__(self, *_: object) -> None:
         self._stack.close()
 
-    def start_world(self, config: dict[str, Any], *options: str) -> Server:
+    def start_world(self, config: dict[str, Any], *options: str, **env: str) -> Server:
         """Start a server for a world, on a free port unless options say otherwise."""
         number = len(list(self._folder.iterdir()))
-        server = Server(self._folder / f"server{number}", config, list(options), {})
+        server = Server(self._folder / f"server{number}", config, list(options), env)
         self._stack.callback(server.end)
         return server
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import subprocess
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -111,6 +112,18 @@ def test_a_killed_recorder_leaves_what_it_had_taken(stage: Stage, tmp_path: Path
 
     assert sorted(taken()) == ["/camera/depth/image_raw"] * VIEWS + [wanted[1]] * VIEWS
     assert not (folder / "metadata.yaml").exists()
+    told = subprocess.run(
+        ["oaisys", "bag", "recover", str(folder), "--out", str(tmp_path / "saved")],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert told.stdout.strip() == f"{tmp_path / 'saved'}: {2 * VIEWS} messages"
+    with Reader(tmp_path / "saved") as reader:
+        assert {name: t.msgcount for name, t in reader.topics.items()} == dict.fromkeys(
+            wanted, VIEWS
+        )
 
 
 @pytest.mark.ros
