@@ -36,8 +36,6 @@ CONFIG: dict[str, Any] = {
         "layers": [
             {"texture": "gravel", "label": "gravel", "semantic_id": 1},
             {"texture": "sand", "label": "sand", "semantic_id": 2, "levels": [DRY]},
-            {"texture": "moss", "label": "moss", "semantic_id": 3},
-            {"texture": "mud", "label": "mud", "semantic_id": 4, "levels": [DRY]},
         ],
         "mask": {"scale_m": 5.0},
         "texture_size_px": 64,
@@ -45,7 +43,7 @@ CONFIG: dict[str, Any] = {
     "assets": {
         "rocks": [
             {"kind": "boulder", "count": [20, 20], "size_m": [0.5, 1.5], "variants": 2},
-            {"kind": "rounded", "count": [1200, 1200], "size_m": [0.1, 0.4], "variants": 3},
+            {"kind": "rounded", "count": [300, 300], "size_m": [0.2, 0.6], "variants": 1},
         ],
     },
     "sensors": {
@@ -98,9 +96,9 @@ def test_views_show_something_of_everything(
     for of_preset in views.values():
         fast = [images for images, _ in of_preset]
         assert sum(off_edges(images).mean() for images in fast) > 1.0
-        assert len(np.unique(np.stack([images[INSTANCE] for images in fast]))) > 100
+        assert len(np.unique(np.stack([images[INSTANCE] for images in fast]))) > 25
     found = np.stack([images[SEMANTIC_0] for each in views.values() for images, _ in each])
-    assert {0, 1, 2, 3, 4, 10} <= set(np.unique(found).tolist())
+    assert {0, 1, 2, 10} <= set(np.unique(found).tolist())
 
 
 def off_edges(images: Images) -> NDArray[np.bool_]:

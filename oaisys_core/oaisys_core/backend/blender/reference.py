@@ -82,19 +82,17 @@ def _passes(scene: Scene, camera: PlacedCamera) -> dict[str, NDArray[np.float32]
     aovs = [layer.aovs.add() for _ in names]
     for aov, name in zip(aovs, names, strict=True):
         aov.name, aov.type = name, "COLOR"
+    pixel_filter = {"pixel_filter_type": "BLACKMAN_HARRIS", "filter_width": FILTER_WIDTH_PX}
+    shown = {"use_pass_z": True, "use_pass_position": True, "material_override": material}
+    changes: list[tuple[Any, dict[str, Any]]] = [
+        (blender.render, {"use_persistent_data": False}),
+        (blender.cycles, {**settings, **pixel_filter}),
+        (layer, shown),
+        *((thing, {"hide_render": True}) for thing in _beyond_the_stage()),
+    ]
     try:
         with ExitStack() as stack:
-            for owner, values in (
-                (blender.render, {"use_persistent_data": False}),
-                (
-                    blender.cycles,
-                    {"pixel_filter_type": "BLACKMAN_HARRIS", "filter_width": FILTER_WIDTH_PX},
-                ),
-                (blender.cycles, {name: getattr(blender.cycles, name) for name in settings}),
-                (layer, {"use_pass_z": True, "use_pass_position": True}),
-                (layer, {"material_override": material}),
-                *((thing, {"hide_render": True}) for thing in _beyond_the_stage()),
-            ):
+            for owner, values in changes:
                 stack.enter_context(_having(owner, values))
             return render_scene(settings).passes
     except RuntimeError as error:
