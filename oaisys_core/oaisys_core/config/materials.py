@@ -254,6 +254,7 @@ class MaterialsConfig(Section):
         variation: Slow change of colour.
         texture_size_px: Edge length of built-in texture maps.
         texture_seed: Seed of the built-in maps; not redrawn per batch, so that they are cached.
+            ``OAISYS_CACHE_MB`` in the environment bounds that cache (1024); 0 turns it off.
     """
 
     layers: tuple[LayerConfig, ...] = (

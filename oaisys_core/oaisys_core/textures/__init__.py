@@ -1,6 +1,7 @@
 """Tileable PBR texture sets: made by code from a seed, or read from a folder of maps."""
 
+from oaisys_core.textures.cache import default_cache_dir
 from oaisys_core.textures.folder import load_texture_folder
-from oaisys_core.textures.library import TEXTURES, default_cache_dir, texture_set
+from oaisys_core.textures.library import TEXTURES, texture_set
 
 __all__ = ["TEXTURES", "default_cache_dir", "load_texture_folder", "texture_set"]

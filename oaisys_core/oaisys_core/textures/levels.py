@@ -67,7 +67,7 @@ def _facing(normal_gl: NDArray[np.uint8]) -> Image:
 
 
 def _coded(lean: Image) -> NDArray[np.uint8]:
-    return np.rint((lean + 1) * np.float32(127.5)).astype(np.uint8)
+    return np.asarray(np.rint((lean + 1) * np.float32(127.5)), np.uint8)
 
 
 def _smaller(image: Image, size_px: int) -> Image:
