@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo bench test lint format schema contract clean
+.PHONY: help setup demo bench test fuzz lint format schema contract clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -13,6 +13,7 @@ DEMO_ARGS ?= --out out/survey
 GALLERY_ARGS ?= --out out/gallery
 BENCH_ARGS ?= --out out/bench
 PYTEST_ARGS ?=
+FUZZ_SECONDS ?= 60
 
 IN_ENV := source '$(abspath $(VENV))/oaisys_env.sh' &&
 # Tests are checked, but need not annotate everything.
@@ -37,6 +38,9 @@ bench: setup ## Measure everything: out/bench/bench.md (an hour; BENCH_ARGS='--o
 
 test: setup ## Run every test
 	@$(IN_ENV) pytest $(PYTEST_ARGS)
+
+fuzz: setup ## Send a server random and mutated requests for FUZZ_SECONDS (60)
+	@$(IN_ENV) FUZZ_SECONDS='$(FUZZ_SECONDS)' pytest -q -s test/grpc/test_fuzz.py
 
 lint: setup ## Check style, formatting, types and the gRPC contract
 	@$(IN_ENV) ruff check .

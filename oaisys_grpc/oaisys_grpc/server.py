@@ -21,6 +21,7 @@ from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_so
 from oaisys_grpc.legacy import LEGACY_SERVICE, LegacyServicer
 from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.limits import MAX_REQUEST_BYTES
+from oaisys_grpc.malformed import MalformedRequests
 from oaisys_grpc.messages import add_servicer
 from oaisys_grpc.operations import Operations
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
@@ -83,7 +84,7 @@ class SimulatorServer:
         ]
         self._server = grpc.server(
             ThreadPoolExecutor(THREADS, "rpc"),
-            interceptors=[StreamLimits()],
+            interceptors=[MalformedRequests(), StreamLimits()],
             options=channel_options,
         )
         self._add_services()
