@@ -7,7 +7,7 @@ import os
 import re
 import threading
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import psutil
 
@@ -46,7 +46,7 @@ class LeakCheck:
             process.kill()
         left += [f"shared memory: {file}" for file in self._shared if Path(file).exists()]
         left += [f"socket: {file}" for file in self._files if Path(file).exists()]
-        listening = {c.laddr.port for c in psutil.net_connections("tcp") if c.status == "LISTEN"}
+        listening = _listening(psutil.net_connections("tcp"))
         return left + [f"port: {port}" for port in sorted(self._ports & listening)]
 
     def _watch(self) -> None:
@@ -59,16 +59,19 @@ class LeakCheck:
         for line in Path(f"/proc/{process.pid}/maps").read_text().splitlines():
             if found := _SHARED.search(line.removesuffix(" (deleted)")):
                 self._shared.add(found[0])
-        for connection in process.net_connections("all"):
-            if connection.status == "LISTEN":
-                self._ports.add(connection.laddr.port)
-            if isinstance(connection.laddr, str) and connection.laddr.startswith("/"):
-                self._files.add(connection.laddr)
+        connections: list[Any] = process.net_connections("all")
+        self._ports |= _listening(connections)
+        addresses = {c.laddr for c in connections if isinstance(c.laddr, str)}
+        self._files |= {address for address in addresses if address.startswith("/")}
 
 
 def marked_processes(mark: str) -> list[psutil.Process]:
     """Return the processes of the test with this mark, orphans included, but not this one."""
     return [p for p in psutil.process_iter() if _mark_of(p) == mark and p.pid != os.getpid()]
+
+
+def _listening(connections: list[Any]) -> set[int]:
+    return {c.laddr.port for c in connections if c.status == "LISTEN"}
 
 
 def _mark_of(process: psutil.Process) -> str | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
@@ -257,8 +258,8 @@ def test_a_quaternion_almost_of_unit_norm_is_normalised(
         sample, same = flat_client.render_sample(scaled), flat_client.render_sample(pose)
         assert np.linalg.norm(sample.rig_pose.quat_xyzw) == pytest.approx(1, abs=1e-12)
         np.testing.assert_allclose(sample.rig_pose.quat_xyzw, pose.quat_xyzw, atol=1e-12)
-        depths_m = [s.frame("camera", "depth").data for s in (sample, same)]
-        np.testing.assert_allclose(*depths_m, rtol=1e-5)
+        depth_m, same_m = (s.frame("camera", "depth").data for s in (sample, same))
+        np.testing.assert_allclose(depth_m, same_m, rtol=1e-5)
     else:
         with pytest.raises(InvalidInputError, match="unit quaternion"):
             flat_client.render_sample(scaled)
@@ -286,3 +287,23 @@ def test_poses_under_the_ground_and_outside_the_world(start_server: StartServer)
         client.step_batch()
         assert client.render_sample(under).rig_pose == under
         assert client.render_sample(outside).rig_pose == outside
+
+
+@pytest.mark.parametrize(
+    ("section", "said"),
+    [
+        ({"stage": {"resolution_px": -3}}, r"world\.yaml:\d+: stage\.resolution_px.*-3"),
+        (
+            {"materials": {"layers": [{"label": "a", "semantic_id": 1, "folder": "nowhere"}]}},
+            r"world\.yaml:\d+: materials\.layers\.0.*nowhere",
+        ),
+    ],
+    ids=["malformed", "missing"],
+)
+def test_a_world_that_cannot_be_is_exit_2_with_its_place(
+    start_server: StartServer, section: dict[str, object], said: str
+) -> None:
+    server = start_server({**FLAT_WORLD, **section})
+    assert server.process.wait(PATIENCE_S) == 2
+    (line,) = server.stderr.read_text().splitlines()
+    assert re.search(said, line)

@@ -1,0 +1,37 @@
+"""Every promise of docs/reliability.md names tests, and these exist."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[2]
+TABLE = REPOSITORY / "docs" / "reliability.md"
+ROWS = 25
+NAMED = re.compile(r"`(test/[\w/]+\.py)::(\w+)`")
+
+
+def named_tests() -> dict[int, list[tuple[str, str]]]:
+    """Return file and name of the tests of each row."""
+    rows = {}
+    for line in TABLE.read_text(encoding="utf-8").splitlines():
+        if found := re.match(r"\| (\d+) \|", line):
+            rows[int(found[1])] = NAMED.findall(line)
+    return rows
+
+
+def test_every_row_names_tests() -> None:
+    rows = named_tests()
+    assert list(rows) == list(range(1, ROWS + 1))
+    assert all(rows.values())
+
+
+@pytest.mark.parametrize("row", range(1, ROWS + 1))
+def test_the_tests_of_a_row_exist(row: int) -> None:
+    for file, name in named_tests()[row]:
+        tree = ast.parse((REPOSITORY / file).read_text(encoding="utf-8"))
+        functions = {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}
+        assert name in functions, f"{file} has no {name}"
