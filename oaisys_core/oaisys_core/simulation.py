@@ -47,6 +47,7 @@ from oaisys_core.types import (
     SampleOutline,
     SimulatorInfo,
     TriangleMesh,
+    early_first,
     ignore_sample_frames,
 )
 
@@ -187,7 +188,7 @@ class Simulation:
             view = self._views.get(key)
             outline = replace(outline, from_cache=view is not None)
             if view is not None:
-                on_frames(outline, view.frames)
+                on_frames(outline, early_first(view.frames))
                 self._backend.revisited(cameras)
             else:
                 view = self._rendered(

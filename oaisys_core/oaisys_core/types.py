@@ -6,7 +6,7 @@ Nothing here knows Blender, gRPC or ROS. Arrays are numpy; units and frames are 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -159,6 +159,11 @@ class Frame:
     data: NDArray[Any]
     intrinsics: PinholeIntrinsics
     T_map_camera: FloatArray
+
+
+def early_first(frames: Iterable[Frame]) -> tuple[Frame, ...]:
+    """Return frames in the order in which they are wanted: those that need no light first."""
+    return tuple(sorted(frames, key=lambda frame: frame.modality in (RGB, ALBEDO)))
 
 
 @dataclass(frozen=True)

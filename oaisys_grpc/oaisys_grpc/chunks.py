@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
-from oaisys_core.types import Frame, FrameName, Provenance, Sample, SampleOutline, TriangleMesh
+from oaisys_core.types import (
+    Frame,
+    FrameName,
+    Provenance,
+    Sample,
+    SampleOutline,
+    TriangleMesh,
+    early_first,
+)
 from oaisys_grpc import conversions, encodings
 from oaisys_grpc.messages import Part, RawChunk
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -87,8 +95,9 @@ def sample_to_parts(sample: Sample, transfer: Transfer = PLAIN) -> Iterator[Part
 
     def parts() -> Iterator[Part]:
         yield sample_header_part(sample.outline, sample.render_time_s)
-        for index, frame in enumerate(sample.frames):
-            yield from frame_parts(frame, index, sample.provenance, transfer)
+        index = {id(frame): index for index, frame in enumerate(sample.frames)}
+        for frame in early_first(sample.frames):
+            yield from frame_parts(frame, index[id(frame)], sample.provenance, transfer)
         yield sample_end_part(sample)
 
     yield from grouped(parts(), transfer)

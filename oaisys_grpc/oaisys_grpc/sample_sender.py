@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from oaisys_core.types import Frame, FrameName, Sample, SampleOutline
+from oaisys_core.types import Frame, FrameName, Sample, SampleOutline, early_first
 from oaisys_grpc.chunks import (
     frame_parts,
     grouped,
@@ -42,7 +42,7 @@ class SampleSender:
         if self._outline is None:
             self._outline = outline
             yield sample_header_part(outline, render_time_s)
-        for frame in frames:
+        for frame in early_first(frames):
             name = FrameName(frame.sensor, frame.modality)
             if name not in self._sent:
                 self._sent.add(name)

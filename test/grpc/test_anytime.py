@@ -62,14 +62,18 @@ def parts_of(server: Server) -> list[pb.SamplePart]:
 def test_the_parts_come_in_the_order_that_the_contract_says(pair_server: Server) -> None:
     with pair_server.client() as client:
         client.step_batch()
-    parts = parts_of(pair_server)
+    for from_cache in (False, True):
+        check_order(parts_of(pair_server), from_cache)
+
+
+def check_order(parts: list[pb.SamplePart], from_cache: bool) -> None:
     kinds = [part.WhichOneof("part") for part in parts]
     assert kinds[0] == "sample"
     assert kinds[-1] == "end"
     assert (kinds.count("sample"), kinds.count("end")) == (1, 1)
     header = parts[0].sample
     assert [(name.sensor, name.modality) for name in header.frames] == NAMES
-    assert (header.frame_count, header.from_cache) == (len(NAMES), False)
+    assert (header.frame_count, header.from_cache) == (len(NAMES), from_cache)
     frames = [part.frame for part in parts if part.HasField("frame")]
     assert [frame.modality == "rgb" for frame in frames] == [False] * 6 + [True] * 2
     for frame in frames:

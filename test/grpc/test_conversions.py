@@ -166,8 +166,8 @@ def test_a_frame_says_its_camera_matrix() -> None:
         part.frame for part in parts if not isinstance(part, RawChunk) and part.HasField("frame")
     )
     assert np.array_equal(np.reshape(header.k, (3, 3)), INTRINSICS.K)
-    assert header.array.data_type == pb.DATA_TYPE_UINT8
-    assert list(header.array.shape) == [4, 4, 3]
+    assert header.array.data_type == pb.DATA_TYPE_FLOAT32
+    assert list(header.array.shape) == [4, 4]
 
 
 @pytest.mark.parametrize("mesh", [MESH, TriangleMesh(MESH.vertices_m, MESH.triangles)])
