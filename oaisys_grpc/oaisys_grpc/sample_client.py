@@ -17,6 +17,7 @@ from oaisys_grpc.channel import Channel, translated
 from oaisys_grpc.messages import Part, RawChunk
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.sample_stream import SampleStream
+from oaisys_grpc.shared_memory import SHARED_FROM_BYTES
 from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError, found_token
 from oaisys_grpc.transfer import MAX_MESSAGE_BYTES, Transfer, place_from_proto, transfer_to_proto
 
@@ -118,11 +119,11 @@ class SampleClient:
             return self._token
 
     def _learn(self, options: pb.TransferOptions, stream: SampleStream) -> None:
-        """Forget a token that did not bring any frame: the server may be another one by now."""
-        if options.shared_memory_token and not stream.shared:
+        """Forget a token that large frames came in spite of: the server is another one by now."""
+        if options.shared_memory_token and stream.largest_copied_bytes >= SHARED_FROM_BYTES:
             with self._lock:
                 if self._token == options.shared_memory_token:
-                    self._token = b""
+                    self._token, self._ask_from_s = b"", 0.0
 
 
 def _parts_after_progress(

@@ -11,6 +11,7 @@ from oaisys_grpc import conversions, encodings
 from oaisys_grpc.chunks import ArrayAssembly, frame_from_header
 from oaisys_grpc.messages import Part, RawChunk
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.shared_memory import Segment
 from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError
 from oaisys_grpc.transfer import MAX_FRAME_BYTES, place_from_proto
 
@@ -24,7 +25,7 @@ class SampleStream:
     those of another one. `sample` is there once the iteration has ended by itself.
 
     Attributes:
-        shared: Whether frames came through shared memory.
+        largest_copied_bytes: Of the frames that came through the connection.
     """
 
     def __init__(
@@ -49,10 +50,11 @@ class SampleStream:
         self._fetch = fetch
         self._frames: dict[FrameName, Frame] = {}
         self._unread: list[FrameName] = []
+        self._files: dict[bytes, Segment] = {}
         self._begun: tuple[pb.FrameHeader, ArrayAssembly] | None = None
         self._header: pb.SampleHeader | None = None
         self._sample: Sample | None = None
-        self.shared = False
+        self.largest_copied_bytes = 0
 
     @property
     def outline(self) -> SampleOutline:
@@ -126,6 +128,8 @@ class SampleStream:
             yield from self._shared(header)
             return
         self._begun = header, ArrayAssembly(header.array, self._limit)
+        size = encodings.checked_nbytes(header.array, self._limit)
+        self.largest_copied_bytes = max(self.largest_copied_bytes, size)
         if content == "data":
             yield from self._add(RawChunk(header.index, 0, memoryview(header.data)))
 
@@ -150,12 +154,11 @@ class SampleStream:
         try:
             if self._reader is None:
                 raise SharedMemoryError("this client reads no shared memory")
-            data = self._reader.read(place_from_proto(header.shared_memory), size)
+            data = self._reader.read(place_from_proto(header.shared_memory), size, self._files)
         except SharedMemoryError as error:
             _LOG.info("%s; the frame is fetched instead", error)
             self._unread.append(FrameName(header.sensor, header.modality))
             return
-        self.shared = True
         yield self._kept(frame_from_header(header, encodings.decoded(header.array, data)))
 
     def _fetched(self) -> Iterator[Frame]:

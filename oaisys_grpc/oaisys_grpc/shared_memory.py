@@ -26,6 +26,9 @@ AVAILABLE = sys.platform == "linux" and hasattr(os, "memfd_create")
 TOKEN_BYTES = 32
 """So many random bytes begin each file: who knows them can read it."""
 
+SHARED_FROM_BYTES = 64 * 1024
+"""Fewer bytes go along with the message that they belong to."""
+
 _ALIGNMENT = 64
 NAME = "oaisys"
 _SEALS = ("F_SEAL_SEAL", "F_SEAL_SHRINK", "F_SEAL_GROW", "F_SEAL_WRITE")

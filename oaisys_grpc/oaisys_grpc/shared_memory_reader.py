@@ -12,7 +12,7 @@ import stat
 import sys
 import threading
 from pathlib import Path
-from weakref import WeakValueDictionary
+from weakref import WeakSet
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,28 +40,32 @@ class Reader:
     ) -> None:
         self._max_files = max_files
         self._max_bytes = max_bytes
-        self._mapped: WeakValueDictionary[bytes, Segment] = WeakValueDictionary()
+        self._mapped: WeakSet[Segment] = WeakSet()
         self._lock = threading.Lock()
 
-    def read(self, place: Place, size: int) -> NDArray[np.uint8]:
+    def read(self, place: Place, size: int, files: dict[bytes, Segment]) -> NDArray[np.uint8]:
         """Return ``size`` bytes, which are the caller's to write.
+
+        Args:
+            files: Those that arrays of the same sample lie in, by token; one may be added.
 
         Raises:
             SharedMemoryError: They are not there.
         """
         if place.offset + size > place.file_size or len(place.token) != TOKEN_BYTES:
             raise SharedMemoryError(f"{size} bytes at {place.offset} are not in the shared memory")
-        with self._lock:
-            segment = self._mapped.get(place.token)
-            if segment is None:
-                descriptor = opened(place)
+        segment = files.get(place.token)
+        if segment is None:
+            descriptor = opened(place)
+            with self._lock:
                 if not self._has_room(place.file_size):
                     return _copied(descriptor, place.offset, size)
-                segment = self._mapped[place.token] = _mapped(descriptor, place.file_size)
+                segment = files[place.token] = _mapped(descriptor, place.file_size)
+                self._mapped.add(segment)
         return np.frombuffer(segment, np.uint8, size, place.offset)
 
     def _has_room(self, size: int) -> bool:
-        taken = [len(segment) for segment in self._mapped.values()]
+        taken = [len(segment) for segment in self._mapped]
         return len(taken) < self._max_files and sum(taken) + size <= self._max_bytes
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import types
-from oaisys_grpc.shared_memory import Segment, SegmentWriter, layout
+from oaisys_grpc.shared_memory import SHARED_FROM_BYTES, Segment, SegmentWriter, layout
 
 AnyArray = NDArray[Any]
 Message = dict[str, Any]
@@ -30,7 +30,6 @@ Message = dict[str, Any]
 _PREFIX = struct.Struct("<QQ?")
 """Bytes of the JSON, bytes of the arrays, and whether these are in shared memory."""
 
-SHARED_FROM_BYTES = 64 * 1024
 _RECORDS = {
     record.__name__: record
     for record in (

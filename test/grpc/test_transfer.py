@@ -1,0 +1,455 @@
+"""Which way frames travel, that all ways bring the same bits, and that a client falls back."""
+
+import contextlib
+import fcntl
+import gc
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import grpc
+import numpy as np
+import psutil
+import pytest
+from google.protobuf.message import DecodeError
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, wait_until
+from test_conversions import assert_same, make_sample
+
+from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
+from oaisys_core.geometry import pose_looking_down
+from oaisys_core.types import Frame, Sample, SampleOutline
+from oaisys_grpc import chunks, messages, shared_memory, transfer
+from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
+from oaisys_grpc.sample_stream import SampleStream, sample_from_parts
+from oaisys_grpc.shared_memory import Place, Probe, Segment, SegmentWriter
+from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError, found_token, opened
+
+StartServer = Callable[..., Server]
+CAMERA = {"width_px": 320, "height_px": 240, "fx_px": 270.0, "fy_px": 270.0}
+WORLD = {**ROCKY_WORLD, "sensors": {"cameras": [CAMERA]}}
+POSE = pose_looking_down(1, 2, 7)
+
+TRANSFERS = st.builds(
+    transfer.Transfer,
+    encodings=st.lists(st.sampled_from([1, 2, 3, 99]), unique=True).map(tuple),
+    inline_bytes=st.integers(0, 200_000),
+    chunk_bytes=st.integers(1_000, 500_000),
+    grouped=st.booleans(),
+)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    server = Server(tmp_path_factory.mktemp("transfer") / "rocky", WORLD, [], {})
+    with server.client() as client:
+        client.step_batch(seed=3)
+    yield server
+    server.end()
+
+
+def clients(server: Server) -> dict[str, SimulatorClient]:
+    """One client for each way."""
+    address = server.address
+    return {
+        "shared memory": SimulatorClient(address, timeout_s=PATIENCE_S),
+        "raw": SimulatorClient(address, timeout_s=PATIENCE_S, shared_memory=False),
+        "encoded": SimulatorClient(
+            address,
+            timeout_s=PATIENCE_S,
+            shared_memory=False,
+            encodings=("png", "shuffled_zlib"),
+        ),
+    }
+
+
+def over_the_wire(parts: Any) -> list[Any]:
+    """Parts as a client's channel hands them on."""
+    parsed = messages.parser(pb.GetSampleResponse)
+    content = [messages.response(pb.GetSampleResponse, part) for part in parts]
+    arrived = [parsed(c if isinstance(c, bytes) else c.SerializeToString()) for c in content]
+    return [a if isinstance(a, messages.RawChunk) else a.part for a in arrived]
+
+
+def mapped_files() -> int:
+    """How many files of shared memory this process has mapped."""
+    return Path("/proc/self/maps").read_text().count("/memfd:oaisys")
+
+
+def descriptors() -> int:
+    """How many this process has open."""
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+def lies_in_shared_memory(frame: Frame) -> bool:
+    return shared_memory.place_of(frame.data) is not None
+
+
+@given(TRANSFERS)
+@settings(max_examples=40, deadline=None)
+def test_a_sample_comes_back_whichever_way_it_goes(wanted: transfer.Transfer) -> None:
+    sample = make_sample(60, 80)
+    parts = list(chunks.sample_to_parts(sample, wanted))
+    sizes = [len(p.data) for p in parts if isinstance(p, messages.RawChunk)]
+    assert all(size <= wanted.chunk_bytes for size in sizes)
+    inline = [p for p in parts if not isinstance(p, messages.RawChunk)]
+    assert all(p.ByteSize() <= wanted.inline_bytes + 4096 for p in inline)
+    assert_same(sample_from_parts(over_the_wire(parts)), sample)
+    again = transfer.transfer_from_proto(transfer.transfer_to_proto(wanted))
+    assert again == wanted
+
+
+def test_a_small_sample_is_one_message_where_the_client_takes_groups() -> None:
+    sample = make_sample(48, 64)
+    wanted = transfer.Transfer(inline_bytes=1 << 20, grouped=True)
+    (part,) = chunks.sample_to_parts(sample, wanted)
+    assert isinstance(part, pb.SamplePart)
+    assert len(part.group.parts) == len(sample.frames) + 2
+    assert_same(sample_from_parts([part]), sample)
+
+
+@given(
+    st.integers(0, 2**32 - 1), st.integers(0, 2**64 - 1), st.binary(max_size=300), st.integers(0, 2)
+)
+@settings(max_examples=80, deadline=None)
+def test_chunks_without_protobuf_are_protobufs(
+    index: int, offset: int, data: bytes, which: int
+) -> None:
+    kind: Any = (pb.RenderSampleResponse, pb.GetSampleResponse, pb.GetGroundTruthMeshResponse)[
+        which
+    ]
+    raw = messages.RawChunk(index, offset, memoryview(data))
+    chunk = pb.Chunk(index=index, offset=offset, data=data)
+    message = kind(chunk=chunk) if which == 2 else kind(part=pb.SamplePart(chunk=chunk))
+    packed = messages.response(kind, raw)
+    assert isinstance(packed, bytes)
+    assert kind.FromString(packed) == message
+    for content in (packed, message.SerializeToString()):
+        parsed: Any = messages.parser(kind)(content)
+        if not isinstance(parsed, messages.RawChunk):
+            parsed = parsed.chunk if which == 2 else parsed.part.chunk
+        assert (parsed.index, parsed.offset, bytes(parsed.data)) == (index, offset, data)
+
+
+@given(st.binary(max_size=60))
+def test_no_bytes_bring_the_reader_of_chunks_down(content: bytes) -> None:
+    with contextlib.suppress(DecodeError):
+        messages.parser(pb.RenderSampleResponse)(content)
+
+
+def test_every_way_brings_the_same_bits(server: Server) -> None:
+    rendered = {}
+    for name, client in clients(server).items():
+        with client:
+            rendered[name] = client.render_sample(POSE)
+            fetched = client.get_sample(rendered[name].batch_id, rendered[name].sample_id)
+        assert_same(fetched, rendered[name])
+        shared = [lies_in_shared_memory(f) for f in (*fetched.frames, *rendered[name].frames)]
+        assert all(shared) if name == "shared memory" else not any(shared)
+    for sample in rendered.values():
+        for a, b in zip(sample.frames, rendered["raw"].frames, strict=True):
+            assert_same(a, b)
+
+
+def test_frames_come_before_the_end_whichever_way(server: Server) -> None:
+    for number, client in enumerate(clients(server).values()):
+        seen: list[tuple[SampleOutline, Frame]] = []
+        with client:
+            sample = client.render_sample(
+                pose_looking_down(-1, number, 6),
+                on_frames=lambda o, frames, seen=seen: seen.extend((o, f) for f in frames),
+            )
+        assert {id(f) for _, f in seen} == {id(f) for f in sample.frames}
+        assert seen[-1][1].modality == "rgb"
+        assert all(o.sample_id == sample.sample_id for o, _ in seen)
+
+
+def test_arrays_belong_to_who_received_them(server: Server) -> None:
+    for client in clients(server).values():
+        with client:
+            sample = client.render_sample(POSE)
+            depth = sample.frame("camera", "depth").data
+            depth[:] = -1
+            again = client.get_sample(sample.batch_id, sample.sample_id)
+        assert (again.frame("camera", "depth").data > 0).all()
+
+
+def test_a_server_may_keep_its_memory_to_itself(start_server: StartServer) -> None:
+    server = start_server(WORLD, "--no-shared-memory")
+    with server.client() as client:
+        client.step_batch(seed=3)
+        sample = client.render_sample(POSE)
+    assert not any(lies_in_shared_memory(frame) for frame in sample.frames)
+    with grpc.insecure_channel(server.address) as channel:
+        info = simulator_pb2_grpc.SimulatorServiceStub(channel).GetSimulatorInfo(
+            pb.GetSimulatorInfoRequest()
+        )
+    assert not info.HasField("shared_memory_probe")
+
+
+def plain_stub(server: Server) -> Any:
+    return simulator_pb2_grpc.SimulatorServiceStub(grpc.insecure_channel(server.address))
+
+
+def test_memory_is_offered_to_none_but_those_who_read_it(server: Server) -> None:
+    stub = plain_stub(server)
+    info = stub.GetSimulatorInfo(pb.GetSimulatorInfoRequest())
+    place = transfer.place_from_proto(info.shared_memory_probe)
+    assert place.token == b""
+    token = found_token(place)
+    with server.client() as client:
+        sample = client.render_sample(POSE)
+    for guess, shared in ((token, True), (b"", False), (bytes(32), False), (token[:-1], False)):
+        options = pb.TransferOptions(shared_memory_token=guess)
+        request = pb.GetSampleRequest(
+            batch_id=sample.batch_id, sample_id=sample.sample_id, transfer=options
+        )
+        frames = [a.part.frame for a in stub.GetSample(request) if a.part.HasField("frame")]
+        assert [f.HasField("shared_memory") for f in frames] == [shared] * len(sample.frames)
+
+
+def test_a_client_that_says_nothing_gets_plain_chunks(server: Server) -> None:
+    """The contract as first released."""
+    stub = plain_stub(server)
+    parts = [a.part for a in stub.RenderSample(pb.RenderSampleRequest()) if a.HasField("part")]
+    kinds = {part.WhichOneof("part") for part in parts}
+    assert kinds == {"sample", "frame", "chunk", "end"}
+    frames = [part.frame for part in parts if part.HasField("frame")]
+    assert all(f.WhichOneof("content") is None for f in frames)
+    assert all(f.array.encoding == pb.ENCODING_RAW for f in frames)
+    assert [len(p.chunk.data) for p in parts if p.HasField("chunk")] == [
+        f.array.byte_size for f in frames
+    ]
+
+
+def test_one_frame_in_one_message(server: Server) -> None:
+    stub = plain_stub(server)
+    with server.client() as client:
+        sample = client.render_sample(POSE)
+    ids = {"batch_id": sample.batch_id, "sample_id": sample.sample_id}
+    for encodings in ([], [pb.ENCODING_PNG, pb.ENCODING_SHUFFLED_ZLIB]):
+        request = pb.GetFrameRequest(
+            **ids, sensor="camera", modality="depth", accepted_encodings=encodings
+        )
+        answer = stub.GetFrame(request)
+        parts = [pb.SamplePart(frame=answer.frame)]
+        (frame,) = SampleStream(parts)
+        assert_same(frame, sample.frame("camera", "depth"))
+        assert answer.sample.sample_id == sample.sample_id
+        assert len(answer.frame.data) == answer.frame.array.byte_size
+    with pytest.raises(grpc.RpcError) as missing:
+        stub.GetFrame(pb.GetFrameRequest(**ids, sensor="camera", modality="smell"))
+    assert missing.value.code() == grpc.StatusCode.NOT_FOUND
+
+
+def test_a_frame_too_large_for_one_message_is_refused() -> None:
+    sample = make_sample(1200, 1600)
+    name = sample.outline.frames[1]
+    with pytest.raises(InvalidInputError, match="GetSample"):
+        chunks.frame_response(sample, name, ())
+    with pytest.raises(NotFoundError, match="nose/depth"):
+        chunks.frame_response(sample, replace(name, sensor="nose"), ())
+
+
+def test_limits_hold_on_both_sides(server: Server) -> None:
+    info = plain_stub(server).GetSimulatorInfo(pb.GetSimulatorInfoRequest())
+    limits = info.transfer_limits
+    assert limits.max_chunk_bytes < 4 << 20
+    assert list(limits.encodings) == [
+        pb.ENCODING_RAW,
+        pb.ENCODING_PNG,
+        pb.ENCODING_SHUFFLED_ZLIB,
+    ]
+    with SimulatorClient(server.address, timeout_s=PATIENCE_S, max_array_bytes=100_000) as client:
+        with pytest.raises(InvalidInputError) as refused:
+            client.render_sample(POSE)
+        assert refused.value.field == "transfer.max_frame_bytes"
+        assert code_of(refused.value) == grpc.StatusCode.INVALID_ARGUMENT
+        with pytest.raises(OaisysError, match="100000 at most"):
+            client.ground_truth_mesh()
+    huge = transfer.Transfer(inline_bytes=1 << 31, chunk_bytes=1 << 31)
+    granted = transfer.granted(huge, None)
+    assert granted.inline_bytes == limits.max_inline_bytes
+    assert granted.chunk_bytes == limits.max_chunk_bytes
+
+
+def test_a_stream_with_a_frame_beyond_the_limit_is_refused_at_its_header() -> None:
+    header, *_ = (
+        p
+        for p in chunks.sample_to_parts(make_sample(60, 80))
+        if isinstance(p, pb.SamplePart) and p.HasField("frame")
+    )
+    header.frame.array.shape[0] = 2**31
+    header.frame.array.byte_size = 2**31 * 80 * 3
+    with pytest.raises(OaisysError, match="this client takes 1000 at most"):
+        list(SampleStream([header], limit=1000))
+
+
+def shared_parts(sample: Sample) -> tuple[list[Any], Segment]:
+    """Parts of a sample whose frames lie in a file of this process."""
+    raws = [frame.data.reshape(-1).view(np.uint8) for frame in sample.frames]
+    descriptor, begins, size = SegmentWriter().write(raws)
+    segment = Segment(descriptor, size)
+    frames = tuple(
+        Frame(
+            f.sensor,
+            f.modality,
+            np.frombuffer(segment, f.data.dtype, f.data.size, begin).reshape(f.data.shape),
+            f.intrinsics,
+            f.T_map_camera,
+        )
+        for f, begin in zip(sample.frames, begins, strict=True)
+    )
+    shared = Sample(
+        *(getattr(sample, n) for n in ("batch_id", "sample_id", "rig_pose")),
+        frames,
+        sample.render_time_s,
+        sample.provenance,
+    )
+    wanted = transfer.Transfer(token=bytes(32))
+    return over_the_wire(list(chunks.sample_to_parts(shared, wanted))), segment
+
+
+def test_what_cannot_be_read_there_is_fetched() -> None:
+    sample = make_sample(60, 80)
+    parts, segment = shared_parts(sample)
+    stream = SampleStream(parts, reader=Reader())
+    assert_same(stream.read(), sample)
+    assert stream.largest_copied_bytes == 0
+    parts[2].frame.shared_memory.token = bytes(32)
+    asked: list[tuple[int, int]] = []
+
+    def fetch(batch_id: int, sample_id: int) -> Sample:
+        asked.append((batch_id, sample_id))
+        return sample
+
+    assert_same(SampleStream(parts, reader=Reader(), fetch=fetch).read(), sample)
+    assert_same(SampleStream(parts, fetch=fetch).read(), sample)
+    assert asked == [(sample.batch_id, sample.sample_id)] * 2
+    with pytest.raises(OaisysError, match="incomplete"):
+        SampleStream(parts, reader=Reader()).read()
+    del segment
+
+
+def a_file(content: bytes = bytes(100)) -> tuple[Place, Segment]:
+    descriptor, (begin,), size = SegmentWriter().write([np.frombuffer(content, np.uint8)])
+    segment = Segment(descriptor, size)
+    return segment.place(begin), segment
+
+
+def test_a_file_neither_changes_nor_shrinks() -> None:
+    _, segment = a_file()
+    with pytest.raises(PermissionError):
+        os.pwrite(segment.descriptor, b"x", 0)
+    with pytest.raises(PermissionError):
+        os.ftruncate(segment.descriptor, 10)
+    with pytest.raises(PermissionError):
+        fcntl.fcntl(segment.descriptor, fcntl.F_ADD_SEALS, 0)
+
+
+def test_nothing_else_is_taken_for_shared_memory(tmp_path: Path) -> None:
+    place, segment = a_file()
+    os.close(opened(place))
+    unsealed = os.memfd_create("oaisys")
+    os.ftruncate(unsealed, place.file_size)
+    os.write(unsealed, place.token)
+    plain = os.open(tmp_path / "plain", os.O_RDWR | os.O_CREAT)
+    os.ftruncate(plain, place.file_size)
+    ours, theirs = os.pipe()
+    os.write(theirs, b"theirs")
+    for wrong in (
+        place._replace(token=bytes(32)),
+        place._replace(file_size=place.file_size + 1),
+        place._replace(descriptor=unsealed),
+        place._replace(descriptor=plain),
+        place._replace(descriptor=ours),
+        place._replace(descriptor=99_999),
+        place._replace(process_id=2**31 - 1),
+        place._replace(process_id=1),
+    ):
+        with pytest.raises(SharedMemoryError):
+            opened(wrong)
+    reader = Reader()
+    for wrong in (place._replace(token=b""), place._replace(offset=place.file_size)):
+        with pytest.raises(SharedMemoryError):
+            reader.read(wrong, 10, {})
+    assert os.read(ours, 100) == b"theirs"
+    for descriptor in (unsealed, plain, ours, theirs):
+        os.close(descriptor)
+    del segment
+
+
+def test_a_probe_is_proved_by_its_content_alone() -> None:
+    probe = Probe()
+    assert probe.place.token == b""
+    assert probe.proves(found_token(probe.place))
+    assert not probe.proves(b"")
+    assert not probe.proves(bytes(32))
+
+
+def test_kept_arrays_take_bounded_descriptors_and_stay_as_they_are() -> None:
+    """More files than are mapped are copied."""
+    before = descriptors()
+    reader = Reader(max_files=4)
+    kept: list[Any] = []
+    files: dict[bytes, Segment] = {}
+    for number in range(20):
+        place, segment = a_file(bytes([number]) * 1000)
+        kept.append(reader.read(place, 1000, files))
+        del segment
+    del files
+    gc.collect()
+    assert descriptors() <= before + 2 * 4
+    for number, array in enumerate(kept):
+        assert (array == number).all()
+        array[:] = 0
+    del kept, array
+    gc.collect()
+    assert descriptors() == before
+
+
+def test_large_files_are_copied_rather_than_kept() -> None:
+    reader = Reader(max_bytes=5000)
+    place, segment = a_file(bytes(range(250)) * 40)
+    array = reader.read(place, 10_000, {})
+    assert shared_memory.place_of(array) is None
+    assert array.tobytes() == bytes(range(250)) * 40
+    del segment
+
+
+def test_a_killed_server_leaves_nothing_and_the_next_one_is_found(
+    start_server: StartServer,
+) -> None:
+    """What a client holds stays as it was."""
+    before = mapped_files()
+    first = start_server(WORLD)
+    port = first.address.rpartition(":")[2]
+    with first.client() as client:
+        client.step_batch(seed=3)
+        held = client.render_sample(POSE)
+        copies = [frame.data.copy() for frame in held.frames]
+        assert all(lies_in_shared_memory(frame) for frame in held.frames)
+        worker = first.worker()
+        first.process.kill()
+        first.process.wait()
+        wait_until(lambda: not worker.is_running() or worker.status() == psutil.STATUS_ZOMBIE)
+        assert [np.array_equal(f.data, c) for f, c in zip(held.frames, copies, strict=True)]
+        assert not [path for path in Path("/dev/shm").iterdir() if "oaisys" in path.name]
+        assert mapped_files() > before
+        del held
+        gc.collect()
+        assert mapped_files() == before
+
+        second = start_server(WORLD, "--address", f"127.0.0.1:{port}")
+        assert second.address == first.address
+        client.wait_ready(PATIENCE_S)
+        client.step_batch(seed=3)
+        sample = client.render_sample(POSE)
+        with SimulatorClient(second.address, timeout_s=PATIENCE_S, shared_memory=False) as other:
+            assert_same(other.get_sample(1, 1), sample)
+        wait_until(lambda: all(map(lies_in_shared_memory, client.get_sample(1, 1).frames)))
