@@ -37,6 +37,9 @@ def plot_quality(points: Mapping[str, tuple[float, float, float]], path: Path) -
     for name, (x, y, _) in ordered:
         axes.annotate(name, (x, y), textcoords="offset points", xytext=(6, 6))
     axes.set(xscale="log", xlabel="seconds per sample (all modalities)", ylabel="PSNR in dB")
+    for set_formatter in (axes.xaxis.set_major_formatter, axes.xaxis.set_minor_formatter):
+        set_formatter("{x:g}")
+    axes.margins(x=0.12, y=0.1)
     axes.grid(visible=True, which="both", alpha=0.3)
     axes.legend()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -68,16 +71,18 @@ def _draw_curve(axes: Axes, name: str, figures: Sequence[Figure]) -> None:
         target, style = (memory, "k:") if kind == "peak memory" else (axes, "o-")
         target.plot([x for x, _ in points], [y for _, y in points], style, label=kind)
     axes.set(xlabel=AXES[name], yscale="log")
-    if name != "cameras":
-        axes.set_xscale("symlog" if name == "rocks" else "log", **_linear_part(name))
+    if name == "cameras":
+        axes.set_xticks(sorted({figure.x for figure in figures}))
+    elif name == "rocks":
+        # From none on.
+        axes.set_xscale("symlog", linthresh=1000.0)
+        axes.set_xlim(left=-100.0)
+    else:
+        axes.set_xscale("log")
     memory.set_ylabel("peak memory in MB (dotted)")
     memory.set_ylim(bottom=0)
     axes.grid(visible=True, alpha=0.3)
-    axes.legend(loc="upper left", fontsize="small")
-
-
-def _linear_part(name: str) -> dict[str, float]:
-    return {"linthresh": 1000.0} if name == "rocks" else {}
+    axes.legend(loc="center left", fontsize="small")
 
 
 def kind_of(figure: Figure) -> str:
