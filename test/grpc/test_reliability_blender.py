@@ -31,6 +31,7 @@ POSES = [
     pose_looking_at((5, -4, 6), (0, 1, 0)),
     pose_looking_at((3, 6, 8), (0, 0, 0)),
     pose_looking_down(4, 3, 10),
+    pose_looking_down(0, -3, 8, 2.0),
 ]
 LONG_RENDER = ModuleMetadata(render={"samples": 60_000})
 """Minutes within Cycles."""
@@ -52,6 +53,21 @@ def kill_within_cycles(server: Server, client: SimulatorClient, number: signal.S
         server.worker().send_signal(number)
         with pytest.raises(WorkerLostError, match=number.name):
             rendering.result(PATIENCE_S)
+
+
+def cancel_within_cycles(client: SimulatorClient) -> None:
+    """Give up a render that would take minutes, and see that a worker is free again."""
+
+    class EnoughError(Exception):
+        pass
+
+    def leave(progress: Progress) -> None:
+        if progress.stage == "color":
+            raise EnoughError
+
+    with pytest.raises(EnoughError):
+        client.render_sample(POSES[1], metadata=LONG_RENDER, on_progress=leave)
+    assert np.isfinite(client.query_height([[0, 0, 5]]).clearance_m).all()
 
 
 def assert_alike(sample: Sample, control: Sample) -> None:
@@ -85,5 +101,7 @@ def test_a_blender_that_is_killed_crashes_or_grows_is_replaced_and_renders_the_s
         samples.append(client.render_sample(POSES[5]))
         assert server.worker().pid != worker
         assert client.info().worker_restarts == 2
+        cancel_within_cycles(client)
+        samples.append(client.render_sample(POSES[6]))
     for sample, expected in zip(samples, control, strict=True):
         assert_alike(sample, expected)
