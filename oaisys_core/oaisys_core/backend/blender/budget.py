@@ -1,37 +1,104 @@
-"""How many light samples fit into a sample's time, judged by what recent views cost."""
+"""What colour costs here, and how much of it fits into a sample's time."""
 
 from __future__ import annotations
 
 from collections import deque
-
-from oaisys_core.types import PinholeIntrinsics
+from dataclasses import dataclass
+from math import inf, sqrt
+from statistics import median
 
 REMEMBERED = 8
 """Views whose cost is remembered."""
 
+OVER = 0.1
+"""Share of its time by which a view may be late, so as not to be early by a whole light sample."""
+
+LEAST_AREA = 1 / 16
+"""Of an image: it is not rendered any smaller, however little time there is."""
+
+AT_ONCE_S = 1e-3
+"""Time for light samples that ends with the first of them."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How a view is rendered so that it fits.
+
+    Attributes:
+        scale: Factor on the image's sides; below 1 where one sample of each pixel takes too long.
+        sampling_s: Light samples are begun for that long, the last one ends later; 0: no limit.
+    """
+
+    scale: float
+    sampling_s: float
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a view took.
+
+    Attributes:
+        pixels: That were rendered.
+        samples: Light samples of each.
+        preparing_s: Until the first light sample began.
+        sampling_s: Until the last one ended.
+        finishing_s: What came after that: denoising, mostly.
+    """
+
+    pixels: int
+    samples: int
+    preparing_s: float
+    sampling_s: float
+    finishing_s: float
+
 
 class TimeBudget:
-    """Knows what a light sample of a pixel costs.
+    """Knows what recent views took.
 
-    What a view costs whatever its samples (preparing, denoising) is counted as if each sample cost
-    a share of it: too much for a view of more samples than before, which errs to the safe side.
+    A view is prepared (whatever its size; long where the world has changed), sampled, and finished.
+    Cycles takes its light samples by the clock, so that how dear this view is need not be known;
+    what comes before and after them is the median of recent views, which one slow view of them
+    does not move.
     """
 
     def __init__(self) -> None:
-        self._costs_s: deque[float] = deque(maxlen=REMEMBERED)
+        self._preparing_s = {changed: _history() for changed in (False, True)}
+        self._pixel_sample_s = _history()
+        self._pixel_finish_s = _history()
+        self._has_changed = True
 
-    def learn(self, intrinsics: PinholeIntrinsics, samples: int, seconds: float) -> None:
+    def world_changed(self) -> None:
+        """Expect that the next view takes longer to prepare."""
+        self._has_changed = True
+
+    def learn(self, cost: Cost) -> None:
         """Remember what a view took."""
-        self._costs_s.append(seconds / (samples * _pixels(intrinsics)))
+        self._preparing_s[self._has_changed].append(cost.preparing_s)
+        self._has_changed = False
+        self._pixel_sample_s.append(cost.sampling_s / (cost.samples * cost.pixels))
+        self._pixel_finish_s.append(cost.finishing_s / cost.pixels)
 
-    def samples(self, intrinsics: PinholeIntrinsics, seconds: float, most: int) -> int:
-        """Return how many light samples a view may have: 1 where none was timed yet."""
-        if not self._costs_s or seconds <= 0:
-            return 1
-        # The dearest of them: a budget is kept, not met on average.
-        affordable = seconds / (max(self._costs_s) * _pixels(intrinsics))
-        return max(1, min(most, int(affordable)))
+    def plan(self, pixels: int, seconds: float) -> Plan:
+        """Return how a view of so many pixels fits into the time: one sample if none was timed.
+
+        All the time there is (``inf``) is no limit.
+        """
+        if seconds == inf:
+            return Plan(1.0, 0.0)
+        if not self._pixel_sample_s:
+            return Plan(1.0, AT_ONCE_S)
+        # A world never changed before: what it takes then is not known, and nothing can be saved.
+        known = self._preparing_s[self._has_changed] or self._preparing_s[not self._has_changed]
+        left_s = seconds - median(known)
+        sample_s = median(self._pixel_sample_s) * pixels
+        finish_s = median(self._pixel_finish_s) * pixels
+        area = left_s / (sample_s + finish_s)
+        if area < 1 - OVER:
+            return Plan(sqrt(max(area, LEAST_AREA)), AT_ONCE_S)
+        # A sample that begins in time may end one sample late: on average half of one.
+        late_s = min(sample_s / 2, OVER * seconds)
+        return Plan(1.0, max(left_s - finish_s - sample_s + late_s, AT_ONCE_S))
 
 
-def _pixels(intrinsics: PinholeIntrinsics) -> int:
-    return intrinsics.width_px * intrinsics.height_px
+def _history() -> deque[float]:
+    return deque(maxlen=REMEMBERED)

@@ -9,7 +9,6 @@ from typing import Any
 import bpy
 from mathutils import Matrix
 
-from oaisys_core.backend.blender.footprint import set_pixel_angle
 from oaisys_core.geometry import T_OPTICAL_BLENDER
 from oaisys_core.scene import Lens
 from oaisys_core.types import FloatArray, PinholeIntrinsics
@@ -99,7 +98,6 @@ def set_intrinsics(camera: Any, intrinsics: PinholeIntrinsics) -> None:
     Blender measures in widths of the image: with pixels of aspect a = fx / fy (height over
     width), the film is ``width`` wide and ``a * height`` high, and the optical axis meets it
     ``shift`` beside its centre. Its pixel centres are at +0.5, OpenCV's at integers.
-    Materials are told how much a pixel sees.
     """
     render = bpy.context.scene.render
     render.resolution_x, render.resolution_y = intrinsics.width_px, intrinsics.height_px
@@ -111,4 +109,3 @@ def set_intrinsics(camera: Any, intrinsics: PinholeIntrinsics) -> None:
     data.lens = intrinsics.fx_px * SENSOR_WIDTH_MM / width
     data.shift_x = (width / 2 - intrinsics.cx_px - 0.5) / width
     data.shift_y = (intrinsics.cy_px + 0.5 - intrinsics.height_px / 2) * aspect / width
-    set_pixel_angle(1 / max(intrinsics.fx_px, intrinsics.fy_px))

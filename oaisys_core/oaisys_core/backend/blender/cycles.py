@@ -30,8 +30,8 @@ class Cycles:
     def __init__(self) -> None:
         self._wanted: Device | None = None
         self.device: Device = "cpu"
-        self.samples = 0
-        """Light samples per pixel of the last image."""
+        self.last = Rendered()
+        """The last image, as it came."""
         scene = bpy.context.scene
         render = scene.render
         render.engine = "CYCLES"
@@ -67,7 +67,6 @@ class Cycles:
         exposure_ev = BASE_EXPOSURE_EV + settings.exposure_ev
         self._show_as(settings, exposure_ev)
         rendered = self._render(settings, seconds, denoise=settings.denoise)
-        self.samples = rendered.samples or settings.samples
         return to_pixels(_pass(rendered, "Combined"), settings.view_transform, exposure_ev)
 
     def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:
@@ -105,9 +104,10 @@ class Cycles:
         for kind in ("max", "diffuse", "glossy", "transmission", "transparent_max"):
             wanted[f"{kind}_bounces"] = settings.max_bounces
         try:
-            return render_scene(wanted)
+            self.last = render_scene(wanted)
         except RuntimeError as error:
             raise RenderError(f"Blender could not render: {error}") from error
+        return self.last
 
 
 def _pass(rendered: Rendered, name: str) -> NDArray[np.float32]:

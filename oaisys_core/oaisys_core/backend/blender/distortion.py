@@ -1,4 +1,4 @@
-"""Colour through a lens that distorts: a larger pinhole image, drawn anew for the lens's pixels."""
+"""Images of other pixels than the camera's: for a lens that distorts, or where time is short."""
 
 from __future__ import annotations
 
@@ -37,6 +37,24 @@ def covering_pinhole(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
     width, height = (ceil(size) for size in size_px.tolist())
     fx_px, fy_px = focal_px.tolist()
     return PinholeIntrinsics(width, height, fx_px, fy_px, float(cx_px), float(cy_px))
+
+
+def scaled_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsics:
+    """Return a camera that sees the same with ``scale`` times as many pixels along each side."""
+    if scale == 1.0:
+        return pinhole
+    width_px = max(1, round(pinhole.width_px * scale))
+    height_px = max(1, round(pinhole.height_px * scale))
+    across, down = width_px / pinhole.width_px, height_px / pinhole.height_px
+    return PinholeIntrinsics(
+        width_px,
+        height_px,
+        pinhole.fx_px * across,
+        pinhole.fy_px * down,
+        # Pixel centres are at integers: the image's edge is at -0.5.
+        (pinhole.cx_px + 0.5) * across - 0.5,
+        (pinhole.cy_px + 0.5) * down - 0.5,
+    )
 
 
 def distorted_image(

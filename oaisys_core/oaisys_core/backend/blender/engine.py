@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -23,10 +24,14 @@ class Rendered:
     Attributes:
         passes: (H, W, channels) scene-linear float32 by Blender's name, first row on top.
         samples: Light samples per pixel that were taken; 0: not told.
+        began_s, sampled_s: When, by `time.perf_counter`, the first of them began and the last
+            ended.
     """
 
     passes: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     samples: int = 0
+    began_s: float = 0.0
+    sampled_s: float = 0.0
 
 
 def render_scene(settings: Mapping[str, Any]) -> Rendered:
@@ -91,8 +96,14 @@ def _counted(rendered: Rendered) -> Iterator[None]:
 
     def read(text: str, *_: Any) -> None:
         counted = _SAMPLE.search(str(text))
-        if counted:
-            rendered.samples = int(counted[1])
+        if counted is None:
+            return
+        samples = int(counted[1])
+        if not rendered.began_s:
+            rendered.began_s = rendered.sampled_s = time.perf_counter()
+        # It begins to count anew when it has finished.
+        if samples > rendered.samples:
+            rendered.samples, rendered.sampled_s = samples, time.perf_counter()
 
     bpy.app.handlers.render_stats.append(read)
     try:

@@ -26,10 +26,10 @@ class Lights:
         self._background = Background()
         self._sky: Sky | None = None
 
-    def set(self, sky: Sky) -> None:
-        """Make light and sky so."""
+    def set(self, sky: Sky) -> bool:
+        """Make light and sky so; return whether they were another."""
         if sky == self._sky:
-            return
+            return False
         self._sky = sky
         self._sun.rotation_mode = "QUATERNION"
         self._sun.rotation_quaternion = Vector(sky.to_sun).to_track_quat("Z", "Y")
@@ -39,3 +39,4 @@ class Lights:
         lamp.color = sun_color(sky)
         self._background.set(sky)
         set_haze(sky)
+        return True

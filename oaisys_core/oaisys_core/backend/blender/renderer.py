@@ -9,6 +9,7 @@ from math import inf
 from pathlib import Path
 
 import bpy
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,10 +22,11 @@ from oaisys_core.backend.base import (
     ignore_frames,
     in_order,
 )
-from oaisys_core.backend.blender.budget import TimeBudget
+from oaisys_core.backend.blender.budget import Cost, TimeBudget
 from oaisys_core.backend.blender.camera import moving, new_camera, place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.cycles import Cycles
-from oaisys_core.backend.blender.distortion import covering_pinhole, distorted_image
+from oaisys_core.backend.blender.distortion import covering_pinhole, distorted_image, scaled_pinhole
+from oaisys_core.backend.blender.footprint import set_pixel_angle
 from oaisys_core.backend.blender.lights import Lights
 from oaisys_core.backend.blender.world import World
 from oaisys_core.backend.flow import PoseMemory
@@ -32,7 +34,7 @@ from oaisys_core.backend.passes import frame_of, geometry_frames
 from oaisys_core.backend.surface import Surface
 from oaisys_core.effects import with_effects
 from oaisys_core.errors import NotReadyError
-from oaisys_core.scene import PlacedCamera, Scene, Sky
+from oaisys_core.scene import Lens, PlacedCamera, Scene, Sky
 from oaisys_core.types import (
     ALBEDO,
     RGB,
@@ -82,6 +84,7 @@ class BlenderBackend(Backend):
     def build(self, scene: Scene, progress: ProgressCallback) -> None:
         """Replace the world by ``scene``; a ground of the same hash and material stays."""
         surface, self._surface = self._surface, None
+        self._budget.world_changed()
         progress(Progress("clear", 0.0))
         self._cycles.forget()
         if not self._world.clear(scene):
@@ -105,6 +108,7 @@ class BlenderBackend(Backend):
         is_new_ground = self._world.update(scene)
         self._set_sky(scene.sky)
         if is_new_ground:
+            self._budget.world_changed()
             surface.update(scene, self._world.ground_mesh())
         else:
             surface.update_objects(scene)
@@ -126,19 +130,14 @@ class BlenderBackend(Backend):
             frames.extend(geometry_frames(surface, camera, self._memory).values())
         if frames:
             on_frames(tuple(frames))
-        for index, camera in enumerate(cameras):
-            share = index / len(cameras)
+        views = [(c, m) for c in cameras for m in (RGB, ALBEDO) if m in c.modalities]
+        for index, (camera, modality) in enumerate(views):
+            share = index / len(views)
             progress(Progress("color", GEOMETRY_SHARE + (1 - GEOMETRY_SHARE) * share))
-            left_s = (ends_s - time.perf_counter()) / (len(cameras) - index)
-            for modality in (RGB, ALBEDO):
-                if modality not in camera.modalities:
-                    continue
-                if modality == RGB:
-                    image = self._color(camera, settings, left_s)
-                else:
-                    image = self._albedo(camera, settings)
-                frames.append(frame_of(camera, modality, image))
-                on_frames((frames[-1],))
+            left_s = (ends_s - time.perf_counter()) / (len(views) - index)
+            show = self._color if modality == RGB else self._albedo
+            frames.append(frame_of(camera, modality, show(camera, settings, left_s)))
+            on_frames((frames[-1],))
         self._memory.remember(cameras, surface.scene)
         return in_order(cameras, frames)
 
@@ -169,53 +168,89 @@ class BlenderBackend(Backend):
         self, camera: PlacedCamera, settings: RenderSettings, seconds: float
     ) -> NDArray[np.uint8]:
         """Return the colour image of a camera, in the seconds that are left for it."""
-        samples = settings.samples
-        pinhole = self._aim(camera)
-        if settings.time_budget_s is not None:
-            samples = self._budget.samples(pinhole, seconds, samples)
-            self.light_samples = min(samples, self.light_samples or samples)
-        set_lens(self._camera, camera.lens)
+        pinhole = _pinhole_of(camera)
+        plan = self._budget.plan(_pixels(pinhole), seconds)
+        rendered = scaled_pinhole(pinhole, plan.scale)
+        self._aim(camera, rendered, camera.lens)
         started_s = time.perf_counter()
         with moving(self._camera, camera.T_map_previous, camera.shutter_share):
-            image = self._cycles.render(replace(settings, samples=samples))
-        self._budget.learn(pinhole, samples, time.perf_counter() - started_s)
-        if pinhole is not camera.intrinsics:
-            image = distorted_image(image, pinhole, camera.intrinsics)
+            image = self._cycles.render(settings, plan.sampling_s)
+        self._learn(rendered, started_s)
+        if settings.time_budget_s is not None:
+            samples = self._cycles.last.samples
+            self.light_samples = min(samples, self.light_samples or samples)
+        image = _as_seen(image, pinhole, camera)
         rng = randomness.stream(settings.noise_seed, camera.name)
         return with_effects(image, settings.effects, camera.intrinsics, rng)
 
-    def _albedo(self, camera: PlacedCamera, settings: RenderSettings) -> NDArray[np.uint8]:
+    def _albedo(
+        self, camera: PlacedCamera, settings: RenderSettings, seconds: float
+    ) -> NDArray[np.uint8]:
         """Return the reflectance that a camera sees, without depth of field or motion."""
-        pinhole = self._aim(camera)
-        samples = self.light_samples or settings.samples
-        set_lens(self._camera, None)
+        pinhole = _pinhole_of(camera)
+        plan = self._budget.plan(_pixels(pinhole), seconds)
+        self._aim(camera, pinhole, None)
         sky = self._built().scene.sky
         # Haze is part of the materials' colours.
         if sky.haze is not None:
             self._lights.set(replace(sky, haze=None))
         try:
-            image = self._cycles.render_albedo(replace(settings, samples=samples))
+            image = self._cycles.render_albedo(settings, plan.sampling_s)
         finally:
             if sky.haze is not None:
                 self._lights.set(sky)
-        if pinhole is camera.intrinsics:
-            return image
-        return distorted_image(image, pinhole, camera.intrinsics)
+        return _as_seen(image, pinhole, camera)
 
-    def _aim(self, camera: PlacedCamera) -> PinholeIntrinsics:
-        """Place Blender's camera and return its intrinsics: the camera's own, unless distorted."""
-        pinhole = camera.intrinsics
-        if any(pinhole.distortion):
-            pinhole = covering_pinhole(pinhole)
+    def _aim(self, camera: PlacedCamera, pinhole: PinholeIntrinsics, lens: Lens | None) -> None:
+        """Make Blender's camera one with such a lens, where ``camera`` stands."""
         place(self._camera, camera.T_map_camera)
         set_intrinsics(self._camera, pinhole)
-        return pinhole
+        set_lens(self._camera, lens)
+        # Not the pinhole's: where time is short, nothing is spent on other levels of textures.
+        set_pixel_angle(1 / max(camera.intrinsics.fx_px, camera.intrinsics.fy_px))
+
+    def _learn(self, pinhole: PinholeIntrinsics, started_s: float) -> None:
+        """Remember what the last view took since it was started."""
+        last = self._cycles.last
+        if last.samples:
+            self._budget.learn(
+                Cost(
+                    pixels=_pixels(pinhole),
+                    samples=last.samples,
+                    preparing_s=last.began_s - started_s,
+                    sampling_s=last.sampled_s - last.began_s,
+                    finishing_s=time.perf_counter() - last.sampled_s,
+                )
+            )
 
     def _set_sky(self, sky: Sky) -> None:
-        self._lights.set(sky)
+        if self._lights.set(sky):
+            self._budget.world_changed()
         self._world.show_plain(sky.has_plain and sky.hdri is None)
 
     def _built(self) -> Surface:
         if self._surface is None:
             raise NotReadyError("Blender has no scene: build one first")
         return self._surface
+
+
+def _pinhole_of(camera: PlacedCamera) -> PinholeIntrinsics:
+    """Return what is rendered: the camera's own intrinsics, unless it distorts."""
+    pinhole = camera.intrinsics
+    return covering_pinhole(pinhole) if any(pinhole.distortion) else pinhole
+
+
+def _pixels(pinhole: PinholeIntrinsics) -> int:
+    return pinhole.width_px * pinhole.height_px
+
+
+def _as_seen(
+    image: NDArray[np.uint8], pinhole: PinholeIntrinsics, camera: PlacedCamera
+) -> NDArray[np.uint8]:
+    """Return the camera's image of one that a pinhole sees, which may be smaller."""
+    size = pinhole.width_px, pinhole.height_px
+    if image.shape[1::-1] != size:
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    if pinhole is camera.intrinsics:
+        return image
+    return distorted_image(image, pinhole, camera.intrinsics)

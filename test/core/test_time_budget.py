@@ -1,0 +1,106 @@
+"""A sample's time budget, by machines whose costs are given: how near to it the views come."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+import pytest
+
+pytest.importorskip("bpy")
+
+from oaisys_core.backend.blender.budget import Cost, Plan, TimeBudget
+
+PIXELS = 640 * 480
+MOST_SAMPLES = 128
+
+
+@dataclass
+class Machine:
+    """Takes light samples of its own cost until the time for them is over, as Cycles does."""
+
+    preparing_s: float = 0.05
+    sample_s: float = 0.25
+    finishing_s: float = 0.2
+
+    def render(self, plan: Plan) -> Cost:
+        """Return what a view costs; at full size, each sample takes ``sample_s``."""
+        pixels = round(PIXELS * plan.scale**2)
+        one_s = self.sample_s * plan.scale**2
+        samples = 1
+        while samples < MOST_SAMPLES and (not plan.sampling_s or samples * one_s < plan.sampling_s):
+            samples += 1
+        finishing_s = self.finishing_s * plan.scale**2
+        return Cost(pixels, samples, self.preparing_s, samples * one_s, finishing_s)
+
+
+def taken_s(cost: Cost) -> float:
+    return cost.preparing_s + cost.sampling_s + cost.finishing_s
+
+
+def taught(machine: Machine, views: int = 3) -> TimeBudget:
+    budget = TimeBudget()
+    for _ in range(views):
+        budget.learn(machine.render(budget.plan(PIXELS, 2.0)))
+    return budget
+
+
+@pytest.mark.parametrize("seconds", [1.5, 3.0, 6.0])
+def test_views_of_very_different_cost_come_within_15_percent(seconds: float) -> None:
+    rng = np.random.default_rng(3)
+    budget = taught(Machine())
+    for sample_s in rng.uniform(0.1, 0.3, 40).tolist():
+        cost = Machine(sample_s=sample_s).render(budget.plan(PIXELS, seconds))
+        budget.learn(cost)
+        assert taken_s(cost) == pytest.approx(seconds, rel=0.15)
+
+
+def test_a_budget_that_changes_with_each_view_is_met_each_time() -> None:
+    budget = taught(Machine())
+    for seconds in (6.0, 1.5, 3.0, 1.5, 6.0, 2.0):
+        cost = Machine().render(budget.plan(PIXELS, seconds))
+        budget.learn(cost)
+        assert taken_s(cost) == pytest.approx(seconds, rel=0.15)
+
+
+@pytest.mark.parametrize("seconds", [0.15, 0.25, 0.4])
+def test_less_time_than_a_sample_of_each_pixel_takes_means_fewer_pixels(seconds: float) -> None:
+    plan = taught(Machine()).plan(PIXELS, seconds)
+    cost = Machine().render(plan)
+    assert plan.scale < 1
+    assert cost.samples == 1
+    assert taken_s(cost) == pytest.approx(seconds, rel=0.15)
+
+
+def test_a_view_that_took_long_to_prepare_does_not_move_what_follows() -> None:
+    budget = taught(Machine(), views=5)
+    before = budget.plan(PIXELS, 2.0)
+    budget.learn(Machine(preparing_s=30.0).render(before))
+    assert budget.plan(PIXELS, 2.0) == before
+
+
+def test_a_changed_world_is_expected_to_take_as_long_as_the_last_time() -> None:
+    steady, fresh = Machine(), Machine(preparing_s=1.0)
+    budget = TimeBudget()
+    budget.learn(fresh.render(budget.plan(PIXELS, 3.0)))
+    for _ in range(3):
+        budget.learn(steady.render(budget.plan(PIXELS, 3.0)))
+    budget.world_changed()
+    assert taken_s(fresh.render(budget.plan(PIXELS, 3.0))) == pytest.approx(3.0, rel=0.15)
+
+
+def test_the_first_view_has_one_sample() -> None:
+    plan = TimeBudget().plan(PIXELS, 100.0)
+    assert Machine().render(plan).samples == 1
+    assert plan.scale == 1
+
+
+def test_no_budget_is_no_limit() -> None:
+    assert taught(Machine()).plan(PIXELS, inf) == Plan(scale=1.0, sampling_s=0.0)
+    assert Machine().render(Plan(1.0, 0.0)).samples == MOST_SAMPLES
+
+
+def test_time_that_is_over_already_gives_the_smallest_image() -> None:
+    plan = taught(Machine()).plan(PIXELS, -1.0)
+    assert plan.scale == pytest.approx(0.25)
