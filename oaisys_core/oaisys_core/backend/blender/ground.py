@@ -12,11 +12,13 @@ from dataclasses import replace
 from math import log2
 from typing import Any, NamedTuple
 
+import bpy
 import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.footprint import by_footprint
 from oaisys_core.backend.blender.gloss import glossed, is_glossy
+from oaisys_core.backend.blender.haze import through_haze
 from oaisys_core.backend.blender.images import ImageStore, new_image
 from oaisys_core.backend.blender.materials import diffuse, new_material, show
 from oaisys_core.backend.blender.nodes import NodeTree, Socket
@@ -65,76 +67,85 @@ class Texel(NamedTuple):
     roughness: Socket
 
 
-class GroundNodes:
-    """Makes the node tree of a terrain material."""
+class Tables(NamedTuple):
+    """Images that all levels of a ground's material look up.
 
-    def __init__(self, tree: NodeTree, material: TerrainMaterial, images: ImageStore) -> None:
+    Attributes:
+        masks: Weights of all layers but the first, `CHANNELS` to an image, alpha first.
+        tilings: Of `TilingNodes`.
+    """
+
+    masks: list[Any]
+    tilings: dict[int, Any]
+
+
+class GroundNodes:
+    """Makes the node tree of a terrain material as it looks in pixels of one size."""
+
+    def __init__(
+        self,
+        tree: NodeTree,
+        material: TerrainMaterial,
+        images: ImageStore,
+        tables: Tables,
+        footprint_m: float,
+    ) -> None:
         self._tree = tree
         self._material = material
         self._images = images
-        self._tilings = TilingNodes(tree)
+        self._footprint_m = footprint_m
+        self._tilings = TilingNodes(tree, tables.tilings)
         # The ground lies in ``map``: no coordinates need to be transformed.
         geometry = tree.add("NewGeometry")
         self._position, self._normal = geometry.outputs["Position"], geometry.outputs["Normal"]
-        self._shares = _shares(tree, material, self._position)
-        self._footprints_m = _footprints_m([layer.maps for layer in material.layers])
-        self._variations = [
-            self._make_variation(material.layers[0].maps, material.variation, footprint_m)
-            for footprint_m in self._footprints_m
-        ]
+        self._shares = _shares(tree, material, tables.masks, self._position)
+        self._variation = self._make_variation(material.layers[0].maps, material.variation)
 
-    def surface(self) -> tuple[Socket, Socket]:
-        """Return the ground's surface, and the radiance of the air before it."""
-        top, veil = self._laid_on(Plane(self._position, None))
+    def surface(self) -> Socket:
+        """Return the ground's surface."""
+        top = self._laid_on(Plane(self._position, None))
         if not self._material.projects_sides:
-            return top, veil
+            return top
         tree = self._tree
         x, y, z = tree.add("SeparateXYZ", {0: self._position}).outputs
         nx, ny, nz = (
             tree.math("ABSOLUTE", part)
             for part in tree.add("SeparateXYZ", {0: self._normal}).outputs
         )
-        facing_x, _ = self._laid_on(Plane(tree.combined(y, z, 0.0), (1, 2)))
-        facing_y, _ = self._laid_on(Plane(tree.combined(x, z, 0.0), (0, 2)))
+        facing_x = self._laid_on(Plane(tree.combined(y, z, 0.0), (1, 2)))
+        facing_y = self._laid_on(Plane(tree.combined(x, z, 0.0), (0, 2)))
         slope = 1 / (STEEP_COS[0] - STEEP_COS[1])
         steep = tree.clamped("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
         turn = tree.clamped("MULTIPLY_ADD", tree.math("SUBTRACT", nx, ny), SIDE_BLEND, 0.5)
         # Cycles evaluates only that side of a mixture that shows: level ground costs no more.
-        return tree.mixed(steep, top, tree.mixed(turn, facing_y, facing_x)), veil
+        return tree.mixed(steep, top, tree.mixed(turn, facing_y, facing_x))
 
-    def _laid_on(self, plane: Plane) -> tuple[Socket, Socket]:
-        """Return the surface of all layers on a plane, and the radiance of the air."""
-        veil: Socket = None
-        surfaces = []
-        for footprint_m, variation in zip(self._footprints_m, self._variations, strict=True):
-            parts = [
-                self._surface_of(layer, plane, footprint_m, variation)
-                for layer in self._material.layers
-            ]
-            mixture, veil = parts[0]
-            for (surface, _), share in zip(parts[1:], self._shares, strict=True):
-                mixture = self._tree.mixed(share, mixture, surface)
-            surfaces.append(mixture)
-        return by_footprint(self._tree, self._footprints_m[1:], surfaces), veil
+    def _laid_on(self, plane: Plane) -> Socket:
+        """Return the surface of all layers on a plane."""
+        first, *others = (self._surface_of(layer, plane) for layer in self._material.layers)
+        for surface, share in zip(others, self._shares, strict=True):
+            first = self._tree.mixed(share, first, surface)
+        return first
 
-    def _surface_of(
-        self, layer: TerrainLayer, plane: Plane, footprint_m: float, variation: Socket | None
-    ) -> tuple[Socket, Socket]:
-        """Return the surface of one layer, as if it lay everywhere, in pixels of a size."""
+    def _surface_of(self, layer: TerrainLayer, plane: Plane) -> Socket:
+        """Return the surface of one layer, as if it lay everywhere."""
         tree = self._tree
-        levels = self._images.levels(layer.maps)
-        seen = levels[level_at(layer.maps, len(levels), footprint_m)]
-        texel = self._texel(replace(layer, maps=seen), plane)
+        texel = self._texel(replace(layer, maps=self._seen(layer.maps, layer.maps.tile_m)), plane)
         color = texel.color
-        if variation is not None:
-            color = tree.vector("MULTIPLY", color, variation)
+        if self._variation is not None:
+            color = tree.vector("MULTIPLY", color, self._variation)
         # Diffuse surfaces make its length 1.
         normal = tree.vector("ADD", self._normal, self._slope(texel.detail, plane))
-        surface, veil = diffuse(tree, color, texel.roughness, normal)
+        surface, _ = diffuse(tree, color, texel.roughness, normal)
         if is_glossy(layer.maps):
             unit = tree.vector("NORMALIZE", normal)
             surface = glossed(tree, surface, texel.roughness, unit)
-        return surface, veil
+        return surface
+
+    def _seen(self, maps: PbrMaps, tile_m: float) -> PbrMaps:
+        """Return the level of a texture set that is to be seen where its tile has a size."""
+        levels = self._images.levels(maps)
+        return levels[level_at(replace(maps, tile_m=tile_m), len(levels), self._footprint_m)]
 
     def _slope(self, detail: Socket, plane: Plane) -> Socket:
         """Return how far a coded normal of a plane leans, in ``map``."""
@@ -184,17 +195,14 @@ class GroundNodes:
             detail = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
         return Texel(color.outputs["Color"], detail, other.outputs["Alpha"])
 
-    def _make_variation(
-        self, maps: PbrMaps, variation: Variation, footprint_m: float
-    ) -> Socket | None:
+    def _make_variation(self, maps: PbrMaps, variation: Variation) -> Socket | None:
         """Return a slow change of colour around 1, which hides that textures repeat."""
         if not (variation.brightness or variation.tint) or np.ptp(maps.height) == 0:
             return None
         tree = self._tree
         size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
-        levels = self._images.levels(maps)
-        seen = levels[level_at(replace(maps, tile_m=size_m), len(levels), footprint_m)]
-        texel = tree.add("TexImage", {"Vector": self._position}, image=self._images.height(seen))
+        image = self._images.height(self._seen(maps, size_m))
+        texel = tree.add("TexImage", {"Vector": self._position}, image=image)
         # The node's own mapping is one matrix; a node that rotates takes sine and cosine each time.
         texel.texture_mapping.rotation[2] = VARIATION_TURN_RAD
         texel.texture_mapping.scale = (1.0 / size_m,) * 3
@@ -204,11 +212,39 @@ class GroundNodes:
 
 
 def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
-    """Return the material of the ground."""
+    """Return the material of the ground.
+
+    Each level is a node group: Blender goes through a whole tree whenever a node is added to it.
+    """
     result = new_material("ground")
     tree = NodeTree(node_tree_of(result))
-    show(tree, *GroundNodes(tree, material, images).surface())
+    tables = Tables(_mask_images(material), {})
+    footprints_m = _footprints_m([layer.maps for layer in material.layers])
+    surfaces = []
+    for footprint_m in footprints_m:
+        group = bpy.data.node_groups.new("ground_level", "ShaderNodeTree")
+        group.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
+        nodes = GroundNodes(NodeTree(group), material, images, tables, footprint_m)
+        output = group.nodes.new("NodeGroupOutput")
+        group.links.new(nodes.surface(), output.inputs[0])
+        surfaces.append(tree.add("Group", node_tree=group).outputs[0])
+    _, veil = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
+    show(tree, by_footprint(tree, footprints_m[1:], surfaces), veil)
     return result
+
+
+def _mask_images(material: TerrainMaterial) -> list[Any]:
+    """Return the images of `Tables.masks`."""
+    masks = material.masks[1:]
+    images = []
+    for first in range(0, len(masks), CHANNELS):
+        part = masks[first : first + CHANNELS]
+        pixels = np.zeros((*masks.shape[1:], CHANNELS), dtype=np.float32)
+        # Alpha comes first: it is a scalar already.
+        pixels[..., -1] = part[0]
+        pixels[..., : len(part) - 1] = np.moveaxis(part[1:], 0, -1)
+        images.append(new_image(f"masks_{first}", pixels, is_float=True, is_color=False))
+    return images
 
 
 def _footprints_m(sets: Sequence[PbrMaps]) -> list[float]:
@@ -240,29 +276,23 @@ def _mixture(
     return tree.vector("MULTIPLY_ADD", total, gain, mean)
 
 
-def _shares(tree: NodeTree, material: TerrainMaterial, position: Socket) -> list[Socket]:
+def _shares(
+    tree: NodeTree, material: TerrainMaterial, masks: Sequence[Any], position: Socket
+) -> list[Socket]:
     """Return, for each layer but the first, its share at ``position`` of it and those before it."""
-    masks = material.masks[1:]
-    if not len(masks):
-        return []
     x0, y0, x1, y1 = material.extent_m
     size_inverse = (1.0 / (x1 - x0), 1.0 / (y1 - y0), 0.0)
-    place = tree.vector(
-        "MULTIPLY_ADD", position, size_inverse, (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
-    )
+    start = (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
+    left = len(material.layers) - 1
     weights: list[Socket] = []
-    for first in range(0, len(masks), CHANNELS):
-        part = masks[first : first + CHANNELS]
-        pixels = np.zeros((*masks.shape[1:], CHANNELS), dtype=np.float32)
-        # Alpha comes first: it is a scalar already.
-        pixels[..., -1] = part[0]
-        pixels[..., : len(part) - 1] = np.moveaxis(part[1:], 0, -1)
-        image = new_image(f"masks_{first}", pixels, is_float=True, is_color=False)
+    for image in masks:
+        place = tree.vector("MULTIPLY_ADD", position, size_inverse, start)
         texel = tree.add("TexImage", {"Vector": place}, image=image, extension="MIRROR")
         weights.append(texel.outputs["Alpha"])
-        if len(part) > 1:
+        if left > 1:
             channels = tree.add("SeparateColor", {"Color": texel.outputs["Color"]})
-            weights.extend(channels.outputs[: len(part) - 1])
+            weights.extend(channels.outputs[: min(left, CHANNELS) - 1])
+        left -= CHANNELS
     shares: list[Socket] = []
     rest: Socket = 1.0
     for weight in reversed(weights):

@@ -28,11 +28,14 @@ class Look(NamedTuple):
 
 
 class TilingNodes:
-    """Adds the nodes of tilings to a tree; a table is one image however often it is used."""
+    """Adds the nodes of tilings to a tree; a table is one image however often it is used.
 
-    def __init__(self, tree: NodeTree) -> None:
+    ``tables`` holds the images by the identity of their tables, and may be shared between trees.
+    """
+
+    def __init__(self, tree: NodeTree, tables: dict[int, Any]) -> None:
         self._tree = tree
-        self._tables: dict[int, Any] = {}
+        self._tables = tables
 
     def looks(self, tiling: Tiling, place: Socket) -> list[Look]:
         """Return of what places a point is mixed; ``place`` is the point's own, in tiles."""
