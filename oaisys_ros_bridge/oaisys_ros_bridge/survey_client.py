@@ -169,6 +169,8 @@ class SurveyClient:
         )
         with self._changed:
             images = self._images.pop(key)
+            # What came earlier belongs to samples that never got complete.
+            self._images = {k: v for k, v in self._images.items() if k > key}
         return ReceivedView(images, answer.render_time, service_s)
 
     def wait_for_map(self, frames: int, timeout_s: float) -> list[float]:
