@@ -203,7 +203,11 @@ class Simulation:
             rig_pose=outline.rig_pose,
             frames=view.frames,
             render_time_s=time.perf_counter() - started_s,
-            provenance=replace(outline.provenance, render_samples=view.render_samples),
+            provenance=replace(
+                outline.provenance,
+                render_samples=view.render_samples,
+                device=self._backend.device,  # may have been chosen by this very render
+            ),
             from_cache=outline.from_cache,
         )
 
