@@ -63,7 +63,7 @@ def render_slowly(client: SimulatorClient, pose: Pose, begun: threading.Event) -
 
 @contextmanager
 def health_asked_all_the_time(address: str) -> Iterator[list[int]]:
-    """Collect the answers of health, each within seconds; one that does not come is an error."""
+    """Collect the answers of health; one that does not come is an error."""
     answers: list[int] = []
     ended = threading.Event()
 
@@ -72,7 +72,7 @@ def health_asked_all_the_time(address: str) -> Iterator[list[int]]:
             health = health_pb2_grpc.HealthStub(channel)
             while not ended.wait(0.02):
                 request = health_pb2.HealthCheckRequest(service=SERVICE)
-                answers.append(health.Check(request, timeout=PATIENCE_S / 4).status)
+                answers.append(health.Check(request, timeout=PATIENCE_S).status)
 
     with ThreadPoolExecutor(1) as pool:
         asking = pool.submit(ask)
