@@ -162,7 +162,7 @@ def pictures() -> dict[str, Any]:
         "still": (replace(moved, shutter_share=0.0), many),
         "focused": (replace(camera(near, CENTRED, (RGB,)), lens=Lens(6.0, 0.05)), many),
         "unfocused": (replace(camera(near, CENTRED, (RGB,)), lens=Lens(2.0, 0.05)), many),
-        "budget": (sharp, replace(many, time_budget_s=1e-3)),
+        "budget": (sharp, replace(settings(64), time_budget_s=1e-3)),
         "raw": (sharp, replace(many, view_transform="raw")),
         "standard": (sharp, replace(many, view_transform="standard")),
         "again": (sharp, many),

@@ -40,6 +40,8 @@ class Cycles:
         render.threads_mode = "AUTO"
         cycles = scene.cycles
         cycles.use_adaptive_sampling = False
+        # Automatic patterns keep the length of an earlier render: pictures would depend on it.
+        cycles.sampling_pattern = "TABULATED_SOBOL"
         cycles.sample_clamp_indirect = 10.0
         cycles.caustics_reflective = cycles.caustics_refractive = False
         cycles.denoiser = "OPENIMAGEDENOISE"
