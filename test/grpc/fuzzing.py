@@ -101,11 +101,16 @@ class Mutator:
         p, q = metadata.sensor.pose.position_m, metadata.sensor.pose.orientation
         p.x, p.y, p.z = self._rng.uniform((-9, -9, 1), 9)
         q.x, q.y, q.z, q.w = 0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)
-        optics = {"camera": {"lens": {"f_number": 4.0}, "fx_px": 14.0}}
+        optics: Any = {"camera": {"lens": {"f_number": 4.0}, "fx_px": 14.0}}
         metadata.sensor.settings.update({"cameras": optics})
         metadata.environment.update({"sun_elevation_deg": [20, 60], "haze": {"visibility_m": 900}})
         metadata.render.update({"quality": "standard", "effects": {"vignetting": 0.5}})
-        standing = {"shape": "bush", "position_m": [1, 2, 0], "label": "bush", "semantic_id": 30}
+        standing: Any = {
+            "shape": "bush",
+            "position_m": [1, 2, 0],
+            "label": "bush",
+            "semantic_id": 30,
+        }
         metadata.asset.update({"add": {"it": standing}})
         if is_batch:
             metadata.asset.update({"count_factor": 0.5})
@@ -181,9 +186,11 @@ class Target:
         return _reply(path, self._call(path, request.SerializeToString())[-1])
 
     def _call(self, path: str, data: bytes) -> list[bytes]:
+        streams: Any = self.channel.unary_stream(path)
         if METHODS[path].server_streaming:
-            return list(self.channel.unary_stream(path)(data, timeout=PATIENCE_S))
-        return [self.channel.unary_unary(path)(data, timeout=PATIENCE_S)]
+            return list(streams(data, timeout=PATIENCE_S))
+        answers: Any = self.channel.unary_unary(path)
+        return [answers(data, timeout=PATIENCE_S)]
 
     def _note(self, path: str, data: bytes, error: grpc.RpcError) -> None:
         call: Any = error

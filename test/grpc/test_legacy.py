@@ -90,13 +90,13 @@ class OriginalClient:
     def call(self, method: str, **fields: Any) -> Any:
         described = self._service.methods_by_name[method]
         request = message_factory.GetMessageClass(described.input_type)(**fields)
-        call = self._channel.unary_unary(
+        call: Any = self._channel.unary_unary(
             f"/oaisys.Oaisys/{method}",
             request_serializer=lambda m: m.SerializeToString(),
             response_deserializer=message_factory.GetMessageClass(described.output_type).FromString,
         )
         reply, told = call.with_call(request, timeout=PATIENCE_S)
-        self.why = dict(told.trailing_metadata() or ()).get("oaisys-error", "")
+        self.why = str(dict(told.trailing_metadata() or ()).get("oaisys-error", ""))
         return reply
 
     def step_sample(

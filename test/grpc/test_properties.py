@@ -45,7 +45,7 @@ bad_poses = st.one_of(
     st.builds(
         lambda pose, factor: Pose(
             pose.position_m,
-            tuple(v * factor for v in pose.quat_xyzw),  # type: ignore[arg-type]
+            tuple(v * factor for v in pose.quat_xyzw),
         ),
         poses,
         st.floats(0, 0.99) | st.floats(1.01, 1e200),
