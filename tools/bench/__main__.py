@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import re
+import signal
 import traceback
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
@@ -80,6 +81,8 @@ def main(
     for name in chosen:
         if name not in TOPICS:
             raise typer.BadParameter(f"received {name}, expected one of {', '.join(TOPICS)}")
+    # As Ctrl-C does: what runs beside this process is ended by it.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     failures = _run(settings, chosen)
     if failures:
         raise typer.Exit(1)
