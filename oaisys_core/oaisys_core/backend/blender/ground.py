@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from math import log2
 from typing import Any, NamedTuple
 
-import bpy
 import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
@@ -21,11 +21,12 @@ from oaisys_core.backend.blender.gloss import glossed, is_glossy
 from oaisys_core.backend.blender.haze import through_haze
 from oaisys_core.backend.blender.images import ImageStore, new_image
 from oaisys_core.backend.blender.materials import diffuse, new_material, show
-from oaisys_core.backend.blender.nodes import NodeTree, Socket
+from oaisys_core.backend.blender.nodes import NodeTree, Socket, grouped
 from oaisys_core.backend.blender.tiling import Look, TilingNodes
 from oaisys_core.backend.shading import mean_color
 from oaisys_core.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
 from oaisys_core.textures.levels import LEAST_PX, level_at
+from oaisys_core.tiling import PlainTiling, StochasticTiling, VoronoiTiling
 
 CHANNELS = 4
 """Masks that one image holds."""
@@ -45,6 +46,12 @@ what the eye cannot see is not to be evaluated."""
 
 SIDE_BLEND = 2.5
 """How quickly one side gives way to the next around a corner."""
+
+
+LOOKS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
+MOST_LOOKS = 100
+"""Looks of its texture that each kind of tiling mixes, and how many of them, over all layers,
+sides and levels, a material may have before it makes do with every other level."""
 
 
 class Plane(NamedTuple):
@@ -68,84 +75,106 @@ class Texel(NamedTuple):
 
 
 class Tables(NamedTuple):
-    """Images that all levels of a ground's material look up.
+    """What all levels of a ground's material have in common.
 
     Attributes:
         masks: Weights of all layers but the first, `CHANNELS` to an image, alpha first.
         tilings: Of `TilingNodes`.
+        glossy: Whether texture sets, by identity, have parts that shine.
+        varies: Whether the ground's colour changes from place to place.
     """
 
     masks: list[Any]
     tilings: dict[int, Any]
+    glossy: dict[int, bool]
+    varies: bool
 
 
-class GroundNodes:
-    """Makes the node tree of a terrain material as it looks in pixels of one size."""
+class Level(NamedTuple):
+    """A terrain material as it looks in pixels of one size.
 
-    def __init__(
-        self,
-        tree: NodeTree,
-        material: TerrainMaterial,
-        images: ImageStore,
-        tables: Tables,
-        footprint_m: float,
-    ) -> None:
-        self._tree = tree
-        self._material = material
-        self._images = images
-        self._footprint_m = footprint_m
-        self._tilings = TilingNodes(tree, tables.tilings)
-        # The ground lies in ``map``: no coordinates need to be transformed.
-        geometry = tree.add("NewGeometry")
-        self._position, self._normal = geometry.outputs["Position"], geometry.outputs["Normal"]
-        self._shares = _shares(tree, material, tables.masks, self._position)
-        self._variation = self._make_variation(material.layers[0].maps, material.variation)
+    Attributes:
+        material: What it is.
+        images: Of its texture sets.
+        tables: Its own images.
+        footprint_m: Size of a pixel on the ground.
+    """
 
-    def surface(self) -> Socket:
-        """Return the ground's surface."""
-        top = self._laid_on(Plane(self._position, None))
-        if not self._material.projects_sides:
-            return top
-        tree = self._tree
-        x, y, z = tree.add("SeparateXYZ", {0: self._position}).outputs
-        nx, ny, nz = (
-            tree.math("ABSOLUTE", part)
-            for part in tree.add("SeparateXYZ", {0: self._normal}).outputs
-        )
-        facing_x = self._laid_on(Plane(tree.combined(y, z, 0.0), (1, 2)))
-        facing_y = self._laid_on(Plane(tree.combined(x, z, 0.0), (0, 2)))
-        slope = 1 / (STEEP_COS[0] - STEEP_COS[1])
-        steep = tree.clamped("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
-        turn = tree.clamped("MULTIPLY_ADD", tree.math("SUBTRACT", nx, ny), SIDE_BLEND, 0.5)
-        # Cycles evaluates only that side of a mixture that shows: level ground costs no more.
-        return tree.mixed(steep, top, tree.mixed(turn, facing_y, facing_x))
+    material: TerrainMaterial
+    images: ImageStore
+    tables: Tables
+    footprint_m: float
 
-    def _laid_on(self, plane: Plane) -> Socket:
+    def seen(self, maps: PbrMaps, tile_m: float) -> PbrMaps:
+        """Return the level of a texture set that is to be seen where its tile has a size."""
+        levels = self.images.levels(maps)
+        return levels[level_at(replace(maps, tile_m=tile_m), len(levels), self.footprint_m)]
+
+
+def level_surface(tree: NodeTree, level: Level) -> Socket:
+    """Add the ground's surface at one level to a tree."""
+    geometry = tree.add("NewGeometry").outputs
+    position, material = geometry["Position"], level.material
+    shares = _shares(tree, material, level.tables.masks, position)
+
+    def laid_on(axes: tuple[int, int] | None) -> Socket:
         """Return the surface of all layers on a plane."""
-        first, *others = (self._surface_of(layer, plane) for layer in self._material.layers)
-        for surface, share in zip(others, self._shares, strict=True):
-            first = self._tree.mixed(share, first, surface)
+        first, *others = (
+            grouped(
+                tree, "ground_layer", partial(_layer_surface, level=level, axes=axes, layer=layer)
+            )
+            for layer in material.layers
+        )
+        for surface, share in zip(others, shares, strict=True):
+            first = tree.mixed(share, first, surface)
         return first
 
-    def _surface_of(self, layer: TerrainLayer, plane: Plane) -> Socket:
-        """Return the surface of one layer, as if it lay everywhere."""
-        tree = self._tree
-        texel = self._texel(replace(layer, maps=self._seen(layer.maps, layer.maps.tile_m)), plane)
+    if not material.projects_sides:
+        return laid_on(None)
+    nx, ny, nz = (
+        tree.math("ABSOLUTE", part)
+        for part in tree.add("SeparateXYZ", {0: geometry["Normal"]}).outputs
+    )
+    slope = 1 / (STEEP_COS[0] - STEEP_COS[1])
+    steep = tree.clamped("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
+    turn = tree.clamped("MULTIPLY_ADD", tree.math("SUBTRACT", nx, ny), SIDE_BLEND, 0.5)
+    # Cycles evaluates only that side of a mixture that shows: level ground costs no more.
+    return tree.mixed(steep, laid_on(None), tree.mixed(turn, laid_on((0, 2)), laid_on((1, 2))))
+
+
+class LayerNodes:
+    """Makes the surface of one layer, as if it lay everywhere, on one plane."""
+
+    def __init__(self, tree: NodeTree, level: Level, axes: tuple[int, int] | None) -> None:
+        self._tree = tree
+        self._level = level
+        self._images = level.images
+        self._tilings = TilingNodes(tree, level.tables.tilings)
+        # The ground lies in ``map``: no coordinates need to be transformed.
+        geometry = tree.add("NewGeometry").outputs
+        self._position, self._normal = geometry["Position"], geometry["Normal"]
+        place = self._position
+        if axes is not None:
+            parts = tree.add("SeparateXYZ", {0: self._position}).outputs
+            place = tree.combined(parts[axes[0]], parts[axes[1]], 0.0)
+        self._plane = Plane(place, axes)
+
+    def surface(self, layer: TerrainLayer) -> Socket:
+        """Return it."""
+        tree, material = self._tree, self._level.material
+        seen = self._level.seen(layer.maps, layer.maps.tile_m)
+        texel = self._texel(replace(layer, maps=seen), self._plane)
         color = texel.color
-        if self._variation is not None:
-            color = tree.vector("MULTIPLY", color, self._variation)
+        variation = self._variation(material.layers[0].maps, material.variation)
+        if variation is not None:
+            color = tree.vector("MULTIPLY", color, variation)
         # Diffuse surfaces make its length 1.
-        normal = tree.vector("ADD", self._normal, self._slope(texel.detail, plane))
+        normal = tree.vector("ADD", self._normal, self._slope(texel.detail, self._plane))
         surface, _ = diffuse(tree, color, texel.roughness, normal)
-        if is_glossy(layer.maps):
+        if self._level.tables.glossy[id(layer.maps)]:
             unit = tree.vector("NORMALIZE", normal)
             surface = glossed(tree, surface, texel.roughness, unit)
         return surface
-
-    def _seen(self, maps: PbrMaps, tile_m: float) -> PbrMaps:
-        """Return the level of a texture set that is to be seen where its tile has a size."""
-        levels = self._images.levels(maps)
-        return levels[level_at(replace(maps, tile_m=tile_m), len(levels), self._footprint_m)]
 
     def _slope(self, detail: Socket, plane: Plane) -> Socket:
         """Return how far a coded normal of a plane leans, in ``map``."""
@@ -195,13 +224,13 @@ class GroundNodes:
             detail = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
         return Texel(color.outputs["Color"], detail, other.outputs["Alpha"])
 
-    def _make_variation(self, maps: PbrMaps, variation: Variation) -> Socket | None:
+    def _variation(self, maps: PbrMaps, variation: Variation) -> Socket | None:
         """Return a slow change of colour around 1, which hides that textures repeat."""
-        if not (variation.brightness or variation.tint) or np.ptp(maps.height) == 0:
+        if not self._level.tables.varies:
             return None
         tree = self._tree
         size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
-        image = self._images.height(self._seen(maps, size_m))
+        image = self._images.height(self._level.seen(maps, size_m))
         texel = tree.add("TexImage", {"Vector": self._position}, image=image)
         # The node's own mapping is one matrix; a node that rotates takes sine and cosine each time.
         texel.texture_mapping.rotation[2] = VARIATION_TURN_RAD
@@ -211,23 +240,31 @@ class GroundNodes:
         return tree.vector("MULTIPLY_ADD", texel.outputs["Color"], tuple(ranges.tolist()), least)
 
 
+def _layer_surface(
+    tree: NodeTree, level: Level, axes: tuple[int, int] | None, layer: TerrainLayer
+) -> Socket:
+    return LayerNodes(tree, level, axes).surface(layer)
+
+
 def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
     """Return the material of the ground.
 
-    Each level is a node group: Blender goes through a whole tree whenever a node is added to it.
+    Levels and layers are node groups: Blender goes through a whole tree whenever a node is added.
     """
     result = new_material("ground")
     tree = NodeTree(node_tree_of(result))
-    tables = Tables(_mask_images(material), {})
-    footprints_m = _footprints_m([layer.maps for layer in material.layers])
-    surfaces = []
-    for footprint_m in footprints_m:
-        group = bpy.data.node_groups.new("ground_level", "ShaderNodeTree")
-        group.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
-        nodes = GroundNodes(NodeTree(group), material, images, tables, footprint_m)
-        output = group.nodes.new("NodeGroupOutput")
-        group.links.new(nodes.surface(), output.inputs[0])
-        surfaces.append(tree.add("Group", node_tree=group).outputs[0])
+    maps, variation = material.layers[0].maps, material.variation
+    tables = Tables(
+        masks=_mask_images(material),
+        tilings={},
+        glossy={id(layer.maps): is_glossy(layer.maps) for layer in material.layers},
+        varies=bool(variation.brightness or variation.tint) and bool(np.ptp(maps.height)),
+    )
+    footprints_m = _footprints_m(material)
+    levels = [Level(material, images, tables, footprint_m) for footprint_m in footprints_m]
+    surfaces = [
+        grouped(tree, "ground_level", partial(level_surface, level=level)) for level in levels
+    ]
     _, veil = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
     show(tree, by_footprint(tree, footprints_m[1:], surfaces), veil)
     return result
@@ -247,11 +284,16 @@ def _mask_images(material: TerrainMaterial) -> list[Any]:
     return images
 
 
-def _footprints_m(sets: Sequence[PbrMaps]) -> list[float]:
-    """Return the sizes of a pixel on the ground from which on some texture shows another level."""
+def _footprints_m(material: TerrainMaterial) -> list[float]:
+    """Return the sizes of a pixel on the ground from which on textures show another level."""
+    sets = [layer.maps for layer in material.layers]
     finest_m = min(maps.tile_m / len(maps.color_srgb) for maps in sets)
     coarsest_m = max(maps.tile_m / LEAST_PX for maps in sets)
-    return [finest_m * 2**step for step in range(max(1, round(log2(coarsest_m / finest_m)) + 1))]
+    octaves = max(0, round(log2(coarsest_m / finest_m)))
+    looks = sum(LOOKS[type(layer.tiling)] for layer in material.layers)
+    looks *= 3 if material.projects_sides else 1
+    stride = 1 if looks * octaves <= MOST_LOOKS else 2
+    return [finest_m * 2**step for step in range(0, octaves + 1, stride)]
 
 
 def _contrast(tree: NodeTree, weights: list[Socket]) -> Socket:
