@@ -110,7 +110,8 @@ class Operation:
                 return
             sample = last_word
             if self._outline is not None:
-                frames = {FrameName(frame.sensor, frame.modality): frame for frame in self._frames}
+                came = (*self._frames, *last_word.frames)
+                frames = {FrameName(frame.sensor, frame.modality): frame for frame in came}
                 sample = replace(sample, frames=tuple(frames[n] for n in self._outline.frames))
             keep(sample)
             self.succeed(sample, sample.batch_id, sample.sample_id)

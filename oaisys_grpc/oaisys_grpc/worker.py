@@ -109,7 +109,9 @@ class Worker:
         simulation = self._ready()
         fault_injection.strike(report)
         sample = simulation.step_sample(**arguments, progress=report, on_frames=report.frames)
-        return replace(sample, frames=())
+        if len(report.last_frames) == len(sample.frames):
+            return sample
+        return replace(sample, frames=report.last_frames)
 
     def _ready(self) -> Simulation:
         if self._simulation is None:
@@ -124,6 +126,8 @@ class _Reporter:
         self._connection = connection
         self._call = call
         self._cancelled = cancelled
+        self._told = 0
+        self.last_frames: tuple[Frame, ...] = ()
         self._last_stage = ""
         self._last_s = 0.0
         self._has_sent = False
@@ -137,8 +141,12 @@ class _Reporter:
         self._connection.send({"type": "progress", "id": self._call, **vars(progress)})
 
     def frames(self, outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
-        """Tell the server frames that are ready."""
+        """Tell the server frames that are ready; the last ones go with the answer."""
         self._stop_if_cancelled()
+        self._told += len(frames)
+        if self._told == len(outline.frames):
+            self.last_frames = frames
+            return
         message = {"type": "frames", "id": self._call, "outline": outline, "frames": frames}
         self._connection.send(message)
         if not self._has_sent:
