@@ -19,6 +19,7 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from served_simulator import FLAT_WORLD, PATIENCE_S, Server
 
 from oaisys_core.config import config_from_mapping
+from oaisys_core.config.section import Section
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import ModuleMetadata
@@ -287,6 +288,21 @@ def test_a_folder_with_links_out_of_the_roots_is_refused(confined: SimulatorClie
         confined.render_sample(metadata=ModuleMetadata(environment={"hdri": {"folder": "folder"}}))
 
 
+def test_every_path_of_the_configuration_is_one_that_is_confined() -> None:
+    """A plain `Path` in a section would be read wherever it points: only folders to write are."""
+    unchecked = set()
+    for section in _sections(Section):
+        for name, described in section.model_fields.items():
+            text = repr(described.annotation) + repr(described.metadata)
+            if "Path" in text and "_file" not in text and "_folder" not in text:
+                unchecked.add(f"{section.__name__}.{name}")
+    assert unchecked == {"OutputConfig.folder", "StageConfig.store"}
+
+
+def _sections(section: type[Section]) -> set[type[Section]]:
+    return {section}.union(*map(_sections, section.__subclasses__()))
+
+
 def test_files_in_the_roots_are_read(confined: SimulatorClient, places: Path) -> None:
     for path in ("poses.csv", str(places / "assets/poses.csv"), "folder/../poses.csv"):
         metadata = ModuleMetadata(sensor={"motion": {"kind": "csv", "path": path}})
@@ -320,6 +336,35 @@ def test_the_default_root_is_the_configurations_folder(start_server: StartServer
         metadata = ModuleMetadata(sensor={"motion": {"kind": "csv", "path": "near.csv"}})
         client.step_batch(metadata=metadata)
         assert client.render_sample().rig_pose.position_m == (0, 0, 9)
+
+
+MAKE_BLEND = """
+import sys, bpy
+bpy.ops.wm.read_factory_settings(use_empty=True)
+bpy.ops.mesh.primitive_cube_add()
+text = bpy.data.texts.new("attack.py")
+text.write(f"open({sys.argv[2]!r}, 'w')")
+text.use_module = True
+bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
+"""
+
+
+def test_scripts_in_a_blend_file_never_run(start_server: StartServer, tmp_path: Path) -> None:
+    pytest.importorskip("bpy")
+    roots, attacked = tmp_path / "roots", tmp_path / "attacked"
+    roots.mkdir()
+    file = roots / "cube.blend"
+    command = [sys.executable, "-c", MAKE_BLEND, str(file), str(attacked)]
+    subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
+    assert not attacked.exists()
+    camera = {"width_px": 16, "height_px": 12, "fx_px": 14.0, "fy_px": 14.0}
+    world = {**FLAT_WORLD, "backend": "blender", "sensors": {"cameras": [camera]}}
+    thing = {"file": "cube.blend", "position_m": [1, 2, 0], "label": "cube", "semantic_id": 30}
+    with start_server(world, "--asset-root", str(roots)).client() as client:
+        client.step_batch(metadata=ModuleMetadata(asset={"add": {"cube": thing}}))
+        depth_m = client.render_sample(NADIR, modalities=["depth"]).frames[0].data
+    assert depth_m.min() < 6.5  # the cube is there
+    assert not attacked.exists()
 
 
 # How much a request may ask for ----------------------------------------------------------------
@@ -392,7 +437,7 @@ def test_lists_without_end_are_refused(flat_server: Server, flat_client: Simulat
         with pytest.raises(grpc.RpcError) as refused:
             stub.QueryHeight(points, timeout=PATIENCE_S)
     assert refused.value.code() == grpc.StatusCode.INVALID_ARGUMENT
-    assert "points_m" in refused.value.details()
+    assert "points_m" in str(refused.value.details())
 
 
 def test_long_names_and_values_are_refused(flat_client: SimulatorClient) -> None:
@@ -412,7 +457,7 @@ def test_metadata_in_metadata_end_with_a_status(flat_server: Server, depth: int)
     struct = _field(1, b"\x0a\x01x" + _field(2, value))
     request = _field(2, _field(2, struct))  # StepSampleRequest.metadata, .environment
     with grpc.insecure_channel(flat_server.address) as channel:
-        raw = channel.unary_stream("/oaisys.v1.SimulatorService/RenderSample")
+        raw: Any = channel.unary_stream("/oaisys.v1.SimulatorService/RenderSample")
         with pytest.raises(grpc.RpcError) as refused:
             list(raw(request, timeout=PATIENCE_S))
     assert refused.value.code() in (grpc.StatusCode.INVALID_ARGUMENT, grpc.StatusCode.INTERNAL)
@@ -432,7 +477,7 @@ def test_a_message_that_is_too_large_is_not_read(flat_server: Server) -> None:
     with grpc.insecure_channel(
         flat_server.address, options=[("grpc.max_send_message_length", -1)]
     ) as channel:
-        raw = channel.unary_unary("/oaisys.v1.SimulatorService/StepBatch")
+        raw: Any = channel.unary_unary("/oaisys.v1.SimulatorService/StepBatch")
         with pytest.raises(grpc.RpcError) as refused:
             raw(bytes(32 * 1024 * 1024), timeout=PATIENCE_S)
     assert refused.value.code() == grpc.StatusCode.RESOURCE_EXHAUSTED
