@@ -227,6 +227,7 @@ class Simulation:
             batch_id=batch.id if batch else 0,
             sample_id=batch.sample_id if batch else 0,
             stage_extent_m=ground.extent_m if ground else None,
+            device=self._backend.device,
         )
 
     @property

@@ -285,6 +285,7 @@ class SimulatorInfo:
         semantic_labels: Name by semantic id.
         stage_extent_m: (min_x, min_y, max_x, max_y) of the ground, or None before the first batch.
         worker_restarts: How often a server has replaced the process that renders because it died.
+        device: What renders colour; see `Provenance`.
     """
 
     backend: str
@@ -298,6 +299,7 @@ class SimulatorInfo:
     sample_id: int
     stage_extent_m: tuple[float, float, float, float] | None
     worker_restarts: int = 0
+    device: str = "cpu"
 
 
 @dataclass(frozen=True)

@@ -189,6 +189,7 @@ def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
         batch_id=info.batch_id,
         sample_id=info.sample_id,
         worker_restarts=info.worker_restarts,
+        device=info.device,
     )
     if info.stage_extent_m is not None:
         x0, y0, x1, y1 = info.stage_extent_m
@@ -213,6 +214,7 @@ def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
         sample_id=message.sample_id,
         stage_extent_m=(e.min_x_m, e.min_y_m, e.max_x_m, e.max_y_m) if known else None,
         worker_restarts=message.worker_restarts,
+        device=message.device,
     )
 
 

@@ -71,6 +71,8 @@ INFO = SimulatorInfo(
     3,
     4,
     (-32.0, -31.0, 32.0, 33.0),
+    2,
+    "optix",
 )
 HEIGHTS = HeightQuery(np.array([0.5, np.nan]), np.array([1.0, np.nan]), np.array([-2.0, np.nan]))
 
