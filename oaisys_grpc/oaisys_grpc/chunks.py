@@ -87,7 +87,7 @@ def array_chunks(
 ) -> Iterator[RawChunk]:
     """Yield an encoded array's bytes in pieces; inverse: `ArrayAssembly`."""
     for offset in range(0, data.size, size):
-        yield RawChunk(index, offset, memoryview(data[offset : offset + size]))
+        yield RawChunk(index, offset, data[offset : offset + size].data)
 
 
 def sample_to_parts(sample: Sample, transfer: Transfer = PLAIN) -> Iterator[Part]:

@@ -159,7 +159,7 @@ def _to_shuffled_zlib(array: AnyArray) -> bytes:
     The upper bytes of neighbouring depths are alike; the lower ones are nearly noise.
     """
     planes = array.reshape(-1).view(np.uint8).reshape(-1, array.itemsize).T
-    return zlib.compress(np.ascontiguousarray(planes), _FAST)
+    return zlib.compress(np.ascontiguousarray(planes).data, _FAST)
 
 
 def _from_shuffled_zlib(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyArray:

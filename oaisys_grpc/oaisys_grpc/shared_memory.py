@@ -167,7 +167,7 @@ def _new_file() -> int:
 
 def _write(descriptor: int, data: bytes | AnyArray, offset: int) -> None:
     """Write all of the data; one call writes 2 GB at most."""
-    rest = memoryview(data)
+    rest = memoryview(data) if isinstance(data, bytes) else data.data
     while rest:
         count = os.pwrite(descriptor, rest, offset)
         rest, offset = rest[count:], offset + count

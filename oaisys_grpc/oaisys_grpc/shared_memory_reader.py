@@ -123,7 +123,7 @@ def _mapped(descriptor: int, size: int) -> Segment:
 
 def _copied(descriptor: int, offset: int, size: int) -> NDArray[np.uint8]:
     content = np.empty(size, np.uint8)
-    rest = memoryview(content)
+    rest = content.data
     try:
         while rest:
             count = os.preadv(descriptor, [rest], offset)
