@@ -7,7 +7,6 @@ levels of the textures.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from math import log2
@@ -19,7 +18,8 @@ from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.footprint import by_footprint
 from oaisys_core.backend.blender.gloss import glossed, is_glossy
 from oaisys_core.backend.blender.haze import through_haze
-from oaisys_core.backend.blender.images import ImageStore, new_image
+from oaisys_core.backend.blender.images import ImageStore
+from oaisys_core.backend.blender.masks import layer_shares, mask_images
 from oaisys_core.backend.blender.materials import diffuse, new_material, show
 from oaisys_core.backend.blender.nodes import NodeTree, Socket, grouped
 from oaisys_core.backend.blender.tiling import Look, TilingNodes
@@ -27,9 +27,6 @@ from oaisys_core.backend.shading import mean_color
 from oaisys_core.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
 from oaisys_core.textures.levels import LEAST_PX, level_at
 from oaisys_core.tiling import PlainTiling, StochasticTiling, VoronoiTiling
-
-CHANNELS = 4
-"""Masks that one image holds."""
 
 VARIATION_TILES = 7.3
 VARIATION_TURN_RAD = 0.65
@@ -39,10 +36,6 @@ changes by: so that the two never repeat together."""
 STEEP_COS = (0.77, 0.57)
 """Upward part of the normal (40 and 55 degrees) where sides begin to show, and where all is side.
 """
-
-NOTHING = 1 / 256
-"""Share of a layer up to which none of it shows, and beyond which, of the rest, nothing else does:
-what the eye cannot see is not to be evaluated."""
 
 SIDE_BLEND = 2.5
 """How quickly one side gives way to the next around a corner."""
@@ -78,7 +71,7 @@ class Tables(NamedTuple):
     """What all levels of a ground's material have in common.
 
     Attributes:
-        masks: Weights of all layers but the first, `CHANNELS` to an image, alpha first.
+        masks: Weights of all layers but the first, see `mask_images`.
         tilings: Of `TilingNodes`.
         glossy: Whether texture sets, by identity, have parts that shine.
         varies: Whether the ground's colour changes from place to place.
@@ -115,7 +108,7 @@ def level_surface(tree: NodeTree, level: Level) -> Socket:
     """Add the ground's surface at one level to a tree."""
     geometry = tree.add("NewGeometry").outputs
     position, material = geometry["Position"], level.material
-    shares = _shares(tree, material, level.tables.masks, position)
+    shares = layer_shares(tree, material, level.tables.masks, position)
 
     def laid_on(axes: tuple[int, int] | None) -> Socket:
         """Return the surface of all layers on a plane."""
@@ -255,7 +248,7 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
     tree = NodeTree(node_tree_of(result))
     maps, variation = material.layers[0].maps, material.variation
     tables = Tables(
-        masks=_mask_images(material),
+        masks=mask_images(material),
         tilings={},
         glossy={id(layer.maps): is_glossy(layer.maps) for layer in material.layers},
         varies=bool(variation.brightness or variation.tint) and bool(np.ptp(maps.height)),
@@ -268,20 +261,6 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
     _, veil = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
     show(tree, by_footprint(tree, footprints_m[1:], surfaces), veil)
     return result
-
-
-def _mask_images(material: TerrainMaterial) -> list[Any]:
-    """Return the images of `Tables.masks`."""
-    masks = material.masks[1:]
-    images = []
-    for first in range(0, len(masks), CHANNELS):
-        part = masks[first : first + CHANNELS]
-        pixels = np.zeros((*masks.shape[1:], CHANNELS), dtype=np.float32)
-        # Alpha comes first: it is a scalar already.
-        pixels[..., -1] = part[0]
-        pixels[..., : len(part) - 1] = np.moveaxis(part[1:], 0, -1)
-        images.append(new_image(f"masks_{first}", pixels, is_float=True, is_color=False))
-    return images
 
 
 def _footprints_m(material: TerrainMaterial) -> list[float]:
@@ -316,30 +295,3 @@ def _mixture(
     for part, weight in zip(parts, weights, strict=True):
         total = tree.vector("MULTIPLY_ADD", part, weight, total)
     return tree.vector("MULTIPLY_ADD", total, gain, mean)
-
-
-def _shares(
-    tree: NodeTree, material: TerrainMaterial, masks: Sequence[Any], position: Socket
-) -> list[Socket]:
-    """Return, for each layer but the first, its share at ``position`` of it and those before it."""
-    x0, y0, x1, y1 = material.extent_m
-    size_inverse = (1.0 / (x1 - x0), 1.0 / (y1 - y0), 0.0)
-    start = (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
-    left = len(material.layers) - 1
-    weights: list[Socket] = []
-    for image in masks:
-        place = tree.vector("MULTIPLY_ADD", position, size_inverse, start)
-        texel = tree.add("TexImage", {"Vector": place}, image=image, extension="MIRROR")
-        weights.append(texel.outputs["Alpha"])
-        if left > 1:
-            channels = tree.add("SeparateColor", {"Color": texel.outputs["Color"]})
-            weights.extend(channels.outputs[: min(left, CHANNELS) - 1])
-        left -= CHANNELS
-    shares: list[Socket] = []
-    rest: Socket = 1.0
-    for weight in reversed(weights):
-        share = tree.math("DIVIDE", weight, rest) if shares else weight
-        rest = tree.math("SUBTRACT", rest, weight)
-        gain = 1 / (1 - 2 * NOTHING)
-        shares.append(tree.clamped("MULTIPLY_ADD", share, gain, -NOTHING * gain))
-    return shares[::-1]
