@@ -17,6 +17,9 @@ from oaisys_core import extensions
 
 FloatArray = NDArray[np.float64]
 
+MAX_IMAGE_PX = 100_000_000
+"""Of one image."""
+
 RGB = "rgb"
 DEPTH = "depth"
 SEMANTIC_0 = "semantic_0"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from oaisys_core.config.sensors import MAX_IMAGE_PX
+from oaisys_core.types import MAX_IMAGE_PX
 from oaisys_grpc.encodings import CODECS
 from oaisys_grpc.limits import MAX_REQUEST_BYTES
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb

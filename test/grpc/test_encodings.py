@@ -3,6 +3,7 @@
 import io
 import struct
 import zlib
+from collections.abc import Sequence
 from typing import Any
 
 import cv2
@@ -47,7 +48,7 @@ def smooth(dtype: str, shape: tuple[int, ...]) -> Any:
     return (np.indices(shape).sum(axis=0) // 7).astype(dtype)
 
 
-def carried(array: Any, accepted: list[int]) -> tuple[pb.ArrayHeader, Any]:
+def carried(array: Any, accepted: Sequence[Any]) -> tuple[pb.ArrayHeader, Any]:
     """The header and the array as they arrive."""
     header, data = encodings.encoded(array, accepted)
     assert data.size == header.byte_size

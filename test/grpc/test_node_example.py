@@ -53,7 +53,7 @@ def test_node_receives_what_python_receives(example: Path, flat_server: Server) 
     with flat_server.client() as client:
         info = client.info()
         sample = client.get_sample(info.batch_id, info.sample_id)
-    assert sample.rig_pose.position_m == (1, 2, 6)
+    assert list(sample.rig_pose.position_m) == [1, 2, 6]
     out = example / "out"
     depth = sample.frame("camera", "depth").data
     assert told["depth"]["sha256"] == hashlib.sha256(depth.tobytes()).hexdigest()

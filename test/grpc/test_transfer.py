@@ -160,10 +160,15 @@ def test_frames_come_before_the_end_whichever_way(server: Server) -> None:
     for number, client in enumerate(clients(server).values()):
         seen: list[tuple[SampleOutline, Frame]] = []
         with client:
-            sample = client.render_sample(
-                pose_looking_down(-1, number, 6),
-                on_frames=lambda o, frames, seen=seen: seen.extend((o, f) for f in frames),
-            )
+
+            def keep(
+                outline: SampleOutline,
+                frames: tuple[Frame, ...],
+                seen: list[tuple[SampleOutline, Frame]] = seen,
+            ) -> None:
+                seen.extend((outline, frame) for frame in frames)
+
+            sample = client.render_sample(pose_looking_down(-1, number, 6), on_frames=keep)
         assert {id(f) for _, f in seen} == {id(f) for f in sample.frames}
         assert seen[-1][1].modality == "rgb"
         assert all(o.sample_id == sample.sample_id for o, _ in seen)
@@ -231,7 +236,7 @@ def test_one_frame_in_one_message(server: Server) -> None:
     stub = plain_stub(server)
     with server.client() as client:
         sample = client.render_sample(POSE)
-    ids = {"batch_id": sample.batch_id, "sample_id": sample.sample_id}
+    ids: dict[str, Any] = {"batch_id": sample.batch_id, "sample_id": sample.sample_id}
     for encodings in ([], [pb.ENCODING_PNG, pb.ENCODING_SHUFFLED_ZLIB]):
         request = pb.GetFrameRequest(
             **ids, sensor="camera", modality="depth", accepted_encodings=encodings
@@ -306,7 +311,9 @@ def shared_parts(sample: Sample) -> tuple[list[Any], Segment]:
         for f, begin in zip(sample.frames, begins, strict=True)
     )
     shared = Sample(
-        *(getattr(sample, n) for n in ("batch_id", "sample_id", "rig_pose")),
+        sample.batch_id,
+        sample.sample_id,
+        sample.rig_pose,
         frames,
         sample.render_time_s,
         sample.provenance,

@@ -13,7 +13,10 @@ import pytest
 REPOSITORY = Path(__file__).parents[2]
 PACKAGES = ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
 
-BLENDER = {"bpy", "bmesh", "mathutils", "bpy_extras", "gpu", "idprop"}
+BLENDER = {
+    *("bpy", "bmesh", "mathutils", "bpy_extras", "gpu", "idprop", "cycles", "_cycles"),
+    "PyOpenColorIO",
+}
 PLAIN_CORE = {"oaisys_core.types", "oaisys_core.geometry", "oaisys_core.errors"}
 COMMAND_LINE = {"rich", "typer"}
 CORE_LIBRARIES = {
@@ -30,6 +33,7 @@ CORE_LIBRARIES = {
     "h5py",
 }
 GRPC_LIBRARIES = {
+    "cv2",
     "google",
     "grpc",
     "grpc_health",

@@ -10,10 +10,9 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from oaisys_core import geometry
 from oaisys_core.config.motion import AnyMotion, GivenMotion
 from oaisys_core.config.section import Positive, Section, Vector3, is_unit_quaternion
-from oaisys_core.types import PinholeIntrinsics, modality_spec
+from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, modality_spec
 
 MAX_IMAGE_SIDE_PX = 16384
-MAX_IMAGE_PX = 100_000_000
 
 FrameName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
