@@ -15,8 +15,8 @@ from oaisys_core.raycast import RayCaster
 from oaisys_core.scene import Scene
 from oaisys_core.types import TriangleMesh
 
-UNPREPARED_TRIANGLES = 1_000_000
-"""Up to so many, the batch's first view prepares them, in half a second; of more, the batch."""
+UNPREPARED_TRIANGLES = 3_000_000
+"""Up to so many, the batch's first view prepares them, in two seconds; of more, the batch does."""
 
 
 class Objects:
