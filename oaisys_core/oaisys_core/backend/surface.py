@@ -71,6 +71,7 @@ class Surface:
         None takes the closed form of an exactly flat ground.
         """
         self._objects = Objects(scene)
+        self._objects.prepare()
         self.update(scene, ground)
 
     @property
@@ -94,7 +95,10 @@ class Surface:
         self.update_objects(scene)
 
     def begin_again(self, scene: Scene) -> None:
-        """Take over another batch's scene on the same ground."""
+        """Take over another batch's scene on the same ground.
+
+        It takes no second: what is new among the objects is prepared by the first view.
+        """
         self._objects.begin_again(scene)
         self.update_objects(scene)
 
