@@ -39,6 +39,9 @@ from oaisys_grpc.work import Operation, Work
 OPERATION_TIMEOUT_S = 600.0
 """For work whose caller sets no limit, and the largest that one may set."""
 
+STATUS_PATIENCE_S = 0.02
+"""How long the status of a sample may wait for something better to tell."""
+
 MAX_POINTS = 100_000
 """Of one question about heights."""
 
@@ -180,7 +183,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         operation = self._operations.submit(_sample_work(request, _remaining_s(context)))
         sender = SampleSender(self._granted(request))
         with operation.followed():
-            for event in operation.events(_gone(context)):
+            for event in operation.events(_gone(context), STATUS_PATIENCE_S):
                 if not isinstance(event, OperationStatus):
                     for part in sender.early(*event):
                         yield response(pb.RenderSampleResponse, part)

@@ -116,16 +116,19 @@ class Operation:
             keep(sample)
             self.succeed(sample, sample.batch_id, sample.sample_id)
 
-    def events(self, gone: threading.Event) -> Iterator[Event]:
+    def events(self, gone: threading.Event, patience_s: float = 0.0) -> Iterator[Event]:
         """Yield the status and frames, now and as they come, until the end or the caller is gone.
 
-        Frames that came with the end may be missing.
+        Frames that came with the end may be missing. A status that frames or the end follow within
+        ``patience_s`` is passed over: a sample that is found in the cache takes less than telling
+        that it has begun.
         """
         seen: OperationStatus | None = None
         sent = 0
         while not gone.is_set():
             with self._changed:
                 self._changed.wait_for(lambda: self._is_news(seen, sent), _LOOK_S)  # noqa: B023
+                self._changed.wait_for(lambda: self._is_more(sent), patience_s)  # noqa: B023
                 current, outline, frames = self.status, self._outline, self._frames[sent:]
             if current is not seen:
                 seen = current
@@ -161,6 +164,9 @@ class Operation:
 
     def _is_news(self, seen: OperationStatus | None, sent: int) -> bool:
         return self.status is not seen or len(self._frames) > sent
+
+    def _is_more(self, sent: int) -> bool:
+        return self.status.state.ended or len(self._frames) > sent
 
     def _end(self, state: State, error: OaisysError) -> bool:
         with self._changed:
