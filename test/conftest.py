@@ -9,8 +9,14 @@ import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
+import hypothesis
 import pytest
 from leak_check import MARK, LeakCheck
+
+# The same examples on every run: a change is judged by what it changed. Others are drawn with
+# HYPOTHESIS_PROFILE=default.
+hypothesis.settings.register_profile("repeatable", derandomize=True)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 LARGEST_DOMAIN_ID = 101
 """Above it, DDS's ports run into those that Linux gives to clients."""

@@ -66,7 +66,10 @@ def near(field: FieldInfo) -> st.SearchStrategy[Any] | None:
         return numbers(default, (low, high))
     is_pair = isinstance(default, tuple) and len(default) == 2
     if is_pair and all(isinstance(value, float) for value in default):
-        return st.floats(0, 1).map(lambda t: default[0] + round(t, 3) * (default[1] - default[0]))
+        between = st.floats(0, 1).map(
+            lambda t: default[0] + round(t, 3) * (default[1] - default[0])
+        )
+        return between.map(lambda value: [value, value])
     return None
 
 

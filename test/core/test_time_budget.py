@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from oaisys_core.backend.blender.budget import Cost, Plan, TimeBudget
+from oaisys_core.backend.budget import Cost, Plan, TimeBudget
 
 PIXELS = 640 * 480
 MOST_SAMPLES = 128

@@ -22,13 +22,13 @@ from oaisys_core.backend.base import (
     ignore_frames,
     in_order,
 )
-from oaisys_core.backend.blender.budget import Cost, TimeBudget
 from oaisys_core.backend.blender.camera import moving, new_camera, place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.cycles import Cycles
 from oaisys_core.backend.blender.distortion import covering_pinhole, distorted_image, scaled_pinhole
 from oaisys_core.backend.blender.footprint import set_pixel_angle
 from oaisys_core.backend.blender.lights import Lights
 from oaisys_core.backend.blender.world import World
+from oaisys_core.backend.budget import Cost, TimeBudget
 from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.passes import frame_of, geometry_frames
 from oaisys_core.backend.surface import Surface
