@@ -12,6 +12,7 @@ from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_core.simulation import Simulation
 
 MOST_GRID_PX = 257
+MOST_ROCKS = 30
 
 
 def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
@@ -20,11 +21,13 @@ def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
 
 
 def small(config: SimulationConfig) -> SimulationConfig:
-    """Return the configuration with a coarse ground, small images and few light samples."""
+    """Return the configuration, small: ground, number of rocks, images and light samples."""
     data = adjusted(config, size="64x48", quality="preview").model_dump()
     data["stage"]["resolution_px"] = min(config.stage.resolution_px, MOST_GRID_PX)
     data["materials"]["texture_size_px"] = 128
     data["materials"]["mask"]["size_px"] = min(config.materials.mask.size_px, 256)
+    for rocks in data["assets"]["rocks"]:
+        rocks["count"] = [min(count, MOST_ROCKS) for count in rocks["count"]]
     return SimulationConfig.model_validate(data)
 
 
