@@ -26,8 +26,9 @@ _OPTIONS = [
     # A proxy for the web is none for a simulator on this machine.
     ("grpc.enable_http_proxy", 0),
     # By default the server waits again and again for leave to send, and sends pieces of 16 KiB.
-    ("grpc.http2.lookahead_bytes", 8 << 20),
-    ("grpc.http2.max_frame_size", 1 << 20),
+    ("grpc.http2.lookahead_bytes", 64 << 20),
+    ("grpc.http2.bdp_probe", 0),
+    ("grpc.http2.max_frame_size", (1 << 24) - 1),
 ]
 _HEALTH_POLL_S = 0.1
 

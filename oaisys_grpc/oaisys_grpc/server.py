@@ -80,6 +80,9 @@ class SimulatorServer:
         # Two servers must not share a port by accident.
         channel_options = [
             ("grpc.so_reuseport", 0),
+            # Whole images at a time: 7 instead of 9.5 ms for a sample of 640x480.
+            ("grpc.http2.write_buffer_size", 16 << 20),
+            ("grpc.http2.bdp_probe", 0),
             ("grpc.max_receive_message_length", MAX_REQUEST_BYTES),
         ]
         self._server = grpc.server(
