@@ -60,10 +60,12 @@ def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
     measured: Measured | None = None
     with running_system(options, ExplorerClient, reporter) as system:
         for seed in options.seeds:
+            flight: Flight | None = None
             for name in options.planners:
                 reporter.say(f"world {seed}: building it for {name}")
                 system.client.step_batch(seed, START_TIMEOUT_S)
-                flight = _flight(options, system, seed)
+                flight = flight or _flight(options, system, seed)
+                flight.coverage.forget()
                 found, coverage = _explored(options, system, flight, name, seed, reporter)
                 records.append(_record(name, seed, found, coverage))
                 if measured is None:

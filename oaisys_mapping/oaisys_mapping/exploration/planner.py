@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
 from oaisys_mapping.exploration.gain import ViewScorer
-from oaisys_mapping.exploration.roadmap import Roadmap, is_clear
+from oaisys_mapping.exploration.roadmap import Roadmap
 from oaisys_mapping.exploration.voxel_map import VoxelMap
 
 
@@ -48,7 +48,6 @@ class Situation:
     voxels: VoxelMap
     visited: Sequence[Pose]
     rng: np.random.Generator
-    _memo: dict[str, object] = field(default_factory=dict, repr=False)
 
     @property
     def here_m(self) -> FloatArray:
@@ -75,10 +74,6 @@ class Situation:
         """Scores views by what they would add."""
         vehicle = self.vehicle
         return ViewScorer(self.voxels, vehicle.intrinsics, vehicle.max_range_m)
-
-    def is_safe(self, position_m: FloatArray) -> bool:
-        """Whether the vehicle may stand there, as far as is known."""
-        return is_clear(self.voxels, self.clearance_m, position_m[None], self.vehicle.radius_m)
 
     def roadmap(self, positions_m: FloatArray) -> Roadmap:
         """Return the ways through known free space from here to (N, 3) positions."""

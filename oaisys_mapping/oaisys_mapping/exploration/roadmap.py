@@ -65,16 +65,6 @@ class Roadmap:
         return np.asarray(self._places_m[way[::-1]])
 
 
-def is_clear(
-    voxels: VoxelMap, clearance_m: NDArray[np.float32], points_m: FloatArray, radius_m: float
-) -> bool:
-    """Return whether a ball fits in known free space at all of (N, 3) points."""
-    cells, inside = voxels.indices(points_m)
-    if not inside.all():
-        return False
-    return bool((clearance_m[tuple(cells.T)] >= radius_m).all())
-
-
 def _clear_ways(
     voxels: VoxelMap,
     clearance_m: NDArray[np.float32],

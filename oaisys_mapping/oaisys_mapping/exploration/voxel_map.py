@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import depth_to_points, invert
+from oaisys_core.geometry import depth_to_points, invert, unproject
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
 UNKNOWN, FREE, OCCUPIED = np.uint8(0), np.uint8(1), np.uint8(2)
@@ -177,23 +177,9 @@ class VoxelMap:
         self, intrinsics: PinholeIntrinsics, T_map_camera: FloatArray, max_range_m: float
     ) -> tuple[slice, slice, slice]:
         """Return the part of the grid that holds all that a camera can see."""
-        edges = np.array(
-            [
-                [0, 0],
-                [intrinsics.width_px, 0],
-                [0, intrinsics.height_px],
-                [intrinsics.width_px, intrinsics.height_px],
-            ],
-            np.float64,
-        )
-        rays = np.column_stack(
-            (
-                (edges[:, 0] - intrinsics.cx_px) / intrinsics.fx_px,
-                (edges[:, 1] - intrinsics.cy_px) / intrinsics.fy_px,
-                np.ones(4),
-            )
-        )
-        corners_m = np.vstack((np.zeros(3), rays * max_range_m)) @ T_map_camera[:3, :3].T
+        edges = [(u, v) for u in (0, intrinsics.width_px) for v in (0, intrinsics.height_px)]
+        far_m = unproject(edges, [max_range_m] * len(edges), intrinsics)
+        corners_m = np.vstack((np.zeros(3), far_m)) @ T_map_camera[:3, :3].T
         corners_m += T_map_camera[:3, 3]
         low, high = (
             np.floor((corner - self.bounds.low_m) / self.voxel_size_m)
