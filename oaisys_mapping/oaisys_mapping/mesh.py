@@ -37,15 +37,19 @@ class SurfacePoints:
         points_m: (N, 3) float64.
         normals: (N, 3) float64 unit normals of their triangles.
         area_m2: How much of the surface each point stands for.
+        triangle_ids: (N,) the triangle that each lies on.
     """
 
     points_m: FloatArray
     normals: FloatArray
     area_m2: float
+    triangle_ids: NDArray[np.intp]
 
     def only(self, chosen: NDArray[np.bool_]) -> SurfacePoints:
         """Return the points where ``chosen`` (N,) holds."""
-        return SurfacePoints(self.points_m[chosen], self.normals[chosen], self.area_m2)
+        return SurfacePoints(
+            self.points_m[chosen], self.normals[chosen], self.area_m2, self.triangle_ids[chosen]
+        )
 
 
 def triangle_areas_m2(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> FloatArray:
@@ -86,7 +90,7 @@ def sample_surface(
     points_m = (1 - root) * a + root * (1 - along) * b + root * along * c
     normals = _cross(vertices_m, triangles[ids])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return SurfacePoints(points_m, normals, float(cumulated[-1]) / count)
+    return SurfacePoints(points_m, normals, float(cumulated[-1]) / count, ids)
 
 
 def in_canonical_order(mesh: ColoredMesh) -> ColoredMesh:
