@@ -74,7 +74,8 @@ class SampleClient:
         with translated():
             call = self._channel.render_sample(request, timeout=timeout_s)
             try:
-                stream = self._stream(_parts_after_progress(call, on_progress), timeout_s)
+                parts = _parts_after_progress(call, on_progress)
+                stream = self._stream(parts, timeout_s, call.cancel)
                 yield stream
                 self._learn(request.transfer, stream)
             finally:
@@ -94,12 +95,17 @@ class SampleClient:
         self._learn(options, stream)
         return sample
 
-    def _stream(self, parts: Iterable[Part], timeout_s: float) -> SampleStream:
+    def _stream(
+        self,
+        parts: Iterable[Part],
+        timeout_s: float,
+        cancel: Callable[[], object] = lambda: None,
+    ) -> SampleStream:
         def fetch(batch_id: int, sample_id: int) -> Sample:
             return self.fetched(batch_id, sample_id, timeout_s, self._wanted)
 
         limit = self._wanted.frame_bytes
-        return SampleStream(parts, limit=limit, reader=self._reader, fetch=fetch)
+        return SampleStream(parts, limit=limit, reader=self._reader, fetch=fetch, cancel=cancel)
 
     def _found_token(self, timeout_s: float) -> bytes:
         with self._lock:

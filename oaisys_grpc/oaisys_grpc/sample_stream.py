@@ -35,6 +35,7 @@ class SampleStream:
         limit: int = MAX_FRAME_BYTES,
         reader: Reader | None = None,
         fetch: Callable[[int, int], Sample] | None = None,
+        cancel: Callable[[], object] = lambda: None,
     ) -> None:
         """Read nothing yet.
 
@@ -43,8 +44,10 @@ class SampleStream:
             reader: Of frames that stay in the server's memory; None: they cannot be read.
             fetch: Brings the complete sample of a batch and sample id as bytes, for frames that
                 could not be read there.
+            cancel: Ends the call that the parts come by.
         """
         self._parts = iter(parts)
+        self._cancel = cancel
         self._limit = limit
         self._reader = reader
         self._fetch = fetch
@@ -94,6 +97,10 @@ class SampleStream:
         """
         for part in self._parts:
             yield from self._take(part)
+
+    def cancel(self) -> None:
+        """Stop the render; a thread that iterates gets a `CancelledError`."""
+        self._cancel()
 
     def read(self) -> Sample:
         """Read to the end and return the sample."""
