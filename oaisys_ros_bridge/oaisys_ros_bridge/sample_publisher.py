@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
+from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_to_matrix
 from oaisys_core.types import (
     ALBEDO,
     DEPTH,
@@ -28,16 +28,16 @@ from oaisys_core.types import (
     SensorInfo,
     SimulatorInfo,
 )
-from oaisys_msgs.msg import SampleInfo, SemanticLabel, SemanticLabels, SensorPose
+from oaisys_msgs.msg import SampleInfo, SemanticLabel, SemanticLabels
 from oaisys_ros_bridge.clouds import depth_to_cloud_msg
 from oaisys_ros_bridge.conversions import (
     image_to_msg,
     intrinsics_to_msg,
     odometry_to_msg,
-    pose_to_msg,
     transform_to_msg,
 )
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS
+from oaisys_ros_bridge.sample_info import sample_info_msg
 
 TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
 """Where a modality's topic is not called as the modality is."""
@@ -221,35 +221,3 @@ def _sensors(info: SimulatorInfo) -> list[object]:
     return [
         (s.name, s.modalities, s.T_base_camera.tolist(), s.stereo_baseline_m) for s in info.sensors
     ]
-
-
-def sample_info_msg(sample: Sample, header: Header) -> SampleInfo:
-    """Return the message that says what was rendered, from where, and how to repeat it."""
-    modalities: dict[str, list[str]] = {}
-    for frame in sample.frames:
-        modalities.setdefault(frame.sensor, []).append(frame.modality)
-    T_map_camera = {frame.sensor: frame.T_map_camera for frame in sample.frames}
-    sensors = [
-        SensorPose(
-            sensor=sensor,
-            modalities=modalities[sensor],
-            pose=pose_to_msg(pose_from_matrix(T_map_camera[sensor])),
-        )
-        for sensor in modalities
-    ]
-    how = sample.provenance
-    return SampleInfo(
-        header=header,
-        batch_id=sample.batch_id,
-        sample_id=sample.sample_id,
-        rig_pose=pose_to_msg(sample.rig_pose),
-        sensors=sensors,
-        render_time=sample.render_time_s,
-        seed=how.seed,
-        batch_seed=how.batch_seed,
-        config_sha256=how.config_sha256,
-        backend=how.backend,
-        backend_version=how.backend_version,
-        quality=how.quality,
-        render_samples=how.render_samples,
-    )

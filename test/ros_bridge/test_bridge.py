@@ -229,7 +229,9 @@ def test_messages_name_their_frames_and_say_how_to_repeat_them(bridged: User) ->
     assert (info.batch_id, info.sample_id) == (answer.batch_id, answer.sample_id) == (1, 1)
     assert info.backend == "analytic"
     assert len(info.config_sha256) == 64
+    assert (info.device, info.from_cache) == ("cpu", False)
     assert [sensor.sensor for sensor in info.sensors] == ["camera"]
+    np.testing.assert_array_equal(info.sensors[0].k, sample["camera/depth/camera_info"].k)
     R, eye_m = lookup(bridged, sample["/tf"], "map", optical)
     p, q = info.sensors[0].pose.position, info.sensors[0].pose.orientation
     np.testing.assert_allclose([p.x, p.y, p.z], eye_m, atol=1e-9)
@@ -238,6 +240,8 @@ def test_messages_name_their_frames_and_say_how_to_repeat_them(bridged: User) ->
         entry.id: entry.name for entry in bridged.received["camera/semantic_0/labels"][-1].labels
     }
     assert legend[BALL_ID] == "ball"
+    again = bridged.set_pose(pose_looking_down(0.0, 0.0, 5.0))
+    assert all_of_sample(bridged, again.stamp)["oaisys_bridge/sample_info"].from_cache
 
 
 REFUSED: list[tuple[Pose, dict[str, Any], str]] = [

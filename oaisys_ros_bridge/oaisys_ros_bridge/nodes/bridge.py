@@ -13,7 +13,7 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.time import Time
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, Header
 from std_srvs.srv import Trigger
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
@@ -38,6 +38,7 @@ from oaisys_ros_bridge.requests import (
     metadata_of_modules,
     rig_pose,
 )
+from oaisys_ros_bridge.sample_info import batch_info_msg
 from oaisys_ros_bridge.sample_publisher import SamplePublisher
 from oaisys_ros_bridge.simulator_link import LinkState, SimulatorLink
 
@@ -263,17 +264,8 @@ class BridgeNode(Node):
         if info.batch_id == 0 or batch == self._announced_batch:
             return
         self._announced_batch = batch
-        message = SampleInfo(
-            batch_id=info.batch_id,
-            seed=info.seed,
-            config_sha256=info.config_sha256,
-            backend=info.backend,
-            backend_version=info.backend_version,
-            quality=info.quality,
-        )
-        message.header.stamp = self._next_stamp()
-        message.header.frame_id = self._map_frame
-        self._batch.publish(message)
+        header = Header(stamp=self._next_stamp(), frame_id=self._map_frame)
+        self._batch.publish(batch_info_msg(info, header))
 
     def _offer_topics_of(self, info: SimulatorInfo) -> None:
         if self._samples is not None and self._samples.fits(info):
