@@ -22,11 +22,15 @@ class ColoredMesh:
         vertices_m: (V, 3) float64.
         triangles: (T, 3) int32 vertex indices.
         colors_rgb: (V, 3) uint8.
+        class_ids: (V,) uint16 semantic ids, 0 for none; None where none were fused.
+        class_probabilities: (V,) float32 of those classes, or None.
     """
 
     vertices_m: FloatArray
     triangles: NDArray[np.int32]
     colors_rgb: NDArray[np.uint8]
+    class_ids: NDArray[np.uint16] | None = None
+    class_probabilities: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True)
