@@ -1,26 +1,30 @@
 """Writes rosbag2 bags in the MCAP format, without rosbag2.
 
-Each message is a chunk of its own that reaches the file before the next one is taken: a process
-that is killed leaves everything that it had written. The summary and ``metadata.yaml`` follow at
-the end (rosbag2's format version 9; MCAP's registry: profile ``ros2``, schema encoding ``ros2msg``,
-message encoding ``cdr``).
+Every message reaches the file before the next one is taken. The summary and ``metadata.yaml``
+follow at the end (rosbag2's format version 9; MCAP's registry: profile ``ros2``, schema encoding
+``ros2msg``, message encoding ``cdr``).
 """
 
 from __future__ import annotations
 
+import errno
+import resource
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
 import yaml
-from mcap.writer import CompressionType, Writer
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_ros_bridge.mcap_file import McapFile
 from oaisys_ros_bridge.message_definition import message_definition, type_hash
 
 METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9
+SPARE_BYTES = 2 * 2**20
+"""Stay free on the disk beside the summary, so that the bag can be closed as it should."""
 
 
 @dataclass(frozen=True)
@@ -92,10 +96,7 @@ class BagWriter:
         self._counts: dict[str, int] = {}
         self._first_ns: int | None = None
         self._last_ns = 0
-        self._file = (folder / f"{folder.resolve().name}_0.mcap").open("wb")
-        # A chunk size of one byte ends a chunk with each message.
-        self._writer: Any = Writer(self._file, chunk_size=1, compression=CompressionType.ZSTD)
-        self._writer.start(profile="ros2", library="oaisys")
+        self._file = McapFile(folder / f"{folder.resolve().name}_0.mcap", profile="ros2")
 
     def __enter__(self) -> Self:
         return self
@@ -118,11 +119,10 @@ class BagWriter:
             return
         if topic.type_name not in self._schemas:
             definition = message_definition(topic.type_name).encode()
-            schema = self._writer.register_schema(topic.type_name, "ros2msg", definition)
+            schema = self._file.add_schema(topic.type_name, "ros2msg", definition)
             self._schemas[topic.type_name] = schema
-        channel = self._writer.register_channel(
+        channel = self._file.add_channel(
             topic.name,
-            "cdr",
             self._schemas[topic.type_name],
             {
                 "offered_qos_profiles": yaml.safe_dump(list(topic.qos_profiles)),
@@ -137,18 +137,26 @@ class BagWriter:
 
         Raises:
             NotFoundError: The topic was not added.
-            OSError: It cannot be written, for instance on a full disk.
+            OSError: It cannot be written, or there would be no room left to close the bag.
         """
         if topic not in self._topics:
             raise NotFoundError(f"the bag has no topic {topic}")
+        self._require_room(len(data))
         _, channel = self._topics[topic]
-        count = self._counts[topic]
-        self._writer.add_message(channel, received_ns, data, published_ns, count)
-        self._file.flush()
-        self._counts[topic] = count + 1
+        self._file.add_message(channel, received_ns, data, published_ns)
+        self._counts[topic] += 1
         if self._first_ns is None or received_ns < self._first_ns:
             self._first_ns = received_ns
         self._last_ns = max(self._last_ns, received_ns)
+
+    def _require_room(self, length: int) -> None:
+        """Raise `OSError` where a message, and later the summary, would fill the disk."""
+        room = shutil.disk_usage(self._folder).free
+        largest, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+        if largest != resource.RLIM_INFINITY:
+            room = min(room, largest - self._file.length)
+        if room < length + self._file.summary_length + SPARE_BYTES:
+            raise OSError(errno.ENOSPC, f"{room >> 10} KB left", str(self._file.path))
 
     def close(self) -> None:
         """Write the summary and ``metadata.yaml``; a second call does nothing.
@@ -159,7 +167,7 @@ class BagWriter:
         if self._file.closed:
             return
         contents = BagContents(
-            file_name=Path(self._file.name).name,
+            file_name=self._file.path.name,
             counts={topic: self._counts[name] for name, (topic, _) in self._topics.items()},
             first_ns=self._first_ns or 0,
             last_ns=self._last_ns,
@@ -167,10 +175,10 @@ class BagWriter:
         information = bag_information(contents, self._distribution)
         text = yaml.safe_dump(information, sort_keys=False)
         try:
-            self._writer.add_metadata("rosbag2", {"serialized_metadata": text})
-            self._writer.finish()
+            self._file.add_metadata("rosbag2", {"serialized_metadata": text})
+            self._file.finish()
         finally:
-            self._file.close()
+            self._file.abandon()
         write_metadata(self._folder, information)
 
 
