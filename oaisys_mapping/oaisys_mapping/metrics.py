@@ -3,53 +3,81 @@
 Accuracy, completion and F-score as in Knapitsch et al., "Tanks and Temples", ACM TOG 36(4), 2017:
 distances from points spread evenly over the reconstruction to the truth, and back. Accuracy counts
 all of the reconstruction, artefacts in the air and beyond the truth's border included. Everything
-about completeness counts only truth that the poses could see, so that a map is not blamed for what
-a planner did not look at.
+about completeness is told twice: of the truth that the poses could see, which a mapper answers
+for, and, with ``_all`` in its name, of all the truth there is (what is buried included), for which
+a planner answers too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, TriangleMesh
+from oaisys_mapping.field_metrics import DistanceField, FieldMetrics, field_metrics
+from oaisys_mapping.holes import Holes, find_holes, gaps, off_the_rim
 from oaisys_mapping.mesh import ColoredMesh, SurfacePoints, sample_surface
-from oaisys_mapping.visibility import View, raycasting_scene, visible_from_any, within_reach
+from oaisys_mapping.registration import offset_to_truth
+from oaisys_mapping.semantics import ClassAgreement, class_agreement, labels_at
+from oaisys_mapping.true_surface import MOST_POINTS, OVERLAP, TrueSurface, true_surface
+from oaisys_mapping.visibility import View, raycasting_scene
 
-MOST_POINTS = 1_000_000
-"""Points spread over a surface, one per square of a voxel's size, or fewer where it is larger."""
+OFFSET_VOXELS = 3
+"""Points of a reconstruction further from the truth than this do not tell of its offset."""
 
-HOLE_VOXELS = 2
-"""How far from the truth, along its normal, a surface may lie and still close a hole; and the width
-of the surveyed area's rim, where a missing surface is none: a cube needs all of its corners."""
+
+@dataclass(frozen=True)
+class FScore:
+    """Precision, completion and their harmonic mean at one tolerance; see the module."""
+
+    tau_m: float
+    precision: float
+    completion: float
+    f_score: float
+    completion_all: float
+    f_score_all: float
 
 
 @dataclass(frozen=True)
 class ReconstructionMetrics:
-    """Figures of one reconstruction. Lengths in metres, ratios from 0 to 1.
+    """Figures of one reconstruction. Lengths in metres, areas in square metres, ratios 0 to 1.
 
     Attributes:
         voxel_size_m: Size that "one voxel" means.
-        accuracy_mean_m, rmse_m, accuracy_max_m: Distance from the reconstruction to the truth.
+        accuracy_mean_m, accuracy_median_m, rmse_m, accuracy_max_m: Distance from the
+            reconstruction to the truth.
         completion_mean_m: Distance from the visible truth to the reconstruction.
         completion_ratio, completion_ratio_2: Share of visible truth within 1 and 2 voxels of it.
         precision, precision_2: Share of the reconstruction within 1 and 2 voxels of the truth.
         f_score, f_score_2: Harmonic mean of precision and completion at one and two voxels.
-        hole_ratio: Share of the visible truth, the rim of the surveyed area apart, with nothing
-            reconstructed within `HOLE_VOXELS` along its normal, on either side.
+        chamfer_m: Mean of ``accuracy_mean_m`` and ``completion_mean_m``.
+        offset_m, offset_xyz_m: How far the reconstruction lies beside the truth as a whole;
+            see `offset_to_truth`.
+        hole_ratio, hole_count, hole_area_m2, largest_hole_m2: See `holes.Holes`, of the visible
+            truth off the rim of the surveyed area.
+        gap_ratio: Share of the same with nothing reconstructed within two voxels along its normal,
+            slits narrower than a voxel included.
+        overlap_area_m2: Visible truth off the rim that at least two views see.
+        overlap_hole_ratio, overlap_hole_count, overlap_hole_area_m2: Holes in there.
         surveyed_area_m2: Area of the visible truth as seen from above.
-        visible_samples, reconstruction_samples: How many points were measured.
+        visible_share: Visible part of all of the truth.
+        completion_mean_all_m, completion_ratio_all, completion_ratio_2_all, f_score_all,
+            f_score_2_all, chamfer_all_m, gap_ratio_all: Of all the truth instead of the visible.
+        visible_samples, truth_samples, reconstruction_samples: How many points were measured.
+        f_scores: At further tolerances.
+        classes: Labels of the map against those of the visible truth.
+        field: Figures of the distance field, where the volume was at hand.
     """
 
     voxel_size_m: float
     accuracy_mean_m: float
+    accuracy_median_m: float
     rmse_m: float
     accuracy_max_m: float
     completion_mean_m: float
@@ -59,70 +87,50 @@ class ReconstructionMetrics:
     precision_2: float
     f_score: float
     f_score_2: float
+    chamfer_m: float
+    offset_m: float
+    offset_xyz_m: tuple[float, float, float]
     hole_ratio: float
+    hole_count: int
+    hole_area_m2: float
+    largest_hole_m2: float
+    gap_ratio: float
+    overlap_area_m2: float
+    overlap_hole_ratio: float
+    overlap_hole_count: int
+    overlap_hole_area_m2: float
     surveyed_area_m2: float
+    visible_share: float
+    completion_mean_all_m: float
+    completion_ratio_all: float
+    completion_ratio_2_all: float
+    f_score_all: float
+    f_score_2_all: float
+    chamfer_all_m: float
+    gap_ratio_all: float
     visible_samples: int
+    truth_samples: int
     reconstruction_samples: int
+    f_scores: tuple[FScore, ...] = ()
+    classes: ClassAgreement | None = None
+    field: FieldMetrics | None = None
+
+    @property
+    def least_iou(self) -> float | None:
+        """Lowest IoU among the classes of the surface, see `ClassAgreement.least`."""
+        return self.classes.least if self.classes is not None else None
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the figures by name."""
-        return asdict(self)
-
-
-@dataclass(frozen=True)
-class Criterion:
-    """A figure against its limit.
-
-    Attributes:
-        name: Of the figure among `ReconstructionMetrics`.
-        is_upper: Whether the figure may be at most the limit, not at least.
-    """
-
-    name: str
-    value: float
-    limit: float
-    is_upper: bool
-
-    @property
-    def holds(self) -> bool:
-        """Whether the limit is kept; a figure that is no number keeps none."""
-        return self.value <= self.limit if self.is_upper else self.value >= self.limit
-
-    @property
-    def asked(self) -> str:
-        """The limit in words."""
-        return f"at {'most' if self.is_upper else 'least'} {self.limit:g}"
-
-    def __str__(self) -> str:
-        return f"{self.name} is {self.value:.4g}, expected {self.asked}"
-
-
-@dataclass(frozen=True)
-class Thresholds:
-    """What a reconstruction must reach to count as closed; None: not asked for."""
-
-    max_rmse_m: float | None = None
-    min_completion: float | None = None
-    min_f_score: float | None = None
-    max_holes: float | None = None
-
-    def applied_to(self, metrics: ReconstructionMetrics) -> list[Criterion]:
-        """Return what was asked for, and whether the figures reach it."""
-        wanted = (
-            ("rmse_m", self.max_rmse_m, True),
-            ("completion_ratio", self.min_completion, False),
-            ("f_score", self.min_f_score, False),
-            ("hole_ratio", self.max_holes, True),
-        )
-        return [
-            Criterion(name, float(getattr(metrics, name)), limit, is_upper)
-            for name, limit, is_upper in wanted
-            if limit is not None
-        ]
-
-    def missed_by(self, metrics: ReconstructionMetrics) -> list[str]:
-        """Return one sentence for each threshold that is missed."""
-        return [str(found) for found in self.applied_to(metrics) if not found.holds]
+        """Return the figures by name, as JSON has them; those not measured are absent."""
+        figures = asdict(self)
+        figures["offset_xyz_m"] = list(self.offset_xyz_m)
+        figures["f_scores"] = [asdict(score) for score in self.f_scores]
+        del figures["classes"], figures["field"]
+        if self.classes is not None:
+            figures["iou"] = dict(self.classes.iou)
+            figures["iou_share"] = dict(self.classes.share)
+            figures["least_iou"] = self.least_iou
+        return figures | (asdict(self.field) if self.field is not None else {})
 
 
 @dataclass(frozen=True)
@@ -141,6 +149,21 @@ class Evaluation:
     visible_truth_distance_m: FloatArray
 
 
+@dataclass(frozen=True)
+class Extras:
+    """What may be measured beyond the mesh's shape.
+
+    Attributes:
+        taus_m: Tolerances of further F-scores.
+        volume: The distance field that the mesh was taken from.
+        labels: Names of semantic ids.
+    """
+
+    taus_m: Sequence[float] = ()
+    volume: DistanceField | None = None
+    labels: Mapping[int, str] | None = None
+
+
 def evaluate_reconstruction(
     mesh: ColoredMesh,
     truth: TriangleMesh,
@@ -148,6 +171,7 @@ def evaluate_reconstruction(
     voxel_size_m: float,
     max_range_m: float,
     rng: np.random.Generator,
+    extras: Extras | None = None,
 ) -> Evaluation:
     """Measure a reconstruction against the truth.
 
@@ -159,109 +183,178 @@ def evaluate_reconstruction(
         voxel_size_m: The tolerance of completion and F-score.
         max_range_m: Depth beyond which nothing counts as visible.
         rng: Gives the points that are measured.
+        extras: What else to measure.
 
     Raises:
         InvalidInputError: A mesh is empty, or the views see nothing of the truth.
     """
+    _check_surface(mesh)
+    surface = true_surface(truth, views, voxel_size_m, max_range_m, rng)
+    return evaluate_against(surface, mesh, voxel_size_m, rng, extras)
+
+
+def evaluate_against(
+    surface: TrueSurface,
+    mesh: ColoredMesh,
+    voxel_size_m: float,
+    rng: np.random.Generator,
+    extras: Extras | None = None,
+) -> Evaluation:
+    """Measure a reconstruction against a truth that was made ready; see the above."""
+    _check_surface(mesh)
+    extras = extras or Extras()
+    mesh_scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
+    points = sample_surface(mesh.vertices_m, mesh.triangles, voxel_size_m, MOST_POINTS, rng)
+    to_truth_m = _distances(points.points_m, surface.scene)
+    to_mesh_m = _distances(surface.visible.points_m, mesh_scene)
+    visible = _Completeness(((to_mesh_m, surface.visible.area_m2),))
+    unseen = [(_distances(p.points_m, mesh_scene), p.area_m2) for p in surface.unseen]
+    everything = _Completeness((*visible.parts, *unseen))
+    offset_m = offset_to_truth(points.points_m, surface.scene, OFFSET_VOXELS * voxel_size_m)
+    metrics = ReconstructionMetrics(
+        voxel_size_m=voxel_size_m,
+        **_distance_figures(to_truth_m, visible, everything, voxel_size_m),
+        **_hole_figures(surface, mesh_scene, to_mesh_m, voxel_size_m),
+        offset_m=float(np.linalg.norm(offset_m)),
+        offset_xyz_m=(float(offset_m[0]), float(offset_m[1]), float(offset_m[2])),
+        surveyed_area_m2=_area_from_above_m2(surface.visible),
+        visible_share=surface.visible_share,
+        visible_samples=len(to_mesh_m),
+        truth_samples=sum(len(distance_m) for distance_m, _ in everything.parts),
+        reconstruction_samples=len(to_truth_m),
+        f_scores=tuple(f_score_at(t, to_truth_m, visible, everything) for t in extras.taus_m),
+        classes=_classes(surface, mesh, mesh_scene, extras, voxel_size_m),
+        field=field_metrics(surface, extras.volume, voxel_size_m) if extras.volume else None,
+    )
+    return Evaluation(metrics, points, to_truth_m, surface.visible, to_mesh_m)
+
+
+@dataclass(frozen=True)
+class _Completeness:
+    """Distances from parts of the truth to the reconstruction, and each point's area."""
+
+    parts: tuple[tuple[FloatArray, float], ...]
+
+    def mean(self, value_of: Any) -> float:
+        """Return the mean over the area of what ``value_of`` makes of distances."""
+        areas_m2 = np.array([len(distance_m) * area_m2 for distance_m, area_m2 in self.parts])
+        means = [value_of(distance_m).mean() for distance_m, _ in self.parts if len(distance_m)]
+        return float(np.average(means, weights=areas_m2[areas_m2 > 0]))
+
+    def within(self, tau_m: float) -> float:
+        """Return the share that is no further away than ``tau_m``."""
+        return self.mean(lambda distance_m: distance_m <= tau_m)
+
+    @property
+    def mean_m(self) -> float:
+        """The mean distance."""
+        return self.mean(lambda distance_m: distance_m)
+
+
+def f_score_at(
+    tau_m: float, to_truth_m: FloatArray, visible: _Completeness, everything: _Completeness
+) -> FScore:
+    """Return precision, completion and F-score at a tolerance."""
+    precision = float((to_truth_m <= tau_m).mean())
+    completion, completion_all = visible.within(tau_m), everything.within(tau_m)
+    return FScore(
+        tau_m,
+        precision,
+        completion,
+        _harmonic_mean(precision, completion),
+        completion_all,
+        _harmonic_mean(precision, completion_all),
+    )
+
+
+def _distance_figures(
+    to_truth_m: FloatArray, visible: _Completeness, everything: _Completeness, voxel_size_m: float
+) -> dict[str, Any]:
+    one, two = (f_score_at(n * voxel_size_m, to_truth_m, visible, everything) for n in (1, 2))
+    mean_m = float(to_truth_m.mean())
+    return {
+        "accuracy_mean_m": mean_m,
+        "accuracy_median_m": float(np.median(to_truth_m)),
+        "rmse_m": float(np.sqrt(np.square(to_truth_m).mean())),
+        "accuracy_max_m": float(to_truth_m.max()),
+        "completion_mean_m": visible.mean_m,
+        "completion_ratio": one.completion,
+        "completion_ratio_2": two.completion,
+        "precision": one.precision,
+        "precision_2": two.precision,
+        "f_score": one.f_score,
+        "f_score_2": two.f_score,
+        "chamfer_m": (mean_m + visible.mean_m) / 2,
+        "completion_mean_all_m": everything.mean_m,
+        "completion_ratio_all": one.completion_all,
+        "completion_ratio_2_all": two.completion_all,
+        "f_score_all": one.f_score_all,
+        "f_score_2_all": two.f_score_all,
+        "chamfer_all_m": (mean_m + everything.mean_m) / 2,
+    }
+
+
+def _hole_figures(
+    surface: TrueSurface, mesh_scene: Any, to_mesh_m: FloatArray, voxel_size_m: float
+) -> dict[str, Any]:
+    visible = surface.visible
+    is_gap = gaps(visible, mesh_scene, voxel_size_m)
+    inside = off_the_rim(visible, voxel_size_m)
+    overlap = inside & (surface.times_seen >= OVERLAP)
+
+    def holes_in(part: NDArray[np.bool_]) -> Holes:
+        return find_holes(visible.only(part), is_gap[part], to_mesh_m[part], voxel_size_m)
+
+    all_holes, overlap_holes = holes_in(inside), holes_in(overlap)
+    gap_parts = [(is_gap.astype(float), visible.area_m2)]
+    gap_parts += [
+        (gaps(points, mesh_scene, voxel_size_m).astype(float), points.area_m2)
+        for points in surface.unseen
+    ]
+    return {
+        "hole_ratio": all_holes.ratio,
+        "hole_count": all_holes.count,
+        "hole_area_m2": all_holes.area_m2,
+        "largest_hole_m2": all_holes.largest_m2,
+        "gap_ratio": float(is_gap[inside].mean()),
+        "gap_ratio_all": _Completeness(tuple(gap_parts)).mean_m,
+        "overlap_area_m2": float(overlap.sum()) * visible.area_m2,
+        "overlap_hole_ratio": overlap_holes.ratio,
+        "overlap_hole_count": overlap_holes.count,
+        "overlap_hole_area_m2": overlap_holes.area_m2,
+    }
+
+
+def _classes(
+    surface: TrueSurface,
+    mesh: ColoredMesh,
+    mesh_scene: Any,
+    extras: Extras,
+    voxel_size_m: float,
+) -> ClassAgreement | None:
+    """Compare labels where both the map and the truth have them."""
+    true_ids = surface.mesh.semantic_ids
+    if mesh.class_ids is None or true_ids is None:
+        return None
+    visible = surface.visible
+    map_ids = labels_at(visible.points_m, mesh, mesh_scene, voxel_size_m)
+    return class_agreement(true_ids[visible.triangle_ids], map_ids, extras.labels or {})
+
+
+def _check_surface(mesh: ColoredMesh) -> None:
     if not len(mesh.triangles):
         raise InvalidInputError("mesh", "0 triangles", "a reconstruction with a surface")
-    if not len(truth.triangles):
-        raise InvalidInputError("truth", "0 triangles", "a mesh with a surface")
-    truth_scene = raycasting_scene(truth.vertices_m, truth.triangles)
-    mesh_scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
-    visible = _visible_truth(truth, truth_scene, views, voxel_size_m, max_range_m, rng)
-    points = sample_surface(mesh.vertices_m, mesh.triangles, voxel_size_m, MOST_POINTS, rng)
-    to_truth_m = _distances(points.points_m, truth_scene)
-    to_mesh_m = _distances(visible.points_m, mesh_scene)
-    holes = _holes(mesh_scene, visible, voxel_size_m)
-    metrics = _metrics(voxel_size_m, to_truth_m, to_mesh_m, holes, visible)
-    return Evaluation(metrics, points, to_truth_m, visible, to_mesh_m)
-
-
-def _metrics(
-    voxel_size_m: float,
-    to_truth_m: FloatArray,
-    to_mesh_m: FloatArray,
-    hole_ratio: float,
-    visible: SurfacePoints,
-) -> ReconstructionMetrics:
-    precision, precision_2 = (float((to_truth_m <= n * voxel_size_m).mean()) for n in (1, 2))
-    completion, completion_2 = (float((to_mesh_m <= n * voxel_size_m).mean()) for n in (1, 2))
-    return ReconstructionMetrics(
-        voxel_size_m=voxel_size_m,
-        accuracy_mean_m=float(to_truth_m.mean()),
-        rmse_m=float(np.sqrt(np.square(to_truth_m).mean())),
-        accuracy_max_m=float(to_truth_m.max()),
-        completion_mean_m=float(to_mesh_m.mean()),
-        completion_ratio=completion,
-        completion_ratio_2=completion_2,
-        precision=precision,
-        precision_2=precision_2,
-        f_score=_harmonic_mean(precision, completion),
-        f_score_2=_harmonic_mean(precision_2, completion_2),
-        hole_ratio=hole_ratio,
-        surveyed_area_m2=float(np.abs(visible.normals[:, 2]).sum()) * visible.area_m2,
-        visible_samples=len(to_mesh_m),
-        reconstruction_samples=len(to_truth_m),
-    )
 
 
 def _harmonic_mean(a: float, b: float) -> float:
     return 0.0 if a + b == 0 else 2 * a * b / (a + b)
 
 
-def _visible_truth(
-    truth: TriangleMesh,
-    scene: Any,
-    views: Sequence[View] | None,
-    voxel_size_m: float,
-    max_range_m: float,
-    rng: np.random.Generator,
-) -> SurfacePoints:
-    triangles = truth.triangles
-    if views is None:
-        return sample_surface(truth.vertices_m, triangles, voxel_size_m, MOST_POINTS, rng)
-    triangles = triangles[within_reach(truth, views, max_range_m)]
-    if len(triangles):
-        points = sample_surface(truth.vertices_m, triangles, voxel_size_m, MOST_POINTS, rng)
-        seen = visible_from_any(points, views, scene, max_range_m)
-        if seen.any():
-            return points.only(seen)
-    raise InvalidInputError("views", f"{len(views)} views", "views that see the truth")
+def _area_from_above_m2(points: SurfacePoints) -> float:
+    return float(np.abs(points.normals[:, 2]).sum()) * points.area_m2
 
 
 def _distances(points_m: FloatArray, scene: Any) -> FloatArray:
     """Return the (N,) distances from points to the nearest place on a scene's surface."""
     query = o3d.core.Tensor(np.ascontiguousarray(points_m, np.float32))
     return np.asarray(scene.compute_distance(query).numpy(), np.float64)
-
-
-def _holes(mesh_scene: Any, visible: SurfacePoints, voxel_size_m: float) -> float:
-    """Return `ReconstructionMetrics.hole_ratio`.
-
-    A line along the normal finds the border of a hole where it is; distances would shrink a hole
-    by their tolerance all around.
-    """
-    reach_m = HOLE_VOXELS * voxel_size_m
-    inside = _off_the_rim(visible, reach_m)
-    normals = visible.normals[inside]
-    rays = np.column_stack((visible.points_m[inside] - reach_m * normals, 2 * reach_m * normals))
-    # The rays are as long as the line, so what lies on it is met before 1.
-    met = mesh_scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
-    return float((met > 1).mean())
-
-
-def _off_the_rim(visible: SurfacePoints, rim_m: float) -> NDArray[np.bool_]:
-    """Return (N,) which points lie further than ``rim_m`` inside the surveyed area.
-
-    The area is made of square cells with visible points in them, from above; gaps inside it (the
-    blind side of a rock) do not make a rim. Where it is all rim, all of it counts.
-    """
-    cell_m = max(rim_m, 2 * float(np.sqrt(visible.area_m2)))
-    xy_m = visible.points_m[:, :2]
-    cells = np.floor((xy_m - xy_m.min(axis=0)) / cell_m).astype(np.intp) + 2
-    seen = np.zeros(cells.max(axis=0) + 3, bool)
-    seen[tuple(cells.T)] = True
-    area = ndimage.binary_fill_holes(ndimage.binary_closing(seen, np.ones((3, 3))))
-    inside = ndimage.binary_erosion(area, np.ones((3, 3)))[tuple(cells.T)]
-    return np.asarray(inside if inside.any() else np.ones_like(inside))

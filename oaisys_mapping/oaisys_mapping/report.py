@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from oaisys_mapping import pictures
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.metrics import Evaluation, Thresholds
+from oaisys_mapping.metrics import Evaluation
+from oaisys_mapping.thresholds import Thresholds
 
 
 @dataclass(frozen=True)

@@ -95,6 +95,16 @@ def visible_from_any(
 ) -> NDArray[np.bool_]:
     """Return (N,) whether a point of a surface is seen by at least one of the views.
 
+    For the arguments see `views_seeing`.
+    """
+    return views_seeing(points, views, scene, max_range_m, 1) > 0
+
+
+def views_seeing(
+    points: SurfacePoints, views: Sequence[View], scene: Any, max_range_m: float, enough: int
+) -> NDArray[np.uint8]:
+    """Return (N,) how many of the views see a point of a surface, counted up to ``enough``.
+
     A point is seen where it projects into the image, faces the camera, lies within
     ``max_range_m`` along z, and the straight line to it meets no other part of the surface.
 
@@ -103,13 +113,14 @@ def visible_from_any(
         views: The cameras.
         scene: `raycasting_scene` of the whole surface.
         max_range_m: Depth beyond which nothing is seen.
+        enough: From 1 to 255.
     """
-    seen = np.zeros(len(points.points_m), bool)
+    times = np.zeros(len(points.points_m), np.uint8)
     for view in views:
-        candidates = np.flatnonzero(~seen)
+        candidates = np.flatnonzero(times < enough)
         candidates = candidates[_in_image(points, candidates, view, max_range_m)]
-        seen[candidates[_unoccluded(points.points_m[candidates], view, scene)]] = True
-    return seen
+        times[candidates[_unoccluded(points.points_m[candidates], view, scene)]] += 1
+    return times
 
 
 def _in_image(

@@ -9,8 +9,9 @@ from typing import Any
 
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SimulatorInfo
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.metrics import Evaluation, Thresholds
+from oaisys_mapping.metrics import Evaluation
 from oaisys_mapping.report import SurveyReport, ViewRecord
+from oaisys_mapping.thresholds import Thresholds
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.survey_client import ReceivedView
 from oaisys_ros_bridge.survey_plan import SurveyOptions, survey_columns

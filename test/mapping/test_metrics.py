@@ -15,7 +15,8 @@ from oaisys_core.geometry import (
 )
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 from oaisys_mapping.mesh import ColoredMesh, sample_surface, triangle_areas_m2
-from oaisys_mapping.metrics import ReconstructionMetrics, Thresholds, evaluate_reconstruction
+from oaisys_mapping.metrics import ReconstructionMetrics, evaluate_reconstruction
+from oaisys_mapping.thresholds import Thresholds
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.visibility import View
 

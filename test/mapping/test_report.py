@@ -11,8 +11,9 @@ import pytest
 from oaisys_core.types import TriangleMesh
 from oaisys_mapping import pictures
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.metrics import Thresholds, evaluate_reconstruction
+from oaisys_mapping.metrics import evaluate_reconstruction
 from oaisys_mapping.report import SurveyReport, ViewRecord, write_report
+from oaisys_mapping.thresholds import Thresholds
 
 
 def square(z_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -1,0 +1,111 @@
+"""The true surface as points: what the poses could see of it, how often, and the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import TriangleMesh
+from oaisys_mapping.mesh import SurfacePoints, sample_surface, triangle_areas_m2
+from oaisys_mapping.visibility import View, raycasting_scene, views_seeing, within_reach
+
+MOST_POINTS = 1_000_000
+"""Points spread over a surface, one per square of a voxel's size, or fewer where it is larger."""
+
+MOST_POINTS_BEYOND = 200_000
+"""Points spread over the part of the truth that no view can reach."""
+
+OVERLAP = 2
+"""Views that must see a place for it to be in the overlap area."""
+
+
+@dataclass(frozen=True)
+class TrueSurface:
+    """A true mesh made ready to measure reconstructions against; made by `true_surface`.
+
+    Attributes:
+        mesh: The truth.
+        scene: `raycasting_scene` of it.
+        visible: Points that some view sees.
+        times_seen: (N,) by how many views each of them is seen, counted up to `OVERLAP`.
+        unseen: Points that no view sees: near what they see, and far from it.
+        visible_share: Visible part of all of the truth's area.
+    """
+
+    mesh: TriangleMesh
+    scene: Any
+    visible: SurfacePoints
+    times_seen: NDArray[np.uint8]
+    unseen: tuple[SurfacePoints, ...]
+
+    @property
+    def visible_share(self) -> float:
+        """Visible part of all of the truth's area."""
+        visible_m2 = _area_m2(self.visible)
+        return visible_m2 / (visible_m2 + sum(map(_area_m2, self.unseen)))
+
+
+def _area_m2(points: SurfacePoints) -> float:
+    return len(points.points_m) * points.area_m2
+
+
+def true_surface(
+    truth: TriangleMesh,
+    views: Sequence[View] | None,
+    spacing_m: float,
+    max_range_m: float,
+    rng: np.random.Generator,
+) -> TrueSurface:
+    """Spread points over the truth and decide which of them the views see.
+
+    Args:
+        truth: Its triangles wound counter-clockwise from outside.
+        views: The cameras; None: everything is visible, from everywhere.
+        spacing_m: A point stands for the square of this.
+        max_range_m: Depth beyond which nothing is seen.
+        rng: Gives the points.
+
+    Raises:
+        InvalidInputError: The truth has no surface, or the views see nothing of it.
+    """
+    if not len(truth.triangles):
+        raise InvalidInputError("truth", "0 triangles", "a mesh with a surface")
+    scene = raycasting_scene(truth.vertices_m, truth.triangles)
+    if views is None:
+        points = _spread(truth, np.arange(len(truth.triangles)), spacing_m, MOST_POINTS, rng)
+        often = np.full(len(points.points_m), OVERLAP, np.uint8)
+        return TrueSurface(truth, scene, points, often, ())
+    is_near = within_reach(truth, views, max_range_m)
+    if not is_near.any():
+        raise _nothing_seen(views)
+    near = _spread(truth, np.flatnonzero(is_near), spacing_m, MOST_POINTS, rng)
+    times_seen = views_seeing(near, views, scene, max_range_m, OVERLAP)
+    seen = times_seen > 0
+    if not seen.any():
+        raise _nothing_seen(views)
+    unseen = [near.only(~seen)]
+    far_ids = np.flatnonzero(~is_near)
+    if triangle_areas_m2(truth.vertices_m, truth.triangles[far_ids]).sum() > 0:
+        unseen.append(_spread(truth, far_ids, spacing_m, MOST_POINTS_BEYOND, rng))
+    return TrueSurface(truth, scene, near.only(seen), times_seen[seen], tuple(unseen))
+
+
+def _spread(
+    truth: TriangleMesh,
+    ids: NDArray[np.intp],
+    spacing_m: float,
+    most: int,
+    rng: np.random.Generator,
+) -> SurfacePoints:
+    """Return points on the triangles ``ids`` of the truth, which they know by those ids."""
+    points = sample_surface(truth.vertices_m, truth.triangles[ids], spacing_m, most, rng)
+    return SurfacePoints(points.points_m, points.normals, points.area_m2, ids[points.triangle_ids])
+
+
+def _nothing_seen(views: Sequence[View]) -> InvalidInputError:
+    return InvalidInputError("views", f"{len(views)} views", "views that see the truth")
