@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import array
+from dataclasses import dataclass
+
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
 from numpy.typing import NDArray
@@ -10,7 +13,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import depth_to_points
+from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_ros_bridge.conversions import buffer_of, checked_type
 
@@ -42,6 +45,82 @@ def cloud_to_msg(
     if missing.any():
         cloud[missing, :3] = np.nan
     cloud.view(np.uint32)[..., 3] = 0 if rgb is None else _packed(rgb)
+    return _message(buffer_of(cloud), (height, width), header, is_dense=False)
+
+
+@dataclass(frozen=True)
+class CloudOptions:
+    """Which points of a depth image become points of a cloud.
+
+    Attributes:
+        stride: Every so many columns and rows.
+        min_depth_m: What is nearer, along the optical axis, is no point.
+        max_depth_m: What is farther is no point; 0: no limit.
+        drop_sky: False: the cloud is organised as the image, NaN where there is no point; true:
+            it is one row of those that there are.
+    """
+
+    stride: int = 1
+    min_depth_m: float = 0.0
+    max_depth_m: float = 0.0
+    drop_sky: bool = False
+
+
+def depth_to_cloud_msg(
+    depth_m: NDArray[np.float32],
+    rgb: NDArray[np.uint8] | None,
+    intrinsics: PinholeIntrinsics,
+    header: Header,
+    options: CloudOptions = CloudOptions(),
+) -> PointCloud2:
+    """Return the cloud of an (H, W) planar depth image, in the optical frame.
+
+    Products are of double precision, rounded once. The message's memory is written in place.
+    """
+    every = (slice(None, None, options.stride),) * 2
+    z = _kept(depth_m[every], options)
+    height, width = z.shape
+    data = array.array("B", bytes(CLOUD_POINT.itemsize * z.size))
+    cloud = np.frombuffer(data, dtype="<f4").reshape(height, width, 4)
+    x, y = _slopes(intrinsics, options.stride)
+    np.multiply(z, x, out=cloud[..., 0], casting="same_kind")
+    np.multiply(z, y, out=cloud[..., 1], casting="same_kind")
+    cloud[..., 2] = z
+    if rgb is not None:
+        # Three bytes to their places: less work than to make numbers of them.
+        packed = np.frombuffer(data, dtype=np.uint8).reshape(height, width, CLOUD_POINT.itemsize)
+        for place, channel in ((12, 2), (13, 1), (14, 0)):
+            packed[..., place] = rgb[every][..., channel]
+    if options.drop_sky:
+        points = cloud[np.isfinite(z)]
+        return _message(buffer_of(points), (1, len(points)), header, is_dense=True)
+    return _message(data, (height, width), header, is_dense=False)
+
+
+def _kept(depth_m: NDArray[np.float32], options: CloudOptions) -> NDArray[np.float32]:
+    """Return depths with NaN for all that is no point."""
+    is_point = np.isfinite(depth_m)
+    if options.min_depth_m > 0:
+        is_point &= depth_m >= options.min_depth_m
+    if options.max_depth_m > 0:
+        is_point &= depth_m <= options.max_depth_m
+    return np.where(is_point, depth_m, np.float32(np.nan))
+
+
+def _slopes(intrinsics: PinholeIntrinsics, stride: int) -> tuple[FloatArray, FloatArray]:
+    """Return x / z and y / z of every so many pixels, in shapes that spread over the image."""
+    if any(intrinsics.distortion):
+        rays = pixel_rays(intrinsics)[::stride, ::stride]
+        return rays[..., 0], rays[..., 1]
+    u = (np.arange(0, intrinsics.width_px, stride) - intrinsics.cx_px) / intrinsics.fx_px
+    v = (np.arange(0, intrinsics.height_px, stride) - intrinsics.cy_px) / intrinsics.fy_px
+    return u[None, :], v[:, None]
+
+
+def _message(
+    data: array.array[int], shape: tuple[int, int], header: Header, *, is_dense: bool
+) -> PointCloud2:
+    height, width = shape
     msg = PointCloud2(
         header=header,
         height=height,
@@ -50,21 +129,11 @@ def cloud_to_msg(
         is_bigendian=False,
         point_step=CLOUD_POINT.itemsize,
         row_step=CLOUD_POINT.itemsize * width,
-        is_dense=False,
+        is_dense=is_dense,
         check_fields=True,
     )
-    msg.data = buffer_of(cloud)
+    msg.data = data
     return msg
-
-
-def depth_to_cloud_msg(
-    depth_m: NDArray[np.float32],
-    rgb: NDArray[np.uint8] | None,
-    intrinsics: PinholeIntrinsics,
-    header: Header,
-) -> PointCloud2:
-    """Return the cloud of an (H, W) planar depth image, in the optical frame."""
-    return cloud_to_msg(depth_to_points(depth_m, intrinsics), rgb, header)
 
 
 def cloud_from_msg(msg: PointCloud2) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:

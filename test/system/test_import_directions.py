@@ -46,7 +46,7 @@ MAPPING_LIBRARIES = {"numpy", "open3d", "scipy"}
 PRESENTATION = {"oaisys_mapping.pictures", "oaisys_mapping.report"}
 PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib"}
 """What draws the report may draw; the algorithms may not."""
-BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "yaml"}
+BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml"}
 ROS = {
     "action_msgs", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
     "nav_msgs", "oaisys_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs", "sensor_msgs",

@@ -1,0 +1,222 @@
+"""What real sensors do to true depth and true poses, drawn from seeds; numpy only, no ROS.
+
+Everything is a function of (seed, batch, sample, sensor), whatever was asked for before: a sample
+that is rendered again is spoilt in the same way. Each kind of fault has a stream of its own, so
+that switching one on leaves the others as they were.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from oaisys_core.types import FloatArray, Pose
+
+DepthImage = NDArray[np.float32]
+NoiseLaw = Literal["none", "gaussian", "quadratic", "kinect"]
+NOISE_LAWS: tuple[NoiseLaw, ...] = ("none", "gaussian", "quadratic", "kinect")
+
+KINECT_BASELINE_M = 0.075
+"""Between the projector and the camera of a Kinect (first version)."""
+KINECT_STEPS_PER_PX = 8
+"""It tells disparities apart in eighths of a pixel."""
+KINECT_DISPARITY_SIGMA = 1 / 6
+"""Standard deviation of a disparity before it is rounded, in those steps."""
+KINECT_LATERAL_SIGMA_PX = 0.5
+"""A pixel reports what lies this far beside it, rounded to whole pixels (standard deviation)."""
+
+WALK_CHUNK = 256
+"""A walk is continued by multiples of so many samples."""
+
+
+class Shot(NamedTuple):
+    """Which image of which sensor."""
+
+    batch_id: int
+    sample_id: int
+    sensor: str
+
+
+@dataclass(frozen=True)
+class DepthFaults:
+    """What happens to a depth image; by default nothing.
+
+    Attributes:
+        seed: Root of all draws.
+        noise: Law of the error of a depth z, all of them without bias:
+
+            * ``gaussian``: normal, of standard deviation ``sigma_m`` at all depths.
+            * ``quadratic``: normal, of ``sigma_m + sigma_per_m * z**2``, as a stereo camera has it.
+            * ``kinect``: of structured light: a pixel sees what is beside it, and its disparity,
+              with an error of its own, is rounded to an eighth of a pixel; where z is far greater
+              than its error, the standard deviation is about ``z**2 / (24 * fx * 0.075)``.
+        sigma_m: See ``noise``.
+        sigma_per_m: See ``noise``; 1/m.
+        min_depth_m: What is measured nearer becomes ``-inf``.
+        max_depth_m: What is measured farther becomes ``+inf``; 0: no limit.
+        missing_ratio: Share of pixels that become NaN, drawn one by one.
+    """
+
+    seed: int = 0
+    noise: NoiseLaw = "none"
+    sigma_m: float = 0.01
+    sigma_per_m: float = 0.001
+    min_depth_m: float = 0.0
+    max_depth_m: float = 0.0
+    missing_ratio: float = 0.0
+
+    @property
+    def active(self) -> bool:
+        """Whether any image could look different from the true one."""
+        return (
+            self.noise != "none"
+            or self.min_depth_m > 0
+            or self.max_depth_m > 0
+            or self.missing_ratio > 0
+        )
+
+
+def generator(seed: int, purpose: str, *shot: int | str) -> np.random.Generator:
+    """Return the generator of one purpose's draws for one shot."""
+    name = "/".join(map(str, (purpose, *shot))).encode()
+    key = int.from_bytes(hashlib.sha256(name).digest()[:16], "big")
+    return np.random.default_rng(np.random.SeedSequence([seed, key]))
+
+
+def measured_depth(
+    depth_m: DepthImage, fx_px: float, faults: DepthFaults, shot: Shot
+) -> DepthImage:
+    """Return what a faulty sensor measures of a true (H, W) planar depth image.
+
+    ``+inf`` (nothing there) stays so, unless its pixel goes missing. Limits hold for what is
+    measured, noise included; missing pixels come last. REP-117: ``-inf`` is too near, ``+inf`` too
+    far, NaN no measurement.
+
+    Args:
+        depth_m: Left as it is.
+        fx_px: Focal length, for the disparities of ``kinect``.
+        faults: What happens to it.
+        shot: Which image this is.
+    """
+    if not faults.active:
+        return depth_m
+    measured_m = _with_noise(depth_m, fx_px, faults, shot)
+    if measured_m is depth_m:
+        measured_m = depth_m.copy()
+    if faults.min_depth_m > 0:
+        measured_m[measured_m < faults.min_depth_m] = -np.inf
+    if faults.max_depth_m > 0:
+        measured_m[measured_m > faults.max_depth_m] = np.inf
+    if faults.missing_ratio > 0:
+        draws = generator(faults.seed, "missing", *shot).random(depth_m.shape, dtype=np.float32)
+        measured_m[draws < faults.missing_ratio] = np.nan
+    return measured_m
+
+
+def _with_noise(depth_m: DepthImage, fx_px: float, faults: DepthFaults, shot: Shot) -> DepthImage:
+    if faults.noise == "none":
+        return depth_m
+    if faults.noise == "kinect":
+        return _by_structured_light(depth_m, fx_px, faults.seed, shot)
+    rng = generator(faults.seed, "noise", *shot)
+    error_m = rng.standard_normal(depth_m.shape, dtype=np.float32)
+    if faults.noise == "gaussian":
+        error_m *= np.float32(faults.sigma_m)
+    else:
+        z = np.where(np.isfinite(depth_m), depth_m, np.float32(0))
+        error_m *= np.float32(faults.sigma_m) + np.float32(faults.sigma_per_m) * z * z
+    error_m += depth_m
+    return _too_near_where_not_positive(error_m)
+
+
+def _by_structured_light(depth_m: DepthImage, fx_px: float, seed: int, shot: Shot) -> DepthImage:
+    height, width = depth_m.shape
+    lateral = generator(seed, "lateral", *shot)
+    rows, columns = (
+        np.rint(lateral.standard_normal(depth_m.shape, np.float32) * KINECT_LATERAL_SIGMA_PX)
+        for _ in range(2)
+    )
+    rows += np.arange(height, dtype=np.float32)[:, None]
+    columns += np.arange(width, dtype=np.float32)
+    beside = np.clip(rows, 0, height - 1).astype(np.intp) * width
+    beside += np.clip(columns, 0, width - 1).astype(np.intp)
+    steps_m = np.float32(KINECT_STEPS_PER_PX * fx_px * KINECT_BASELINE_M)
+    seen_m = depth_m.ravel()[beside]
+    disparity = generator(seed, "noise", *shot).standard_normal(depth_m.shape, np.float32)
+    disparity *= np.float32(KINECT_DISPARITY_SIGMA)
+    with np.errstate(divide="ignore"):
+        disparity += steps_m / seen_m
+        np.rint(disparity, out=disparity)
+        measured_m = steps_m / np.maximum(disparity, np.float32(0))
+    measured_m[np.isinf(seen_m)] = np.inf
+    return measured_m
+
+
+def _too_near_where_not_positive(measured_m: DepthImage) -> DepthImage:
+    measured_m[measured_m <= 0] = -np.inf
+    return measured_m
+
+
+class PoseDrift:
+    """Random walks of a pose: it drifts a little further with every sample of a batch.
+
+    The first sample of a batch is where it says; until sample n each of x, y, z and of the three
+    turns about the map's axes has become normal with ``sqrt(n - 1)`` times the step's standard
+    deviation. Safe to use from several threads.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._walk: tuple[tuple[int, int], np.random.Generator, FloatArray] | None = None
+
+    def unit_walk(self, seed: int, batch_id: int, sample_id: int) -> FloatArray:
+        """Return the (6,) sum of ``sample_id - 1`` standard normal steps; 0 before sample 1."""
+        with self._lock:
+            key = (seed, batch_id)
+            if self._walk is None or self._walk[0] != key:
+                self._walk = (key, generator(seed, "drift", batch_id), np.zeros((1, 6)))
+            _, rng, sums = self._walk
+            if len(sums) < sample_id:
+                chunks = -(-(sample_id - len(sums)) // WALK_CHUNK)
+                steps = rng.standard_normal((chunks * WALK_CHUNK, 6))
+                # Added to one by one: a sum's last bit does not depend on the chunks.
+                more = np.cumsum(np.concatenate((sums[-1:], steps)), axis=0)
+                sums = np.concatenate((sums, more[1:]))
+            self._walk = (key, rng, sums)
+            there: FloatArray = sums[max(sample_id, 1) - 1]
+            return there
+
+    def drifted(
+        self, pose: Pose, sigmas: tuple[float, float], seed: int, batch_id: int, sample_id: int
+    ) -> Pose:
+        """Return what a robot takes a true pose for.
+
+        Args:
+            pose: In ``map``.
+            sigmas: Standard deviation of a sample's step along each axis (m) and about it (rad).
+            seed: Root of all draws.
+            batch_id: Which world.
+            sample_id: Which sample of it.
+        """
+        step_m, step_rad = sigmas
+        if not (step_m or step_rad):
+            return pose
+        walk = self.unit_walk(seed, batch_id, sample_id)
+        x, y, z = (float(v) for v in np.asarray(pose.position_m) + step_m * walk[:3])
+        turned = Rotation.from_rotvec(step_rad * walk[3:]) * Rotation.from_quat(pose.quat_xyzw)
+        qx, qy, qz, qw = (float(v) for v in turned.as_quat(canonical=True))
+        return Pose((x, y, z), (qx, qy, qz, qw))
+
+
+def drift_covariance(sigmas: tuple[float, float], sample_id: int) -> NDArray[Any]:
+    """Return the (36,) row-major covariance of x, y, z and turns about x, y, z at a sample."""
+    step_m, step_rad = sigmas
+    steps = max(sample_id, 1) - 1
+    variances = np.repeat((steps * step_m**2, steps * step_rad**2), 3)
+    return np.diag(variances).ravel()
