@@ -24,9 +24,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.conversions import checked_type
 
 DepthEncoding = Literal["32FC1", "16UC1"]
-DEPTH_ENCODINGS: tuple[DepthEncoding, ...] = ("32FC1", "16UC1")
 ColorFormat = Literal["jpeg", "png"]
-COLOR_FORMATS: tuple[ColorFormat, ...] = ("jpeg", "png")
 
 INVERSE_DEPTH = 0
 """The only kind of compressedDepth's header."""

@@ -25,3 +25,6 @@ TF_STATIC_QOS = QoSProfile(
 
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 """Commands of which only the newest counts."""
+
+CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+"""Simulated time; nodes listen to it best effort."""

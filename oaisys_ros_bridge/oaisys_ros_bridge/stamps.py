@@ -1,0 +1,99 @@
+"""The stamps of what is published: whose time they tell, and that they only increase."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from builtin_interfaces.msg import Time as TimeMsg
+from rclpy.node import Node
+from rclpy.time import Time
+from rosgraph_msgs.msg import Clock
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_ros_bridge.qos import CLOCK_QOS
+
+CLOCK_PERIOD_S = 0.1
+"""Between two repetitions of a simulated time that stands still, for nodes that come late."""
+NS_PER_S = 1_000_000_000
+
+
+class Stamps:
+    """Gives each sample its stamp, later than all before.
+
+    * By default time is the node's: the system's, or that of another node's ``/clock`` where this
+      node has ``use_sim_time``. A sample is stamped when its first message goes out. Where that
+      clock stands still, stamps go on by a nanosecond.
+    * With ``publish_clock`` this node is the clock: time is simulated, begins at 0, goes on by
+      ``clock_step_s`` with each sample, stands still in between, and is on ``/clock`` before the
+      first message that carries it. So the stamps of a run are the same on every machine, however
+      long its renders take. Time never goes back, not at a new batch either, until `reset`.
+
+    Args:
+        node: Owner of the clock.
+        settings: Returns the values of ``publish_clock`` (read now) and ``clock_step_s``.
+
+    Raises:
+        InvalidInputError: The node would be the clock and listen to one.
+    """
+
+    def __init__(self, node: Node, settings: Callable[[], Mapping[str, Any]]) -> None:
+        self._node = node
+        self._settings = settings
+        self._lock = threading.Lock()
+        self._last_ns = 0
+        self.simulated = bool(settings()["publish_clock"])
+        if not self.simulated:
+            return
+        if node.get_parameter("use_sim_time").value:
+            expected = "false, as publish_clock makes this node the one that tells the time"
+            raise InvalidInputError("use_sim_time", True, expected)
+        self._clock = node.create_publisher(Clock, "/clock", CLOCK_QOS)
+        self._timer = node.create_timer(CLOCK_PERIOD_S, self._tell)
+
+    def next(self) -> TimeMsg:
+        """Return the stamp of a sample."""
+        if self.simulated:
+            return self.advance(self._settings()["clock_step_s"])
+        return self.between()
+
+    def between(self) -> TimeMsg:
+        """Return the stamp of anything else; simulated time hardly moves for it."""
+        with self._lock:
+            now_ns = 0 if self.simulated else self._node.get_clock().now().nanoseconds
+            self._last_ns = max(now_ns, self._last_ns + 1)
+            return _stamp(self._last_ns)
+
+    def advance(self, seconds: float) -> TimeMsg:
+        """Let simulated time go on, tell it, and return it."""
+        with self._lock:
+            self._last_ns += max(1, round(seconds * NS_PER_S))
+            stamp = _stamp(self._last_ns)
+        self._tell()
+        return stamp
+
+    def reset(self) -> None:
+        """Let simulated time begin again at 0; listeners forget what they know of it."""
+        if not self.simulated:
+            return
+        with self._lock:
+            self._last_ns = 0
+        self._tell()
+
+    def close(self) -> None:
+        """Take the clock off the node."""
+        if self.simulated:
+            self._node.destroy_timer(self._timer)
+            self._node.destroy_publisher(self._clock)
+            self.simulated = False
+
+    def _tell(self) -> None:
+        if self.simulated:
+            with self._lock:
+                self._clock.publish(Clock(clock=_stamp(self._last_ns)))
+
+
+def _stamp(nanoseconds: int) -> TimeMsg:
+    stamp: TimeMsg = Time(nanoseconds=nanoseconds).to_msg()
+    return stamp
