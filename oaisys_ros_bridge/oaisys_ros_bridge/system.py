@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -47,6 +47,7 @@ class SystemOptions:
         record: Whether all is recorded as a bag.
         worker_python: Interpreter that has ``bpy``; None: this one.
         command: How it was called.
+        server_options: Further ones of ``oaisys serve``.
     """
 
     out: Path
@@ -57,6 +58,7 @@ class SystemOptions:
     record: bool
     worker_python: Path | None
     command: Sequence[str]
+    server_options: Sequence[str] = field(default=(), kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -165,7 +167,7 @@ def _server_arguments(options: SystemOptions, config_path: Path) -> list[str]:
     arguments = ["oaisys_grpc", "serve", "--config", str(config_path), "--address", "127.0.0.1:0"]
     if options.worker_python is not None:
         arguments += ["--worker-python", str(options.worker_python)]
-    return arguments
+    return [*arguments, *options.server_options]
 
 
 def _node_arguments(node: str, parameters: Mapping[str, Any]) -> list[str]:

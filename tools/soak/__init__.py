@@ -1,0 +1,1 @@
+"""Thousands of samples through all processes at once, to see whether anything grows."""

@@ -1,0 +1,160 @@
+"""Runs the soak: ``python -m tools.soak --samples 5000``; exit 1 where something has grown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import psutil
+import typer
+
+from oaisys_core.errors import OaisysError
+from oaisys_core.geometry import pose_looking_down
+from oaisys_core.types import Pose
+from oaisys_ros_bridge.interruption import interrupt_on_signals, raise_if_interrupted
+from oaisys_ros_bridge.progress import Reporter
+from oaisys_ros_bridge.survey_client import SurveyClient
+from oaisys_ros_bridge.system import MAP_TIMEOUT_S, System, SystemOptions, running_system
+from tools.soak.gauges import Gauge, read_gauges
+
+PLACES = 40
+"""Where it looks from in turn: after one round the map does not grow any more."""
+JITTER_M = 0.05
+"""No view comes twice: nothing is answered from memory."""
+ALTITUDE_M = 8.0
+VIEW_TIMEOUT_S = 120.0
+POSE_CACHE_MB = 8
+"""Full long before the first reading, as everything that has a bound should be."""
+FIRST_READING = 50
+GROWTH_RATIO = 0.05
+GROWTH_MB = 12.0
+"""What allocators do by themselves: a process has grown that holds more than either of these above
+its first reading."""
+
+Readings = dict[int, Mapping[str, Gauge]]
+"""Gauges by number of samples and process."""
+
+
+def main(
+    samples: Annotated[int, typer.Option(min=1, help="Views to take.")] = 5000,
+    out: Annotated[Path, typer.Option(help="Folder of bag, logs, soak.json.")] = Path("out/soak"),
+    size: Annotated[str, typer.Option(help="Of images, WIDTHxHEIGHT.")] = "160x120",
+    record: Annotated[bool, typer.Option(help="Whether a recorder takes part.")] = True,
+    backend: Annotated[str, typer.Option(help="analytic or blender.")] = "analytic",
+) -> None:
+    """Take thousands of samples and tell what memory, descriptors and segments do meanwhile."""
+    interrupt_on_signals()
+    options = SystemOptions(
+        out=out,
+        config=None,
+        overrides={"backend": backend, "size": size, "quality": "preview"},
+        voxel_size_m=0.2,
+        max_range_m=30.0,
+        record=record,
+        worker_python=None,
+        command=["soak"],
+        server_options=["--pose-cache-mb", str(POSE_CACHE_MB)],
+    )
+    reporter = Reporter()
+    try:
+        readings = run(options, samples, reporter)
+    except OaisysError as error:
+        reporter.say(f"failed: {error}")
+        raise typer.Exit(1) from error
+    figures = {str(n): {name: asdict(g) for name, g in row.items()} for n, row in readings.items()}
+    (out / "soak.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
+    for line in table(readings):
+        typer.echo(line)
+    faults = grown(readings)
+    for fault in faults:
+        typer.echo(fault)
+    raise typer.Exit(int(bool(faults)))
+
+
+def run(options: SystemOptions, samples: int, reporter: Reporter) -> Readings:
+    """Take the samples and return what was read on the way.
+
+    Raises:
+        OaisysError: A process failed, or did not answer in time.
+    """
+    readings: Readings = {}
+    reading_at = reading_points(samples)
+    root = psutil.Process()
+    with running_system(options, SurveyClient, reporter) as system:
+        for number, pose in enumerate(reporter.track(list(viewpoints(samples)), "samples"), 1):
+            raise_if_interrupted()
+            take(system, pose)
+            if number in reading_at:
+                system.client.wait_for_map(number, MAP_TIMEOUT_S)
+                readings[number] = read_gauges(root)
+                for line in table({number: readings[number]})[1:]:
+                    reporter.say(line)
+    return readings
+
+
+def take(system: System[SurveyClient], pose: Pose) -> None:
+    """Take one view, with all that is published of it."""
+    system.client.view(pose, system.posed_sensor, "map", VIEW_TIMEOUT_S)
+
+
+def reading_points(samples: int) -> set[int]:
+    """Return after how many samples the gauges are read: first, at five in between, last."""
+    first = min(FIRST_READING, max(1, samples // 2))
+    steps = {round(samples * share) for share in (0.1, 0.2, 0.4, 0.5, 0.6, 0.8)}
+    return {first, samples} | {step for step in steps if step > first}
+
+
+def viewpoints(samples: int) -> Iterator[Pose]:
+    """Yield poses that look down at the middle of the world, all of them different."""
+    rng = np.random.default_rng(0)
+    places_m = rng.uniform(-6.0, 6.0, size=(PLACES, 2))
+    for number in range(samples):
+        x_m, y_m = places_m[number % PLACES] + rng.uniform(-JITTER_M, JITTER_M, 2)
+        yield pose_looking_down(float(x_m), float(y_m), ALTITUDE_M)
+
+
+def table(readings: Readings) -> Sequence[str]:
+    """Return the readings as lines of text, below a line of names."""
+    names = f"{'PSS MB':>8} {'own MB':>8} {'fds':>5} {'thr':>4} {'shm':>4}"
+    return [
+        f"{'samples':>8} {'process':<9} {names}",
+        *(
+            f"{number:>8} {name:<9} {g.pss_mb:>8.1f} {g.private_mb:>8.1f} {g.descriptors:>5}"
+            f" {g.threads:>4} {g.shared_segments:>4}"
+            for number, row in readings.items()
+            for name, g in sorted(row.items())
+        ),
+    ]
+
+
+def grown(readings: Readings) -> Sequence[str]:
+    """Return a sentence for each gauge that is higher at the end than it may be."""
+    first, last = (readings[number] for number in (min(readings), max(readings)))
+    faults = []
+    for name, end in last.items():
+        begin = first.get(name)
+        if begin is None:
+            faults.append(f"{name}: was replaced")
+            continue
+        for unit, before, after, spare in (
+            ("MB", begin.private_mb, end.private_mb, growth_mb(begin.private_mb)),
+            ("descriptors", begin.descriptors, end.descriptors, 2),
+            ("threads", begin.threads, end.threads, 2),
+            ("shared segments", begin.shared_segments, end.shared_segments, 1),
+        ):
+            if after > before + spare:
+                faults.append(f"{name}: {before:.0f} {unit} have become {after:.0f}")
+    return faults
+
+
+def growth_mb(before_mb: float) -> float:
+    """Return by how much a process may have grown."""
+    return max(GROWTH_MB, GROWTH_RATIO * before_mb)
+
+
+if __name__ == "__main__":
+    typer.run(main)
