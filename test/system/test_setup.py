@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tools.setup.checks import check_compiler, check_disk
-from tools.setup.errors import SetupError
+from tools.setup.errors import OptionalStepError, SetupError
 from tools.setup.relocation import relocate
 from tools.setup.steps import Step, digest, run_steps
 
@@ -62,6 +62,25 @@ def test_step_that_fails_is_not_stamped(tmp_path: Path) -> None:
     run_steps([step], tmp_path)
     run_steps([step], tmp_path)
     assert len(runs) == 2
+
+
+def test_optional_step_that_fails_stops_nothing_and_is_tried_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    done: list[str] = []
+
+    def fail(_done_before: bool) -> None:
+        done.append("tried")
+        raise OptionalStepError("no npm")
+
+    steps = [
+        Step("three", "a", "key", fail),
+        Step("last", "b", "key", lambda _: done.append("ran")),
+    ]
+    run_steps(steps, tmp_path)
+    run_steps(steps, tmp_path)
+    assert done == ["tried", "ran", "tried"]
+    assert "left out: no npm" in capsys.readouterr().err
 
 
 def test_digest_changes_with_a_file_below_a_folder(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from tools.setup.browser import THREE_VERSION, install_three
 from tools.setup.errors import SetupError
 from tools.setup.interfaces import build_interfaces
 from tools.setup.libraries import check_libraries
@@ -60,6 +61,12 @@ def _steps(environment: Environment) -> list[Step]:
             "installing the project's packages",
             packages,
             lambda _: install_packages(environment),
+        ),
+        Step(
+            "three",
+            "fetching three.js for reports",
+            digest(requirements, THREE_VERSION),
+            lambda _: install_three(environment),
         ),
     ]
 

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tools.setup.errors import OptionalStepError
+
 
 @dataclass(frozen=True)
 class Step:
@@ -18,7 +20,8 @@ class Step:
         name: Of its stamp file.
         does: What the user reads while it runs.
         key: Hash of everything the result depends on.
-        run: Does the work; raises `SetupError`. Given whether it was ever completed before.
+        run: Does the work; raises `SetupError`, and `OptionalStepError` where all else can do
+            without it. Given whether it was ever completed before.
         check: Raises `SetupError` where the work cannot succeed, before anything is said or done.
     """
 
@@ -63,7 +66,11 @@ def run_steps(steps: Sequence[Step], stamps: Path) -> None:
         print(f"setup: {step.does} ...", file=sys.stderr, flush=True)
         stamp.unlink(missing_ok=True)
         started_s = time.monotonic()
-        step.run(old_key is not None)
+        try:
+            step.run(old_key is not None)
+        except OptionalStepError as error:
+            print(f"setup: left out: {error}", file=sys.stderr, flush=True)
+            continue
         stamps.mkdir(parents=True, exist_ok=True)
         stamp.write_text(step.key)
         elapsed_s = time.monotonic() - started_s
