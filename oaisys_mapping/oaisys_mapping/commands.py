@@ -11,10 +11,10 @@ import numpy as np
 import typer
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_mapping.certificate import read_views
 from oaisys_mapping.mesh_io import read_ply, read_truth
 from oaisys_mapping.metrics import evaluate_reconstruction
 from oaisys_mapping.thresholds import Thresholds
+from oaisys_mapping.view_files import read_views
 
 LengthOption = Annotated[float | None, typer.Option(help="Metres.", min=0)]
 CompletionOption = Annotated[

@@ -13,13 +13,13 @@ import numpy as np
 
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import SimulatorInfo, TriangleMesh
-from oaisys_mapping.certificate import write_views
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import write_truth
 from oaisys_mapping.metrics import evaluate_reconstruction
 from oaisys_mapping.report import CoverageRecord, SurveyReport, write_report
 from oaisys_mapping.thresholds import Thresholds
+from oaisys_mapping.view_files import write_views
 from oaisys_mapping.visibility import View
 from oaisys_ros_bridge.explore_plan import ExploreOptions
 from oaisys_ros_bridge.explorer import Exploration

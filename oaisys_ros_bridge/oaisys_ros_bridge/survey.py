@@ -17,11 +17,11 @@ from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
 from oaisys_core.types import Pose, SensorInfo
 from oaisys_grpc.client import SimulatorClient
-from oaisys_mapping.certificate import write_views
 from oaisys_mapping.mesh_io import read_ply, write_truth
 from oaisys_mapping.metrics import evaluate_reconstruction
 from oaisys_mapping.rectification import rectified_camera
 from oaisys_mapping.report import write_report
+from oaisys_mapping.view_files import write_views
 from oaisys_mapping.visibility import View
 from oaisys_ros_bridge.interruption import raise_if_interrupted
 from oaisys_ros_bridge.progress import Reporter

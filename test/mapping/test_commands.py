@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
-from oaisys_mapping.certificate import read_views, write_views
 from oaisys_mapping.mesh import ColoredMesh, in_canonical_order
 from oaisys_mapping.mesh_io import read_ply, write_ply, write_truth
+from oaisys_mapping.view_files import read_views, write_views
 from oaisys_mapping.visibility import View
 
 

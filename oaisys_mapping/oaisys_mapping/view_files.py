@@ -1,4 +1,4 @@
-"""Poses and verdicts as JSON, so that a reconstruction can be measured again."""
+"""Cameras and their poses as JSON, so that a reconstruction can be measured again."""
 
 from __future__ import annotations
 
@@ -16,16 +16,7 @@ from oaisys_mapping.visibility import View
 
 def write_views(path: Path, views: Sequence[View]) -> None:
     """Write cameras and their poses; inverse: `read_views`."""
-    data = [
-        {
-            "width_px": view.intrinsics.width_px,
-            "height_px": view.intrinsics.height_px,
-            "K": view.intrinsics.K.tolist(),
-            "T_map_camera": view.T_map_camera.tolist(),
-        }
-        for view in views
-    ]
-    path.write_text(json.dumps({"views": data}, indent=1), encoding="utf-8")
+    path.write_text(json.dumps({"views": views_to_json(views)}, indent=1), encoding="utf-8")
 
 
 def read_views(path: Path) -> list[View]:
@@ -40,7 +31,30 @@ def read_views(path: Path) -> list[View]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         expected = f'a JSON file {{"views": [...]}} ({error})'
         raise InvalidInputError("poses", str(path), expected) from error
-    return [_view(item, f"{path}: views.{index}") for index, item in enumerate(views)]
+    return views_from_json(views, f"{path}: views")
+
+
+def views_to_json(views: Sequence[View]) -> list[dict[str, Any]]:
+    """Return views as JSON has them; inverse: `views_from_json`."""
+    return [
+        {
+            "width_px": view.intrinsics.width_px,
+            "height_px": view.intrinsics.height_px,
+            "K": view.intrinsics.K.tolist(),
+            "T_map_camera": view.T_map_camera.tolist(),
+        }
+        for view in views
+    ]
+
+
+def views_from_json(items: Sequence[Any], field: str) -> list[View]:
+    """Return views from JSON.
+
+    Raises:
+        InvalidInputError: One, called by its number after ``field``, lacks a value or has one of
+            another shape.
+    """
+    return [_view(item, f"{field}.{index}") for index, item in enumerate(items)]
 
 
 def _view(item: Any, field: str) -> View:
