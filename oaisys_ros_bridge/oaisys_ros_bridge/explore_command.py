@@ -49,6 +49,9 @@ def explore(
         str | None, typer.Option(help="Of colour: preview, standard, high or final.")
     ] = None,
     bag: Annotated[bool, typer.Option(help="Record everything as a rosbag2 MCAP.")] = True,
+    namespace: Annotated[
+        str, typer.Option(help="Of all ROS nodes, TF included: two at once on one machine.")
+    ] = "",
     worker_python: Annotated[
         Path | None, typer.Option(help="Interpreter that has bpy; this one if not given.")
     ] = None,
@@ -75,6 +78,7 @@ def explore(
         max_range_m=camera_range,
         record=bag,
         worker_python=worker_python,
+        namespace=namespace,
         command=["oaisys", *sys.argv[1:]],
         planners=tuple(dict.fromkeys((planner, *(BASELINES if compare else ())))),
         seeds=range(first, first + seeds),

@@ -39,8 +39,14 @@ LOST_POSES = 5
 class ExplorerClient(SurveyClient):
     """Looks from poses, and gives depth with its camera and pose as they were published."""
 
-    def __init__(self, namespace: str, modalities: tuple[str, ...], map_frame: str = "map") -> None:
-        super().__init__(namespace, modalities)
+    def __init__(
+        self,
+        namespace: str,
+        modalities: tuple[str, ...],
+        ros_namespace: str = "",
+        map_frame: str = "map",
+    ) -> None:
+        super().__init__(namespace, modalities, ros_namespace)
         self._map_frame = map_frame
         self._assembler = FrameAssembler(map_frame, use_color=False)
         self._frames: dict[int, DepthFrame] = {}

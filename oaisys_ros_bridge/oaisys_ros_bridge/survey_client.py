@@ -24,6 +24,7 @@ from oaisys_core.types import Pose
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import SaveMesh, SetPose
 from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
+from oaisys_ros_bridge.namespaces import placing_arguments
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 from oaisys_ros_bridge.sample_publisher import TOPIC_BY_MODALITY
 from oaisys_ros_bridge.transport import prepare_transport
@@ -58,16 +59,19 @@ class ReceivedView:
 class SurveyClient:
     """A node that calls the bridge and the mapper; use it in a ``with`` block."""
 
-    def __init__(self, namespace: str, modalities: tuple[str, ...]) -> None:
+    def __init__(
+        self, namespace: str, modalities: tuple[str, ...], ros_namespace: str = ""
+    ) -> None:
         """Join ROS.
 
         Args:
             namespace: Prefix of the camera's topics.
             modalities: Whose images to wait for after each view.
+            ros_namespace: In which bridge and mapper are.
         """
         prepare_transport()
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-        self._node = Node("oaisys_survey")
+        self._node = Node("oaisys_survey", cli_args=placing_arguments(ros_namespace))
         self._changed = threading.Condition()
         self._images: dict[tuple[int, int], dict[str, NDArray[Any]]] = {}
         self._modalities = modalities

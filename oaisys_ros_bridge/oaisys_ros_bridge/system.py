@@ -19,6 +19,7 @@ from oaisys_core.errors import ConfigError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
 from oaisys_grpc.client import SimulatorClient
+from oaisys_ros_bridge.namespaces import TF, TF_STATIC, placing_arguments, require_namespace
 from oaisys_ros_bridge.processes import ManagedProcess
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.sample_publisher import TOPIC_BY_MODALITY, sensor_namespace
@@ -47,6 +48,7 @@ class SystemOptions:
         record: Whether all is recorded as a bag.
         worker_python: Interpreter that has ``bpy``; None: this one.
         command: How it was called.
+        namespace: In which all ROS nodes are; TF is below it, too. Empty: in none.
         server_options: Further ones of ``oaisys serve``.
     """
 
@@ -58,6 +60,7 @@ class SystemOptions:
     record: bool
     worker_python: Path | None
     command: Sequence[str]
+    namespace: str = field(default="", kw_only=True)
     server_options: Sequence[str] = field(default=(), kw_only=True)
 
 
@@ -78,20 +81,22 @@ class System(Generic[Client]):
 @contextmanager
 def running_system(
     options: SystemOptions,
-    make_client: Callable[[str, tuple[str, ...]], Client],
+    make_client: Callable[[str, tuple[str, ...], str], Client],
     reporter: Reporter,
 ) -> Iterator[System[Client]]:
     """Start server, bridge, mapper and recorder; end them all, last started first.
 
     Args:
         options: What to run; its configuration is written to ``out`` whole and checked.
-        make_client: Given the camera's namespace and the modalities to wait for.
+        make_client: Given the camera's namespace, the modalities to wait for, and the nodes'
+            namespace.
         reporter: Told what is being started.
 
     Raises:
         ConfigError: The configuration cannot be used.
         OaisysError: A process failed, or did not answer in time.
     """
+    require_namespace(options.namespace)
     config_path = write_config(options)
     logs = options.out / "logs"
     environment = _environment()
@@ -109,19 +114,21 @@ def running_system(
         info = simulator.info()
         sensor = info.sensors[0]
         reporter.say("building the world")
-        bridge = start("bridge", *_node_arguments("bridge", {"address": address}))
+        placed = placing_arguments(options.namespace)
+        bridge = start("bridge", *_node_arguments("bridge", {"address": address}), *placed)
         namespace = sensor_namespace(sensor.name, info.sensors)
         mapping = _mapper_parameters(options, namespace)
-        mapper = start("mapper", *_node_arguments("mapper", mapping))
+        mapper = start("mapper", *_node_arguments("mapper", mapping), *placed)
         modalities = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensor.modalities)
-        client = make_client(namespace, modalities)
+        client = make_client(namespace, modalities, options.namespace)
         stack.enter_context(client)
         client.wait_for_bridge(START_TIMEOUT_S, lambda: _check_all(server, bridge, mapper))
         client.wait_for_mapper()
         if options.record:
             bag = options.out / "bag"
             _remove_old_bag(bag)
-            recorder = start("recorder", *_recorder_arguments(bag, namespace, modalities))
+            recording = _recorder_arguments(bag, namespace, modalities)
+            recorder = start("recorder", *recording, *placed)
             recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
         client.wait_for_subscribers()
         yield System(simulator, client, sensor, _posed_sensor(info))
@@ -197,6 +204,6 @@ def _recorder_arguments(folder: Path, namespace: str, modalities: Sequence[str])
     """Return what records everything, and begins once the sample's own topics are heard."""
     images = [f"{namespace}/{TOPIC_BY_MODALITY.get(m, m)}" for m in modalities]
     topics = [f"{image}/image_raw" for image in images]
-    topics += ["/tf", "/tf_static", "ground_truth/odometry", "oaisys_bridge/sample_info"]
+    topics += [TF, TF_STATIC, "ground_truth/odometry", "oaisys_bridge/sample_info"]
     command = ["oaisys_ros_bridge.nodes.recorder", "--out", str(folder), "--all"]
     return [*command, "--topics", *topics]
