@@ -42,15 +42,42 @@ class Pixels(NamedTuple):
         return f"{shape} {self.dtype}"
 
 
+PLAIN_TYPES: dict[str, np.dtype[Any]] = {
+    "8U": np.dtype(np.uint8),
+    "8S": np.dtype(np.int8),
+    "16U": np.dtype(np.uint16),
+    "16S": np.dtype(np.int16),
+    "32S": np.dtype(np.int32),
+    "32F": np.dtype(np.float32),
+    "64F": np.dtype(np.float64),
+}
+"""OpenCV's names of pixels that are just numbers."""
+MOST_CHANNELS = 4
+
 PIXELS_BY_ENCODING: dict[str, Pixels] = {
     "rgb8": Pixels(np.dtype(np.uint8), 3),
-    "32FC1": Pixels(np.dtype(np.float32), 1),
-    "32FC2": Pixels(np.dtype(np.float32), 2),
-    "32FC3": Pixels(np.dtype(np.float32), 3),
-    "16UC1": Pixels(np.dtype(np.uint16), 1),
-    "32SC1": Pixels(np.dtype(np.int32), 1),
+    **{
+        f"{name}C{channels}": Pixels(dtype, channels)
+        for name, dtype in PLAIN_TYPES.items()
+        for channels in range(1, MOST_CHANNELS + 1)
+    },
 }
 """Encodings of images that are published."""
+
+
+def plain_encoding(data: NDArray[Any]) -> str:
+    """Return the encoding, such as ``8UC1``, of an (H, W) or (H, W, channels) image.
+
+    Raises:
+        InvalidInputError: There is none for such pixels.
+    """
+    channels = 1 if data.ndim == 2 else data.shape[-1]
+    dtype = np.dtype(np.int32) if data.dtype == np.uint32 else data.dtype
+    for encoding, pixels in PIXELS_BY_ENCODING.items():
+        if encoding != "rgb8" and pixels == (dtype, channels):
+            return encoding
+    expected = f"up to {MOST_CHANNELS} channels of {', '.join(map(str, PLAIN_TYPES.values()))}"
+    raise InvalidInputError("image.data", (data.shape, str(data.dtype)), expected)
 
 
 def checked_type(value: object, expected: type[T], field: str) -> T:
@@ -108,10 +135,21 @@ def transform_from_msg(msg: TransformStamped) -> FloatArray:
     return pose_to_matrix(checked_pose((t.x, t.y, t.z), (q.x, q.y, q.z, q.w), "transform"))
 
 
-def odometry_to_msg(pose: Pose, header: Header, child_frame: str) -> Odometry:
-    """Return the odometry of a body that stands still at ``pose``; inverse: `odometry_from_msg`."""
+def odometry_to_msg(
+    pose: Pose, header: Header, child_frame: str, covariance: ArrayLike | None = None
+) -> Odometry:
+    """Return the odometry of a body that stands still at ``pose``; inverse: `odometry_from_msg`.
+
+    Args:
+        pose: In ``header``'s frame.
+        header: Stamp and frame.
+        child_frame: Of the body.
+        covariance: (36,) row-major, of x, y, z and turns about x, y, z; None: the pose is exact.
+    """
     msg = Odometry(header=header, child_frame_id=child_frame)
     msg.pose.pose = pose_to_msg(pose)
+    if covariance is not None:
+        msg.pose.covariance = np.asarray(covariance, dtype=np.float64)
     return msg
 
 

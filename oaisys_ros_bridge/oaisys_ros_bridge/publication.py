@@ -5,15 +5,16 @@ from __future__ import annotations
 from builtin_interfaces.msg import Time
 
 from oaisys_core.types import DEPTH, RGB, Frame, FrameName, Sample, SampleOutline
-from oaisys_ros_bridge.sample_publisher import SamplePublisher
+from oaisys_ros_bridge.sample_publisher import SamplePublisher, measured
 
 
 class Publication:
     """Publishes the frames of one sample as they come.
 
     Pose and transforms first; depth, labels and all else that needs no light next; then colours; a
-    sensor's cloud once its colour is there, or at once where it will have none; sample_info last,
-    and only if the sample gets complete.
+    sensor's cloud once its colour is there, or at once where it will have none; path, viewpoints
+    and sample_info last, and only if the sample gets complete. Parameters that change meanwhile
+    hold from the next sample on.
     """
 
     def __init__(self, publisher: SamplePublisher, outline: SampleOutline, stamp: Time) -> None:
@@ -21,20 +22,23 @@ class Publication:
         self.stamp = stamp
         self._publisher = publisher
         self._outline = outline
+        self._options = publisher.options()
         self._frames: dict[FrameName, Frame] = {}
-        publisher.publish_pose(outline.rig_pose, stamp)
+        publisher.publish_pose(outline, stamp, self._options)
 
     def add(self, frames: tuple[Frame, ...]) -> None:
         """Publish frames that are ready, and the clouds that they complete."""
-        self._publisher.publish_frames(frames, self.stamp)
-        for frame in frames:
+        seen = [measured(frame, self._outline, self._options) for frame in frames]
+        self._publisher.publish_frames(seen, self.stamp, self._options)
+        for frame in seen:
             self._frames[FrameName(frame.sensor, frame.modality)] = frame
             if frame.modality in (DEPTH, RGB) and self._has_cloud(frame.sensor):
-                self._publisher.publish_cloud(frame.sensor, self._frames.values(), self.stamp)
+                images = self._frames.values()
+                self._publisher.publish_cloud(frame.sensor, images, self.stamp, self._options)
 
     def finish(self, sample: Sample) -> None:
         """Say that this was all of it."""
-        self._publisher.publish_info(sample, self.stamp)
+        self._publisher.finish(sample, self.stamp, self._options)
 
     def _has_cloud(self, sensor: str) -> bool:
         """Return whether everything has come that a sensor's cloud is made of."""

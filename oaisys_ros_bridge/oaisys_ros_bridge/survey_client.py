@@ -26,7 +26,7 @@ from oaisys_msgs.srv import SaveMesh, SetPose
 from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.namespaces import placing_arguments
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
-from oaisys_ros_bridge.sample_publisher import TOPIC_BY_MODALITY
+from oaisys_ros_bridge.sensor_topics import TOPIC_BY_MODALITY
 from oaisys_ros_bridge.transport import prepare_transport
 
 DISCOVERY_TIMEOUT_S = 30.0

@@ -22,7 +22,7 @@ from oaisys_grpc.client import SimulatorClient
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC, placing_arguments, require_namespace
 from oaisys_ros_bridge.processes import ManagedProcess
 from oaisys_ros_bridge.progress import Reporter
-from oaisys_ros_bridge.sample_publisher import TOPIC_BY_MODALITY, sensor_namespace
+from oaisys_ros_bridge.sensor_topics import TOPIC_BY_MODALITY, sensor_namespace
 from oaisys_ros_bridge.survey_client import SurveyClient
 
 START_TIMEOUT_S = 600.0

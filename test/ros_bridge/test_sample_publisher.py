@@ -26,6 +26,8 @@ from oaisys_core.types import (
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
 from oaisys_ros_bridge.clouds import cloud_from_msg
 from oaisys_ros_bridge.conversions import image_from_msg
+from oaisys_ros_bridge.parameters import BRIDGE
+from oaisys_ros_bridge.publication import Publication
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 from oaisys_ros_bridge.sample_publisher import SamplePublisher
 
@@ -46,6 +48,13 @@ ENCODINGS = {
 TOPICS = {"rgb": "color", "depth": "depth"}
 RIG = Pose((1.0, 2.0, 9.0), (0.0, 0.0, 0.0, 1.0))
 HOW = Provenance(1, 2, "a" * 64, "analytic", "0.1.0", "standard", 4)
+DEFAULTS = {row.name: row.default for row in BRIDGE}
+
+
+def publish(publisher: SamplePublisher, sample: Sample, stamp: Time) -> None:
+    publication = Publication(publisher, sample.outline, stamp)
+    publication.add(sample.frames)
+    publication.finish(sample)
 
 
 def pair() -> SimulatorInfo:
@@ -87,9 +96,7 @@ def user(ros_domain_id: int) -> Iterator[User]:
 
 def test_every_modality_of_every_camera_is_published(user: User) -> None:
     info = pair()
-    publisher = SamplePublisher(
-        user.node, info, map_frame="map", base_frame="base_link", publish_points=True
-    )
+    publisher = SamplePublisher(user.node, info, lambda: DEFAULTS)
     topics: dict[str, type[Any]] = {}
     for name in ("left", "right"):
         for modality in ENCODINGS:
@@ -105,7 +112,7 @@ def test_every_modality_of_every_camera_is_published(user: User) -> None:
     sample, stamp = sample_of(info), Time(sec=7)
 
     def arrived() -> bool:
-        publisher.publish(sample, stamp)
+        publish(publisher, sample, stamp)
         labels = [f"{name}/semantic_7/labels" for name in ("left", "right")]
         return all(user.received[topic] for topic in [*topics, *labels])
 
@@ -127,15 +134,13 @@ def test_every_modality_of_every_camera_is_published(user: User) -> None:
 
 def test_a_sample_at_which_nobody_rendered_is_told_of(user: User) -> None:
     info = pair()
-    publisher = SamplePublisher(
-        user.node, info, map_frame="map", base_frame="base_link", publish_points=True
-    )
+    publisher = SamplePublisher(user.node, info, lambda: DEFAULTS)
     topic = f"{user.node.get_name()}/sample_info"
     user.listen(SampleInfo, topic, SENSOR_QOS)
     empty = Sample(1, 6, RIG, (), 0.0, HOW)
 
     def arrived() -> bool:
-        publisher.publish(empty, Time(sec=8))
+        publish(publisher, empty, Time(sec=8))
         return bool(user.received[topic])
 
     user.wait_until(arrived)

@@ -1,0 +1,38 @@
+"""The publishers of a node, by topic: made when first asked for, taken away together."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+
+
+class Publishers:
+    """Publishers of one node.
+
+    Args:
+        node: Their owner.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._by_topic: dict[str, Publisher] = {}
+
+    def offer(self, kind: type[Any], topic: str, qos: QoSProfile) -> Publisher:
+        """Return the publisher of a topic."""
+        if topic not in self._by_topic:
+            self._by_topic[topic] = self._node.create_publisher(kind, topic, qos)
+        return self._by_topic[topic]
+
+    def destroy(self) -> None:
+        """Take all of them off the node."""
+        for publisher in self._by_topic.values():
+            self._node.destroy_publisher(publisher)
+        self._by_topic.clear()
+
+
+def is_heard(publisher: Publisher) -> bool:
+    """Return whether anybody would get a message: if not, none need be made."""
+    return int(publisher.get_subscription_count()) > 0
