@@ -4,6 +4,7 @@ import struct
 from dataclasses import replace
 from typing import Any
 
+import cv2
 import numpy as np
 import open3d as o3d
 import pytest
@@ -13,10 +14,12 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo, Image, PointField
 from std_msgs.msg import Header
+from visualization_msgs.msg import Marker
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics, Pose
-from oaisys_ros_bridge import clouds, conversions
+from oaisys_ros_bridge import clouds, conversions, markers
 
 HEADER = Header(stamp=Time(sec=7, nanosec=9), frame_id="somewhere")
 CAMERA = PinholeIntrinsics(8, 6, 7.5, 7.25, 3.5, 2.25)
@@ -205,6 +208,151 @@ def test_a_cloud_is_what_open3d_makes_of_the_depth_image() -> None:
     np.testing.assert_array_equal(colors, rgb)
     # PCL reads the colour's bytes as blue, green, red.
     assert bytes(msg.data[12:15]) == bytes(rgb[0, 0, ::-1])
+
+
+def open3d_points(depth_m: NDArray[Any], camera: PinholeIntrinsics) -> NDArray[Any]:
+    """Return what Open3D makes of a depth image, row by row, points that are none left out."""
+    pinhole = o3d.camera.PinholeCameraIntrinsic(
+        camera.width_px, camera.height_px, camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px
+    )
+    image = o3d.geometry.Image(np.where(np.isfinite(depth_m), depth_m, np.float32(0)))
+    cloud = o3d.geometry.PointCloud.create_from_depth_image(
+        image, pinhole, depth_scale=1.0, depth_trunc=1e9
+    )
+    return np.asarray(cloud.points)
+
+
+WIDE = PinholeIntrinsics(64, 48, 54.1, 53.7, 30.25, 25.5)
+
+
+def test_a_cloud_from_high_above_is_as_exact_as_float32_can_be() -> None:
+    depth_m = np.random.default_rng(5).uniform(100, 200, (48, 64)).astype(np.float32)
+
+    points_m, _ = clouds.cloud_from_msg(clouds.depth_to_cloud_msg(depth_m, None, WIDE, HEADER))
+
+    expected_m = open3d_points(depth_m, WIDE)
+    np.testing.assert_allclose(points_m.reshape(-1, 3), expected_m, atol=1e-5, rtol=0)
+
+
+def test_a_cloud_without_sky_is_one_row_of_points_with_their_colors() -> None:
+    rng = np.random.default_rng(6)
+    depth_m = rng.uniform(1, 9, (48, 64)).astype(np.float32)
+    depth_m[rng.random(depth_m.shape) < 0.3] = np.inf
+    depth_m[0, 0], depth_m[0, 1] = np.nan, -np.inf
+    rgb = rng.integers(0, 256, (48, 64, 3)).astype(np.uint8)
+
+    msg = clouds.depth_to_cloud_msg(depth_m, rgb, WIDE, HEADER, clouds.CloudOptions(drop_sky=True))
+    points_m, colors = clouds.cloud_from_msg(msg)
+
+    hit = np.isfinite(depth_m)
+    assert (msg.height, msg.width, msg.row_step) == (1, hit.sum(), 16 * hit.sum())
+    assert msg.is_dense
+    np.testing.assert_allclose(points_m[0], open3d_points(depth_m, WIDE), atol=1e-6)
+    np.testing.assert_array_equal(colors[0], rgb[hit])
+    none = np.full((48, 64), np.inf, np.float32)
+    empty = clouds.depth_to_cloud_msg(none, rgb, WIDE, HEADER, clouds.CloudOptions(drop_sky=True))
+    assert (empty.height, empty.width, len(empty.data)) == (1, 0, 0)
+
+
+@pytest.mark.parametrize("bent", [(), (-0.05, 0.01, 0.002, -0.001, 0.0003)])
+@pytest.mark.parametrize("stride", [2, 5, 64])
+def test_a_cloud_of_every_few_pixels_has_the_points_that_the_whole_one_has_there(
+    stride: int, bent: tuple[float, ...]
+) -> None:
+    rng = np.random.default_rng(7)
+    depth_m = rng.uniform(1, 9, (48, 64)).astype(np.float32)
+    rgb = rng.integers(0, 256, (48, 64, 3)).astype(np.uint8)
+    camera = replace(WIDE, distortion=bent)
+    options = clouds.CloudOptions(stride=stride)
+
+    whole_m, colors = clouds.cloud_from_msg(clouds.depth_to_cloud_msg(depth_m, rgb, camera, HEADER))
+    msg = clouds.depth_to_cloud_msg(depth_m, rgb, camera, HEADER, options)
+    points_m, few = clouds.cloud_from_msg(msg)
+
+    assert (msg.height, msg.width) == (-(-48 // stride), -(-64 // stride))
+    np.testing.assert_array_equal(points_m, whole_m[::stride, ::stride])
+    np.testing.assert_array_equal(few, colors[::stride, ::stride])
+
+
+def test_a_cloud_ends_where_its_range_does() -> None:
+    depth_m = np.tile(np.linspace(1, 9, 64, dtype=np.float32), (48, 1))
+    inside = (depth_m >= 2.5) & (depth_m <= 6.0)
+
+    msg = clouds.depth_to_cloud_msg(
+        depth_m, None, WIDE, HEADER, clouds.CloudOptions(min_depth_m=2.5, max_depth_m=6.0)
+    )
+    points_m, _ = clouds.cloud_from_msg(msg)
+
+    np.testing.assert_array_equal(np.isfinite(points_m[..., 2]), inside)
+    assert np.isnan(points_m[~inside]).all()
+    np.testing.assert_array_equal(points_m[inside][:, 2], depth_m[inside])
+    dense = clouds.depth_to_cloud_msg(
+        depth_m, None, WIDE, HEADER, clouds.CloudOptions(max_depth_m=6.0, drop_sky=True)
+    )
+    assert dense.width == (depth_m <= 6.0).sum()
+
+
+@pytest.mark.parametrize(
+    ("dtype", "channels", "encoding"),
+    [
+        (np.uint8, 1, "8UC1"),
+        (np.uint8, 4, "8UC4"),
+        (np.int8, 2, "8SC2"),
+        (np.uint16, 3, "16UC3"),
+        (np.int16, 1, "16SC1"),
+        (np.uint32, 1, "32SC1"),
+        (np.float32, 1, "32FC1"),
+        (np.float64, 3, "64FC3"),
+    ],
+)
+def test_images_of_installed_passes_have_an_encoding(
+    dtype: type[np.generic], channels: int, encoding: str
+) -> None:
+    shape = (6, 8) if channels == 1 else (6, 8, channels)
+    data = np.random.default_rng(8).integers(0, 100, shape).astype(dtype)
+
+    assert conversions.plain_encoding(data) == encoding
+    back = conversions.image_from_msg(conversions.image_to_msg(data, encoding, HEADER))
+    np.testing.assert_array_equal(back, data)
+
+
+def test_pixels_that_no_encoding_describes_are_refused() -> None:
+    with pytest.raises(InvalidInputError, match=r"image\.data"):
+        conversions.plain_encoding(np.zeros((6, 8, 5), np.uint8))
+
+
+def test_odometry_tells_how_far_it_may_be_off() -> None:
+    covariance = np.arange(36.0)
+
+    msg = conversions.odometry_to_msg(
+        random_pose(np.random.default_rng(1)), HEADER, "base_link", covariance
+    )
+
+    np.testing.assert_array_equal(msg.pose.covariance, covariance)
+
+
+def test_a_frustum_ends_in_the_corners_of_the_image() -> None:
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", [0.3, -1.0, 0.4]).as_matrix()
+    T[:3, 3] = (1.0, 2.0, 3.0)
+    bent = replace(WIDE, distortion=(-0.05, 0.01, 0.002, -0.001, 0.0003))
+
+    marker = markers.frustum_to_marker(bent, T, 2.0, HEADER, ns="left", number=7)
+
+    assert (marker.ns, marker.id, marker.header) == ("left", 7, HEADER)
+    assert (marker.type, marker.action) == (Marker.LINE_LIST, Marker.ADD)
+    pose = pose_to_matrix(conversions.pose_from_msg(marker.pose))
+    np.testing.assert_allclose(pose, T, atol=1e-12)
+    lines_m = np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 2, 3)
+    assert len(lines_m) == 8
+    ends_m = np.unique(lines_m.reshape(-1, 3).round(9), axis=0)
+    base_m = ends_m[np.linalg.norm(ends_m, axis=1) > 0]
+    assert len(ends_m) == 5
+    np.testing.assert_allclose(base_m[:, 2], 2.0)
+    zero = np.zeros(3)
+    pixels = cv2.projectPoints(base_m, zero, zero, WIDE.K, np.array(bent.distortion))[0][:, 0]
+    corners = {(-0.5, -0.5), (63.5, -0.5), (-0.5, 47.5), (63.5, 47.5)}
+    assert {(round(u, 6), round(v, 6)) for u, v in pixels.tolist()} == corners
 
 
 def test_a_mesh_survives_the_way_there_and_back() -> None:
