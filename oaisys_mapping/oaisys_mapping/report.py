@@ -7,7 +7,7 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib import metadata
+from importlib import metadata, resources
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,12 @@ from numpy.typing import NDArray
 
 from oaisys_mapping import pictures
 from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.mesh_layers import layers_of
+from oaisys_mapping.mesh_viewer import packed, thinned
 from oaisys_mapping.metrics import Evaluation
+from oaisys_mapping.three_js import load_three
 from oaisys_mapping.thresholds import Thresholds
+from oaisys_mapping.visibility import View
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,23 @@ class CoverageRecord:
 
 
 @dataclass(frozen=True)
+class Section:
+    """A table that only some reports have.
+
+    Attributes:
+        title: Its heading.
+        note: What it tells.
+        header: Of its columns.
+        rows: Its cells, as they are to be read.
+    """
+
+    title: str
+    note: str
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True)
 class SurveyReport:
     """Everything that a report shows.
 
@@ -80,6 +101,8 @@ class SurveyReport:
         command: How to run it again.
         config_text: The whole configuration.
         coverage: Of explorations; none for a survey.
+        cameras: From where the mesh was seen; drawn with it.
+        sections: Further tables, below the verdict.
     """
 
     title: str
@@ -93,6 +116,8 @@ class SurveyReport:
     command: str
     config_text: str
     coverage: Sequence[CoverageRecord] = ()
+    cameras: Sequence[View] = ()
+    sections: Sequence[Section] = ()
 
     @property
     def missed(self) -> list[str]:
@@ -216,8 +241,25 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
         legend=legend,
         criteria=report.thresholds.applied_to(report.evaluation.metrics),
         depth_ticks_m=np.linspace(*depth_range_m(depth_m), 5).tolist() if depth_m else [],
+        viewer=_viewer(report),
         depth_scale=_data_url("scale.png", pictures.png(pictures.depth_scale())),
     )
+
+
+def _viewer(report: SurveyReport) -> dict[str, Any] | None:
+    """Return what the page needs to draw a mesh that turns; None where three.js is missing."""
+    three = load_three()
+    if three is None:
+        return None
+    mesh = thinned(report.mesh)
+    layers = layers_of(mesh, report.evaluation, report.labels)
+    script = resources.files("oaisys_mapping") / "templates" / "mesh_viewer.js"
+    return {
+        "three": three,
+        "triangles": len(mesh.triangles),
+        "script": script.read_text(encoding="utf-8"),
+        **packed(mesh, layers, report.cameras),
+    }
 
 
 def _data_url(name: str, data: bytes) -> str:

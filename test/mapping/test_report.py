@@ -1,18 +1,25 @@
 """The report holds what a reader needs, in one file that needs no network."""
 
+import gzip
 import json
 import re
+from base64 import b64decode
+from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
 import pytest
+from browser import Page, browser_page
 
 from oaisys_core.types import TriangleMesh
 from oaisys_mapping import pictures
 from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.mesh_viewer import Layer, packed, thinned
 from oaisys_mapping.metrics import evaluate_reconstruction
 from oaisys_mapping.report import SurveyReport, ViewRecord, write_report
+from oaisys_mapping.three_js import FOLDER_VARIABLE, load_three
 from oaisys_mapping.thresholds import Thresholds
 
 
@@ -58,9 +65,16 @@ def make_report(max_rmse_m: float) -> SurveyReport:
     )
 
 
-def test_the_page_is_whole_and_asks_for_nothing_else(tmp_path: Path) -> None:
-    write_report(make_report(0.05), tmp_path)
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a report whose loop closes."""
+    folder = tmp_path_factory.mktemp("report")
+    write_report(make_report(0.05), folder)
+    return folder
+
+
+def test_the_page_is_whole_and_asks_for_nothing_else(written: Path) -> None:
+    page = (written / "report.html").read_text(encoding="utf-8")
     parts = (
         "The loop closes",
         "20.0 mm",
@@ -76,7 +90,99 @@ def test_the_page_is_whole_and_asks_for_nothing_else(tmp_path: Path) -> None:
     sources = re.findall(r'(?:src|href)="([^"]{0,22})', page)
     assert len(sources) == 11
     assert all(source.startswith("data:image/") for source in sources)
-    assert "http" not in page
+    without_data = re.sub(r"[A-Za-z0-9+/=]{200,}", "", page)
+    assert "http" not in without_data
+    assert len(without_data) < 100_000
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Iterator[Page]:
+    if load_three() is None:
+        pytest.skip("three.js is not installed: set-up found no npm")
+    with browser_page(tmp_path / "browser") as page:
+        yield page
+
+
+def test_the_mesh_turns_in_a_browser_without_a_network(page: Page, written: Path) -> None:
+    page.open((written / "report.html").as_uri())
+    assert page.wait_for("document.getElementById('viewer')?.dataset.state") == "ready"
+    page.value("document.getElementById('viewer').scrollIntoView()")
+
+    def share_of(color: tuple[int, int, int]) -> float:
+        left, top, width, height = page.value(
+            "(({x, y, width, height}) => [x, y, width, height].map(Math.round))"
+            "(document.querySelector('#viewer canvas').getBoundingClientRect())"
+        )
+        shown = page.picture()[top : top + height, left : left + width].astype(int)
+        return float((np.abs(shown - color).max(axis=2) < 12).mean())
+
+    # A square seen from the side fills a good part of the canvas, and the rest is page.
+    assert 0.15 < share_of((120, 120, 120)) < 0.6
+    assert share_of(pictures.BACKGROUND) > 0.3
+    # 2 cm wrong on a scale to 5 cm.
+    page.value("[...document.querySelectorAll('#viewer-buttons button')][1].click()")
+    assert page.value("document.getElementById('viewer').dataset.layer") == "error"
+    assert share_of((120, 120, 120)) < 0.01
+    assert share_of(pictures.BACKGROUND) < 0.85
+    assert page.errors == []
+    assert {urlsplit(address).scheme for address in page.requests} == {"file", "data"}
+    assert sum(address.startswith("file:") for address in page.requests) == 1
+
+
+def test_without_three_js_the_page_shows_pictures_and_says_why(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "nowhere"))
+    write_report(make_report(0.05), tmp_path)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "three.js was not there" in page
+    assert "<script" not in page
+
+
+def hills(count: int) -> ColoredMesh:
+    """A grid of two triangles a cell over 10 m x 10 m, red in the west and blue in the east."""
+    x, y = np.meshgrid(*[np.linspace(0, 10, count + 1)] * 2, indexing="ij")
+    vertices_m = np.column_stack((x.ravel(), y.ravel(), np.sin(x).ravel()))
+    a = (np.arange(count)[:, None] * (count + 1) + np.arange(count)).ravel()
+    b, c, d = a + count + 1, a + count + 2, a + 1
+    triangles = np.vstack((np.column_stack((a, b, c)), np.column_stack((a, c, d))))
+    west = vertices_m[:, 0] < 5
+    colors = np.where(west[:, None], (200, 0, 0), (0, 0, 200)).astype(np.uint8)
+    ids = np.where(west, 1, 2).astype(np.uint16)
+    return ColoredMesh(vertices_m, triangles.astype(np.int32), colors, ids)
+
+
+def test_thinned_meshes_keep_shape_colour_and_classes() -> None:
+    mesh = thinned(hills(200), 8_000)
+    assert 4_000 < len(mesh.triangles) <= 8_000
+    np.testing.assert_allclose(mesh.vertices_m[:, 2], np.sin(mesh.vertices_m[:, 0]), atol=0.02)
+    assert mesh.vertices_m[:, :2].min() < 0.1
+    assert mesh.vertices_m[:, :2].max() > 9.9
+    west = mesh.vertices_m[:, 0] < 4.8
+    assert (mesh.colors_rgb[west] == (200, 0, 0)).all()
+    assert mesh.class_ids is not None
+    assert (mesh.class_ids[west] == 1).all()
+    assert thinned(mesh, 8_000) is mesh
+
+
+def test_a_packed_mesh_unpacks_to_itself_within_its_steps() -> None:
+    mesh = hills(9)
+    inverse = np.invert(mesh.colors_rgb)
+    layers = [Layer("one", "", mesh.colors_rgb), Layer("</script>", "", inverse)]
+    found = packed(mesh, layers, [])
+    assert "<" not in found["header"]
+    header, body = json.loads(found["header"]), gzip.decompress(b64decode(found["body"]))
+    counts = [12 * header["triangles"], 6 * header["vertices"], *[3 * header["vertices"]] * 2]
+    parts = np.split(np.frombuffer(body, np.uint8), np.cumsum(counts))
+    assert not len(parts[-1])
+    numbers = np.cumsum(parts[0].view(np.int32)).reshape(-1, 3)
+    np.testing.assert_array_equal(numbers, mesh.triangles)
+    steps = parts[1].view(np.uint16).reshape(-1, 3) / 65535
+    positions_m = steps * header["size"] + header["low"]
+    np.testing.assert_allclose(positions_m, mesh.vertices_m, atol=10 / 65535)
+    np.testing.assert_array_equal(parts[2].reshape(-1, 3), mesh.colors_rgb)
+    np.testing.assert_array_equal(parts[3].reshape(-1, 3), inverse)
+    assert header["layers"][1]["title"] == "</script>"
 
 
 def test_a_missed_threshold_is_told_in_both_reports(tmp_path: Path) -> None:
@@ -92,10 +198,9 @@ def test_a_missed_threshold_is_told_in_both_reports(tmp_path: Path) -> None:
     assert "✗ rmse_m" in page
 
 
-def test_report_json_has_what_other_programs_read(tmp_path: Path) -> None:
+def test_report_json_has_what_other_programs_read(written: Path) -> None:
     report = make_report(0.05)
-    write_report(report, tmp_path)
-    figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    figures = json.loads((written / "report.json").read_text(encoding="utf-8"))
     assert report.facts.items() <= figures.items()
     promised = {"voxel_size_m", "rmse_m", "accuracy_mean_m", "completion_ratio", "f_score"}
     assert promised | {"hole_ratio", "closed"} <= figures.keys()
@@ -113,9 +218,8 @@ def test_a_mesh_fills_its_pictures() -> None:
         assert image[tuple(drawn[len(drawn) // 2])][0] > 2 * image[tuple(drawn[len(drawn) // 2])][1]
 
 
-def test_pictures_can_be_opened(tmp_path: Path) -> None:
-    write_report(make_report(0.05), tmp_path)
-    files = sorted((tmp_path / "pictures").iterdir())
+def test_pictures_can_be_opened(written: Path) -> None:
+    files = sorted((written / "pictures").iterdir())
     assert len(files) == 10
     assert all(cv2.imread(str(file)) is not None for file in files)
 

@@ -1,0 +1,168 @@
+"""A real browser without a screen, spoken to through its DevTools: what a page does, and shows.
+
+Chromium, with a rasteriser in software in place of a GPU.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
+
+DEADLINE_S = 60.0
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+OPTIONS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-dev-shm-usage",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--hide-scrollbars",
+    "--no-first-run",
+    "--disable-extensions",
+    "--disable-background-networking",
+    "--remote-debugging-port=0",
+)
+
+
+@dataclass
+class Page:
+    """A page under test.
+
+    Attributes:
+        requests: Addresses of all that it asked for.
+        errors: What it wrote to the console as errors, and exceptions that nobody caught.
+    """
+
+    _socket: Connection
+    requests: list[str] = field(default_factory=list)
+    errors: list[str] = field(default_factory=list)
+    _last: int = 0
+
+    def open(self, url: str) -> None:
+        """Go there; what the page does then is recorded."""
+        for domain in ("Page", "Network", "Runtime", "Log"):
+            self._call(f"{domain}.enable")
+        self._call("Page.navigate", url=url)
+
+    def value(self, expression: str) -> Any:
+        """Return what a JavaScript expression is worth in the page."""
+        result = self._call("Runtime.evaluate", expression=expression, returnByValue=True)
+        return result["result"].get("value")
+
+    def wait_for(self, expression: str) -> Any:
+        """Wait until an expression holds and return its value."""
+        deadline = time.monotonic() + DEADLINE_S
+        while not (found := self.value(expression)):
+            assert time.monotonic() < deadline, f"not in time: {expression}; {self.errors}"
+            time.sleep(0.1)
+        return found
+
+    def wait_until_shown(self, is_so: Callable[[NDArray[np.uint8]], bool]) -> NDArray[np.uint8]:
+        """Return the first picture of the page of which something holds."""
+        deadline = time.monotonic() + DEADLINE_S
+        while not is_so(image := self.picture()):
+            assert time.monotonic() < deadline, f"never shown; {self.errors}"
+            time.sleep(0.3)
+        return image
+
+    def picture(self) -> NDArray[np.uint8]:
+        """Return the window as (H, W, 3) RGB."""
+        data = base64.b64decode(self._call("Page.captureScreenshot", format="png")["data"])
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        return np.asarray(image[..., ::-1], np.uint8)
+
+    def _call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        self._last += 1
+        self._socket.send(json.dumps({"id": self._last, "method": method, "params": parameters}))
+        while True:
+            message = json.loads(self._socket.recv(timeout=DEADLINE_S))
+            if message.get("id") == self._last:
+                assert "error" not in message, message
+                return dict(message["result"])
+            self._note(message.get("method"), message.get("params", {}))
+
+    def _note(self, method: str | None, told: dict[str, Any]) -> None:
+        if method == "Network.requestWillBeSent":
+            self.requests.append(told["request"]["url"])
+        elif method == "Runtime.exceptionThrown":
+            self.errors.append(json.dumps(told["exceptionDetails"])[:500])
+        elif method == "Runtime.consoleAPICalled" and told["type"] in ("error", "assert"):
+            self.errors.append(json.dumps(told["args"])[:500])
+        elif method == "Log.entryAdded" and told["entry"]["level"] == "error":
+            self.errors.append(told["entry"]["text"])
+
+
+@contextmanager
+def browser_page(profile: Path, size: tuple[int, int] = (1200, 900)) -> Iterator[Page]:
+    """Start a browser with an empty page and end it; skip the test where there is none.
+
+    Args:
+        profile: An empty folder for all that it writes.
+        size: Of its window in pixels.
+    """
+    program = next((found for name in NAMES if (found := shutil.which(name))), None)
+    if program is None:
+        pytest.skip(f"no browser: none of {', '.join(NAMES)} is installed")
+    profile.mkdir(parents=True, exist_ok=True)
+    window = f"--window-size={size[0]},{size[1]}"
+    log = profile / "browser.log"
+    with log.open("w") as output:
+        process = subprocess.Popen(
+            [program, *OPTIONS, window, f"--user-data-dir={profile / 'data'}", "about:blank"],
+            stdout=subprocess.DEVNULL,
+            stderr=output,
+            start_new_session=True,
+            env={**os.environ, "HOME": str(profile)},
+        )
+    try:
+        port = _port(log, process)
+        with connect(_page_address(port), max_size=None, open_timeout=DEADLINE_S) as socket:
+            yield Page(socket)
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait(DEADLINE_S)
+
+
+def _port(log: Path, process: subprocess.Popen[bytes]) -> int:
+    deadline = time.monotonic() + DEADLINE_S
+    while time.monotonic() < deadline:
+        text = log.read_text(encoding="utf-8", errors="replace")
+        if found := re.search(r"DevTools listening on ws://127\.0\.0\.1:(\d+)/", text):
+            return int(found[1])
+        if process.poll() is not None:
+            pytest.fail(f"the browser ended: {text[-800:]}")
+        time.sleep(0.1)
+    pytest.fail("the browser did not come up in time")
+
+
+def _page_address(port: int) -> str:
+    """Return the socket of the browser's one page."""
+    from urllib.request import urlopen
+
+    deadline = time.monotonic() + DEADLINE_S
+    while time.monotonic() < deadline:
+        with urlopen(f"http://127.0.0.1:{port}/json/list", timeout=DEADLINE_S) as answer:
+            pages = [page for page in json.load(answer) if page["type"] == "page"]
+        if pages:
+            return str(pages[0]["webSocketDebuggerUrl"])
+        time.sleep(0.1)
+    pytest.fail("the browser opened no page in time")
