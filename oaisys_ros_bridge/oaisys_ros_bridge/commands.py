@@ -1,72 +1,40 @@
-"""The shell commands ``oaisys survey`` and ``oaisys bag``."""
+"""The shell commands ``oaisys record`` and ``oaisys bag``."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from oaisys_core.errors import InvalidInputError
-
-bag_app = typer.Typer(help="Look into recorded bags.", no_args_is_help=True)
+bag_app = typer.Typer(help="Look into bags, mend them, publish them again.", no_args_is_help=True)
 
 
-def survey(
-    out: Annotated[Path, typer.Option(help="Folder for report, mesh, pictures and bag.")] = Path(
-        "out/survey"
-    ),
-    config: Annotated[
-        Path | None, typer.Option(help="YAML file; the default world where none is given.")
+def record(
+    out: Annotated[
+        Path | None, typer.Option(help="Folder of the bag, new or empty; else a new bag_DATE.")
     ] = None,
-    views: Annotated[int, typer.Option(help="Viewpoints on the grid.", min=1)] = 30,
-    size: Annotated[
-        str | None, typer.Option(help="WIDTHxHEIGHT of the images, for a quick look.")
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(help="Topic to wait for and to record, repeatable; all where none is given."),
     ] = None,
-    altitude: Annotated[float, typer.Option(help="Metres above the ground below.")] = 10.0,
-    overlap: Annotated[float, typer.Option(help="Share of an image that neighbours share.")] = 0.35,
-    voxel_size: Annotated[float, typer.Option(help="Metres.", min=1e-3)] = 0.10,
-    max_range: Annotated[float, typer.Option(help="Metres of depth that are mapped.")] = 60.0,
-    seed: Annotated[int | None, typer.Option(help="Root seed of the world.")] = None,
-    backend: Annotated[str | None, typer.Option(help="blender or analytic.")] = None,
-    quality: Annotated[
-        str | None, typer.Option(help="Of colour: preview, standard, high or final.")
+    everything: Annotated[
+        bool, typer.Option("--all", help="Record all others beside --topic, too.")
+    ] = False,
+    exclude: Annotated[
+        str | None, typer.Option(help="Expression of topics to leave out; else compressed images.")
     ] = None,
-    bag: Annotated[bool, typer.Option(help="Record everything as a rosbag2 MCAP.")] = True,
-    namespace: Annotated[
-        str, typer.Option(help="Of all ROS nodes, TF included: two at once on one machine.")
-    ] = "",
-    worker_python: Annotated[
-        Path | None, typer.Option(help="Interpreter that has bpy; this one if not given.")
-    ] = None,
+    duration: Annotated[float, typer.Option(help="Seconds; 0: until Ctrl-C.", min=0)] = 0.0,
+    namespace: Annotated[str, typer.Option(help="Record what is in there.")] = "",
 ) -> None:
-    """Survey a terrain over ROS, rebuild it, and measure the result; exit 0 if the loop closes."""
-    from oaisys_ros_bridge.interruption import interrupt_on_signals
-    from oaisys_ros_bridge.progress import Reporter
-    from oaisys_ros_bridge.survey import run_survey
-    from oaisys_ros_bridge.survey_plan import SurveyOptions
+    """Record topics as a rosbag2 MCAP; prints `recording: BAG` once it listens to them."""
+    from oaisys_ros_bridge.namespaces import placing_arguments, require_namespace
+    from oaisys_ros_bridge.nodes.recorder import run_recorder
 
-    if config is not None and not config.is_file():
-        raise InvalidInputError("--config", str(config), "an existing file")
-    chosen = {"seed": seed, "backend": backend, "quality": quality, "size": size}
-    options = SurveyOptions(
-        out=out,
-        config=config,
-        overrides={name: str(value) for name, value in chosen.items() if value is not None},
-        views=views,
-        altitude_m=altitude,
-        overlap=overlap,
-        voxel_size_m=voxel_size,
-        max_range_m=max_range,
-        record=bag,
-        worker_python=worker_python,
-        namespace=namespace,
-        command=["oaisys", *sys.argv[1:]],
-    )
-    interrupt_on_signals()
-    if not run_survey(options, Reporter()):
-        raise typer.Exit(1)
+    require_namespace(namespace)
+    given = {"path": str(out or ""), "topics": ["", *(topic or [])], "all": everything}
+    given |= {"duration_s": duration} | ({} if exclude is None else {"exclude": exclude})
+    raise typer.Exit(run_recorder(["record", *placing_arguments(namespace)], **given))
 
 
 @bag_app.command("info")
@@ -95,3 +63,29 @@ def bag_recover(
     folder = bag if bag.is_dir() else bag.with_suffix("")
     target = out or folder.with_name(f"{folder.name}_recovered")
     typer.echo(f"{target}: {recover(file, target)} messages")
+
+
+@bag_app.command("replay")
+def bag_replay(
+    bag: Annotated[Path, typer.Argument(help="A bag's folder or its .mcap file.")],
+    rate: Annotated[
+        float, typer.Option(help="How much faster than recorded.", min=1e-3, max=1e3)
+    ] = 1.0,
+    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    topics: Annotated[
+        list[str] | None, typer.Option(help="A topic to publish, repeatable; else all.")
+    ] = None,
+    clock: Annotated[
+        float, typer.Option(help="Hz at which /clock tells the recording's time.", min=0, max=1e3)
+    ] = 0.0,
+    remap: Annotated[
+        list[str] | None, typer.Option(help="FROM:=TO, another name for a topic, repeatable.")
+    ] = None,
+) -> None:
+    """Publish a bag again, with the quality of service that it was recorded with."""
+    from oaisys_ros_bridge.nodes.player import main as play
+
+    rules = [part for rule in remap or () for part in ("-r", rule)]
+    arguments = ["replay", *(["--ros-args", *rules] if rules else [])]
+    given = {"path": str(bag), "rate": rate, "loop": loop, "clock_hz": clock}
+    raise typer.Exit(play(arguments, **given, topics=["", *(topics or [])]))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import re
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
@@ -82,3 +84,16 @@ def _share_file(type_name: str, suffix: str) -> Path:
     if not file.is_file():
         raise NotFoundError(f"{package} has no definition of the message {type_name}")
     return file
+
+
+def message_class(type_name: str) -> type[Any]:
+    """Return the class of ``package/msg/Type``.
+
+    Raises:
+        NotFoundError: It is not installed.
+    """
+    package, _, name = type_name.partition("/msg/")
+    try:
+        return vars(importlib.import_module(f"{package}.msg"))[name]  # type: ignore[no-any-return]
+    except (ImportError, KeyError):
+        raise NotFoundError(f"the type {type_name} is not installed") from None

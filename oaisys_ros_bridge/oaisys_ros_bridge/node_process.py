@@ -41,9 +41,13 @@ LOOK_UP_S = 0.2
 
 
 def run_node(
-    make_node: Callable[[], Node], arguments: Sequence[str] | None = None, *, threads: int = 6
+    make_node: Callable[[], Node],
+    arguments: Sequence[str] | None = None,
+    *,
+    threads: int = 6,
+    stop: threading.Event | None = None,
 ) -> int:
-    """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT or SIGTERM and return 0.
+    """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT, SIGTERM or ``stop``; return 0.
 
     Returns 1 where a callback failed (its traceback is on standard error by then), and 2, after one
     line on standard error, where the node cannot be made of its parameters.
@@ -51,7 +55,7 @@ def run_node(
     Signals only set a flag: rclpy's own handlers would take the context down while callbacks
     still publish, and a second Ctrl-C would interrupt the first one's cleaning up.
     """
-    stop = threading.Event()
+    stop = stop or threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     prepare_transport()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import importlib
+import re
 import shutil
 import sys
 import threading
@@ -22,6 +22,9 @@ from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
+from oaisys_ros_bridge.bag_parameters import RECORDER
+from oaisys_ros_bridge.message_definition import message_class
+from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
@@ -38,29 +41,35 @@ LONGEST_END_S = 3.0
 LEAST_FREE_BYTES = 64 * 2**20
 
 
-class RecorderNode(Node):
+class RecorderNode(ParameterNode, Node):
     """Records serialised messages without looking into them.
 
-    Parameters:
-        path: Folder of the bag; new or empty.
-        topics: Names to record; empty: all that exist or appear, hidden ones apart.
-        all: Record all others too; then ``topics`` are those that must be there at the start.
+    Its parameters are the table `RECORDER`. *All* topics are those that exist or appear in the
+    node's own namespace, and ROS's own at the root, such as ``/tf`` and ``/diagnostics``; hidden
+    ones, and what ``exclude`` matches, apart.
 
     Once it listens to all requested topics (or to all that exist), it prints ``recording: PATH``
     and publishes true on the latched ``~/recording``. A full disk ends the recording with one
     error; the node stays, the bag is closed.
     """
 
-    def __init__(
-        self, path: str = "", topics: Sequence[str] = (), everything: bool = False
-    ) -> None:
+    def __init__(self, stop: threading.Event, **defaults: Any) -> None:
+        """Begin to record.
+
+        Args:
+            stop: Set when the time is over.
+            defaults: Of the parameters, instead of the table's.
+
+        Raises:
+            InvalidInputError: Something is in the folder, or there is no room; a parameter is bad.
+            OSError: The folder cannot be written.
+        """
         super().__init__("oaisys_recorder")
-        path = self.declare_parameter("path", path).value
-        names = self.declare_parameter("topics", ["", *topics]).value
-        self._requested = {self.resolve_topic_name(name) for name in names if name}
-        everything = self.declare_parameter("all", everything).value
-        self._everything = everything or not self._requested
-        self._folder = Path(path or time.strftime("bag_%Y_%m_%d-%H_%M_%S"))
+        values = self.declare_table(RECORDER, **defaults)
+        self._requested = {self.resolve_topic_name(name) for name in values["topics"] if name}
+        self._everything = values["all"] or not self._requested
+        self._exclude = re.compile(values["exclude"])
+        self._folder = Path(values["path"] or time.strftime("bag_%Y_%m_%d-%H_%M_%S"))
         require_free_space(self._folder)
         self._bag = BagWriter(self._folder)
         self._bag_lock = threading.Lock()
@@ -73,6 +82,8 @@ class RecorderNode(Node):
         self._recording = self.create_publisher(Bool, "~/recording", LATCHED_QOS)
         self._own_topics = {self._recording.topic_name}
         self.create_timer(LOOK_PERIOD_S, self._look)
+        if values["duration_s"]:
+            self.create_timer(values["duration_s"], stop.set)
 
     def close(self) -> None:
         """Take in what is still on its way, then finish the bag."""
@@ -106,8 +117,11 @@ class RecorderNode(Node):
     def _wants(self, name: str) -> bool:
         if name in self._requested or not self._everything:
             return name in self._requested
+        is_near = name.count("/") == 1 or name.startswith(f"{self.get_namespace().rstrip('/')}/")
         hidden = any(part.startswith("_") for part in name.split("/"))
-        return not hidden and name not in self._own_topics and bool(self.count_publishers(name))
+        if hidden or not is_near or name in self._own_topics or self._exclude.fullmatch(name):
+            return False
+        return bool(self.count_publishers(name))
 
     def _listen(self, name: str, type_name: str) -> None:
         """Subscribe with a quality of service that fits all publishers of the topic."""
@@ -159,19 +173,6 @@ class RecorderNode(Node):
             self.get_logger().error(f"{self._folder} has no summary: {error}")
 
 
-def message_class(type_name: str) -> type[Any]:
-    """Return the class of ``package/msg/Type``.
-
-    Raises:
-        NotFoundError: It is not installed.
-    """
-    package, _, name = type_name.partition("/msg/")
-    try:
-        return vars(importlib.import_module(f"{package}.msg"))[name]  # type: ignore[no-any-return]
-    except (ImportError, KeyError):
-        raise NotFoundError(f"the type {type_name} is not installed") from None
-
-
 def require_free_space(folder: Path) -> None:
     """Raise `InvalidInputError` where there is no room to start a bag."""
     existing = next(parent for parent in folder.resolve().parents if parent.exists())
@@ -206,7 +207,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--topics", nargs="*", default=(), help="default: all")
     parser.add_argument("--all", action="store_true", help="beside --topics: all others too")
     own = parser.parse_args(remove_ros_args(arguments)[1:])
-    return run_node(lambda: RecorderNode(own.out, own.topics, own.all), arguments)
+    given = {"path": own.out, "topics": ["", *own.topics], "all": own.all}
+    return run_recorder(arguments, **given)
+
+
+def run_recorder(arguments: Sequence[str], **defaults: Any) -> int:
+    """Record until told to end; ``defaults`` are those of the parameters."""
+    stop = threading.Event()
+    return run_node(lambda: RecorderNode(stop, **defaults), arguments, stop=stop)
 
 
 if __name__ == "__main__":
