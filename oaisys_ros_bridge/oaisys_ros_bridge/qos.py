@@ -23,6 +23,13 @@ TF_STATIC_QOS = QoSProfile(
 )
 """For those who listen: every publisher of fixed frames latches a message of its own."""
 
+TRACE_QOS = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Frusta, which come one by one: none may be lost to whoever is slow."""
+
 NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
 """Commands of which only the newest counts."""
 

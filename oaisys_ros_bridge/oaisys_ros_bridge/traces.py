@@ -24,7 +24,7 @@ from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.markers import deletion_marker, deletion_of_all, frustum_to_marker
 from oaisys_ros_bridge.publishers import Publishers, is_heard
 from oaisys_ros_bridge.publishing_options import PublishingOptions
-from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, TRACE_QOS
 
 GREETING_PERIOD_S = 1.0
 """Between two looks for subscribers that were not there before."""
@@ -72,7 +72,7 @@ class Traces:
         self._taken = 0
         self._depth_m = 0.0
         self._path = publishers.offer(Path, "path", LATCHED_QOS)
-        self._viewpoints = publishers.offer(MarkerArray, "viewpoints", LATCHED_QOS)
+        self._viewpoints = publishers.offer(MarkerArray, "viewpoints", TRACE_QOS)
         self._audience = {publisher.topic_name: 0 for publisher in (self._path, self._viewpoints)}
         group = MutuallyExclusiveCallbackGroup()
         self._timer = node.create_timer(GREETING_PERIOD_S, self._greet, callback_group=group)

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
+from nav_msgs.msg import Odometry, Path
 from ros_peer import User
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+from tf2_msgs.msg import TFMessage
+from visualization_msgs.msg import Marker, MarkerArray
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, transform
 from oaisys_core.types import (
@@ -24,11 +29,12 @@ from oaisys_core.types import (
     modality_spec,
 )
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
+from oaisys_ros_bridge import sensor_topics
 from oaisys_ros_bridge.clouds import cloud_from_msg
 from oaisys_ros_bridge.conversions import image_from_msg
 from oaisys_ros_bridge.parameters import BRIDGE
 from oaisys_ros_bridge.publication import Publication
-from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TRACE_QOS
 from oaisys_ros_bridge.sample_publisher import SamplePublisher
 
 pytestmark = pytest.mark.ros
@@ -146,3 +152,246 @@ def test_a_sample_at_which_nobody_rendered_is_told_of(user: User) -> None:
     user.wait_until(arrived)
     (msg, *_) = user.received[topic]
     assert (msg.sample_id, list(msg.sensors)) == (6, [])
+
+
+def test_nothing_is_made_that_nobody_listens_to(
+    user: User, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+    for name in [name for name in vars(sensor_topics) if name.endswith("_to_msg")]:
+        make = getattr(sensor_topics, name)
+
+        def spy(*args: Any, name: str = name, make: Any = make) -> Any:
+            made.append(name)
+            return make(*args)
+
+        monkeypatch.setattr(sensor_topics, name, spy)
+    info = pair()
+    publisher = SamplePublisher(user.node, info, lambda: DEFAULTS)
+    made.clear()  # fixed transforms
+    publish(publisher, sample_of(info), Time(sec=1))
+    assert made == []
+
+    user.listen(CompressedImage, "left/depth/image_raw/compressedDepth", SENSOR_QOS)
+    user.listen(CompressedImage, "right/color/image_raw/compressed", SENSOR_QOS)
+    for topic in list(user.received)[-2:]:
+        user.wait_until(partial(user.node.count_subscribers, topic))
+
+    def arrived() -> bool:
+        made.clear()
+        publish(publisher, sample_of(info), Time(sec=2))
+        return all(user.received[topic] for topic in list(user.received)[-2:])
+
+    user.wait_until(arrived)
+    assert sorted(made) == ["compressed_depth_to_msg", "compressed_to_msg"]
+
+
+COMPRESSED = {
+    "rgb": "rgb8; png compressed bgr8",
+    "albedo": "rgb8; png compressed bgr8",
+    "semantic_0": "16UC1; png compressed ",
+    "semantic_7": "16UC1; png compressed ",
+    "instance": "32SC1; png compressed bgra8",
+    "depth": "32FC1; compressedDepth png",
+    "range": "32FC1; compressedDepth png",
+}
+
+
+def test_images_go_out_compressed_as_parameters_say(user: User) -> None:
+    info = pair()
+    values = {**DEFAULTS, "compressed.color_format": "png", "compressed.depth_max_m": 300.0}
+    publisher = SamplePublisher(user.node, info, lambda: values)
+    topics = {
+        modality: f"left/{TOPICS.get(modality, modality)}/image_raw/compressed"
+        for modality in COMPRESSED
+    }
+    topics["as image_transport has it"] = "left/depth/image_raw/compressedDepth"
+    for topic in topics.values():
+        user.listen(CompressedImage, topic, SENSOR_QOS)
+    for topic in topics.values():
+        user.wait_until(partial(user.node.count_subscribers, topic))
+
+    def arrived() -> bool:
+        publish(publisher, sample_of(info), Time(sec=7))
+        return all(user.received[topic] for topic in topics.values())
+
+    user.wait_until(arrived)
+    for modality, image_format in COMPRESSED.items():
+        (msg, *_) = user.received[topics[modality]]
+        assert msg.format == image_format
+        assert (msg.header.stamp.sec, msg.header.frame_id) == (7, "left_optical_frame")
+        if "compressedDepth" not in image_format:
+            file = np.frombuffer(msg.data, np.uint8)
+            found = cv2.imdecode(file, cv2.IMREAD_UNCHANGED)
+            truth = image_of(modality)
+            if modality == "instance":
+                found = found.view("<u4")[..., 0]
+            elif truth.ndim == 3:
+                found = found[..., ::-1]
+            np.testing.assert_array_equal(found, truth)
+    (depth, *_), (same, *_) = (user.received[topics[m]] for m in ("depth", list(topics)[-1]))
+    assert depth == same
+
+
+def test_depth_clouds_and_ranges_suffer_the_same_and_nothing_else_does(user: User) -> None:
+    info = pair()
+    values = {
+        **DEFAULTS,
+        "faults.depth_noise": "gaussian",
+        "faults.depth_sigma_m": 2.0,
+        "faults.missing_ratio": 0.2,
+        "faults.min_depth_m": 30.0,
+        "faults.max_depth_m": 170.0,
+    }
+    publisher = SamplePublisher(user.node, info, lambda: values)
+    sample = sample_of(info)
+    lengths = np.linalg.norm(pixel_rays(BENT), axis=-1)
+    frames = [
+        replace(f, data=(image_of("depth") * lengths).astype(np.float32))
+        if f.modality == "range"
+        else f
+        for f in sample.frames
+    ]
+    sample = replace(sample, frames=tuple(frames))
+    names = ("depth", "range", "color", "instance", "normal")
+    topics = {name: f"left/{name}/image_raw" for name in names}
+    topics |= {"right": "right/depth/image_raw"}
+    for topic in topics.values():
+        user.listen(Image, topic, SENSOR_QOS)
+    points = "left/depth_registered/points"
+    user.listen(PointCloud2, points, SENSOR_QOS)
+    for topic in [*topics.values(), points]:
+        user.wait_until(partial(user.node.count_subscribers, topic))
+
+    def arrived() -> bool:
+        publish(publisher, sample, Time(sec=7))
+        return all(user.received[topic] for topic in [*topics.values(), points])
+
+    user.wait_until(arrived)
+    found = {name: image_from_msg(user.received[topic][0]) for name, topic in topics.items()}
+    again = image_from_msg(user.received[topics["depth"]][-1])
+    np.testing.assert_array_equal(again, found["depth"])
+    assert not np.array_equal(found["right"], found["depth"])
+    seen = np.isfinite(found["depth"])
+    error_m = (found["depth"] - image_of("depth"))[seen]
+    assert np.isnan(found["depth"]).any()
+    assert 0.5 < error_m.std() < 4.0
+    assert (np.abs(found["depth"][seen] - 100) <= 70).all()
+    np.testing.assert_allclose(found["range"], found["depth"] * lengths, rtol=1e-5)
+    points_m, _ = cloud_from_msg(user.received[points][0])
+    np.testing.assert_array_equal(points_m[..., 2][seen], found["depth"][seen])
+    assert np.isnan(points_m[~seen]).all()
+    for modality, name in (("rgb", "color"), ("instance", "instance"), ("normal", "normal")):
+        np.testing.assert_array_equal(found[name], image_of(modality))
+
+
+def sample_at(sample_id: int, pose: Pose = RIG, batch_id: int = 1) -> Sample:
+    info = pair()
+    return replace(sample_of(info), sample_id=sample_id, rig_pose=pose, batch_id=batch_id)
+
+
+def test_odometry_drifts_beside_the_truth(user: User) -> None:
+    values = dict(DEFAULTS)
+    publisher = SamplePublisher(user.node, pair(), lambda: values)
+    topics: dict[str, type[Any]] = {"odometry": Odometry, "ground_truth/odometry": Odometry}
+    for topic, kind in topics.items():
+        user.listen(kind, topic, SENSOR_QOS)
+    user.listen(TFMessage, "/tf", TF_QOS)
+    for topic in [*topics, "/tf"]:
+        user.wait_until(partial(user.node.count_subscribers, topic))
+
+    def poses_at(sample_id: int) -> dict[str, Any]:
+        stamp = Time(sec=sample_id)
+
+        def found() -> dict[str, Any] | None:
+            publish(publisher, sample_at(sample_id), stamp)
+            of_it = {
+                topic: [m for m in user.received[topic] if m.header.stamp == stamp]
+                for topic in topics
+            }
+            of_it["/tf"] = [
+                m.transforms[0]
+                for m in user.received["/tf"]
+                if m.transforms[0].header.stamp == stamp
+            ]
+            return {t: m[0] for t, m in of_it.items()} if all(of_it.values()) else None
+
+        poses: dict[str, Any] = user.wait_until(found)
+        return poses
+
+    exact = poses_at(50)
+    assert exact["odometry"] == exact["ground_truth/odometry"]
+    assert not exact["odometry"].pose.covariance.any()
+
+    values |= {"faults.drift_m": 0.02, "faults.drift_rad": 0.001}
+    moved = poses_at(51)
+    assert moved["ground_truth/odometry"].pose == exact["ground_truth/odometry"].pose
+    assert position(moved["/tf"].transform.translation) == RIG.position_m
+    covariance = moved["odometry"].pose.covariance.reshape(6, 6)
+    np.testing.assert_allclose(np.diag(covariance), [50 * 0.02**2] * 3 + [50 * 0.001**2] * 3)
+    off_m = np.subtract(position(moved["odometry"].pose.pose.position), RIG.position_m)
+    assert (np.abs(off_m) > 0).all()
+    assert (np.abs(off_m) < 6 * np.sqrt(50) * 0.02).all()
+
+    values["faults.tf_drifts"] = True
+    lost = poses_at(52)
+    believed = position(lost["odometry"].pose.pose.position)
+    assert position(lost["/tf"].transform.translation) == pytest.approx(believed, abs=1e-12)
+    assert position(lost["ground_truth/odometry"].pose.pose.position) == RIG.position_m
+
+
+def position(vector: Any) -> tuple[float, float, float]:
+    return (vector.x, vector.y, vector.z)
+
+
+def test_path_and_viewpoints_grow_forget_the_oldest_and_begin_anew_with_a_world(
+    user: User,
+) -> None:
+    values = {**DEFAULTS, "path.length": 4, "viewpoints.count": 6, "viewpoints.depth_m": 2.0}
+    publisher = SamplePublisher(user.node, pair(), lambda: values)
+    for i in range(1, 4):  # nobody is there yet
+        publish(publisher, sample_at(i, Pose((float(i), 0.0, 9.0), RIG.quat_xyzw)), Time(sec=i))
+
+    user.listen(Path, "path", LATCHED_QOS)
+    user.listen(MarkerArray, "viewpoints", TRACE_QOS)
+    paths, arrays = user.received["path"], user.received["viewpoints"]
+    user.wait_until(lambda: paths and arrays)
+    assert [p.pose.position.x for p in paths[-1].poses] == [1, 2, 3]
+    assert (paths[-1].header.frame_id, paths[-1].poses[0].header.stamp.sec) == ("map", 1)
+    everything = arrays[-1].markers
+    assert everything[0].action == Marker.DELETEALL
+    assert [(m.ns, m.action) for m in everything[1:]] == [("left", 0), ("right", 0)] * 3
+    numbers = [m.id for m in everything[1:]]
+    assert len(set(numbers)) == 6
+    assert max(p.z for m in everything[1:] for p in m.points) == pytest.approx(2.0)
+
+    seen = len(paths), len(arrays)
+    for i in (4, 5):
+        publish(publisher, sample_at(i, Pose((float(i), 0.0, 9.0), RIG.quat_xyzw)), Time(sec=i))
+        user.wait_until(
+            lambda n=i: len(paths) >= seen[0] + n - 3 and len(arrays) >= seen[1] + n - 3
+        )
+    assert [p.pose.position.x for p in paths[-1].poses] == [2, 3, 4, 5]
+    gone = [(m.ns, m.id) for m in arrays[-1].markers if m.action == Marker.DELETE]
+    assert gone == [("left", numbers[2]), ("right", numbers[3])]
+    added = [m for m in arrays[-1].markers if m.action == Marker.ADD]
+    assert [m.header.stamp.sec for m in added] == [5, 5]
+
+    publish(publisher, sample_at(1, batch_id=2), Time(sec=6))
+    user.wait_until(lambda: len(paths[-1].poses) == 1)
+    user.wait_until(lambda: [m.action for m in arrays[-1].markers] == [Marker.ADD] * 2)
+    assert [m.action for m in arrays[-2].markers] == [Marker.DELETEALL]
+
+
+def test_frames_of_robots_that_share_transforms_have_prefixes(user: User) -> None:
+    values = {**DEFAULTS, "frame_prefix": "a/", "map_frame": "a/map", "base_frame": "a/base_link"}
+    user.listen(TFMessage, "/tf_static", LATCHED_QOS)
+    publisher = SamplePublisher(user.node, pair(), lambda: values)
+
+    (mounts,) = user.wait_until(lambda: user.received["/tf_static"])
+
+    edges = {(t.header.frame_id, t.child_frame_id) for t in mounts.transforms}
+    expected = {("a/base_link", f"a/{n}_link") for n in ("left", "right")}
+    expected |= {(f"a/{n}_link", f"a/{n}_optical_frame") for n in ("left", "right")}
+    assert edges == expected
+    publisher.destroy()
