@@ -94,6 +94,10 @@ class User:
         subscription = self.node.create_subscription(kind, topic, self.received[topic].append, qos)
         self._subscriptions.append(subscription)
 
+    def spin_with(self, node: Node) -> None:
+        """Let another node of this context take its messages in, too."""
+        self._executor.add_node(node)
+
     def wait_until(self, condition: Callable[[], Any]) -> Any:
         """Take messages in until the condition holds, and return what it returned."""
         end_s = time.monotonic() + PATIENCE_S

@@ -1,0 +1,89 @@
+"""Stamps: whose time they tell, and that nodes with simulated time follow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from ros_peer import User, nanoseconds
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_ros_bridge.stamps import Stamps
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.fixture
+def user(ros_domain_id: int) -> Iterator[User]:
+    user = User()
+    yield user
+    user.close()
+
+
+def settings(**values: Any) -> dict[str, Any]:
+    return {"publish_clock": False, "clock_step_s": 0.1, **values}
+
+
+def test_stamps_are_of_the_nodes_clock_and_only_increase(user: User) -> None:
+    stamps = Stamps(user.node, settings)
+    clock = user.node.get_clock()
+
+    before_ns = clock.now().nanoseconds
+    found_ns = [nanoseconds(stamps.next()) for _ in range(1000)]
+    found_ns.append(nanoseconds(stamps.between()))
+
+    assert found_ns == sorted(set(found_ns))
+    assert before_ns <= found_ns[0]
+    assert found_ns[-1] <= clock.now().nanoseconds + len(found_ns)
+    assert user.node.count_publishers("/clock") == 0
+
+
+def test_stamps_go_on_where_the_nodes_clock_stands_still(user: User) -> None:
+    user.node.set_parameters([Parameter("use_sim_time", value=True)])
+    stamps = Stamps(user.node, settings)  # nobody publishes /clock
+
+    found_ns = [nanoseconds(stamps.next()) for _ in range(5)]
+
+    assert found_ns == [1, 2, 3, 4, 5]
+
+
+def test_other_nodes_live_in_the_simulated_time(user: User) -> None:
+    values = settings(publish_clock=True, clock_step_s=0.25)
+    stamps = Stamps(user.node, lambda: values)
+    follower = Node(
+        "follower",
+        context=user.node.context,
+        parameter_overrides=[Parameter("use_sim_time", value=True)],
+    )
+    user.spin_with(follower)
+
+    def follows(stamp: Time) -> bool:
+        return follower.get_clock().now().nanoseconds == nanoseconds(stamp)
+
+    first = stamps.next()
+    assert nanoseconds(first) == 250_000_000
+    user.wait_until(lambda: follows(first))
+    assert nanoseconds(stamps.next()) == 500_000_000
+    values["clock_step_s"] = 2.0
+    later = stamps.next()
+    assert nanoseconds(later) == 2_500_000_000
+    assert nanoseconds(stamps.between()) == 2_500_000_001
+    user.wait_until(lambda: follower.get_clock().now().nanoseconds >= nanoseconds(later))
+    stamps.advance(1.0)
+    user.wait_until(lambda: follower.get_clock().now().nanoseconds == 3_500_000_001)
+    stamps.reset()
+    user.wait_until(lambda: follower.get_clock().now().nanoseconds == 0)
+    assert nanoseconds(stamps.next()) == 2_000_000_000
+    stamps.close()
+    follower.destroy_node()
+
+
+def test_who_tells_the_time_does_not_ask_for_it(user: User) -> None:
+    user.node.set_parameters([Parameter("use_sim_time", value=True)])
+
+    with pytest.raises(InvalidInputError, match="publish_clock"):
+        Stamps(user.node, lambda: settings(publish_clock=True))
