@@ -6,7 +6,10 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Point, PoseStamped, Transform
+from geometry_msgs.msg import Pose as PoseMsg
+from std_msgs.msg import Header
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
@@ -29,9 +32,7 @@ def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: 
     Raises:
         InvalidInputError: Unknown frame or sensor, or numbers that are no pose.
     """
-    frame = stamped.header.frame_id
-    if frame not in ("", "map", map_frame):
-        raise InvalidInputError("pose.header.frame_id", frame, f"{map_frame!r} or empty")
+    checked_frame(stamped.header.frame_id, "pose.header.frame_id", map_frame)
     pose = pose_from_msg(stamped.pose, "pose.pose")
     if not sensor:
         return pose
@@ -40,6 +41,42 @@ def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: 
         raise InvalidInputError("sensor", sensor, f"empty or one of {', '.join(sorted(mounts))}")
     T_base_link = mounts[sensor] @ invert(T_LINK_OPTICAL)
     return pose_from_matrix(pose_to_matrix(pose) @ invert(T_base_link))
+
+
+def checked_frame(frame: str, field: str, map_frame: str) -> None:
+    """Raise `InvalidInputError` where poses come in another frame than that of the world."""
+    if frame not in ("", "map", map_frame):
+        raise InvalidInputError(field, frame, f"{map_frame!r} or empty")
+
+
+def poses_of_trajectory(
+    trajectory: MultiDOFJointTrajectory, points: str, map_frame: str
+) -> list[PoseStamped]:
+    """Return where a trajectory takes the rig: the transforms of its first joint.
+
+    Args:
+        trajectory: Of ``base_link``, in the frame of the world; times and velocities do not count.
+        points: ``every`` or ``last``: which of its points.
+        map_frame: See `rig_pose`.
+
+    Raises:
+        InvalidInputError: Wrong frame, no points, or a point without a transform.
+    """
+    checked_frame(trajectory.header.frame_id, "trajectory.header.frame_id", map_frame)
+    if not trajectory.points:
+        raise InvalidInputError("trajectory.points", [], "at least one point")
+    for index, point in enumerate(trajectory.points):
+        if not point.transforms:
+            field = f"trajectory.points[{index}].transforms"
+            raise InvalidInputError(field, [], "one transform per joint, at least one")
+    chosen = trajectory.points if points == "every" else trajectory.points[-1:]
+    return [_stamped(point.transforms[0], trajectory.header) for point in chosen]
+
+
+def _stamped(transform: Transform, header: Header) -> PoseStamped:
+    p = transform.translation
+    pose = PoseMsg(position=Point(x=p.x, y=p.y, z=p.z), orientation=transform.rotation)
+    return PoseStamped(header=header, pose=pose)
 
 
 def checked_modalities(modalities: Sequence[str], sensor: str, info: SimulatorInfo) -> list[str]:

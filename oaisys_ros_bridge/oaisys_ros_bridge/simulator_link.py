@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -16,6 +17,8 @@ from oaisys_core.types import (
     SimulatorInfo,
 )
 from oaisys_grpc.client import ClientTls, SimulatorClient
+from oaisys_ros_bridge.cancellation import Cancellation
+from oaisys_ros_bridge.turns import Turns
 
 R = TypeVar("R")
 
@@ -50,12 +53,17 @@ class SimulatorLink:
     """Keeps a client connected to ``address`` and, if wanted, a batch standing.
 
     A thread looks for the server, with growing pauses while there is none, and asks it every
-    `CHECK_PERIOD_S` afterwards. Calls that render go one at a time, under `lock`.
+    `CHECK_PERIOD_S` afterwards. Calls that render go one at a time, each in its turn.
+
+    Attributes:
+        initial_batch: Whether to build a first batch where there is none.
+        building: Whether a batch is being built.
     """
 
     def __init__(
         self,
         address: str,
+        turns: Turns,
         *,
         initial_batch: bool,
         timeout_s: float,
@@ -64,8 +72,9 @@ class SimulatorLink:
     ) -> None:
         self.address = address
         self._tls = tls
-        self.lock = threading.RLock()
-        self._initial_batch = initial_batch
+        self.initial_batch = initial_batch
+        self.building = False
+        self._turns = turns
         self._timeout_s = timeout_s
         self._on_change = on_change
         self._state = LinkState(None, f"no simulator at {address} yet", 0)
@@ -84,7 +93,8 @@ class SimulatorLink:
         self._wake.set()
         if self._client is not None:
             self._client.close()
-        self._thread.join(timeout=HEALTH_TIMEOUT_S)
+        if self._thread.is_alive():
+            self._thread.join(timeout=HEALTH_TIMEOUT_S)
 
     @property
     def state(self) -> LinkState:
@@ -99,30 +109,32 @@ class SimulatorLink:
         modalities: Sequence[str],
         sensors: Sequence[str],
         on_frames: SampleFramesCallback,
+        cancellation: Cancellation,
     ) -> Sample:
         """Render a sample; a server that has started afresh gets its first batch before that.
 
         Args:
             on_frames: Told frames as soon as they come; see `SimulatorClient.render_sample`.
+            cancellation: Stops the render.
 
         Raises:
             OaisysError: As the server says, or there is none.
         """
 
         def call(client: SimulatorClient) -> Sample:
-            return client.render_sample(
-                pose,
-                metadata=metadata,
-                modalities=modalities,
-                sensors=sensors,
-                on_frames=on_frames,
+            view = client.stream_sample(
+                pose, metadata=metadata, modalities=modalities, sensors=sensors
             )
+            with view as stream, cancellation.stopping_by(stream.cancel):
+                for frame in stream:
+                    on_frames(stream.outline, (frame,))
+                return stream.sample
 
-        with self.lock:
+        with self._turns:
             try:
                 return self._call(call)
             except NotReadyError:
-                if not self._initial_batch or self._stopping.is_set():
+                if not self.initial_batch or self._stopping.is_set():
                     raise
                 self.check()
                 return self._call(call)
@@ -131,22 +143,25 @@ class SimulatorLink:
         self, *, seed: int | None, reuse_stage: bool, metadata: ModuleMetadata | None
     ) -> int:
         """Build a new batch and return its id; it overtakes a sample that renders."""
-        batch_id = self._call(
-            lambda client: client.step_batch(seed=seed, reuse_stage=reuse_stage, metadata=metadata)
-        )
-        with self.lock:
+        with self._is_building():
+            batch_id = self._call(
+                lambda client: client.step_batch(
+                    seed=seed, reuse_stage=reuse_stage, metadata=metadata
+                )
+            )
+        with self._turns:
             self.check()
         return batch_id
 
     def end_simulation(self) -> None:
         """End the server's process."""
-        with self.lock:
+        with self._turns:
             self._call(lambda client: client.end_simulation())
             self._lose("the simulation was ended")
 
     def _call(self, call: Callable[[SimulatorClient], R]) -> R:
         if self._client is None:
-            with self.lock:
+            with self._turns:
                 self.check()
         client = self._client
         if client is None:
@@ -156,7 +171,7 @@ class SimulatorLink:
         except InvalidInputError:
             raise
         except WorkerLostError as error:
-            with self.lock:
+            with self._turns:
                 self._enter(self._state.info, str(error))
             self._wake.set()
             raise
@@ -168,7 +183,7 @@ class SimulatorLink:
         retry_s = FIRST_RETRY_S
         while not self._stopping.is_set():
             # A render under way tells more about the server than a look at it beside the render.
-            if self.lock.acquire(blocking=False):
+            if self._turns.acquire(blocking=False):
                 try:
                     self.check()
                     retry_s = FIRST_RETRY_S
@@ -176,9 +191,27 @@ class SimulatorLink:
                     self._lose(str(error))
                     retry_s = min(2.0 * retry_s, LONGEST_RETRY_S)
                 finally:
-                    self.lock.release()
+                    self._turns.release()
             self._wake.wait(CHECK_PERIOD_S if self._state.info is not None else retry_s)
             self._wake.clear()
+
+    def look(self) -> SimulatorInfo:
+        """Return what the simulator is, before `start`; build nothing.
+
+        Raises:
+            OaisysError: It does not answer.
+        """
+        _, info = self._found()
+        self._state = LinkState(info, "no sample can be asked for yet", 1)
+        return info
+
+    def _found(self) -> tuple[SimulatorClient, SimulatorInfo]:
+        if self._client is None:
+            self._client = SimulatorClient(self.address, timeout_s=self._timeout_s, tls=self._tls)
+        client = self._client
+        if not client.is_ready(HEALTH_TIMEOUT_S):
+            raise NotReadyError(f"no simulator serves at {self.address}")
+        return client, client.info()
 
     def check(self) -> None:
         """Ask the server what it is, and build the first batch where there is none.
@@ -186,20 +219,25 @@ class SimulatorLink:
         Raises:
             OaisysError: It does not answer, or cannot build.
         """
-        if self._client is None:
-            self._client = SimulatorClient(self.address, timeout_s=self._timeout_s, tls=self._tls)
-        if not self._client.is_ready(HEALTH_TIMEOUT_S):
-            raise NotReadyError(f"no simulator serves at {self.address}")
-        info = self._client.info()
-        if info.batch_id == 0 and self._initial_batch:
+        client, info = self._found()
+        if info.batch_id == 0 and self.initial_batch:
             self._enter(info, "the first batch is being built")
-            self._client.step_batch()
-            info = self._client.info()
+            with self._is_building():
+                client.step_batch()
+            info = client.info()
         if self._state.info is not None and self._state.ready:
             restarts = info.worker_restarts - self._state.info.worker_restarts
             if restarts > 0:
                 self._enter(info, f"the simulator's worker died; restarted {restarts} time(s)")
         self._enter(info, "" if info.batch_id > 0 else "no batch has been stepped yet")
+
+    @contextmanager
+    def _is_building(self) -> Iterator[None]:
+        self.building = True
+        try:
+            yield
+        finally:
+            self.building = False
 
     def _enter(self, info: SimulatorInfo | None, reason: str) -> None:
         found = int(self._state.info is None and info is not None)

@@ -49,8 +49,9 @@ PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib"}
 BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml"}
 ROS = {
     "action_msgs", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
-    "nav_msgs", "oaisys_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs", "sensor_msgs",
-    "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs", "visualization_msgs",
+    "lifecycle_msgs", "nav_msgs", "oaisys_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs",
+    "sensor_msgs", "simulation_interfaces", "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs",
+    "visualization_msgs",
 }  # fmt: skip
 CLIENT_SIDE = ("oaisys_grpc.client", "oaisys_grpc.conversions")
 

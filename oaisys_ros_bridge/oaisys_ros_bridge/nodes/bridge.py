@@ -4,94 +4,180 @@ from __future__ import annotations
 
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from builtin_interfaces.msg import Time as TimeMsg
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from rclpy.node import Node
-from rclpy.time import Time
-from std_msgs.msg import Bool, Header
+from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
+from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
-from oaisys_core.types import (
-    Frame,
-    ModuleMetadata,
-    Pose,
-    Sample,
-    SampleFramesCallback,
-    SampleOutline,
-    SimulatorInfo,
-)
+from oaisys_core.types import SampleOutline, SimulatorInfo
 from oaisys_grpc.client import client_tls
-from oaisys_msgs.msg import SampleInfo
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
+from oaisys_ros_bridge.command_queue import CommandQueue
+from oaisys_ros_bridge.diagnostics import diagnostics_msg, resident_mb, simulator_values
+from oaisys_ros_bridge.managed_node import ACTIVE, INACTIVE, UNCONFIGURED, ManagedNode
+from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
+from oaisys_ros_bridge.parameter_table import Changeable, ParameterRow
+from oaisys_ros_bridge.parameters import BRIDGE
 from oaisys_ros_bridge.publication import Publication
 from oaisys_ros_bridge.qos import LATCHED_QOS, NEWEST_QOS
+from oaisys_ros_bridge.rendering import Renderer, View
 from oaisys_ros_bridge.requests import (
-    checked_modalities,
     metadata_of_module,
     metadata_of_modules,
-    rig_pose,
+    poses_of_trajectory,
 )
-from oaisys_ros_bridge.sample_info import batch_info_msg
-from oaisys_ros_bridge.sample_publisher import SamplePublisher
 from oaisys_ros_bridge.simulator_link import LinkState, SimulatorLink
+from oaisys_ros_bridge.sweep import SweepServer
+from oaisys_ros_bridge.turns import Turns
+from oaisys_ros_bridge.world_topics import WorldTopics
+
+DIAGNOSTICS_PERIOD_S = 1.0
+ACTIVATION_TIMEOUT_S = 5.0
+"""How long a request waits for a bridge that has just found its simulator again."""
+THREADS = 16
+"""Enough for one of each kind of request to wait for its turn, and for all else to go on."""
 
 
-class BridgeNode(Node):
+class BridgeNode(ParameterNode, ManagedNode):
     """Renders where it is asked to, one request at a time, and publishes what comes back.
 
-    Parameters:
-        address: Of the simulator's gRPC server.
-        initial_batch: Whether to build a first batch where the server has none.
-        publish_points: Whether to offer clouds.
-        map_frame, base_frame: Frames of the world and of the rig.
-        timeout_s: Longest time that a call to the server may take.
-        tls_ca, tls_cert, tls_key: PEM files for a server that encrypts: authorities of its
-            certificate, and this client's own; all empty: without TLS.
+    A managed node: configured, it knows the simulator and offers its topics; active, it renders.
+    By default it goes there by itself, and again whenever the simulator has come back.
+    Its parameters are the rows of `oaisys_ros_bridge.parameters.BRIDGE`.
     """
 
     def __init__(self) -> None:
         super().__init__("oaisys_bridge")
-        address = self.declare_parameter("address", "127.0.0.1:50051").value
-        initial_batch = self.declare_parameter("initial_batch", True).value
-        timeout_s = self.declare_parameter("timeout_s", 600.0).value
-        tls_files = [self.declare_parameter(f"tls_{n}", "").value for n in ("ca", "cert", "key")]
-        self._publish_points = self.declare_parameter("publish_points", True).value
-        self._map_frame = self.declare_parameter("map_frame", "map").value
-        self._base_frame = self.declare_parameter("base_frame", "base_link").value
-        self._metadata: ModuleMetadata | None = None
-        self._metadata_lock = threading.Lock()
-        self._last_stamp_ns = 0
-        self._last_render_s = float("nan")
-        self._samples: SamplePublisher | None = None
-        self._announced_batch: tuple[str, int, int] | None = None
+        self.declare_table(BRIDGE)
+        self._turns = Turns()
+        self._link: SimulatorLink | None = None
+        self._topics = WorldTopics(self, lambda: self.parameters)
+        self._ready_lock = threading.Lock()
+        self._announced_ready: bool | None = None
         self._ready = self.create_publisher(Bool, "~/ready", LATCHED_QOS)
-        self._batch = self.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._link = SimulatorLink(
-            address,
-            initial_batch=initial_batch,
-            timeout_s=timeout_s,
-            on_change=self._follow,
-            tls=client_tls(*tls_files),
+        self._renderer = Renderer(
+            self._turns,
+            ready_link=self._ready_link,
+            begin=self._begin,
+            map_frame=lambda: str(self.parameters["map_frame"]),
         )
+        self._commands = CommandQueue(
+            self._turns,
+            lambda pose: self._renderer.render(View(pose)),
+            lambda reason: self.get_logger().warning(f"command refused: {reason}"),
+        )
+        self._sweeps = SweepServer(self, self._renderer)
         self._create_interfaces()
-        self._ready.publish(Bool(data=False))
-        self._link.start()
+        self._publish_ready()
+        if self.parameters["autostart"]:
+            self._link = self._new_link()
+            self._link.start()
+            self.set_aim(ACTIVE)
 
     def close(self) -> None:
         """Let go of the simulator."""
-        self._link.close()
+        self.stop_rendering("the bridge ends")
+        self._commands.close()
+        if self._link is not None:
+            self._link.close()
+
+    def configure(self) -> None:
+        """Find the simulator and offer its topics."""
+        if self._link is None:
+            link = self._new_link()
+            try:
+                info = link.look()
+            except OaisysError:
+                link.close()
+                raise
+            self._link = link
+            self._topics.offer(info)
+            link.start()
+        else:
+            self._topics.offer(_known(self._link))
+
+    def activate(self) -> None:
+        """Make sure that a world stands, and say which."""
+        link = self._configured_link()
+        if not link.state.ready:
+            with self._turns:
+                link.check()
+        if not link.state.ready:
+            raise NotReadyError(link.state.reason)
+        self._topics.announce(_known(link))
+
+    def deactivate(self) -> None:
+        """Stop what renders."""
+        self.stop_rendering("the bridge was deactivated")
+
+    def cleanup(self, *, for_good: bool) -> None:
+        """Let go of the simulator and of its topics, or keep looking for it where it was lost."""
+        self._renderer.forget()
+        if not for_good:
+            return
+        link, self._link = self._link, None
+        if link is not None:
+            link.close()
+        self._topics.withdraw()
+
+    def reachable(self) -> int:
+        """Return what the simulator allows: to be active, a world must stand."""
+        link = self._link
+        if link is None or link.state.info is None:
+            return UNCONFIGURED
+        return ACTIVE if link.state.ready or self.state == ACTIVE else INACTIVE
+
+    def on_settled(self) -> None:
+        """Tell those who wait for the bridge."""
+        self._publish_ready()
+        self._publish_diagnostics()
+
+    def reason_against(self, row: ParameterRow) -> str:
+        """Return why a parameter cannot be set now, or nothing."""
+        if row.changeable is Changeable.UNCONFIGURED and self.state != UNCONFIGURED:
+            return f"no change while the bridge is {self.state_name}: clean it up first"
+        return super().reason_against(row)
+
+    def on_parameters(self, changed: Mapping[str, Any]) -> None:
+        """Take new values into use; most are read where they are needed."""
+        link = self._link
+        if link is None:
+            return
+        link.initial_batch = self.parameters["initial_batch"]
+        unconfigured = {row.name for row in BRIDGE if row.changeable is Changeable.UNCONFIGURED}
+        if unconfigured & changed.keys():
+            link.close()
+            self._link = self._new_link()
+            self._link.start()
+
+    def stop_rendering(self, reason: str) -> None:
+        """End what is under way and what waits behind it."""
+        self._commands.replace(())
+        self._sweeps.stop(reason)
+        self._renderer.stop(reason)
+
+    def _new_link(self) -> SimulatorLink:
+        values = self.parameters
+        return SimulatorLink(
+            values["address"],
+            self._turns,
+            initial_batch=values["initial_batch"],
+            timeout_s=values["timeout_s"],
+            on_change=self._follow,
+            tls=client_tls(values["tls_ca"], values["tls_cert"], values["tls_key"]),
+        )
 
     def _create_interfaces(self) -> None:
         """Offer the services; each waits for the simulator in a group of its own."""
-        services = (
+        services: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
             (SetPose, "~/set_pose", self._on_set_pose),
             (StepBatch, "~/step_batch", self._on_step_batch),
             (SetMetadata, "~/set_metadata", self._on_set_metadata),
@@ -100,21 +186,23 @@ class BridgeNode(Node):
         for kind, name, callback in services:
             group = MutuallyExclusiveCallbackGroup()
             self.create_service(kind, name, callback, callback_group=group)
-        # While one command renders, its queue of one keeps only the newest of those that follow.
-        self.create_subscription(
-            PoseStamped,
-            "command/pose",
-            self._on_command_pose,
-            NEWEST_QOS,
-            callback_group=MutuallyExclusiveCallbackGroup(),
+        commands: tuple[tuple[Any, str, Callable[[Any], None]], ...] = (
+            (PoseStamped, "command/pose", self._on_command_pose),
+            (MultiDOFJointTrajectory, "command/trajectory", self._on_command_trajectory),
         )
+        group = MutuallyExclusiveCallbackGroup()
+        for kind, name, callback in commands:
+            self.create_subscription(kind, name, callback, NEWEST_QOS, callback_group=group)
         self.create_timer(
-            1.0, self._publish_diagnostics, callback_group=MutuallyExclusiveCallbackGroup()
+            DIAGNOSTICS_PERIOD_S,
+            self._publish_diagnostics,
+            callback_group=MutuallyExclusiveCallbackGroup(),
         )
 
     def _on_set_pose(self, request: SetPose.Request, response: SetPose.Response) -> Any:
         try:
-            sample, stamp = self._render(request.pose, request.sensor, request.modalities)
+            view = View(request.pose, request.sensor, request.modalities)
+            sample, stamp = self._renderer.render(view)
         except OaisysError as error:
             response.message = str(error)
             self.get_logger().warning(f"set_pose refused: {error}")
@@ -127,16 +215,20 @@ class BridgeNode(Node):
         return response
 
     def _on_command_pose(self, pose: PoseStamped) -> None:
+        self._commands.replace([pose])
+
+    def _on_command_trajectory(self, trajectory: MultiDOFJointTrajectory) -> None:
+        points, map_frame = self.parameters["trajectory_points"], self.parameters["map_frame"]
         try:
-            self._render(pose, "", ())
+            self._commands.replace(poses_of_trajectory(trajectory, points, map_frame))
         except OaisysError as error:
-            self.get_logger().warning(f"command/pose refused: {error}")
+            self.get_logger().warning(f"command/trajectory refused: {error}")
 
     def _on_step_batch(self, request: StepBatch.Request, response: StepBatch.Response) -> Any:
         try:
             if request.seed < -1:
                 raise InvalidInputError("seed", request.seed, "0 or more, or -1 for the next")
-            response.batch_id = self._link.step_batch(
+            response.batch_id = self._configured_link().step_batch(
                 seed=None if request.seed == -1 else request.seed,
                 reuse_stage=request.reuse_stage,
                 metadata=metadata_of_modules(request.metadata_json),
@@ -149,9 +241,8 @@ class BridgeNode(Node):
 
     def _on_set_metadata(self, request: SetMetadata.Request, response: SetMetadata.Response) -> Any:
         try:
-            later = metadata_of_module(request.module, request.metadata_json)
-            with self._metadata_lock:
-                self._metadata = (self._metadata or ModuleMetadata()).updated(later)
+            metadata = metadata_of_module(request.module, request.metadata_json)
+            self._renderer.metadata.add(metadata)
             response.success = True
             response.message = "takes effect at the next sample"
         except OaisysError as error:
@@ -160,158 +251,113 @@ class BridgeNode(Node):
 
     def _on_end_simulation(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         try:
-            self._link.end_simulation()
+            self._configured_link().end_simulation()
             response.success = True
         except OaisysError as error:
             response.message = str(error)
         return response
 
-    def _render(
-        self, pose: PoseStamped, sensor: str, modalities: Sequence[str]
-    ) -> tuple[Sample, TimeMsg]:
-        """Render and publish one sample; requests go one at a time, so stamps only increase.
+    def _configured_link(self) -> SimulatorLink:
+        if self._link is None:
+            raise NotReadyError(f"the bridge is {self.state_name}: configure it first")
+        return self._link
 
-        What is ready goes out at once. Where the render then fails, ``~/sample_info`` never tells
-        of that stamp: its images belong to no sample.
+    def _ready_link(self) -> tuple[SimulatorLink, SimulatorInfo]:
+        """Return the simulator that may render now; look at once for one that was lost.
+
+        Raises:
+            NotReadyError: Nothing is rendered now.
         """
-        with self._link.lock:
-            info = self._link.state.info
-            if info is None:
-                self._link.check()
-                info = self._link.state.info
-            if info is None:
-                raise NotReadyError(self._link.state.reason)
-            target = rig_pose(pose, sensor, info, self._map_frame)
-            wanted = checked_modalities(modalities, sensor, info)
-            begun: list[Publication] = []
-
-            def publish(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
-                if not begun:
-                    begun.append(self._begin(outline))
-                begun[0].add(frames)
-
-            sample = self._render_at(target, wanted, [sensor] if sensor else [], publish)
-            self._last_render_s = sample.render_time_s
-            publication = begun[0] if begun else self._begin(sample.outline)
-            publication.finish(sample)
-            return sample, publication.stamp
+        link = self._link
+        if link is None or self.aim != ACTIVE:
+            raise NotReadyError(f"the bridge is {self.state_name}: activate it first")
+        if link.state.info is None:
+            link.check()
+        if self.reachable() != ACTIVE or not self.wait_for(ACTIVE, ACTIVATION_TIMEOUT_S):
+            raise NotReadyError(link.state.reason or f"the bridge is {self.state_name}")
+        return link, _known(link)
 
     def _begin(self, outline: SampleOutline) -> Publication:
         """Begin to publish a sample, with a stamp after that of its batch."""
         self._notice_batch(outline.batch_id)
-        if self._samples is None:
-            raise NotReadyError(self._link.state.reason)
-        return Publication(self._samples, outline, self._next_stamp())
-
-    def _render_at(
-        self,
-        pose: Pose,
-        modalities: list[str],
-        sensors: list[str],
-        on_frames: SampleFramesCallback,
-    ) -> Sample:
-        """Render with what was set since the last sample; the simulator keeps it from then on.
-
-        Metadata that it refuses is forgotten: it would spoil every later sample.
-        """
-        with self._metadata_lock:
-            metadata, self._metadata = self._metadata, None
-        try:
-            return self._link.render(
-                pose,
-                metadata=metadata,
-                modalities=modalities,
-                sensors=sensors,
-                on_frames=on_frames,
-            )
-        except OaisysError as error:
-            refused = isinstance(error, InvalidInputError) and "pose" not in error.field
-            if metadata is not None and not refused:
-                with self._metadata_lock:
-                    self._metadata = metadata.updated(self._metadata or ModuleMetadata())
-            raise
-
-    def _next_stamp(self) -> TimeMsg:
-        """Return now, or a nanosecond after the stamp before where the clock has not moved on."""
-        now_ns = self.get_clock().now().nanoseconds
-        self._last_stamp_ns = max(now_ns, self._last_stamp_ns + 1)
-        return Time(nanoseconds=self._last_stamp_ns).to_msg()
+        return self._topics.begin(outline)
 
     def _follow(self, before: LinkState, state: LinkState) -> None:
-        """Offer the topics of the simulator that was found and say whether it is ready."""
-        if state.info is not None:
-            self._offer_topics_of(state.info)
-            self._announce_batch_of(state.info)
-        if state.ready != before.ready:
-            self._ready.publish(Bool(data=state.ready))
+        """Follow what becomes of the simulator: offer its topics, announce its world."""
+        if state.info is not None and self.state in (INACTIVE, ACTIVE):
+            self._topics.offer(state.info)
+        if state.info is not None and self.state == ACTIVE:
+            self._topics.announce(state.info)
+        self._publish_ready()
+        self.settle()
         if state.reason == before.reason:
             return
         self._publish_diagnostics()
+        address = self.parameters["address"]
         if state.info is not None:
-            self.get_logger().info(f"simulator at {self._link.address}: {state.reason or 'ready'}")
+            self.get_logger().info(f"simulator at {address}: {state.reason or 'ready'}")
         else:
             self.get_logger().warning(f"simulator lost: {state.reason}")
 
     def _notice_batch(self, batch_id: int) -> None:
         """Look at the simulator before a sample of a batch that another client has stepped."""
-        info = self._link.state.info
+        link = self._configured_link()
+        info = link.state.info
         if info is None or info.batch_id != batch_id:
-            self._link.check()
+            link.check()
 
-    def _announce_batch_of(self, info: SimulatorInfo) -> None:
-        """Say that another world stands: what was published before shows the old one."""
-        batch = (info.config_sha256, info.seed, info.batch_id)
-        if info.batch_id == 0 or batch == self._announced_batch:
-            return
-        self._announced_batch = batch
-        header = Header(stamp=self._next_stamp(), frame_id=self._map_frame)
-        self._batch.publish(batch_info_msg(info, header))
-
-    def _offer_topics_of(self, info: SimulatorInfo) -> None:
-        if self._samples is not None and self._samples.fits(info):
-            self._samples.update(info)
-            return
-        if self._samples is not None:
-            self._samples.destroy()
-        self._samples = SamplePublisher(
-            self,
-            info,
-            map_frame=self._map_frame,
-            base_frame=self._base_frame,
-            publish_points=self._publish_points,
-        )
+    def _publish_ready(self) -> None:
+        """Say whether a sample can be asked for, where that has changed."""
+        with self._ready_lock:
+            link = self._link
+            ready = link is not None and link.state.ready and self.state == ACTIVE
+            if ready != self._announced_ready:
+                self._announced_ready = ready
+                self._ready.publish(Bool(data=ready))
 
     def _publish_diagnostics(self) -> None:
-        state = self._link.state
-        level = DiagnosticStatus.OK if state.ready else DiagnosticStatus.ERROR
-        values = {
-            "address": self._link.address,
-            "connected": str(state.info is not None).lower(),
-            "connections": str(state.connections),
-            "last_render_s": f"{self._last_render_s:.4f}",
+        link = self._link
+        ready = bool(self._announced_ready)
+        meant = self.aim == ACTIVE
+        level = DiagnosticStatus.OK if ready else DiagnosticStatus.ERROR
+        if not ready and not meant:
+            level = DiagnosticStatus.WARN
+        counts = self._renderer.counts
+        values: dict[str, object] = {
+            "address": self.parameters["address"],
+            "lifecycle_state": self.state_name,
+            "connections": 0 if link is None else link.state.connections,
+            "renderer": self._renderer.activity,
+            "queue": self._turns.waiting + self._commands.waiting,
+            "rendered": counts.rendered,
+            "failed": counts.failed,
+            "dropped_commands": self._commands.dropped,
+            "last_render_s": counts.last_render_s,
+            "memory_mb": resident_mb(),
+            **simulator_values(None if link is None else link.state.info),
         }
         for publisher in self.publishers:
             # A caller that must not lose the first sample waits until its subscribers are known.
-            values[f"subscribers {publisher.topic_name}"] = str(publisher.get_subscription_count())
-        if state.info is not None:
-            values["backend"] = f"{state.info.backend} {state.info.backend_version}"
-            values["batch_id"] = str(state.info.batch_id)
-            values["worker_restarts"] = str(state.info.worker_restarts)
-        status = DiagnosticStatus(
-            level=level,
-            name=f"{self.get_name()}: simulator",
-            message=state.reason or "ready",
-            hardware_id=self._link.address,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()],
-        )
-        message = DiagnosticArray(status=[status])
-        message.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(message)
+            values[f"subscribers {publisher.topic_name}"] = publisher.get_subscription_count()
+        reason = "" if link is None else link.state.reason
+        message = "ready" if ready else (reason if meant else "") or self.state_name
+        name = f"{self.get_name()}: simulator"
+        diagnostics = diagnostics_msg(name, self.parameters["address"], level, message, values)
+        diagnostics.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(diagnostics)
+
+
+def _known(link: SimulatorLink) -> SimulatorInfo:
+    """Return what is known of the simulator; `NotReadyError` where it is lost."""
+    info = link.state.info
+    if info is None:
+        raise NotReadyError(link.state.reason)
+    return info
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end."""
-    return run_node(BridgeNode, arguments)
+    return run_node(BridgeNode, arguments, threads=THREADS)
 
 
 if __name__ == "__main__":

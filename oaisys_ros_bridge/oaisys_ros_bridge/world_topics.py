@@ -1,0 +1,86 @@
+"""What the bridge publishes of the simulator that it has found: its world and its samples."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rclpy.node import Node
+from std_msgs.msg import Header
+
+from oaisys_core.errors import NotReadyError
+from oaisys_core.types import SampleOutline, SimulatorInfo
+from oaisys_msgs.msg import SampleInfo
+from oaisys_ros_bridge.publication import Publication
+from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.sample_info import batch_info_msg
+from oaisys_ros_bridge.sample_publisher import SamplePublisher
+from oaisys_ros_bridge.stamps import Stamps
+
+
+class WorldTopics:
+    """Topics that exist as long as the bridge is configured; safe to use from any thread.
+
+    Args:
+        node: Owner of the publishers.
+        settings: Returns the bridge's parameters.
+    """
+
+    def __init__(self, node: Node, settings: Callable[[], Mapping[str, Any]]) -> None:
+        self._node = node
+        self._settings = settings
+        self._lock = threading.RLock()
+        self._samples: SamplePublisher | None = None
+        self._stamps: Stamps | None = None
+        self._announced: tuple[str, int, int] | None = None
+        self._batch = node.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
+
+    def offer(self, info: SimulatorInfo) -> None:
+        """Make the topics of a simulator; keep those that it shares with the one before."""
+        with self._lock:
+            self._stamps = self._stamps or Stamps(self._node, self._settings)
+            if self._samples is not None and self._samples.fits(info):
+                self._samples.update(info)
+                return
+            if self._samples is not None:
+                self._samples.destroy()
+            self._samples = SamplePublisher(self._node, info, self._settings)
+
+    def announce(self, info: SimulatorInfo) -> None:
+        """Say once that another world stands: what was published before shows the old one."""
+        batch = (info.config_sha256, info.seed, info.batch_id)
+        with self._lock:
+            if self._stamps is None or info.batch_id == 0 or batch == self._announced:
+                return
+            self._announced = batch
+            header = Header(stamp=self._stamps.between(), frame_id=self._settings()["map_frame"])
+            self._batch.publish(batch_info_msg(info, header))
+
+    def begin(self, outline: SampleOutline) -> Publication:
+        """Begin to publish a sample.
+
+        Raises:
+            NotReadyError: There are no topics any more.
+        """
+        with self._lock:
+            if self._samples is None or self._stamps is None:
+                raise NotReadyError("the bridge is not configured any more")
+            return Publication(self._samples, outline, self._stamps.next())
+
+    def restart_clock(self) -> bool:
+        """Let simulated time begin again; return whether time is simulated."""
+        with self._lock:
+            if self._stamps is None or not self._stamps.simulated:
+                return False
+            self._stamps.reset()
+            return True
+
+    def withdraw(self) -> None:
+        """Take all topics away."""
+        with self._lock:
+            if self._samples is not None:
+                self._samples.destroy()
+            if self._stamps is not None:
+                self._stamps.close()
+            self._samples = self._stamps = self._announced = None
