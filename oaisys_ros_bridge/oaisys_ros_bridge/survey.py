@@ -15,14 +15,13 @@ import numpy as np
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
-from oaisys_core.types import Pose, SensorInfo
+from oaisys_core.types import DEPTH, Pose, SensorInfo
 from oaisys_grpc.client import SimulatorClient
-from oaisys_mapping.mesh_io import read_ply, write_truth
-from oaisys_mapping.metrics import evaluate_reconstruction
+from oaisys_mapping.faults import PosedDepth
 from oaisys_mapping.rectification import rectified_camera
 from oaisys_mapping.report import write_report
-from oaisys_mapping.view_files import write_views
 from oaisys_mapping.visibility import View
+from oaisys_ros_bridge.closure import MESH_FILE, measure_and_certify, thresholds_for
 from oaisys_ros_bridge.interruption import raise_if_interrupted
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.survey_client import ReceivedView, SurveyClient
@@ -45,21 +44,23 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
     with running_system(options, SurveyClient, reporter) as system:
         poses = _viewpoints(_plan(options, system), system.simulator)
         received = _visit(system, poses, reporter)
-        views = _views(system.sensor, poses)
-        write_views(options.out / "poses.json", views)
-        reporter.say("saving the mesh")
-        mesh_path = options.out / "mesh.ply"
-        system.client.save_mesh(str(mesh_path.resolve()), MAP_TIMEOUT_S)
+        reporter.say("saving the map")
+        system.client.save_mesh(str((options.out / MESH_FILE).resolve()), MAP_TIMEOUT_S)
         truth = system.simulator.ground_truth_mesh()
         info = system.simulator.info()
-    reporter.say("measuring against the true surface")
-    write_truth(options.out / "truth.ply", truth)
-    mesh = read_ply(mesh_path)
-    rng = np.random.default_rng(info.seed)
-    evaluation = evaluate_reconstruction(
-        mesh, truth, views, options.voxel_size_m, options.max_range_m, rng
+    views = _views(system.sensor, poses)
+    closure = measure_and_certify(
+        options,
+        info,
+        truth,
+        views,
+        _frames(system.sensor, views, received) if options.faults else [],
+        thresholds_for(options.voxel_size_m),
+        options.key,
+        reporter,
     )
-    report = survey_report(options, info, evaluation, mesh, received, time.monotonic() - started_s)
+    seconds = time.monotonic() - started_s
+    report = survey_report(options, info, closure, views, received, seconds)
     write_report(report, options.out)
     say_result(report, options, reporter)
     return not report.missed
@@ -105,3 +106,14 @@ def _views(sensor: SensorInfo, poses: Sequence[Pose]) -> list[View]:
     """Return the cameras as the mapper rectifies them: a pose is that of the sensor's link."""
     camera = rectified_camera(sensor.intrinsics)
     return [View(camera, pose_to_matrix(pose) @ T_LINK_OPTICAL) for pose in poses]
+
+
+def _frames(
+    sensor: SensorInfo, views: Sequence[View], received: Sequence[ReceivedView]
+) -> list[PosedDepth]:
+    """Return the depth images that came, each with the camera and the pose it was taken with."""
+    return [
+        PosedDepth(images[DEPTH], sensor.intrinsics, view.T_map_camera)
+        for view, images in zip(views, (one.images for one in received), strict=True)
+        if DEPTH in images
+    ]

@@ -3,23 +3,35 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, pi, sqrt
+from math import ceil, floor, pi, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import nadir_spacing_m
 from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_mapping.signature import PrivateKey
 from oaisys_ros_bridge.system import SystemOptions
 
 
 @dataclass(frozen=True)
 class SurveyOptions(SystemOptions):
-    """What a survey is asked to do."""
+    """What a survey is asked to do.
+
+    Attributes:
+        views: Viewpoints on the grid.
+        altitude_m: Height above the surface below each.
+        overlap: Share of an image's edge that neighbours share.
+        faults: Whether maps with deliberate faults are shown beside the true one.
+        key: Signs the certificate; None: nobody does.
+    """
 
     views: int
     altitude_m: float
     overlap: float
+    faults: bool = True
+    key: PrivateKey | None = None
 
 
 NORTH_UP_YAW_RAD = pi / 2
@@ -78,7 +90,38 @@ def plan_survey(
     low, high = np.array(extent_m[:2]), np.array(extent_m[2:])
     xy_m = np.column_stack((x.ravel(), y.ravel()))[:views] + (low + high) / 2
     if ((xy_m < low) | (xy_m > high)).any():
-        size = f"{columns} x {rows} views, {columns * step_x_m:.1f} m x {rows * step_y_m:.1f} m"
-        stage = f"{high[0] - low[0]:g} m x {high[1] - low[1]:g} m"
-        raise InvalidInputError("the survey's grid", size, f"one that fits the stage of {stage}")
+        step_m = np.array((step_x_m, step_y_m))
+        raise _too_large(np.array((columns, rows)), step_m, high - low, altitude_m, overlap)
     return SurveyPlan(xy_m, altitude_m)
+
+
+def _too_large(
+    grid: NDArray[np.intp],
+    step_m: FloatArray,
+    stage_m: FloatArray,
+    altitude_m: float,
+    overlap: float,
+) -> InvalidInputError:
+    """Return the error of a grid of viewpoints that leaves the stage; it says what would fit."""
+    span_m = (grid - 1) * step_m
+    shrink = float((stage_m[grid > 1] / span_m[grid > 1]).min())
+    fitting = (stage_m / step_m).astype(int) + 1
+    received = (
+        f"{grid[0]} x {grid[1]} views {step_m[0]:.1f} m and {step_m[1]:.1f} m apart: "
+        f"{span_m[0]:.1f} m x {span_m[1]:.1f} m"
+    )
+    expected = (
+        f"viewpoints on the stage of {stage_m[0]:g} m x {stage_m[1]:g} m: --altitude of at most "
+        f"{_floor(altitude_m * shrink):g}, --overlap of at least "
+        f"{_ceiling(1 - (1 - overlap) * shrink):g}, or --views for at most "
+        f"{fitting[0]} x {fitting[1]}"
+    )
+    return InvalidInputError("the survey's grid", received, expected)
+
+
+def _floor(value: float) -> float:
+    return floor(100 * value) / 100
+
+
+def _ceiling(value: float) -> float:
+    return ceil(100 * value) / 100

@@ -8,28 +8,21 @@ from collections.abc import Sequence
 from typing import Any
 
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SimulatorInfo
-from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.metrics import Evaluation
 from oaisys_mapping.report import SurveyReport, ViewRecord
-from oaisys_mapping.thresholds import Thresholds
+from oaisys_mapping.visibility import View
+from oaisys_ros_bridge.closure import Closure, thresholds_for
+from oaisys_ros_bridge.closure_sections import sections_of
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.survey_client import ReceivedView
 from oaisys_ros_bridge.survey_plan import SurveyOptions, survey_columns
 from oaisys_ros_bridge.system import CONFIG_FILE, SystemOptions
 
 
-def thresholds_for(voxel_size_m: float) -> Thresholds:
-    """Return what counts as closed: errors of half a voxel, and nearly nothing missing."""
-    return Thresholds(
-        max_rmse_m=voxel_size_m / 2, min_completion=0.95, min_f_score=0.95, max_holes=0.05
-    )
-
-
 def survey_report(
     options: SurveyOptions,
     info: SimulatorInfo,
-    evaluation: Evaluation,
-    mesh: ColoredMesh,
+    closure: Closure,
+    views: Sequence[View],
     received: Sequence[ReceivedView],
     seconds_total: float,
 ) -> SurveyReport:
@@ -37,16 +30,27 @@ def survey_report(
     return SurveyReport(
         title="Survey of a rendered terrain",
         facts=run_facts(info, received, seconds_total)
-        | {"altitude_m": options.altitude_m, "overlap": options.overlap},
-        evaluation=evaluation,
+        | {"altitude_m": options.altitude_m, "overlap": options.overlap}
+        | closure_facts(closure),
+        evaluation=closure.evaluation,
         thresholds=thresholds_for(options.voxel_size_m),
-        mesh=mesh,
+        mesh=closure.mesh,
         views=[view_record(view) for view in received],
         columns=survey_columns(options.views),
         labels=info.semantic_labels,
         command=shlex.join(options.command),
         config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
+        cameras=views,
+        sections=sections_of(closure),
     )
+
+
+def closure_facts(closure: Closure) -> dict[str, Any]:
+    """Return what a report's figures tell of its certificate and of maps with faults."""
+    return {
+        "certificate_sha256": closure.certificate["sha256"],
+        "faults": [record.to_dict() for record in closure.faults],
+    }
 
 
 def run_facts(

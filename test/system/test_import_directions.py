@@ -46,6 +46,7 @@ MAPPING_LIBRARIES = {"numpy", "open3d", "scipy"}
 PRESENTATION = {"oaisys_mapping.pictures", "oaisys_mapping.report"}
 PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib"}
 """What draws the report may draw; the algorithms may not."""
+SIGNING = {"oaisys_mapping.signature"}
 BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml"}
 ROS = {
     "action_msgs", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
@@ -113,7 +114,8 @@ def allowed_for(module: str) -> set[str]:
         return CORE_LIBRARIES | COMMAND_LINE | (BLENDER if blender else set())
     if package == "oaisys_mapping":
         drawing = PRESENTATION_LIBRARIES if is_below(module, PRESENTATION) else set()
-        return MAPPING_LIBRARIES | COMMAND_LINE | PLAIN_CORE | drawing
+        signing = {"cryptography"} if module in SIGNING else set()
+        return MAPPING_LIBRARIES | COMMAND_LINE | PLAIN_CORE | drawing | signing
     if package == "oaisys_ros_bridge":
         client = {"oaisys_grpc.client", "oaisys_mapping"}
         return BRIDGE_LIBRARIES | COMMAND_LINE | ROS | PLAIN_CORE | client
