@@ -16,7 +16,7 @@ from tf2_msgs.msg import TFMessage
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import SampleOutline
 from oaisys_ros_bridge.conversions import odometry_to_msg, transform_to_msg
-from oaisys_ros_bridge.publishers import Publishers
+from oaisys_ros_bridge.publishers import Publishers, is_heard
 from oaisys_ros_bridge.publishing_options import PublishingOptions
 from oaisys_ros_bridge.qos import SENSOR_QOS, TF_QOS
 from oaisys_ros_bridge.sensor_faults import PoseDrift, drift_covariance
@@ -51,5 +51,7 @@ class RigTopics:
             TFMessage(transforms=[transform_to_msg(T_map_base, header, self._base_frame)])
         )
         self._truth.publish(odometry_to_msg(true, header, self._base_frame))
-        covariance = drift_covariance(options.drift_sigmas, sample_id)
-        self._odometry.publish(odometry_to_msg(believed, header, self._base_frame, covariance))
+        if is_heard(self._odometry):
+            covariance = drift_covariance(options.drift_sigmas, sample_id)
+            message = odometry_to_msg(believed, header, self._base_frame, covariance)
+            self._odometry.publish(message)

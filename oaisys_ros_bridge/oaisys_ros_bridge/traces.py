@@ -105,23 +105,27 @@ class Traces:
                 self._poses.popleft()
             if is_heard(self._path):
                 self._path.publish(self._path_msg())
-            markers = self._changes(sample, options.viewpoints_count)
-            if markers and is_heard(self._viewpoints):
+            begun, gone = self._take_in(sample, options.viewpoints_count)
+            if is_heard(self._viewpoints) and (begun or gone):
+                markers = [
+                    deletion_marker(self._header, ns=view.sensor, number=view.number)
+                    for view in gone
+                ]
+                markers += map(self._marker, begun)
                 self._viewpoints.publish(MarkerArray(markers=markers))
 
-    def _changes(self, sample: Sample, most: int) -> list[Marker]:
-        """Take a sample's views in; return their markers, and those that delete the oldest."""
+    def _take_in(self, sample: Sample, most: int) -> tuple[list[Viewpoint], list[Viewpoint]]:
+        """Return a sample's views that are shown from now on, and those that no longer are."""
         for sensor, frame in {frame.sensor: frame for frame in sample.frames}.items():
             self._taken += 1
             self._views.append(
                 Viewpoint(self._taken, sensor, frame.intrinsics, frame.T_map_camera, self._header)
             )
-        markers = []
+        gone = []
         while len(self._views) > most:
-            gone = self._views.popleft()
-            markers.append(deletion_marker(self._header, ns=gone.sensor, number=gone.number))
-        shown = [view for view in self._views if view.header is self._header]
-        return markers + [self._marker(view) for view in shown]
+            gone.append(self._views.popleft())
+        begun = [view for view in self._views if view.header is self._header]
+        return begun, [view for view in gone if view.header is not self._header]
 
     def _greet(self) -> None:
         """Send everything to subscribers who have come since the last look."""
