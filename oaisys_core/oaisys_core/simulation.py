@@ -37,6 +37,7 @@ from oaisys_core.types import (
     OWN_PARTS,
     RGB,
     FloatArray,
+    Frame,
     FrameName,
     HeightQuery,
     ModuleMetadata,
@@ -187,13 +188,18 @@ class Simulation:
             key = self._views.key(outline.provenance, batch.world.scene(), cameras, settings)
             view = self._views.get(key)
             outline = replace(outline, from_cache=view is not None)
+            finished_ns = 0
+
+            def hand_on(frames: tuple[Frame, ...]) -> None:
+                nonlocal finished_ns
+                finished_ns = time.monotonic_ns()
+                on_frames(outline, frames)
+
             if view is not None:
-                on_frames(outline, early_first(view.frames))
+                hand_on(early_first(view.frames))
                 self._backend.revisited(cameras)
             else:
-                view = self._rendered(
-                    cameras, settings, progress, lambda frames: on_frames(outline, frames)
-                )
+                view = self._rendered(cameras, settings, progress, hand_on)
                 self._views.add(key, view)
         batch.sample_id += 1
         batch.last_rig_poses.update((camera.name, outline.rig_pose) for camera in cameras)
@@ -209,6 +215,7 @@ class Simulation:
                 device=self._backend.device,  # may have been chosen by this very render
             ),
             from_cache=outline.from_cache,
+            finished_ns=finished_ns,
         )
 
     def info(self) -> SimulatorInfo:

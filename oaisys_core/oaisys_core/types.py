@@ -208,6 +208,8 @@ class Sample:
         render_time_s: Wall-clock seconds the backend worked.
         provenance: How to render it again.
         from_cache: Whether the frames were rendered for an earlier sample that saw the same.
+        finished_ns: When its last frame existed, by the clock of `time.monotonic_ns` on the machine
+            that renders, which is the same in all processes there; 0: not known.
     """
 
     batch_id: int
@@ -217,6 +219,7 @@ class Sample:
     render_time_s: float
     provenance: Provenance
     from_cache: bool = False
+    finished_ns: int = 0
 
     @property
     def outline(self) -> SampleOutline:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import grpc
+import grpc.experimental
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from oaisys_core.errors import CancelledError, DeadlineExceededError, OaisysError
@@ -29,6 +30,8 @@ _OPTIONS = [
     ("grpc.http2.lookahead_bytes", 64 << 20),
     ("grpc.http2.bdp_probe", 0),
     ("grpc.http2.max_frame_size", (1 << 24) - 1),
+    # Who iterates over a stream reads it, instead of being woken by a thread that does.
+    (grpc.experimental.ChannelOptions.SingleThreadedUnaryStream, 1),
 ]
 _HEALTH_POLL_S = 0.1
 

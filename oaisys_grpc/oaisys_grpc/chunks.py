@@ -197,9 +197,12 @@ def _group(parts: list[pb.SamplePart]) -> Iterator[pb.SamplePart]:
 def sample_end_part(sample: Sample) -> pb.SamplePart:
     """Return what says that all frames of a sample were sent."""
     provenance = conversions.provenance_to_proto(sample.provenance)
-    return pb.SamplePart(
-        end=pb.SampleEnd(render_time_s=sample.render_time_s, provenance=provenance)
+    end = pb.SampleEnd(
+        render_time_s=sample.render_time_s,
+        provenance=provenance,
+        finished_monotonic_ns=sample.finished_ns,
     )
+    return pb.SamplePart(end=end)
 
 
 def mesh_to_parts(mesh: TriangleMesh) -> Iterator[pb.GetGroundTruthMeshResponse | RawChunk]:

@@ -64,13 +64,12 @@ class Operations:
         threading.Thread(target=self._watch_deadlines, name="deadlines", daemon=True).start()
         while not self._ending.is_set():
             operation = self._next()
-            if operation is None:
-                with contextlib.suppress(OaisysError):
-                    self._supervisor.tend()
-                continue
-            self._work_off(operation)
-            with self._lock:
-                self._running = None
+            if operation is not None:
+                self._work_off(operation)
+                with self._lock:
+                    self._running = None
+            with contextlib.suppress(OaisysError):
+                self._supervisor.tend()
 
     def drain(self, timeout_s: float, at_once: Callable[[], bool]) -> None:
         """Refuse new work; wait up to ``timeout_s`` for what there is, unless told ``at_once``."""
@@ -207,6 +206,7 @@ class Operations:
             operation.complete(result, keep=self._samples.add)
         if not (isinstance(result, Sample) and result.from_cache):
             self._estimates.learn(work.like, run)
+        self._samples.tidy()
 
     def _record(self, work: Work) -> Operation:
         self._count += 1

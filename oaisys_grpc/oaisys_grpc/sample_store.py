@@ -19,16 +19,28 @@ class SampleStore:
         self._max_samples = max_samples
         self._max_bytes = max_bytes
         self._samples: OrderedDict[tuple[int, int], Sample] = OrderedDict()
+        self._dropped: list[Sample] = []
         self._lock = threading.Lock()
 
     def add(self, sample: Sample) -> None:
-        """Keep a sample; the oldest ones go, but never this one."""
+        """Keep a sample; the oldest ones go, but never this one.
+
+        Their memory is given back by `tidy`.
+        """
         with self._lock:
             key = (sample.batch_id, sample.sample_id)
-            self._samples.pop(key, None)
+            before = self._samples.pop(key, None)
+            if before is not None:
+                self._dropped.append(before)
             self._samples[key] = sample
             while len(self._samples) > 1 and self._full():
-                self._samples.popitem(last=False)
+                self._dropped.append(self._samples.popitem(last=False)[1])
+
+    def tidy(self) -> None:
+        """Give back the memory of samples that went, which takes a while: nobody should wait."""
+        with self._lock:
+            dropped, self._dropped = self._dropped, []
+        dropped.clear()
 
     def get(self, batch_id: int, sample_id: int) -> Sample:
         """Return a sample.

@@ -97,6 +97,8 @@ class SampleStream:
         """
         for part in self._parts:
             yield from self._take(part)
+            if self._sample is not None:
+                return  # what still comes is the call's status, and that can only be good
 
     def cancel(self) -> None:
         """Stop the render; a thread that iterates gets a `CancelledError`."""
@@ -191,6 +193,7 @@ class SampleStream:
             render_time_s=end.render_time_s,
             provenance=conversions.provenance_from_proto(end.provenance),
             from_cache=outline.from_cache,
+            finished_ns=end.finished_monotonic_ns,
         )
 
 

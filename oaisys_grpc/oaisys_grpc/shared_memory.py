@@ -33,6 +33,7 @@ _ALIGNMENT = 64
 NAME = "oaisys"
 _SEALS = ("F_SEAL_SEAL", "F_SEAL_SHRINK", "F_SEAL_GROW", "F_SEAL_WRITE")
 _LARGEST_SPARE_BYTES = 16 << 20
+_SIZES_REMEMBERED = 64
 
 
 class Place(NamedTuple):
@@ -75,12 +76,14 @@ class SegmentWriter:
     """Writes arrays into new sealed files, one file a call; not safe for threads.
 
     The kernel takes longer to find memory than to copy an image into it. So it is found in
-    advance, in `prepare`, for a file as large as the last one.
+    advance, in `prepare`, for a file as large as what came last time after one like the last: the
+    images of a sample come in parts, and those of the next one in the same.
     """
 
     def __init__(self) -> None:
         self._spare: int | None = None
-        self._spare_bytes = 0
+        self._last_bytes = 0
+        self._next_bytes: dict[int, int] = {}
 
     def write(self, raws: Sequence[AnyArray]) -> tuple[int, list[int], int]:
         """Return the descriptor of a file with these bytes, which is the caller's to close.
@@ -101,15 +104,16 @@ class SegmentWriter:
         except BaseException:
             os.close(descriptor)
             raise
-        self._spare_bytes = size if size <= _LARGEST_SPARE_BYTES else 0
+        self._learn(size)
         return descriptor, begins, size
 
     def prepare(self) -> None:
         """Find memory for the next file; call when nobody waits."""
-        if self._spare is None and self._spare_bytes:
+        expected_bytes = self._next_bytes.get(self._last_bytes, self._last_bytes)
+        if self._spare is None and 0 < expected_bytes <= _LARGEST_SPARE_BYTES:
             descriptor = _new_file()
             try:
-                os.posix_fallocate(descriptor, 0, self._spare_bytes)
+                os.posix_fallocate(descriptor, 0, expected_bytes)
             except OSError:  # no memory: the next file takes what there is then
                 os.close(descriptor)
             else:
@@ -120,6 +124,12 @@ class SegmentWriter:
         if self._spare is not None:
             os.close(self._spare)
             self._spare = None
+
+    def _learn(self, size: int) -> None:
+        if len(self._next_bytes) >= _SIZES_REMEMBERED:
+            self._next_bytes.clear()
+        self._next_bytes[self._last_bytes] = size
+        self._last_bytes = size
 
 
 class Probe:

@@ -24,12 +24,13 @@ from oaisys_core.types import (
     SimulatorInfo,
     ignore_sample_frames,
 )
+from oaisys_grpc.call_limit import Limit
 from oaisys_grpc.faults import Fault, error_from_fault
 from oaisys_grpc.server_options import ServerOptions
 from oaisys_grpc.wire import Message
 from oaisys_grpc.worker_log import WorkerLog
 from oaisys_grpc.worker_memory import MEGABYTE, MemoryLimits
-from oaisys_grpc.worker_process import Limit, WorkerProcess
+from oaisys_grpc.worker_process import WorkerProcess
 
 _LOG = logging.getLogger(__name__)
 
@@ -130,7 +131,7 @@ class Supervisor:
         """
         cancel_grace_s = CANCEL_GRACE_S if method == SAMPLE_METHOD else math.inf
         limit = Limit(timeout_s, self._options.grace_s, cancelled, cancel_grace_s)
-        self.tend()
+        self._see_to_worker()
         if limit.must_stop():
             raise limit.error()
         answer = self._answer_of(method, arguments, limit, progress, on_frames)
@@ -169,24 +170,27 @@ class Supervisor:
         return answer
 
     def tend(self) -> None:
-        """Start a new worker where the last one died, or has grown too large.
+        """Start a new worker where the last one died, or has grown too large; between two calls.
 
         Raises:
             BackendUnavailableError: Workers died too often.
             OaisysError: The new one does not start either.
         """
+        self._see_to_worker()
+        if self._worker is not None and self._has_grown(self._worker):
+            # Health goes on to say that it serves: what is asked for meanwhile waits, and is done.
+            self.recycles += 1
+            self._worker.end()
+            self._worker = None
+            self._start_another()
+
+    def _see_to_worker(self) -> None:
         if self._worker is not None and not self._worker.alive:
             self._lost(WorkerLostError(f"idle: {self._worker.last_words()}"))
         if self._broken is not None:
             raise BackendUnavailableError(f"no worker runs any more: {self._broken}")
         if self._worker is None:
             self.restarts += 1
-            self._start_another()
-        elif self._has_grown(self._worker):
-            # Health goes on to say that it serves: what is asked for meanwhile waits, and is done.
-            self.recycles += 1
-            self._worker.end()
-            self._worker = None
             self._start_another()
 
     def _start_another(self) -> None:

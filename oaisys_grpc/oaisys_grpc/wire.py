@@ -48,6 +48,13 @@ _RECORDS = {
     )
 }
 
+_FIELDS = {
+    record: tuple(field.name for field in dataclasses.fields(record))
+    for record in _RECORDS.values()
+    if dataclasses.is_dataclass(record)
+}
+_PLAIN = frozenset({str, int, float, bool, type(None)})
+
 
 class Connection:
     """One end of the socket pair; any thread may send, one thread receives."""
@@ -164,35 +171,43 @@ def _array(memory: Any, header: Message) -> AnyArray:
 
 def _encoded(value: Any, arrays: list[AnyArray]) -> Any:
     """Return the value as JSON, its arrays by their place in ``arrays``."""
+    kind = type(value)
+    if kind in _PLAIN:
+        return value
+    if kind is dict:
+        if all(type(key) is str for key in value):
+            return {"$mapping": {key: _encoded(inner, arrays) for key, inner in value.items()}}
+        return {"$pairs": [[_encoded(k, arrays), _encoded(v, arrays)] for k, v in value.items()]}
+    if kind is list:
+        return [_encoded(inner, arrays) for inner in value]
+    if kind in _FIELDS:
+        fields = [_encoded(getattr(value, name), arrays) for name in _FIELDS[kind]]
+        return {"$record": kind.__name__, "fields": fields}
+    if isinstance(value, tuple):
+        return {"$tuple": [_encoded(inner, arrays) for inner in value]}
     if isinstance(value, np.ndarray):
         arrays.append(value)
         return {"$array": len(arrays) - 1}
     if isinstance(value, np.generic):
         return value.item()
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        names = [field.name for field in dataclasses.fields(value)]
-        record = {name: _encoded(getattr(value, name), arrays) for name in names}
-        return {"$record": type(value).__name__, "fields": record}
     if isinstance(value, Mapping):
-        return {"$pairs": [[_encoded(k, arrays), _encoded(v, arrays)] for k, v in value.items()]}
-    if isinstance(value, tuple):
-        return {"$tuple": [_encoded(inner, arrays) for inner in value]}
-    if isinstance(value, list):
-        return [_encoded(inner, arrays) for inner in value]
+        return _encoded(dict(value), arrays)
     return value
 
 
 def _decoded(value: Any, arrays: list[AnyArray]) -> Any:
     """Return what `_encoded` was given."""
-    if isinstance(value, list):
+    kind = type(value)
+    if kind is list:
         return [_decoded(inner, arrays) for inner in value]
-    if not isinstance(value, dict):
+    if kind is not dict:
         return value
+    if "$mapping" in value:
+        return {key: _decoded(inner, arrays) for key, inner in value["$mapping"].items()}
+    if "$record" in value:
+        return _RECORDS[value["$record"]](*[_decoded(inner, arrays) for inner in value["fields"]])
+    if "$tuple" in value:
+        return tuple([_decoded(inner, arrays) for inner in value["$tuple"]])
     if "$array" in value:
         return arrays[value["$array"]]
-    if "$record" in value:
-        fields = {name: _decoded(inner, arrays) for name, inner in value["fields"].items()}
-        return _RECORDS[value["$record"]](**fields)
-    if "$tuple" in value:
-        return tuple(_decoded(inner, arrays) for inner in value["$tuple"])
     return {_decoded(k, arrays): _decoded(v, arrays) for k, v in value["$pairs"]}

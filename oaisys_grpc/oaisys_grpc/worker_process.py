@@ -28,6 +28,7 @@ from oaisys_core.errors import (
     WorkerLostError,
 )
 from oaisys_core.types import Progress, SampleFramesCallback, ignore_sample_frames
+from oaisys_grpc.call_limit import Limit, Watchdog
 from oaisys_grpc.wire import Connection, Message
 from oaisys_grpc.worker_log import WorkerLog
 from oaisys_grpc.worker_memory import MEGABYTE, resident_bytes
@@ -81,6 +82,7 @@ class WorkerProcess:
         self._lines: collections.deque[str] = collections.deque(maxlen=_LINES_KEPT)
         self._reader = threading.Thread(target=self._read_log, name="worker-log", daemon=True)
         self._reader.start()
+        self._watchdog = Watchdog(self.strike)
 
     def _start(self, python: str, descriptor: int) -> subprocess.Popen[bytes]:
         command = [python, "-m", "oaisys_grpc.worker"]
@@ -127,10 +129,7 @@ class WorkerProcess:
         self._calls += 1
         number = self._calls
         told = False
-        # A worker that hangs in the middle of a message blocks this thread: another one kills it.
-        watchdog = threading.Timer(limit.left_s(), self.strike)
-        watchdog.daemon = True
-        watchdog.start()
+        self._watchdog.arm(limit.left_s())
         try:
             call = {"type": "call", "id": number, "method": method, "arguments": arguments}
             self._connection.send(call)
@@ -159,7 +158,7 @@ class WorkerProcess:
                 raise _killed(method, limit) from error
             raise WorkerLostError(f"{method}: {self.last_words()}") from error
         finally:
-            watchdog.cancel()
+            self._watchdog.disarm()
 
     def end(self) -> None:
         """Ask the process to end; kill it where it does not."""
@@ -176,6 +175,7 @@ class WorkerProcess:
 
     def kill(self) -> None:
         """Kill the process and forget it."""
+        self._watchdog.end()
         self.strike()
         self._process.wait()
         self._connection.close()
@@ -219,60 +219,6 @@ class WorkerProcess:
         lines = _telling(list(self._lines))
         said = "; it said last: " + " | ".join(lines) if lines else ""
         return f"the worker {how}{said}"
-
-
-class Limit:
-    """When a call must stop: when its owner says so, or when its time is over.
-
-    A worker that does not stop within a grace period after its deadline is killed. One that was
-    only cancelled keeps its time, unless ``cancel_grace_s`` says otherwise.
-    """
-
-    def __init__(
-        self,
-        timeout_s: float,
-        grace_s: float,
-        cancelled: threading.Event,
-        cancel_grace_s: float = math.inf,
-    ) -> None:
-        self._deadline_s = time.monotonic() + timeout_s
-        self._grace_s = grace_s
-        self._cancelled = cancelled
-        self._cancel_grace_s = cancel_grace_s
-        self._cancelled_s: float | None = None
-
-    @property
-    def cancelled(self) -> bool:
-        """Whether its owner wants it no more."""
-        return self._cancelled.is_set()
-
-    @property
-    def over(self) -> bool:
-        """Whether the deadline has passed."""
-        return time.monotonic() >= self._deadline_s
-
-    def left_s(self) -> float:
-        """Return the seconds until a worker that hangs is killed."""
-        return max(0.0, self._deadline_s + self._grace_s - time.monotonic())
-
-    def must_stop(self) -> bool:
-        """Whether the call must be cancelled."""
-        return self._cancelled.is_set() or self.over
-
-    def must_kill(self) -> bool:
-        """Whether the worker had its chance."""
-        now_s = time.monotonic()
-        if self._cancelled.is_set():
-            self._cancelled_s = self._cancelled_s or now_s
-            if now_s >= self._cancelled_s + self._cancel_grace_s:
-                return True
-        return now_s >= self._deadline_s + self._grace_s
-
-    def error(self) -> CancelledError | DeadlineExceededError:
-        """Return why the call was stopped."""
-        if self._cancelled.is_set():
-            return CancelledError("cancelled by the caller")
-        return DeadlineExceededError("the operation did not end within its deadline")
 
 
 def _telling(lines: list[str]) -> list[str]:
