@@ -70,8 +70,9 @@ def sample_surface(
 ) -> SurfacePoints:
     """Return points spread evenly by area: one at a random place of each equal share.
 
-    Systematic sampling along the cumulated area; within its triangle a point is uniform (Osada et
-    al., "Shape distributions", ACM TOG 21(4), 2002, eq. 1).
+    Stratified sampling along the cumulated area, which no regular grid of triangles falls in step
+    with; within its triangle a point is uniform (Osada et al., "Shape distributions", ACM TOG
+    21(4), 2002, eq. 1).
 
     Args:
         vertices_m: (V, 3).
@@ -87,7 +88,7 @@ def sample_surface(
     if not (len(cumulated) and 0 < cumulated[-1] < np.inf):
         raise InvalidInputError("mesh", f"{len(cumulated)} triangles", "a surface with an area")
     count = int(np.clip(cumulated[-1] / spacing_m**2, FEWEST_POINTS, most))
-    place = (np.arange(count) + rng.uniform()) * (cumulated[-1] / count)
+    place = (np.arange(count) + rng.uniform(size=count)) * (cumulated[-1] / count)
     ids = np.minimum(np.searchsorted(cumulated, place, side="right"), len(triangles) - 1)
     a, b, c = (vertices_m[triangles[ids, corner]] for corner in range(3))
     root, along = np.sqrt(rng.uniform(size=count))[:, None], rng.uniform(size=count)[:, None]
@@ -106,7 +107,14 @@ def in_canonical_order(mesh: ColoredMesh) -> ColoredMesh:
     first = triangles.argmin(axis=1)
     turned = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
     in_order = turned[np.lexsort(turned.T[::-1])]
-    return ColoredMesh(mesh.vertices_m[order], in_order.astype(np.int32), mesh.colors_rgb[order])
+    ids, probabilities = mesh.class_ids, mesh.class_probabilities
+    return ColoredMesh(
+        mesh.vertices_m[order],
+        in_order.astype(np.int32),
+        mesh.colors_rgb[order],
+        None if ids is None else ids[order],
+        None if probabilities is None else probabilities[order],
+    )
 
 
 def _cross(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> FloatArray:

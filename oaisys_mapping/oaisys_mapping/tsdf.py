@@ -1,43 +1,48 @@
 """A truncated signed distance field that grows block by block where depth images show a surface.
 
-The volume is Open3D's ``VoxelBlockGrid`` on the CPU (Dong et al., "ASH", TPAMI 2022), integrated
-as in Curless and Levoy, SIGGRAPH 1996: the weighted mean of projective distances along z.
+Its memory is Open3D's ``VoxelBlockGrid`` on the CPU (Dong et al., "ASH", TPAMI 2022); views are
+fused by `oaisys_mapping.fusing`, meshes made by `oaisys_mapping.block_mesh`.
 """
 
 from __future__ import annotations
 
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-from oaisys_mapping.mesh import ColoredMesh, in_canonical_order
+from oaisys_mapping.block_mesh import BlockMesh
+from oaisys_mapping.blocks import (
+    BLOCK_VOXELS,
+    GEOMETRY_FIELDS,
+    Coordinates,
+    VoxelField,
+    block_bytes,
+    packed,
+    unpacked,
+)
+from oaisys_mapping.fusing import FusionRules, fuse
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.observation import FreeSpace, observation
+from oaisys_mapping.semantic_fusion import SEMANTIC_FIELDS
+from oaisys_mapping.volume_file import VolumeHeader, read_volume, write_volume
+from oaisys_mapping.voxel_queries import ObservedVoxels, classes_at, distances_at, observed_voxels
+from oaisys_mapping.working_set import WHEN_FULL, VolumeFullError, WorkingSet, check_room
 
-BLOCK_VOXELS = 8
-"""Voxels along a block's edge: 8 takes half the time and memory of 16 on terrain."""
-
-INITIAL_BLOCKS = 10_000
-"""Blocks reserved at first, 10 kB each: 30 nadir views at 0.1 m use 5,500. More come by themselves,
-by doubling, and the surface does not depend on when."""
-
-LEAST_WEIGHT = 0.5
-"""A voxel counts as seen from one view on."""
+__all__ = ["TsdfConfig", "TsdfVolume", "VolumeFullError"]
 
 SEARCH_STRIDE_PX = 4
 """Open3D looks at every fourth pixel for blocks to map, and raises where all of these are empty."""
 
-_CPU = o3d.core.Device("CPU:0")
+MOST_FREE_BLOCKS = 2_000_000
+"""Blocks known to be free that are remembered, 8 bytes each; those far from the camera go first."""
 
-
-class VolumeFullError(OaisysError):
-    """A view needs more memory than a volume may use."""
+WEIGHTINGS = ("constant", "inverse_square")
 
 
 @dataclass(frozen=True)
@@ -49,30 +54,108 @@ class TsdfConfig:
         truncation_voxels: Distance from the surface, in voxels, up to which distances are kept. On
             rocky ground seen from 10 m at 0.1 m, 2 / 3 / 4 / 6 gave an RMSE of 4.5 / 5.6 / 7.2 /
             10.3 mm and holes of 1.0 / 0.5 / 0.4 / 0.3 %.
-        max_range_m: Depth beyond which nothing is integrated.
-        max_blocks: Blocks beyond which a view is refused: 400,000 take 4 GB.
+        max_range_m: Depth beyond which nothing is integrated, and up to which a ray that hit
+            nothing, or something further away, clears. No more than the camera's own range.
+        max_blocks: Blocks of 8 x 8 x 8 voxels that may be in memory: 400,000 take 4.9 GB; see
+            `bytes_per_block`.
+        when_full: What becomes of a view that needs more: ``refuse`` it, or make room for it with
+            the blocks that are farthest from the camera: ``drop`` them, or ``store`` them on disk
+            until the camera comes back.
+        store_folder: Where stored blocks go; None: where temporary files do.
+        weighting: What a pixel counts: ``constant``: 1, or ``inverse_square``: 1 / depth^2, as the
+            noise of depth cameras asks for.
+        weigh_incidence: Whether it counts less the flatter the ray meets the surface (cosine).
+        max_weight: Weight beyond which a voxel's does not grow, so that it can change its mind.
+        clear_free_space: Whether rays clear blocks that they pass through, also those that hit
+            nothing; without it, a thing that moved away stays.
+        record_free_space: Whether to remember which blocks without voxels are free; for distance
+            queries in the open.
+        semantic: Whether voxels keep classes.
     """
 
     voxel_size_m: float = 0.10
     truncation_voxels: float = 3.0
     max_range_m: float = 60.0
     max_blocks: int = 400_000
+    when_full: str = "refuse"
+    store_folder: Path | None = None
+    weighting: str = "constant"
+    weigh_incidence: bool = False
+    max_weight: float = 100.0
+    clear_free_space: bool = True
+    record_free_space: bool = False
+    semantic: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse sizes that are not above 0."""
+        """Refuse sizes that are not above 0, and choices that there are not."""
         for name in ("voxel_size_m", "truncation_voxels", "max_range_m", "max_blocks"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInputError(name, value, "a finite number above 0")
+        if not self.max_weight > 0:
+            raise InvalidInputError("max_weight", self.max_weight, "a number above 0")
+        for name, choices in (("weighting", WEIGHTINGS), ("when_full", WHEN_FULL)):
+            if getattr(self, name) not in choices:
+                raise InvalidInputError(name, getattr(self, name), f"one of {', '.join(choices)}")
+
+    @property
+    def truncation_m(self) -> float:
+        """Distance up to which distances are kept."""
+        return self.truncation_voxels * self.voxel_size_m
+
+    @property
+    def fields(self) -> tuple[VoxelField, ...]:
+        """What is kept of a voxel."""
+        return (*GEOMETRY_FIELDS, *SEMANTIC_FIELDS) if self.semantic else GEOMETRY_FIELDS
+
+    @property
+    def block_size_m(self) -> float:
+        """Edge length of a block."""
+        return BLOCK_VOXELS * self.voxel_size_m
+
+    @property
+    def bytes_per_block(self) -> int:
+        """Memory that a block takes: 12 kB, 24 kB with classes."""
+        return block_bytes(self.fields)
 
 
 class TsdfVolume:
-    """Fuses depth and colour images of known pose into one surface."""
+    """Fuses depth, colour and label images of known pose into one surface."""
 
     def __init__(self, config: TsdfConfig | None = None) -> None:
         self.config = config or TsdfConfig()
+        self._rules = FusionRules(
+            self.config.voxel_size_m, self.config.truncation_m, self.config.max_weight
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
         self.frames = 0
-        self._grid = self._new_grid()
+        self._working = WorkingSet(
+            self.config.voxel_size_m,
+            self.config.fields,
+            most_blocks=self.config.max_blocks,
+            when_full=self.config.when_full,
+            store_folder=self.config.store_folder,
+        )
+        self._mesh = BlockMesh(self.config.voxel_size_m, has_classes=self.config.semantic)
+        self._free = np.zeros(0, np.int64)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing was integrated that showed a surface."""
+        return self.blocks_in_memory + self.blocks_stored == 0
+
+    @property
+    def blocks_in_memory(self) -> int:
+        """How many blocks are in memory."""
+        return self._working.in_memory
+
+    @property
+    def blocks_stored(self) -> int:
+        """How many blocks are on disk."""
+        return self._working.stored
 
     def integrate(
         self,
@@ -80,110 +163,165 @@ class TsdfVolume:
         rgb: NDArray[np.uint8] | None,
         intrinsics: PinholeIntrinsics,
         T_map_camera: FloatArray,
+        labels: NDArray[np.uint16] | None = None,
     ) -> None:
         """Fuse one view.
 
         Args:
-            depth_m: (H, W) float32 planar depth; what is not finite or not above 0 is skipped.
-            rgb: (H, W, 3) uint8 of the same camera, or None: grey.
+            depth_m: (H, W) float32 planar depth; ``+inf`` where the ray hit nothing. What is NaN,
+                or not above 0, is skipped.
+            rgb: (H, W, 3) uint8 of the same camera, or None: no colour is told.
             intrinsics: The camera, without distortion; see `rectified`.
             T_map_camera: (4, 4) pose of its optical frame.
+            labels: (H, W) uint16 classes of the same camera, 0 where unlabelled, or None; kept
+                only by a ``semantic`` volume.
 
         Raises:
             InvalidInputError: The images' sizes do not fit the camera, it distorts, or the pose is
                 not finite.
             VolumeFullError: The view would need more than ``max_blocks``; the volume is unchanged.
         """
-        self._check(depth_m, rgb, intrinsics, T_map_camera)
-        seen = np.isfinite(depth_m) & (depth_m > 0) & (depth_m < self.config.max_range_m)
-        if not _shows_a_surface(seen):
-            self.frames += 1
-            return
-        depth = _image(np.where(seen, depth_m, np.float32(0)))
-        color = np.full((*depth_m.shape, 3), 128, np.uint8) if rgb is None else rgb
-        K = o3d.core.Tensor(_truncating(intrinsics))
-        T_camera_map = o3d.core.Tensor(invert(T_map_camera))
-        far = (1.0, float(self.config.max_range_m), float(self.config.truncation_voxels))
-        blocks = self._grid.compute_unique_block_coordinates(depth, K, T_camera_map, *far)
-        self._check_room(blocks)
-        self._grid.integrate(
-            blocks, depth, _image(color.astype(np.float32) / 255), K, K, T_camera_map, *far
+        self._check(depth_m, rgb, labels, intrinsics, T_map_camera)
+        config = self.config
+        seen = observation(
+            depth_m,
+            rgb,
+            labels,
+            intrinsics,
+            T_map_camera,
+            max_range_m=config.max_range_m,
+            weighting=config.weighting,
+            by_incidence=config.weigh_incidence,
+            clears=config.clear_free_space,
         )
+        near = self._near_surface(depth_m, intrinsics, T_map_camera)
+        space = None
+        if config.clear_free_space or config.record_free_space:
+            space = FreeSpace(seen, config.voxel_size_m)
+        clears = space if config.clear_free_space else None
+        changes = self._working.make_ready(near, clears, T_map_camera[:3, 3])
+        if len(changes.gone):
+            self._let_go(changes.gone)
+        self._mesh.change(changes.restored)
+        changed = fuse(self._working.arrays, changes.blocks, changes.slots, seen, self._rules)
+        self._mesh.change(changes.blocks[changed])
+        if space is not None and config.record_free_space:
+            self._remember_free(space, T_map_camera[:3, 3])
         self.frames += 1
 
-    def extract_mesh(self) -> ColoredMesh:
-        """Return the zero level as a mesh, in an order that depends on its content alone."""
-        if self.is_empty:
-            return ColoredMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), _no_colors())
-        mesh = self._grid.extract_triangle_mesh(LEAST_WEIGHT)
-        if "positions" not in mesh.vertex or "indices" not in mesh.triangle:
-            return ColoredMesh(np.zeros((0, 3)), np.zeros((0, 3), np.int32), _no_colors())
-        colors = np.clip(mesh.vertex.colors.numpy(), 0, 1)
-        return in_canonical_order(
-            ColoredMesh(
-                mesh.vertex.positions.numpy().astype(np.float64),
-                mesh.triangle.indices.numpy().astype(np.int32),
-                np.rint(colors * 255).astype(np.uint8),
-            )
-        )
+    def extract_mesh(self, *, with_stored: bool = True) -> ColoredMesh:
+        """Return the zero level as a mesh, in an order that depends on its content alone.
+
+        Only what changed since the last call is worked on; and what is on disk, if asked for.
+        """
+        self._mesh.update(self._working.values)
+        stored = self._working.stored_blocks if with_stored else np.zeros((0, 3), np.int32)
+        return self._mesh.mesh(stored, self._working.values)
+
+    def forget_mesh(self) -> None:
+        """Let the next mesh be made anew, and give the memory of the last one back."""
+        self._mesh = BlockMesh(self.config.voxel_size_m, has_classes=self.config.semantic)
+        self._mesh.change(self._working.blocks_in_memory)
+
+    def classes_at(self, points_m: FloatArray) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
+        """Return the (N,) classes of (N, 3) points, and their shares of what was told there.
+
+        Asked are the eight voxels around a point, by trilinear weight; 0 where none was told.
+        """
+        if not self.config.semantic:
+            raise InvalidInputError("semantic", False, "a volume that keeps classes")
+        return classes_at(points_m, self.config.voxel_size_m, self._working.values)
+
+    def distance_at(self, points_m: FloatArray) -> FloatArray:
+        """Return the (N,) signed projective distances in metres at (N, 3) points.
+
+        Below 0 behind the surface, clipped to the truncation, NaN where a voxel around the point
+        was not seen. For distances beyond the truncation see `oaisys_mapping.distance_field`.
+        """
+        size_m, truncation_m = self.config.voxel_size_m, self.config.truncation_m
+        return distances_at(points_m, size_m, truncation_m, self._working.values)
 
     @property
-    def is_empty(self) -> bool:
-        """Whether nothing was integrated that showed a surface."""
-        return int(self._grid.hashmap().size()) == 0
+    def observed_volume_m3(self) -> float:
+        """Volume of the voxels that some view told something about, and of recorded free blocks."""
+        voxels, blocks = 0, self._working.all_blocks
+        for first in range(0, len(blocks), 4096):
+            voxels += int((self._working.rows(blocks[first : first + 4096])["weight"] > 0).sum())
+        only_free = np.setdiff1d(self._free, packed(blocks))
+        return voxels * self.config.voxel_size_m**3 + len(only_free) * self.config.block_size_m**3
 
-    def reset(self) -> None:
-        """Forget everything."""
-        self._grid = self._new_grid()
-        self.frames = 0
+    def observed(self, low: Coordinates, high: Coordinates) -> ObservedVoxels:
+        """Return what is known of the voxels from (3,) ``low`` up to, not including, ``high``."""
+        return observed_voxels(
+            low, high, self.config.truncation_m, self._free, self._working.values
+        )
 
     def save(self, path: Path) -> None:
-        """Write the volume's content to an ``.npz`` file; inverse: `load`."""
-        self._grid.save(str(path))
+        """Write the volume's content to an ``.npz`` file; inverse: `load`.
+
+        See `oaisys_mapping.volume_file`: equal views in equal order give equal bytes.
+        """
+        header = VolumeHeader(
+            self.config.voxel_size_m,
+            self.config.truncation_m,
+            self.frames,
+            self._working.all_blocks,
+            unpacked(self._free),
+        )
+        write_volume(path, header, self.config.fields, self._working.rows)
 
     def load(self, path: Path) -> None:
-        """Replace the volume's content by a file's; `frames` counts from 0 again.
+        """Replace the volume's content by a file's.
 
         Raises:
-            InvalidInputError: The file is no volume, or one of another voxel size.
+            InvalidInputError: The file is no volume, or one of another voxel size or truncation.
+            VolumeFullError: It holds more than ``max_blocks``; the volume is unchanged.
         """
-        try:
-            with np.load(path, allow_pickle=False) as arrays:
-                voxel_size_m = arrays["voxel_size"].item()
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-            raise InvalidInputError("path", str(path), f"a saved volume ({error})") from error
-        if not np.isclose(voxel_size_m, self.config.voxel_size_m):
-            expected = f"a volume with voxels of {self.config.voxel_size_m:g} m"
-            raise InvalidInputError("path", f"{path}: {voxel_size_m:g} m", expected)
-        self._grid = o3d.t.geometry.VoxelBlockGrid.load(str(path))
-        self.frames = 0
+        header, rows = read_volume(path, self.config.fields)
+        for name in ("voxel_size_m", "truncation_m"):
+            found, own = getattr(header, name), getattr(self.config, name)
+            if not np.isclose(found, own):
+                raise InvalidInputError("path", f"{path}: {name} {found:g}", f"{own:g} m")
+        check_room(len(header.blocks), self.config.max_blocks)
+        self.reset()
+        self._working.fill(header.blocks, rows)
+        self._mesh.change(header.blocks)
+        self._free = packed(header.free)
+        self.frames = header.frames
 
-    def _check_room(self, blocks: Any) -> None:
-        """Refuse blocks that do not fit, before the memory for them is asked for."""
-        hashmap = self._grid.hashmap()
-        _, is_known = hashmap.find(blocks)
-        needed = int(hashmap.size()) + int((~is_known.numpy()).sum())
-        if needed > self.config.max_blocks:
-            raise VolumeFullError(
-                f"the map would need {needed} blocks of {BLOCK_VOXELS} voxels, and "
-                f"{self.config.max_blocks} may be used: choose larger voxels or a shorter range"
-            )
+    def _near_surface(
+        self, depth_m: NDArray[np.float32], camera: PinholeIntrinsics, T_map_camera: FloatArray
+    ) -> Coordinates:
+        """Return the (N, 3) blocks that the view shows a surface in."""
+        with np.errstate(invalid="ignore"):
+            is_near = (depth_m > 0) & (depth_m < self.config.max_range_m)
+        if not _shows_a_surface(is_near):
+            return np.zeros((0, 3), np.int32)
+        shown = np.where(is_near, depth_m, np.float32(0))
+        depth = o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(shown, np.float32)))
+        far = (self.config.max_range_m, self.config.truncation_voxels)
+        return self._working.near_surface(depth, camera.K, invert(T_map_camera), far)
 
-    def _new_grid(self) -> Any:
-        return o3d.t.geometry.VoxelBlockGrid(
-            ("tsdf", "weight", "color"),
-            (o3d.core.float32, o3d.core.float32, o3d.core.float32),
-            ((1), (1), (3)),
-            self.config.voxel_size_m,
-            BLOCK_VOXELS,
-            INITIAL_BLOCKS,
-            _CPU,
-        )
+    def _let_go(self, blocks: Coordinates) -> None:
+        """Forget the surface of dropped blocks; that of stored ones can be made from disk."""
+        if self.config.when_full == "drop":
+            self._mesh.change(blocks)
+        else:
+            self._mesh.keep_only(self._working.blocks_in_memory)
+
+    def _remember_free(self, space: FreeSpace, camera_m: FloatArray) -> None:
+        candidates = space.candidates()
+        free = np.union1d(self._free, packed(candidates[space.free(candidates)]))
+        if len(free) > MOST_FREE_BLOCKS:
+            away = np.abs(unpacked(free) - camera_m / self.config.block_size_m).max(axis=1)
+            free = free[np.sort(np.argsort(away, kind="stable")[:MOST_FREE_BLOCKS])]
+        self._free = free
 
     def _check(
         self,
         depth_m: NDArray[np.float32],
         rgb: NDArray[np.uint8] | None,
+        labels: NDArray[np.uint16] | None,
         intrinsics: PinholeIntrinsics,
         T_map_camera: FloatArray,
     ) -> None:
@@ -192,6 +330,8 @@ class TsdfVolume:
             raise InvalidInputError("depth_m", depth_m.shape, f"an image of shape {size}")
         if rgb is not None and rgb.shape != (*size, 3):
             raise InvalidInputError("rgb", rgb.shape, f"an image of shape {(*size, 3)}")
+        if labels is not None and labels.shape != size:
+            raise InvalidInputError("labels", labels.shape, f"an image of shape {size}")
         if any(intrinsics.distortion):
             raise InvalidInputError("intrinsics.distortion", intrinsics.distortion, "none")
         if np.shape(T_map_camera) != (4, 4) or not np.isfinite(T_map_camera).all():
@@ -201,22 +341,3 @@ class TsdfVolume:
 def _shows_a_surface(seen: NDArray[np.bool_]) -> bool:
     height, width = (size // SEARCH_STRIDE_PX * SEARCH_STRIDE_PX for size in seen.shape)
     return bool(seen[:height:SEARCH_STRIDE_PX, :width:SEARCH_STRIDE_PX].any())
-
-
-def _truncating(intrinsics: PinholeIntrinsics) -> FloatArray:
-    """Return K for Open3D's integration, which cuts a projected pixel's fraction off.
-
-    A shift by half a pixel makes that a rounding to the nearest pixel centre; without it a plane
-    tilted by 30 degrees, 10 m away, comes out 5 mm off.
-    """
-    K = intrinsics.K
-    K[:2, 2] += 0.5
-    return K
-
-
-def _image(array: NDArray[Any]) -> Any:
-    return o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(array)))
-
-
-def _no_colors() -> NDArray[np.uint8]:
-    return np.zeros((0, 3), np.uint8)

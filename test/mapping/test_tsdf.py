@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_looking_at, pose_to_matrix
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-from oaisys_mapping import tsdf
+from oaisys_mapping import blocks
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume, VolumeFullError
 
 CAMERA = PinholeIntrinsics(320, 240, 270.57, 270.57, 159.5, 119.5)
@@ -143,7 +143,7 @@ def fused(volume: TsdfVolume) -> TsdfVolume:
 
 def test_growing_does_not_change_the_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     reserved = fused(TsdfVolume()).extract_mesh()
-    monkeypatch.setattr(tsdf, "INITIAL_BLOCKS", 2)
+    monkeypatch.setattr(blocks, "INITIAL_BLOCKS", 2)
     grown = fused(TsdfVolume()).extract_mesh()
     assert grown.vertices_m.tobytes() == reserved.vertices_m.tobytes()
     assert grown.triangles.tobytes() == reserved.triangles.tobytes()

@@ -1,0 +1,91 @@
+"""Classes of voxels: how much was seen of each, in a memory that does not grow with their number.
+
+Every voxel keeps its `CLASSES_KEPT` heaviest classes by the "space-saving" rule (Metwally, Agrawal
+and El Abbadi, "Efficient computation of frequent and top-k elements in data streams", ICDT 2005): a
+class that finds no room takes the place of the lightest and inherits its weight. So a class with
+more than 1 / `CLASSES_KEPT` of the weight is always kept, and the weights sum up to all that was
+seen.
+"""
+
+from __future__ import annotations
+
+import colorsys
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_mapping.blocks import VoxelField
+
+CLASSES_KEPT = 4
+UNLABELLED = 0
+
+SEMANTIC_FIELDS = (
+    VoxelField("class_id", "uint16", CLASSES_KEPT),
+    VoxelField("class_weight", "float32", CLASSES_KEPT),
+)
+
+_GOLDEN_RATIO = 0.618034
+
+
+def fuse_classes(
+    class_id: NDArray[np.uint16],
+    class_weight: NDArray[np.float32],
+    labels: NDArray[np.uint16],
+    weights: NDArray[np.float32],
+) -> None:
+    """Add one observation to each of N voxels, in place.
+
+    Args:
+        class_id, class_weight: (N, `CLASSES_KEPT`) of the voxels.
+        labels: (N,) what was seen; 0 (unlabelled) tells nothing.
+        weights: (N,) above 0.
+    """
+    told = np.flatnonzero(labels != UNLABELLED)
+    if not len(told):
+        return
+    label, weight = labels[told], class_weight[told]
+    is_known = (class_id[told] == label[:, None]) & (weight > 0)
+    place = np.where(is_known.any(axis=1), is_known.argmax(axis=1), weight.argmin(axis=1))
+    class_id[told, place] = label
+    class_weight[told, place] += weights[told]
+
+
+def most_likely(
+    class_id: NDArray[np.uint16], class_weight: NDArray[np.float32]
+) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
+    """Return the (N,) classes with the greatest weight among (N, M) entries, and their shares.
+
+    A class may have several entries. Where nothing was seen: 0 with probability 0. Of equal
+    weights the class with the smaller number wins.
+    """
+    weight = np.zeros_like(class_weight)
+    for entry in range(class_id.shape[1]):
+        same = class_id == class_id[:, entry, None]
+        weight[:, entry] = (class_weight * same).sum(axis=1)
+    best = weight.max(axis=1)
+    is_best = (weight == best[:, None]) & (best[:, None] > 0)
+    ids = np.where(is_best, class_id, np.iinfo(np.uint16).max).min(axis=1)
+    total = class_weight.sum(axis=1)
+    share = best / np.where(total > 0, total, 1)
+    return np.where(best > 0, ids, UNLABELLED).astype(np.uint16), share.astype(np.float32)
+
+
+def class_color(class_id: int) -> tuple[int, int, int]:
+    """Return a class's colour for pictures; unlabelled is grey.
+
+    Hues a golden section apart, so that neighbouring numbers differ clearly.
+    """
+    if class_id == UNLABELLED:
+        return 128, 128, 128
+    hue = (class_id * _GOLDEN_RATIO) % 1.0
+    saturation = (0.85, 0.55)[class_id // 8 % 2]
+    value = (0.95, 0.7)[class_id // 16 % 2]
+    red, green, blue = (round(255 * part) for part in colorsys.hsv_to_rgb(hue, saturation, value))
+    return red, green, blue
+
+
+def class_colors(class_ids: NDArray[np.uint16]) -> NDArray[np.uint8]:
+    """Return the (N, 3) colours of (N,) classes."""
+    known, place = np.unique(class_ids, return_inverse=True)
+    palette = np.array([class_color(int(one)) for one in known], np.uint8).reshape(-1, 3)
+    return np.asarray(palette[place.ravel()])
