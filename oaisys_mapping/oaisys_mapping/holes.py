@@ -1,9 +1,10 @@
 """Where a reconstruction has no surface although some view saw the truth there.
 
 A line along the truth's normal finds the border of a hole where it is; distances alone would
-shrink a hole by their tolerance all around. But a voxel grid cannot show slits that are narrower
-than its voxels (at the edge of a rock's shadow, a cube needs all of its corners): only a gap in
-which some truth is further than a voxel from all of the reconstruction is a hole.
+shrink a hole by their tolerance all around. But a voxel grid cannot show every slit: where one
+corner of a cube is hidden, at the edge of a rock's shadow for instance, the whole cube has no
+surface. A gap is a hole only if more than that is missing: some truth in it is further than a
+voxel's diagonal from all of the reconstruction.
 """
 
 from __future__ import annotations
@@ -26,13 +27,17 @@ HOLE_VOXELS = 2
 """How far from the truth, along its normal, a surface may lie and still close a hole; and the width
 of the surveyed area's rim, where a missing surface is none."""
 
+CORE_VOXELS = 3**0.5
+"""How far from all of the reconstruction a hole's truth is, at least somewhere: the diagonal."""
+
 
 @dataclass(frozen=True)
 class Holes:
     """Holes in some part of the visible truth.
 
     Attributes:
-        count: Connected gaps in which some truth is further than a voxel from the reconstruction.
+        count: Connected gaps in which some truth is further than `CORE_VOXELS` from the
+            reconstruction.
         area_m2, largest_m2: Of the truth in all of them, and in the largest.
         ratio: That area as a share of the part.
     """
@@ -71,14 +76,14 @@ def find_holes(
         points: All (N) points of the part.
         is_gap: (N,) of `gaps`.
         to_mesh_m: (N,) distance to the reconstruction.
-        voxel_size_m: How far the truth in a hole is from the reconstruction, at least somewhere.
+        voxel_size_m: Size of a voxel.
     """
     chosen = np.flatnonzero(is_gap)
     if not len(chosen):
         return Holes(0, 0.0, 0.0, 0.0)
     group = _groups(points.points_m[chosen], 2 * float(np.sqrt(points.area_m2)))
     is_hole = np.zeros(group.max() + 1, bool)
-    is_hole[group[to_mesh_m[chosen] > voxel_size_m]] = True
+    is_hole[group[to_mesh_m[chosen] > CORE_VOXELS * voxel_size_m]] = True
     areas_m2 = np.bincount(group)[is_hole] * points.area_m2
     area_m2 = float(areas_m2.sum())
     whole_m2 = len(points.points_m) * points.area_m2

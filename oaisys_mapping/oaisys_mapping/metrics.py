@@ -62,9 +62,10 @@ class ReconstructionMetrics:
         hole_ratio, hole_count, hole_area_m2, largest_hole_m2: See `holes.Holes`, of the visible
             truth off the rim of the surveyed area.
         gap_ratio: Share of the same with nothing reconstructed within two voxels along its normal,
-            slits narrower than a voxel included.
+            slits too narrow to be holes included.
         overlap_area_m2: Visible truth off the rim that at least two views see.
         overlap_hole_ratio, overlap_hole_count, overlap_hole_area_m2: Holes in there.
+        overlap_farthest_m: Greatest distance from the truth in there to the reconstruction.
         surveyed_area_m2: Area of the visible truth as seen from above.
         visible_share: Visible part of all of the truth.
         completion_mean_all_m, completion_ratio_all, completion_ratio_2_all, f_score_all,
@@ -99,6 +100,7 @@ class ReconstructionMetrics:
     overlap_hole_ratio: float
     overlap_hole_count: int
     overlap_hole_area_m2: float
+    overlap_farthest_m: float
     surveyed_area_m2: float
     visible_share: float
     completion_mean_all_m: float
@@ -322,6 +324,7 @@ def _hole_figures(
         "overlap_hole_ratio": overlap_holes.ratio,
         "overlap_hole_count": overlap_holes.count,
         "overlap_hole_area_m2": overlap_holes.area_m2,
+        "overlap_farthest_m": float(to_mesh_m[overlap].max(initial=0.0)),
     }
 
 

@@ -12,7 +12,9 @@ from oaisys_ros_bridge.experiment_options import KeyOption, WorkerPythonOption
 from oaisys_ros_bridge.survey_command import survey
 
 certificate_app = typer.Typer(
-    help="Say, and check again, that a world's map agrees with it.", no_args_is_help=True
+    help="Say, and check again, that a world's map agrees with it.",
+    no_args_is_help=True,
+    add_completion=False,
 )
 certificate_app.command("issue", help="Survey a world and certify it: see oaisys survey.")(survey)
 

@@ -85,9 +85,6 @@ def survey(
     )
     interrupt_on_signals()
     reporter = Reporter()
-    if seeds == 1:
-        went_well = run_survey(options, reporter)
-    else:
-        went_well = run_seeds(options, reporter, seeds)
+    went_well = run_survey(options, reporter) if seeds == 1 else run_seeds(options, reporter, seeds)
     if not went_well:
         raise typer.Exit(1)
