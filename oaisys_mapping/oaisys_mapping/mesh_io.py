@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import open3d as o3d
@@ -13,39 +15,52 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import TriangleMesh
 from oaisys_mapping.mesh import ColoredMesh
 
-HEADER_BYTES = 8192
+HEADER_BYTES = 65_536
 """How far into a file its header is looked for."""
 
+PLY_TYPES = {"<f4": "float", "u1": "uchar", "<u2": "ushort"}
+"""What PLY calls numpy's types that `write_ply` writes."""
 
-def write_ply(path: Path, mesh: ColoredMesh) -> None:
+
+def write_ply(path: Path, mesh: ColoredMesh, class_names: Mapping[int, str] | None = None) -> None:
     """Write a mesh as binary PLY with a colour per vertex; inverse: `read_ply`.
 
-    Coordinates are stored as float32.
+    Coordinates are stored as float32. Where the mesh has classes, vertices get the properties
+    ``class_id`` (ushort) and ``class_probability`` (float), and comments ``class ID NAME`` tell
+    the classes' names.
     """
-    vertex = np.empty(
-        len(mesh.vertices_m),
-        [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")],
-    )
-    for axis, name in enumerate(("x", "y", "z")):
-        vertex[name] = mesh.vertices_m[:, axis]
-    for channel, name in enumerate(("red", "green", "blue")):
-        vertex[name] = mesh.colors_rgb[:, channel]
+    columns = dict(zip("xyz", mesh.vertices_m.T, strict=True))
+    columns |= dict(zip(("red", "green", "blue"), mesh.colors_rgb.T, strict=True))
+    kinds = {"x": "<f4", "y": "<f4", "z": "<f4", "red": "u1", "green": "u1", "blue": "u1"}
+    if mesh.class_ids is not None:
+        columns["class_id"], kinds["class_id"] = mesh.class_ids, "<u2"
+    if mesh.class_probabilities is not None:
+        columns["class_probability"] = mesh.class_probabilities
+        kinds["class_probability"] = "<f4"
+    vertex = np.empty(len(mesh.vertices_m), list(kinds.items()))
+    for name, values in columns.items():
+        vertex[name] = values
     face = np.empty(len(mesh.triangles), [("count", "u1"), ("corners", "<i4", 3)])
     face["count"] = 3
     face["corners"] = mesh.triangles
+    comments = "".join(
+        f"comment class {number} {' '.join(name.split())}\n"
+        for number, name in sorted((class_names or {}).items())
+    )
+    properties = "".join(f"property {PLY_TYPES[kind]} {name}\n" for name, kind in kinds.items())
     header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        f"element vertex {len(vertex)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+        f"ply\nformat binary_little_endian 1.0\n{comments}"
+        f"element vertex {len(vertex)}\n{properties}"
         f"element face {len(face)}\n"
         "property list uchar int vertex_indices\nend_header\n"
     )
-    path.write_bytes(header.encode("ascii") + vertex.tobytes() + face.tobytes())
+    path.write_bytes(header.encode("utf-8") + vertex.tobytes() + face.tobytes())
 
 
 def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
     """Return the mesh in a PLY file, or in any mesh file that Open3D reads; grey without colours.
+
+    Classes come from the properties that `write_ply` gives vertices.
 
     Args:
         path: The file.
@@ -71,7 +86,46 @@ def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
     colors: NDArray[np.uint8] = np.full(vertices_m.shape, 128, np.uint8)
     if mesh.has_vertex_colors():
         colors = np.rint(np.asarray(mesh.vertex_colors) * 255).astype(np.uint8)
-    return ColoredMesh(vertices_m, triangles, colors)
+    classes = _vertex_properties(path, ("class_id", "class_probability"))
+    return ColoredMesh(
+        vertices_m, triangles, colors, classes.get("class_id"), classes.get("class_probability")
+    )
+
+
+def read_class_names(path: Path) -> dict[int, str]:
+    """Return the names of classes that a PLY file tells; see `write_ply`."""
+    found = re.findall(rb"\ncomment class (\d+) ([^\n]*)", _header(path))
+    return {int(number): name.decode("utf-8") for number, name in found}
+
+
+def _vertex_properties(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+    """Return those of some properties that vertices of a binary PLY file have.
+
+    Open3D leaves out what it does not know.
+    """
+    header = _header(path)
+    element = re.search(rb"\nelement vertex (\d+)\n((?:property \w+ \w+\n)*)", header)
+    is_ours = header.startswith(b"ply\nformat binary_little_endian") and element is not None
+    if not is_ours or header.find(b"\nelement ") != element.start():
+        return {}
+    kinds = {ply.encode(): kind for kind, ply in PLY_TYPES.items()}
+    found = [line.split()[1:] for line in element[2].splitlines()]
+    if any(kind not in kinds for kind, _ in found):
+        return {}
+    row = np.dtype([(name.decode(), kinds[kind]) for kind, name in found])
+    wanted = [name for name in names if name in (row.names or ())]
+    if not wanted:
+        return {}
+    vertex = np.fromfile(path, row, int(element[1]), offset=len(header))
+    return {name: np.ascontiguousarray(vertex[name]) for name in wanted}
+
+
+def _header(path: Path) -> bytes:
+    """Return a file's header, its last line included."""
+    with path.open("rb") as file:
+        content = file.read(HEADER_BYTES)
+    end = b"end_header\n"
+    return content[: content.find(end) + len(end)] if end in content else b""
 
 
 def _promised(path: Path, element: bytes) -> int:
@@ -79,8 +133,7 @@ def _promised(path: Path, element: bytes) -> int:
 
     Open3D returns what it found of a file that is cut off.
     """
-    with path.open("rb") as file:
-        header = file.read(HEADER_BYTES).split(b"end_header")[0]
+    header = _header(path)
     found = re.search(rb"\belement " + element + rb" (\d+)", header)
     return int(found[1]) if header.startswith(b"ply") and found else 0
 
