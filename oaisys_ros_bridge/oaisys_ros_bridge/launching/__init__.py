@@ -1,0 +1,1 @@
+"""What the launch files are made of; the only part that needs ROS's launch system."""

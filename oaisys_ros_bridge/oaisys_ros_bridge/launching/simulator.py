@@ -1,0 +1,173 @@
+"""Server, bridge, mapper and recorder, one after the other as each needs the one before."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from launch.action import Action
+from launch.actions import ExecuteProcess, LogInfo, RegisterEventHandler, Shutdown
+from launch.event_handlers import OnProcessIO
+from launch.events.process import ProcessIO
+from launch_ros.actions import LifecycleNode, Node
+from launch_ros.parameter_descriptions import ParameterValue
+
+from launch import LaunchContext
+from oaisys_ros_bridge.bag_parameters import RECORDER
+from oaisys_ros_bridge.launching.arguments import (
+    BACKEND,
+    CONFIG,
+    NAMESPACE,
+    RVIZ,
+    SWITCH,
+    WORKER_PYTHON,
+    Argument,
+    value_of,
+)
+from oaisys_ros_bridge.launching.readiness import WatchReadiness, on_ready
+from oaisys_ros_bridge.launching.views import rviz
+from oaisys_ros_bridge.namespaces import TF, TF_STATIC, require_namespace
+
+PACKAGE = "oaisys_ros_bridge"
+READY = b"ready: "
+END_TIMEOUT_S = "12"
+"""How long a program may take to end after Ctrl-C, before it is killed: a bag is to be closed."""
+
+ARGUMENTS = {
+    "config": CONFIG,
+    "address": Argument(
+        "127.0.0.1:50051",
+        "Where the simulator serves gRPC, host:port; port 0: any free one, for a second simulator.",
+    ),
+    "backend": BACKEND,
+    "namespace": NAMESPACE,
+    "frame_prefix": Argument(
+        "",
+        "Put before the names of all frames, such as mars/; then TF stays on the common /tf.",
+    ),
+    "mapper": Argument("true", "Whether to rebuild the surface.", SWITCH),
+    "record": Argument(
+        "false", "true records all topics of the namespace to a new bag_DATE; a path, to there."
+    ),
+    "recorder": Argument(
+        "auto",
+        "What records: ros2 bag record, or this package's recorder, which flushes every message;"
+        " auto: the former where it is installed.",
+        ("auto", "ros2", "oaisys"),
+    ),
+    "rviz": RVIZ,
+    "worker_python": WORKER_PYTHON,
+}
+"""Of ``simulator.launch.py``."""
+
+
+def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]:
+    """Return the server, and what follows once it serves.
+
+    Args:
+        context: With the values of `ARGUMENTS`.
+        config_folder: With ``simulator.yaml`` and ``simulator.rviz``.
+    """
+    namespace = value_of(context, "namespace")
+    require_namespace(namespace)
+    command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config"]
+    command.append(value_of(context, "config") or str(config_folder / "simulator.yaml"))
+    for name in ("address", "backend", "worker_python"):
+        if value := value_of(context, name):
+            command += ["--" + name.replace("_", "-"), value]
+    server = ExecuteProcess(
+        cmd=command,
+        name="simulator",
+        output="screen",
+        sigterm_timeout=END_TIMEOUT_S,
+        # Without it nothing works, so its end is the end of all.
+        on_exit=Shutdown(reason="the simulator has ended"),
+    )
+    output = bytearray()
+    started: list[Action] = []
+
+    def follow(event: ProcessIO) -> list[Action]:
+        """Start the nodes when the server says where it serves."""
+        output.extend(event.text)
+        if started or READY not in output or b"\n" not in output.split(READY, 1)[1]:
+            return []
+        address = output.split(READY, 1)[1].split(b"\n")[0].decode().strip()
+        started.extend(_nodes(context, address))
+        output.clear()
+        return started
+
+    ready: list[Action] = [LogInfo(msg=f"ready: {namespace.strip('/') or 'simulator'}")]
+    if value_of(context, "rviz") == "true":
+        prefix = value_of(context, "frame_prefix")
+        ready.append(rviz(config_folder / "simulator.rviz", namespace, prefix))
+    return [
+        RegisterEventHandler(OnProcessIO(target_action=server, on_stdout=follow)),
+        on_ready(ready, namespace),
+        WatchReadiness(namespace),
+        server,
+    ]
+
+
+def _nodes(context: LaunchContext, address: str) -> list[Action]:
+    """Return bridge, mapper and recorder; each finds the others by itself."""
+    namespace = value_of(context, "namespace")
+    prefix = value_of(context, "frame_prefix")
+    remappings = []
+    if namespace and not prefix:
+        remappings = [(topic, topic.removeprefix("/")) for topic in (TF, TF_STATIC)]
+    place = {
+        "package": PACKAGE,
+        "namespace": namespace,
+        "remappings": remappings,
+        "output": "screen",
+        "sigterm_timeout": END_TIMEOUT_S,
+    }
+    frames = {"map_frame": f"{prefix}map", "base_frame": f"{prefix}base_link"}
+    bridge = {"address": ParameterValue(address, value_type=str), "frame_prefix": prefix, **frames}
+    actions: list[Action] = [
+        LifecycleNode(
+            executable="bridge",
+            name="oaisys_bridge",
+            parameters=[bridge],
+            on_exit=Shutdown(reason="the bridge has ended"),
+            **place,
+        )
+    ]
+    if value_of(context, "mapper") == "true":
+        mapper = {"map_frame": frames["map_frame"]}
+        actions.append(Node(executable="mapper", parameters=[mapper], **place))
+    record = value_of(context, "record")
+    if record in {"", "false"}:
+        return actions
+    folder = "" if record == "true" else record
+    if _uses_rosbag2(value_of(context, "recorder")):
+        return [*actions, _rosbag2(folder, namespace, has_own_tf=bool(remappings))]
+    path = {"path": ParameterValue(folder, value_type=str)}
+    return [*actions, Node(executable="recorder", parameters=[path], **place)]
+
+
+def _uses_rosbag2(recorder: str) -> bool:
+    """Return whether ``ros2 bag`` records; looks for it where that is left open."""
+    if recorder != "auto":
+        return recorder == "ros2"
+    try:
+        return bool(get_package_prefix("ros2bag") and get_package_prefix("rosbag2_storage_mcap"))
+    except PackageNotFoundError:
+        return False
+
+
+def _rosbag2(folder: str, namespace: str, *, has_own_tf: bool) -> ExecuteProcess:
+    """Return ``ros2 bag record`` of what our own recorder would record."""
+    folder = folder or time.strftime("bag_%Y_%m_%d-%H_%M_%S")
+    command = ["ros2", "bag", "record", "--storage", "mcap", "--output", folder]
+    command += ["--exclude-regex", str(RECORDER["exclude"].default)]
+    if namespace:
+        root = "/(clock|diagnostics)" if has_own_tf else "/(clock|diagnostics|tf|tf_static)"
+        command += ["--regex", f"(/{namespace.strip('/')}/.*|{root})"]
+    else:
+        command += ["--all"]
+    return ExecuteProcess(
+        cmd=command, name="recorder", output="screen", sigterm_timeout=END_TIMEOUT_S
+    )
