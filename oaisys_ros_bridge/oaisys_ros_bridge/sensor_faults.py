@@ -49,13 +49,15 @@ class DepthFaults:
 
     Attributes:
         seed: Root of all draws.
-        noise: Law of the error of a depth z, all of them without bias:
+        noise: Law of the error of a depth z:
 
-            * ``gaussian``: normal, of standard deviation ``sigma_m`` at all depths.
-            * ``quadratic``: normal, of ``sigma_m + sigma_per_m * z**2``, as a stereo camera has it.
+            * ``gaussian``: normal, mean 0, of standard deviation ``sigma_m`` at all depths.
+            * ``quadratic``: normal, mean 0, of ``sigma_m + sigma_per_m * z**2``, as a stereo
+              camera has it.
             * ``kinect``: of structured light: a pixel sees what is beside it, and its disparity,
-              with an error of its own, is rounded to an eighth of a pixel; where z is far greater
-              than its error, the standard deviation is about ``z**2 / (24 * fx * 0.075)``.
+              with an error of its own, is rounded to an eighth of a pixel. Over depths that are
+              far greater than their errors, these have a standard deviation of
+              ``sqrt(1 / 36 + 1 / 12) = 1 / 3`` of a step, that is ``z**2 / (24 * fx * 0.075)``.
         sigma_m: See ``noise``.
         sigma_per_m: See ``noise``; 1/m.
         min_depth_m: What is measured nearer becomes ``-inf``.

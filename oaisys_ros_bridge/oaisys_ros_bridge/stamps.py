@@ -42,7 +42,7 @@ class Stamps:
         self._node = node
         self._settings = settings
         self._lock = threading.Lock()
-        self._last_ns = 0
+        self._last_ns = self._simulated_ns = 0
         self.simulated = bool(settings()["publish_clock"])
         if not self.simulated:
             return
@@ -59,7 +59,10 @@ class Stamps:
         return self.between()
 
     def between(self) -> TimeMsg:
-        """Return the stamp of anything else; simulated time hardly moves for it."""
+        """Return the stamp of anything else, a nanosecond after the last where time stands still.
+
+        Simulated time does not go on for it: samples stay at whole steps.
+        """
         with self._lock:
             now_ns = 0 if self.simulated else self._node.get_clock().now().nanoseconds
             self._last_ns = max(now_ns, self._last_ns + 1)
@@ -68,7 +71,8 @@ class Stamps:
     def advance(self, seconds: float) -> TimeMsg:
         """Let simulated time go on, tell it, and return it."""
         with self._lock:
-            self._last_ns += max(1, round(seconds * NS_PER_S))
+            self._simulated_ns += round(seconds * NS_PER_S)
+            self._last_ns = max(self._simulated_ns, self._last_ns + 1)
             stamp = _stamp(self._last_ns)
         self._tell()
         return stamp
@@ -78,7 +82,7 @@ class Stamps:
         if not self.simulated:
             return
         with self._lock:
-            self._last_ns = 0
+            self._last_ns = self._simulated_ns = 0
         self._tell()
 
     def close(self) -> None:

@@ -74,7 +74,7 @@ def test_other_nodes_live_in_the_simulated_time(user: User) -> None:
     assert nanoseconds(stamps.between()) == 2_500_000_001
     user.wait_until(lambda: follower.get_clock().now().nanoseconds >= nanoseconds(later))
     stamps.advance(1.0)
-    user.wait_until(lambda: follower.get_clock().now().nanoseconds == 3_500_000_001)
+    user.wait_until(lambda: follower.get_clock().now().nanoseconds == 3_500_000_000)
     stamps.reset()
     user.wait_until(lambda: follower.get_clock().now().nanoseconds == 0)
     assert nanoseconds(stamps.next()) == 2_000_000_000
