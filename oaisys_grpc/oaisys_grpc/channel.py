@@ -42,7 +42,7 @@ class Channel:
     Attributes:
         stub: All calls as generated.
         render_sample, get_sample, ground_truth_mesh: The streams that bring arrays, whose chunks
-            come as `oaisys_grpc.messages.RawChunk`.
+            come as `oaisys_grpc.messages.RawPart`.
     """
 
     def __init__(self, address: str, tls: ClientTls | None) -> None:

@@ -22,7 +22,7 @@ from oaisys_core.types import (
     early_first,
 )
 from oaisys_grpc import conversions, encodings
-from oaisys_grpc.messages import Part, RawChunk
+from oaisys_grpc.messages import Part, RawChunk, RawGroup, SinglePart
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.shared_memory import place_of
 from oaisys_grpc.transfer import (
@@ -93,7 +93,7 @@ def array_chunks(
 def sample_to_parts(sample: Sample, transfer: Transfer = PLAIN) -> Iterator[Part]:
     """Yield a sample's header, its frames and its end; inverse: `sample_from_parts`."""
 
-    def parts() -> Iterator[Part]:
+    def parts() -> Iterator[SinglePart]:
         yield sample_header_part(sample.outline, sample.render_time_s)
         index = {id(frame): index for index, frame in enumerate(sample.frames)}
         for frame in early_first(sample.frames):
@@ -120,7 +120,7 @@ def sample_header_part(outline: SampleOutline, render_time_s: float = 0.0) -> pb
 
 def frame_parts(
     frame: Frame, index: int, provenance: Provenance, transfer: Transfer = PLAIN
-) -> Iterator[Part]:
+) -> Iterator[SinglePart]:
     """Yield a frame's header and chunks; ``index`` is its place in its sample.
 
     Raises:
@@ -168,30 +168,32 @@ def frame_response(sample: Sample, name: FrameName, accepted: Iterable[int]) -> 
     return pb.GetFrameResponse(sample=begin.sample, frame=header)
 
 
-def grouped(parts: Iterable[Part], transfer: Transfer) -> Iterator[Part]:
+def grouped(parts: Iterable[SinglePart], transfer: Transfer) -> Iterator[Part]:
     """Yield parts with neighbours put together, for a client that takes them so."""
-    group: list[pb.SamplePart] = []
-    group_bytes = 0
+    group: list[SinglePart] = []
+    inline_bytes = chunk_bytes = 0
     for part in parts:
-        if not transfer.grouped or isinstance(part, RawChunk):
+        in_chunk = len(part.data) if isinstance(part, RawChunk) else 0
+        inline = 0 if isinstance(part, RawChunk) else len(part.frame.data)
+        inline_bytes, chunk_bytes = inline_bytes + inline, chunk_bytes + in_chunk
+        if inline_bytes > transfer.inline_bytes or chunk_bytes > transfer.group_bytes:
             yield from _group(group)
-            group, group_bytes = [], 0
-            yield part
-            continue
-        part_bytes = len(part.frame.data)
-        if group_bytes + part_bytes > transfer.inline_bytes:
-            yield from _group(group)
-            group, group_bytes = [], 0
+            group, inline_bytes, chunk_bytes = [], inline, in_chunk
         group.append(part)
-        group_bytes += part_bytes
+        if not transfer.grouped or in_chunk > transfer.group_bytes:
+            yield from _group(group)
+            group, inline_bytes, chunk_bytes = [], 0, 0
     yield from _group(group)
 
 
-def _group(parts: list[pb.SamplePart]) -> Iterator[pb.SamplePart]:
-    if len(parts) > 1:
-        yield pb.SamplePart(group=pb.SamplePartGroup(parts=parts))
-    else:
+def _group(parts: list[SinglePart]) -> Iterator[Part]:
+    messages = [part for part in parts if isinstance(part, pb.SamplePart)]
+    if len(parts) < 2:
         yield from parts
+    elif len(messages) == len(parts):
+        yield pb.SamplePart(group=pb.SamplePartGroup(parts=messages))
+    else:
+        yield RawGroup(tuple(parts))
 
 
 def sample_end_part(sample: Sample) -> pb.SamplePart:

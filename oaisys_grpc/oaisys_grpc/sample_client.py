@@ -14,12 +14,18 @@ from oaisys_core.types import Progress, Sample
 from oaisys_grpc import conversions
 from oaisys_grpc.addresses import is_this_machine
 from oaisys_grpc.channel import Channel, translated
-from oaisys_grpc.messages import Part, RawChunk
+from oaisys_grpc.messages import Part, RawPart
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.sample_stream import SampleStream
 from oaisys_grpc.shared_memory import SHARED_FROM_BYTES
 from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError, found_token
-from oaisys_grpc.transfer import MAX_MESSAGE_BYTES, Transfer, place_from_proto, transfer_to_proto
+from oaisys_grpc.transfer import (
+    MAX_GROUP_BYTES,
+    MAX_MESSAGE_BYTES,
+    Transfer,
+    place_from_proto,
+    transfer_to_proto,
+)
 
 _LOG = logging.getLogger(__name__)
 
@@ -54,6 +60,7 @@ class SampleClient:
             chunk_bytes=MAX_MESSAGE_BYTES,
             frame_bytes=max_frame_bytes,
             grouped=True,
+            group_bytes=MAX_GROUP_BYTES,
         )
         self._token = b""
         self._ask_from_s = 0.0 if shared_memory and is_this_machine(channel.address) else None
@@ -89,7 +96,7 @@ class SampleClient:
         request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id, transfer=options)
         with translated():
             answers = self._channel.get_sample(request, timeout=timeout_s)
-            parts = (a if isinstance(a, RawChunk) else a.part for a in answers)
+            parts = (a.part if isinstance(a, pb.GetSampleResponse) else a for a in answers)
             stream = self._stream(parts, timeout_s)
             sample = stream.read()
         self._learn(options, stream)
@@ -133,12 +140,12 @@ class SampleClient:
 
 
 def _parts_after_progress(
-    events: Iterable[pb.RenderSampleResponse | RawChunk], on_progress: ProgressListener | None
+    events: Iterable[pb.RenderSampleResponse | RawPart], on_progress: ProgressListener | None
 ) -> Iterator[Part]:
     """Tell the listener of progress; yield the sample's parts."""
     with translated():
         for event in events:
-            if isinstance(event, RawChunk):
+            if not isinstance(event, pb.RenderSampleResponse):
                 yield event
             elif event.HasField("part"):
                 yield event.part

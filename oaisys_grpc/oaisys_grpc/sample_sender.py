@@ -11,7 +11,7 @@ from oaisys_grpc.chunks import (
     sample_end_part,
     sample_header_part,
 )
-from oaisys_grpc.messages import Part
+from oaisys_grpc.messages import Part, SinglePart
 from oaisys_grpc.transfer import Transfer
 
 
@@ -30,7 +30,7 @@ class SampleSender:
     def rest(self, sample: Sample) -> Iterator[Part]:
         """Yield all that was not sent yet of a complete sample, and its end."""
 
-        def parts() -> Iterator[Part]:
+        def parts() -> Iterator[SinglePart]:
             yield from self._parts(sample.outline, sample.frames, sample.render_time_s)
             yield sample_end_part(sample)
 
@@ -38,7 +38,7 @@ class SampleSender:
 
     def _parts(
         self, outline: SampleOutline, frames: tuple[Frame, ...], render_time_s: float
-    ) -> Iterator[Part]:
+    ) -> Iterator[SinglePart]:
         if self._outline is None:
             self._outline = outline
             yield sample_header_part(outline, render_time_s)

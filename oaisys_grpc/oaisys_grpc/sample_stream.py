@@ -9,7 +9,7 @@ from oaisys_core.errors import OaisysError
 from oaisys_core.types import Frame, FrameName, Sample, SampleOutline
 from oaisys_grpc import conversions, encodings
 from oaisys_grpc.chunks import ArrayAssembly, frame_from_header
-from oaisys_grpc.messages import Part, RawChunk
+from oaisys_grpc.messages import Part, RawChunk, RawGroup
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.shared_memory import Segment
 from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError
@@ -114,6 +114,10 @@ class SampleStream:
         """Take the next part; yield the frames that are complete by it."""
         if isinstance(part, RawChunk):
             yield from self._add(part)
+            return
+        if isinstance(part, RawGroup):
+            for raw in part.parts:
+                yield from self._take(raw)
             return
         kind = part.WhichOneof("part")
         if kind == "sample":

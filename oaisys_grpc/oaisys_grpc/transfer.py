@@ -16,6 +16,10 @@ CHUNK_BYTES = 1 << 20
 MAX_MESSAGE_BYTES = 3 << 20
 """Of array data in one message, whatever a client asks for: gRPC's default limit is 4 MiB."""
 
+MAX_GROUP_BYTES = 2 << 20
+"""Of array data in chunks that come in one message: larger ones are slower, as nobody reads the
+beginning while the rest is being sent."""
+
 MAX_FRAME_BYTES = 12 * MAX_IMAGE_PX
 """The largest image with three floats a pixel."""
 
@@ -30,6 +34,7 @@ class Transfer:
         chunk_bytes: Size of a chunk.
         frame_bytes: Decoded size of the largest frame that is taken.
         grouped: Whether parts may come together in one message.
+        group_bytes: Of chunks in such a message; 0: they come one by one.
         token: Proves that the client reads the server's memory; frames then stay there.
     """
 
@@ -38,6 +43,7 @@ class Transfer:
     chunk_bytes: int = CHUNK_BYTES
     frame_bytes: int = MAX_FRAME_BYTES
     grouped: bool = False
+    group_bytes: int = 0
     token: bytes = b""
 
 
@@ -54,6 +60,7 @@ def transfer_to_proto(transfer: Transfer) -> pb.TransferOptions:
         max_frame_bytes=transfer.frame_bytes,
         shared_memory_token=transfer.token,
         group_parts=transfer.grouped,
+        max_group_bytes=transfer.group_bytes,
     )
 
 
@@ -65,6 +72,7 @@ def transfer_from_proto(message: pb.TransferOptions) -> Transfer:
         chunk_bytes=message.max_chunk_bytes or CHUNK_BYTES,
         frame_bytes=message.max_frame_bytes or MAX_FRAME_BYTES,
         grouped=message.group_parts,
+        group_bytes=message.max_group_bytes,
         token=message.shared_memory_token,
     )
 
@@ -76,6 +84,7 @@ def granted(transfer: Transfer, probe: Probe | None) -> Transfer:
         transfer,
         inline_bytes=min(transfer.inline_bytes, MAX_MESSAGE_BYTES),
         chunk_bytes=min(transfer.chunk_bytes, MAX_MESSAGE_BYTES),
+        group_bytes=min(transfer.group_bytes, MAX_GROUP_BYTES),
         token=transfer.token if proved else b"",
     )
 
@@ -88,6 +97,7 @@ def limits_message() -> pb.TransferLimits:
         max_inline_bytes=MAX_MESSAGE_BYTES,
         max_request_bytes=MAX_REQUEST_BYTES,
         encodings=[pb.ENCODING_RAW, *(pb.Encoding.ValueType(value) for value in CODECS)],
+        max_group_bytes=MAX_GROUP_BYTES,
     )
 
 

@@ -41,6 +41,7 @@ TRANSFERS = st.builds(
     inline_bytes=st.integers(0, 200_000),
     chunk_bytes=st.integers(1_000, 500_000),
     grouped=st.booleans(),
+    group_bytes=st.integers(0, 500_000),
 )
 
 
@@ -73,7 +74,7 @@ def over_the_wire(parts: Any) -> list[Any]:
     parsed = messages.parser(pb.GetSampleResponse)
     content = [messages.response(pb.GetSampleResponse, part) for part in parts]
     arrived = [parsed(c if isinstance(c, bytes) else c.SerializeToString()) for c in content]
-    return [a if isinstance(a, messages.RawChunk) else a.part for a in arrived]
+    return [a.part if isinstance(a, pb.GetSampleResponse) else a for a in arrived]
 
 
 def mapped_files() -> int:
@@ -95,9 +96,12 @@ def lies_in_shared_memory(frame: Frame) -> bool:
 def test_a_sample_comes_back_whichever_way_it_goes(wanted: transfer.Transfer) -> None:
     sample = make_sample(60, 80)
     parts = list(chunks.sample_to_parts(sample, wanted))
-    sizes = [len(p.data) for p in parts if isinstance(p, messages.RawChunk)]
-    assert all(size <= wanted.chunk_bytes for size in sizes)
-    inline = [p for p in parts if not isinstance(p, messages.RawChunk)]
+    groups = [p.parts if isinstance(p, messages.RawGroup) else (p,) for p in parts]
+    chunks_of = [[p for p in group if isinstance(p, messages.RawChunk)] for group in groups]
+    assert all(len(chunk.data) <= wanted.chunk_bytes for group in chunks_of for chunk in group)
+    in_groups = [group for group, p in zip(chunks_of, parts, strict=True) if p not in group]
+    assert all(sum(len(c.data) for c in group) <= wanted.group_bytes for group in in_groups)
+    inline = [p for p in parts if isinstance(p, pb.SamplePart)]
     assert all(p.ByteSize() <= wanted.inline_bytes + 4096 for p in inline)
     assert_same(sample_from_parts(over_the_wire(parts)), sample)
     again = transfer.transfer_from_proto(transfer.transfer_to_proto(wanted))
