@@ -36,7 +36,7 @@ TOPICS = {
     "budget": Topic("time budgets on random views", 220, 60),
     "growth": Topic("growth with image, rocks, triangles, cameras", 700, 150),
     "equality": Topic("depth and labels against Cycles' own passes", 150, 80),
-    "transfer": Topic("samples from worker to client", 60, 30),
+    "transfer": Topic("samples from worker to client", 110, 45),
     "publish": Topic("samples from worker to ROS subscribers", 60, 30),
     "end_to_end": Topic("from the service call to the last message", 120, 60),
     "mapping": Topic("TSDF integration and mesh beside plain Open3D", 120, 60),

@@ -7,7 +7,7 @@ from typing import Any
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, merged
+from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, Pose, merged
 from oaisys_grpc.client import SimulatorClient
 from tools.bench.jobs.memory import peak_memory_mb
 from tools.bench.jobs.processes import SERVER, SMALL_WORLD, WORKER, camera, child, server
@@ -15,48 +15,79 @@ from tools.bench.settings import Say, Settings
 
 MODALITIES = (RGB, DEPTH, SEMANTIC_0, INSTANCE)
 WARM_UP = 3
+CACHE_MB = 512
+STEP_M = 0.01
+"""From view to view, where each is rendered."""
 
 
 def samples(
-    settings: Settings, say: Say, size_px: tuple[int, int], *, shared_memory: bool, count: int
+    settings: Settings,
+    say: Say,
+    size_px: tuple[int, int],
+    *,
+    shared_memory: bool,
+    cached: bool,
+    count: int,
 ) -> dict[str, Any]:
     """Return milliseconds of samples of one size, and the processes' peak memory in MB.
 
-    The worker answers from its cache of views, so that nothing is rendered meanwhile; what it
-    says that it took even so is not counted as transfer.
+    Args:
+        settings: Of the run.
+        say: Told how far it is.
+        size_px: Of the images.
+        shared_memory: Whether they come by shared memory; otherwise through the connection.
+        cached: Whether the worker has all four images at once, in its cache of views. Otherwise
+            each view is rendered, and depth and labels go ahead of the colours.
+        count: How many samples.
+
+    Returns:
+        ``transfer_ms``: from when the worker has the last image to when the client has them all.
+        ``overhead_ms``: the whole call, less what the worker says it rendered. ``call_ms``: the
+        whole call. ``stored_ms``: `GetSample` of the same.
     """
     world = merged(SMALL_WORLD, camera(*size_px))
-    whole_ms, stored_ms, render_ms, bytes_sent = [], [], [], 0
+    found: dict[str, list[float]] = {
+        name: [] for name in ("transfer_ms", "overhead_ms", "call_ms", "stored_ms")
+    }
+    bytes_sent = 0
     with (
-        server(settings, world, "--pose-cache-mb", "512") as address,
+        server(settings, world, "--pose-cache-mb", str(CACHE_MB if cached else 0)) as address,
         SimulatorClient(address, shared_memory=shared_memory) as client,
     ):
         client.step_batch()
-        pose = pose_looking_down(0.0, 0.0, 12.0)
-        client.render_sample(pose, modalities=MODALITIES)
+        client.render_sample(pose_looking_down(0.0, 0.0, 12.0), modalities=MODALITIES)
         for index in range(-WARM_UP, count):
             say((index + WARM_UP) / (count + WARM_UP), f"{size_px[0]}x{size_px[1]}")
-            started_s = time.perf_counter()
-            sample = client.render_sample(pose, modalities=MODALITIES)
-            rendered_s = time.perf_counter()
-            again = client.get_sample(sample.batch_id, sample.sample_id)
-            stored_s = time.perf_counter()
-            if not sample.from_cache or len(again.frames) != len(MODALITIES):
-                raise OaisysError(f"sample {sample.sample_id} was rendered, not found in the cache")
-            if index < 0:
-                continue
-            render_ms.append(1e3 * sample.render_time_s)
-            whole_ms.append(1e3 * (rendered_s - started_s))
-            stored_ms.append(1e3 * (stored_s - rendered_s))
-            bytes_sent = sum(frame.data.nbytes for frame in sample.frames)
+            pose = pose_looking_down(0.0, 0.0, 12.0 if cached else 12.0 + STEP_M * (1 + index))
+            times = _one(client, pose, cached)
+            if index >= 0:
+                for name, milliseconds in times.items():
+                    found[name].append(milliseconds)
+        sample = client.render_sample(pose, modalities=MODALITIES)
+        bytes_sent = sum(frame.data.nbytes for frame in sample.frames)
         memory = {
             name: peak_memory_mb(str(child(text).pid))
             for name, text in (("worker", WORKER), ("server", SERVER))
         }
+    memory["client"] = peak_memory_mb()
+    return {**found, "memory": memory, "megabytes": bytes_sent / 1e6}
+
+
+def _one(client: SimulatorClient, pose: Pose, cached: bool) -> dict[str, float]:
+    """Return what one sample took, in milliseconds."""
+    begun_ns = time.monotonic_ns()
+    sample = client.render_sample(pose, modalities=MODALITIES)
+    rendered_ns = time.monotonic_ns()
+    again = client.get_sample(sample.batch_id, sample.sample_id)
+    stored_ns = time.monotonic_ns()
+    if sample.from_cache is not cached or not len(sample.frames) == len(again.frames) == 4:
+        raise OaisysError(
+            f"sample {sample.sample_id}: from_cache {sample.from_cache}, not {cached}"
+        )
+    call_ms = 1e-6 * (rendered_ns - begun_ns)
     return {
-        "transfer_ms": [a - b for a, b in zip(whole_ms, render_ms, strict=True)],
-        "call_ms": whole_ms,
-        "stored_ms": stored_ms,
-        "memory": {**memory, "client": peak_memory_mb()},
-        "megabytes": bytes_sent / 1e6,
+        "transfer_ms": 1e-6 * (rendered_ns - sample.finished_ns),
+        "overhead_ms": call_ms - 1e3 * sample.render_time_s,
+        "call_ms": call_ms,
+        "stored_ms": 1e-6 * (stored_ns - rendered_ns),
     }

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings
@@ -11,37 +13,58 @@ LARGE_PX = (4096, 3072)
 LIMITS_MS = {"loopback": 8.0, "shared_memory": 3.0}
 
 
+class Way(NamedTuple):
+    """One way of samples: how large, through what, and whether they are rendered."""
+
+    size_px: tuple[int, int]
+    name: str
+    cached: bool
+    samples: int
+
+    @property
+    def stem(self) -> str:
+        """What its figures' names begin with."""
+        large = "large_" if self.size_px == LARGE_PX else ""
+        return f"transfer_{large}{self.name}" + ("" if self.cached else "_rendered")
+
+
 def run(settings: Settings, say: Say) -> list[Figure]:
     """Return milliseconds of a sample of the run's size and of a large one, and memory peaks."""
-    figures = []
     small_px = (settings.width_px, settings.height_px)
-    sizes = [("", small_px, SAMPLES_PER_RUN * settings.runs)]
+    count = SAMPLES_PER_RUN * settings.runs
+    ways = [Way(small_px, name, cached, count) for name in LIMITS_MS for cached in (True, False)]
     if not settings.quick:
-        sizes.append(("large_", LARGE_PX, settings.runs))
-    ways = [(*size, way) for size in sizes for way in LIMITS_MS]
-    for index, (prefix, size_px, count, way) in enumerate(ways):
+        ways += [Way(LARGE_PX, name, True, settings.runs) for name in LIMITS_MS]
+    figures = []
+    for index, way in enumerate(ways):
 
-        def tell(share: float, text: str, index: int = index, way: str = way) -> None:
-            say((index + share) / len(ways), f"{way}: {text}")
+        def tell(share: float, text: str, index: int = index, way: Way = way) -> None:
+            say((index + share) / len(ways), f"{way.stem}: {text}")
 
         found = run_job(
             "transfer.samples",
             settings,
             tell,
-            size_px=size_px,
-            shared_memory=way == "shared_memory",
-            count=count,
+            size_px=way.size_px,
+            shared_memory=way.name == "shared_memory",
+            cached=way.cached,
+            count=way.samples,
         )
-        stem = f"transfer_{prefix}{way}"
-        note = f"{size_px[0]}x{size_px[1]}: {found['megabytes']:.1f} MB"
-        goal = None if prefix else Goal(LIMITS_MS[way])
-        figures += [
-            figure(f"{stem}_ms", "ms", found["transfer_ms"], goal, note),
-            figure(f"{stem}_call_ms", "ms", found["call_ms"], note="the whole call RenderSample"),
-            figure(f"{stem}_stored_ms", "ms", found["stored_ms"], note="GetSample of the same"),
-        ]
-        figures += [
-            figure(f"{stem}_{process}_peak", "MB", [peak])
-            for process, peak in found["memory"].items()
-        ]
+        figures += _figures(way, found)
     return figures
+
+
+def _figures(way: Way, found: dict[str, Any]) -> list[Figure]:
+    stem = way.stem
+    size = f"{way.size_px[0]}x{way.size_px[1]}, {found['megabytes']:.1f} MB"
+    what = "all at once" if way.cached else "rendered: depth and labels go ahead"
+    goal = None if way.size_px == LARGE_PX else Goal(LIMITS_MS[way.name])
+    note = f"from the worker's last image to the client's arrays; {size}, {what}"
+    figures = [
+        figure(f"{stem}_ms", "ms", found["transfer_ms"], goal, note),
+        figure(f"{stem}_overhead_ms", "ms", found["overhead_ms"], note="the call less the render"),
+        figure(f"{stem}_call_ms", "ms", found["call_ms"], note="the whole call RenderSample"),
+        figure(f"{stem}_stored_ms", "ms", found["stored_ms"], note="GetSample of the same"),
+    ]
+    peaks = [figure(f"{stem}_{p}_peak", "MB", [mb]) for p, mb in found["memory"].items()]
+    return figures + peaks
