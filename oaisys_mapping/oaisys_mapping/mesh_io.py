@@ -105,8 +105,9 @@ def _vertex_properties(path: Path, names: Sequence[str]) -> dict[str, NDArray[An
     """
     header = _header(path)
     element = re.search(rb"\nelement vertex (\d+)\n((?:property \w+ \w+\n)*)", header)
-    is_ours = header.startswith(b"ply\nformat binary_little_endian") and element is not None
-    if not is_ours or header.find(b"\nelement ") != element.start():
+    if element is None or header.find(b"\nelement ") != element.start():
+        return {}
+    if not header.startswith(b"ply\nformat binary_little_endian"):
         return {}
     kinds = {ply.encode(): kind for kind, ply in PLY_TYPES.items()}
     found = [line.split()[1:] for line in element[2].splitlines()]

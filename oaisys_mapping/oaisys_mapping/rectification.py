@@ -56,8 +56,7 @@ def rectified(
     for name, image in (("depth_m", depth_m), ("rgb", rgb)):
         if image is not None and image.shape[:2] != size:
             raise InvalidInputError(name, image.shape, f"an image of shape {size}")
-    rays = pixel_rays(rectified_camera(camera)).reshape(-1, 3)
-    v_u = project(rays, camera)[:, ::-1].T.reshape(2, *depth_m.shape)
+    v_u = _places(camera)
     with np.errstate(divide="ignore"):
         inverse = 1 / depth_m.astype(np.float64)
     least, most = _of_neighbours(inverse, v_u)
@@ -73,6 +72,28 @@ def rectified(
         for i in range(3)
     ]
     return flat_m, np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
+
+
+def rectified_labels(labels: NDArray[np.uint16], camera: PinholeIntrinsics) -> NDArray[np.uint16]:
+    """Return the (H, W) labels that `rectified_camera` sees: those of the nearest pixels.
+
+    Raises:
+        InvalidInputError: The camera distorts, and the image's size does not fit it.
+    """
+    if not any(camera.distortion):
+        return labels
+    size = (camera.height_px, camera.width_px)
+    if labels.shape != size:
+        raise InvalidInputError("labels", labels.shape, f"an image of shape {size}")
+    found = map_coordinates(labels, _places(camera), order=0, mode="nearest")
+    return np.asarray(found, np.uint16)
+
+
+def _places(camera: PinholeIntrinsics) -> FloatArray:
+    """Return (2, H, W) where, v first, the pixels of `rectified_camera` lie in the image."""
+    rays = pixel_rays(rectified_camera(camera)).reshape(-1, 3)
+    v_u = project(rays, camera)[:, ::-1].T
+    return np.asarray(v_u.reshape(2, camera.height_px, camera.width_px))
 
 
 def _seen_from(camera: PinholeIntrinsics, u: FloatArray, v: FloatArray) -> FloatArray:

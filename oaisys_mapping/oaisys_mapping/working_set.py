@@ -193,7 +193,7 @@ class WorkingSet:
         least = needed - self._most_blocks
         count = min(len(others), max(least, int(ROOM_SHARE * self._most_blocks)))
         away_m = np.linalg.norm((others + 0.5) * self._block_m - camera_m, axis=1)
-        gone = others[np.argsort(-away_m, kind="stable")[:count]]
+        gone: Coordinates = others[np.argsort(-away_m, kind="stable")[:count]]
         if self._when_full == "store":
             try:
                 self._store.put(gone, self.rows(gone))

@@ -56,13 +56,26 @@ MOST_CHANNELS = 4
 
 PIXELS_BY_ENCODING: dict[str, Pixels] = {
     "rgb8": Pixels(np.dtype(np.uint8), 3),
+    "bgr8": Pixels(np.dtype(np.uint8), 3),
+    "rgba8": Pixels(np.dtype(np.uint8), 4),
+    "bgra8": Pixels(np.dtype(np.uint8), 4),
+    "mono8": Pixels(np.dtype(np.uint8), 1),
     **{
         f"{name}C{channels}": Pixels(dtype, channels)
         for name, dtype in PLAIN_TYPES.items()
         for channels in range(1, MOST_CHANNELS + 1)
     },
 }
-"""Encodings of images that are published."""
+"""Encodings of images that are published, and some of other cameras'."""
+
+COLOR_ORDERS = {
+    "rgb8": [0, 1, 2],
+    "bgr8": [2, 1, 0],
+    "rgba8": [0, 1, 2],
+    "bgra8": [2, 1, 0],
+    "mono8": [0, 0, 0],
+}
+"""Which channels of a colour image are red, green and blue."""
 
 
 def plain_encoding(data: NDArray[Any]) -> str:
@@ -74,7 +87,7 @@ def plain_encoding(data: NDArray[Any]) -> str:
     channels = 1 if data.ndim == 2 else data.shape[-1]
     dtype = np.dtype(np.int32) if data.dtype == np.uint32 else data.dtype
     for encoding, pixels in PIXELS_BY_ENCODING.items():
-        if encoding != "rgb8" and pixels == (dtype, channels):
+        if encoding not in COLOR_ORDERS and pixels == (dtype, channels):
             return encoding
     expected = f"up to {MOST_CHANNELS} channels of {', '.join(map(str, PLAIN_TYPES.values()))}"
     raise InvalidInputError("image.data", (data.shape, str(data.dtype)), expected)
@@ -259,6 +272,37 @@ def image_from_msg(msg: Image) -> NDArray[Any]:
     rows = np.frombuffer(msg.data, dtype=np.uint8).reshape(msg.height, msg.step)[:, :row_bytes]
     pixels = np.ascontiguousarray(rows).view(dtype)
     return pixels.reshape(msg.height, msg.width, channels) if channels > 1 else pixels
+
+
+def depth_from_msg(msg: Image) -> NDArray[np.float32]:
+    """Return (H, W) float32 metres of a depth image: ``32FC1``, or ``16UC1`` in millimetres.
+
+    NaN where an image in millimetres holds 0: nothing was measured (REP-118).
+
+    Raises:
+        InvalidInputError: Another encoding.
+    """
+    image = image_from_msg(msg)
+    if msg.encoding == "16UC1":
+        depth_m = image.astype(np.float32) * np.float32(1e-3)
+        depth_m[image == 0] = np.nan
+        return depth_m
+    if msg.encoding != "32FC1":
+        raise InvalidInputError("depth.encoding", msg.encoding, "32FC1 or 16UC1")
+    return np.asarray(image, np.float32)
+
+
+def color_from_msg(msg: Image) -> NDArray[np.uint8]:
+    """Return (H, W, 3) uint8 red, green and blue of an image in one of `COLOR_ORDERS`.
+
+    Raises:
+        InvalidInputError: Another encoding.
+    """
+    if msg.encoding not in COLOR_ORDERS:
+        raise InvalidInputError("color.encoding", msg.encoding, f"one of {', '.join(COLOR_ORDERS)}")
+    image = image_from_msg(msg)
+    channels = image[..., None] if image.ndim == 2 else image
+    return np.ascontiguousarray(channels[..., COLOR_ORDERS[msg.encoding]])
 
 
 def _pixels_of(encoding: str) -> Pixels:

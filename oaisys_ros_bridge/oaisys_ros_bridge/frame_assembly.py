@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -9,8 +10,12 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_to_matrix
+from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_ros_bridge.conversions import (
+    color_from_msg,
+    depth_from_msg,
     image_from_msg,
     intrinsics_from_msg,
     odometry_from_msg,
@@ -37,14 +42,19 @@ class FrameAssembler:
 
     Args:
         map_frame: Frame that poses are wanted in.
-        use_color: Whether a depth image waits for its colour image: until its sample is complete
-            where that is told, and in any case for `COLOR_WAIT_S`.
+        use_color, use_semantics: Whether a depth image waits for its colour and label images:
+            until its sample is complete where that is told, and in any case for `COLOR_WAIT_S`.
     """
 
-    def __init__(self, map_frame: str, *, use_color: bool) -> None:
+    def __init__(self, map_frame: str, *, use_color: bool, use_semantics: bool = False) -> None:
         self._map_frame = map_frame
         self._transforms = FrameBuffer()
-        self._images = ExactSynchronizer(("depth", "info"), ("color",) if use_color else ())
+        wanted = [
+            kind for kind, is_used in (("color", use_color), ("semantic", use_semantics)) if is_used
+        ]
+        self._images = ExactSynchronizer(("depth", "info"), wanted, counted=("depth",))
+        self._color_info: PinholeIntrinsics | None = None
+        self._without_pose_lost = 0
         self._without_pose: dict[int, dict[str, Any]] = {}
         self._ended_s: dict[int, float] = {}
 
@@ -70,15 +80,22 @@ class FrameAssembler:
         self._transforms.set_at(stamp_ns, msg.header.frame_id, msg.child_frame_id, T_parent_child)
 
     def add_image(self, kind: str, message: Image | CameraInfo, now_s: float) -> None:
-        """Take in a message that is the ``depth``, ``color`` or ``info`` of its stamp."""
+        """Take in the ``depth``, ``info``, ``color`` or ``semantic`` message of its stamp."""
         stamp_ns = nanoseconds(message.header.stamp)
         complete = self._images.add(stamp_ns, kind, message, now_s)
         if complete is not None:
             self._go_on(stamp_ns, complete)
 
-    def end_sample(self, stamp_ns: int, now_s: float, *, has_color: bool) -> None:
-        """Take note that all of a sample was published, and whether colour is among it."""
-        self._ended_s[stamp_ns] = now_s if has_color else now_s - COLOR_WAIT_S
+    def add_color_info(self, message: CameraInfo) -> None:
+        """Take in the camera of colour images, which must be that of depth images."""
+        self._color_info = intrinsics_from_msg(message)
+
+    def end_sample(self, stamp_ns: int, now_s: float, *, kinds: Iterable[str]) -> None:
+        """Take note that all of a sample was published, and which kinds are among it."""
+        complete = self._images.expect(stamp_ns, kinds)
+        if complete is not None:
+            self._go_on(stamp_ns, complete)
+        self._ended_s[stamp_ns] = now_s
         while len(self._ended_s) > MOST_WITHOUT_POSE:
             del self._ended_s[min(self._ended_s)]
         self.give_up_color(now_s, ends_are_told=True)
@@ -106,6 +123,12 @@ class FrameAssembler:
         self._without_pose[stamp_ns] = messages
         while len(self._without_pose) > MOST_WITHOUT_POSE:
             del self._without_pose[min(self._without_pose)]
+            self._without_pose_lost += 1
+
+    @property
+    def given_up(self) -> int:
+        """How many depth images have been given up for want of a camera, a pose or a sample."""
+        return self._images.given_up + self._without_pose_lost
 
     def pop(self) -> DepthFrame | None:
         """Return the earliest frame that is complete by now, and forget it; None if there is none.
@@ -120,17 +143,31 @@ class FrameAssembler:
             if T_map_camera is None:
                 continue
             del self._without_pose[stamp_ns]
-            return DepthFrame(
-                stamp_ns=stamp_ns,
-                depth_m=image_from_msg(messages["depth"]),
-                rgb=image_from_msg(messages["color"]) if "color" in messages else None,
-                intrinsics=intrinsics_from_msg(messages["info"]),
-                T_map_camera=T_map_camera,
-            )
+            return self._frame(stamp_ns, messages, T_map_camera)
         return None
+
+    def _frame(
+        self, stamp_ns: int, messages: Mapping[str, Any], T_map_camera: FloatArray
+    ) -> DepthFrame:
+        camera = intrinsics_from_msg(messages["info"])
+        rgb = None
+        if "color" in messages:
+            if self._color_info not in (None, camera):
+                expected = f"the depth camera's {camera}: register depth to colour"
+                raise InvalidInputError("color/camera_info", self._color_info, expected)
+            rgb = color_from_msg(messages["color"])
+        return DepthFrame(
+            stamp_ns=stamp_ns,
+            depth_m=depth_from_msg(messages["depth"]),
+            rgb=rgb,
+            intrinsics=camera,
+            T_map_camera=T_map_camera,
+            labels=image_from_msg(messages["semantic"]) if "semantic" in messages else None,
+        )
 
     def clear(self) -> None:
         """Forget images that are incomplete; transforms stay."""
         self._images.clear()
+        self._without_pose_lost = 0
         self._ended_s.clear()
         self._without_pose.clear()

@@ -5,7 +5,8 @@ from __future__ import annotations
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.rectification import rectified, rectified_camera
+from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.visibility import View
 
@@ -32,6 +33,7 @@ class DepthFrame:
         rgb: (H, W, 3) uint8, or None.
         intrinsics: The camera; distorted images are rectified before they are fused.
         T_map_camera: (4, 4) pose of the optical frame.
+        labels: (H, W) uint16 classes, or None.
     """
 
     stamp_ns: int
@@ -39,6 +41,7 @@ class DepthFrame:
     rgb: NDArray[np.uint8] | None
     intrinsics: PinholeIntrinsics
     T_map_camera: FloatArray
+    labels: NDArray[np.uint16] | None = None
 
 
 @dataclass(frozen=True)
@@ -101,9 +104,29 @@ class Fusion:
         Raises:
             DeadlineExceededError: Some of them are not integrated after ``timeout_s``.
         """
+        with self.settled(timeout_s) as volume:
+            return volume.extract_mesh(), tuple(self._views)
+
+    def visible_surface(self) -> ColoredMesh:
+        """Return the surface of the frames that are fused by now, as far as it is in memory."""
+        with self._volume_lock:
+            return self._volume.extract_mesh(with_stored=False)
+
+    @contextmanager
+    def settled(self, timeout_s: float) -> Iterator[TsdfVolume]:
+        """Lend the volume, with all frames received so far in it; none is fused meanwhile.
+
+        Raises:
+            DeadlineExceededError: Some of them are not integrated after ``timeout_s``.
+        """
         self._wait_for(self._state.received, timeout_s)
         with self._volume_lock:
-            return self._volume.extract_mesh(), tuple(self._views)
+            yield self._volume
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """The views that the volume is made from."""
+        return tuple(self._views)
 
     def reset(self) -> None:
         """Forget all frames, also those that wait."""
@@ -148,7 +171,10 @@ class Fusion:
         try:
             camera = rectified_camera(frame.intrinsics)
             depth_m, rgb = rectified(frame.depth_m, frame.rgb, frame.intrinsics)
-            self._volume.integrate(depth_m, rgb, camera, frame.T_map_camera)
+            labels = None
+            if frame.labels is not None:
+                labels = rectified_labels(frame.labels, frame.intrinsics)
+            self._volume.integrate(depth_m, rgb, camera, frame.T_map_camera, labels)
         except OaisysError as error:
             self._on_error(str(error))
             self._count(dropped=1)

@@ -14,7 +14,10 @@ def clustered(mesh: ColoredMesh, cell_m: float) -> ColoredMesh:
     complex scenes", 1993; triangles that fall into fewer than three cells go.
     """
     cells = np.floor(mesh.vertices_m / cell_m).astype(np.int64)
-    _, cluster = np.unique(cells, axis=0, return_inverse=True)
+    cells -= cells.min(axis=0, initial=0)
+    x, y, z = cells.T
+    _, height, depth = (cells.max(axis=0, initial=0) + 1).tolist()
+    _, cluster = np.unique((x * height + y) * depth + z, return_inverse=True)
     cluster = cluster.ravel()
     count = np.bincount(cluster)[:, None]
     vertices_m = np.column_stack([np.bincount(cluster, v) for v in mesh.vertices_m.T]) / count

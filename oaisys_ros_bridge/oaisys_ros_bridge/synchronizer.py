@@ -16,23 +16,43 @@ class ExactSynchronizer:
     Args:
         required: Kinds without which a stamp is not complete.
         wanted: Kinds that are waited for until `release_older_than` gives them up.
+        counted: Kinds whose loss counts.
+
+    Attributes:
+        given_up: How many stamps with a counted kind never got complete.
     """
 
-    def __init__(self, required: Iterable[str], wanted: Iterable[str] = ()) -> None:
+    def __init__(
+        self, required: Iterable[str], wanted: Iterable[str] = (), counted: Iterable[str] = ()
+    ) -> None:
+        self._counted = frozenset(counted)
         self._required = frozenset(required)
         self._complete = self._required | frozenset(wanted)
         self._pending: OrderedDict[int, tuple[float, dict[str, Any]]] = OrderedDict()
+        self._expected: dict[int, frozenset[str]] = {}
+        self.given_up = 0
 
     def add(self, stamp_ns: int, kind: str, message: Any, now_s: float) -> dict[str, Any] | None:
         """Take a message in; return all of its stamp, by kind, if it was the last one missing."""
         _, messages = self._pending.setdefault(stamp_ns, (now_s, {}))
         messages[kind] = message
-        if messages.keys() >= self._complete:
-            del self._pending[stamp_ns]
+        if messages.keys() >= self._expected.get(stamp_ns, self._complete):
+            self._forget(stamp_ns)
             return messages
         while len(self._pending) > PENDING:
-            self._pending.popitem(last=False)
+            self.drop([next(iter(self._pending))])
         return None
+
+    def expect(self, stamp_ns: int, kinds: Iterable[str]) -> dict[str, Any] | None:
+        """Settle which wanted kinds a stamp will have; return all of it if that has come."""
+        self._expected[stamp_ns] = self._required | (self._complete & frozenset(kinds))
+        while len(self._expected) > PENDING:
+            del self._expected[min(self._expected)]
+        _, messages = self._pending.get(stamp_ns, (0.0, {}))
+        if not messages or not messages.keys() >= self._expected[stamp_ns]:
+            return None
+        self._forget(stamp_ns)
+        return messages
 
     def release_older_than(self, first_s: float) -> list[tuple[int, dict[str, Any]]]:
         """Return what is complete but for wanted kinds and was begun before ``first_s``."""
@@ -42,7 +62,7 @@ class ExactSynchronizer:
             if begun_s < first_s and messages.keys() >= self._required
         ]
         for stamp_ns, _ in released:
-            del self._pending[stamp_ns]
+            self._forget(stamp_ns)
         return released
 
     def release(self, stamp_ns: int) -> dict[str, Any] | None:
@@ -50,13 +70,15 @@ class ExactSynchronizer:
         _, messages = self._pending.get(stamp_ns, (0.0, {}))
         if not messages or not messages.keys() >= self._required:
             return None
-        del self._pending[stamp_ns]
+        self._forget(stamp_ns)
         return messages
 
     def drop(self, stamps_ns: Iterable[int]) -> None:
-        """Give stamps up."""
+        """Give stamps up; those of which an image had come are counted."""
         for stamp_ns in stamps_ns:
-            self._pending.pop(stamp_ns, None)
+            _, messages = self._pending.get(stamp_ns, (0.0, {}))
+            self.given_up += bool(messages.keys() & self._counted)
+            self._forget(stamp_ns)
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
@@ -64,5 +86,11 @@ class ExactSynchronizer:
         return tuple(self._pending)
 
     def clear(self) -> None:
-        """Forget what is incomplete."""
+        """Forget what is incomplete, and the count of what was given up."""
         self._pending.clear()
+        self._expected.clear()
+        self.given_up = 0
+
+    def _forget(self, stamp_ns: int) -> None:
+        self._pending.pop(stamp_ns, None)
+        self._expected.pop(stamp_ns, None)

@@ -157,7 +157,7 @@ def test_colour_may_take_as_long_as_it_likes_where_the_end_of_samples_is_told():
 
 def test_a_frame_of_a_sample_without_colour_goes_on_at_its_end():
     made = begun_frame()
-    made.end_sample(STAMP_NS, 11.0, has_color=False)
+    made.end_sample(STAMP_NS, 11.0, kinds=())
     frame = made.pop()
     assert frame is not None
     assert frame.rgb is None
@@ -165,7 +165,7 @@ def test_a_frame_of_a_sample_without_colour_goes_on_at_its_end():
 
 def test_colour_that_was_lost_on_the_way_is_waited_for_after_the_end():
     made = begun_frame()
-    made.end_sample(STAMP_NS, 500.0, has_color=True)
+    made.end_sample(STAMP_NS, 500.0, kinds=("color",))
     assert made.pop() is None
     made.give_up_color(500.1 + COLOR_WAIT_S, ends_are_told=True)
     frame = made.pop()
@@ -175,7 +175,7 @@ def test_colour_that_was_lost_on_the_way_is_waited_for_after_the_end():
 
 def test_a_frame_of_a_sample_that_failed_is_dropped():
     made = begun_frame()
-    made.end_sample(STAMP_NS + 1, 20.0, has_color=True)
+    made.end_sample(STAMP_NS + 1, 20.0, kinds=("color",))
     made.give_up_color(20.1 + COLOR_WAIT_S, ends_are_told=True)
     assert made.pop() is None
     made.add_image("color", color_msg(), 30.0)

@@ -7,7 +7,8 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,14 +28,17 @@ from visualization_msgs.msg import Marker
 from oaisys_core.errors import NotReadyError, OaisysError
 from oaisys_core.types import RGB
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.mesh_io import read_truth, write_ply
-from oaisys_mapping.metrics import evaluate_reconstruction
-from oaisys_mapping.tsdf import TsdfConfig
-from oaisys_msgs.msg import MapStatus, SampleInfo
+from oaisys_mapping.mesh_io import write_ply
+from oaisys_mapping.metrics import Extras, evaluate_reconstruction
+from oaisys_mapping.semantic_fusion import class_colors
+from oaisys_mapping.truth_io import read_truth
+from oaisys_msgs.msg import MapStatus, SampleInfo, SemanticLabels
 from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
 from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler, nanoseconds
 from oaisys_ros_bridge.fusion import DepthFrame, Fusion, FusionState
+from oaisys_ros_bridge.mapper_parameters import MAPPER, tsdf_config
+from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TF_STATIC_QOS
 from oaisys_ros_bridge.surface import at_most
@@ -44,46 +48,41 @@ SAMPLE_INFO_TOPIC = "oaisys_bridge/sample_info"
 EARLY_FRAMES = 4
 """Frames of a new world that may come before the word that it stands."""
 
+VOLUME_SUFFIX = ".npz"
+"""Of the files that ``~/save_mesh`` writes the whole volume to, instead of its mesh."""
+
 EVALUATION_SEED = 0
 """Draws the points that are measured: the same map gets the same figures."""
 
 
-class MapperNode(Node):
+class MapperNode(ParameterNode, Node):
     """Fuses every depth image whose camera and pose carry the same stamp.
 
-    Parameters:
-        voxel_size, truncation_voxels, max_range: Of the volume; metres, voxels, metres.
-        camera: Prefix of the camera's topics.
-        map_frame: Frame of the volume.
-        use_color: Whether to wait for colour images: as long as it takes where the bridge tells on
-            ``oaisys_bridge/sample_info`` which samples are complete. Depth images of a sample that
-            never gets complete are dropped then; without colour they are fused at once.
-        use_odometry: Take poses from ``ground_truth/odometry`` instead of ``/tf``.
-        mesh_period: Seconds between meshes published while frames come; 0: only when one is saved.
-        mesh_triangles: Most triangles of a published mesh; a saved one has them all.
-        clear_on_batch: Whether to begin anew when the bridge says on ``oaisys_bridge/batch`` that
-            another world stands.
-        settle_timeout: Longest time that a service waits for frames that are being fused.
+    Its parameters are the table `MAPPER`. All inputs are topics of their own, relative, and so can
+    be remapped one by one, for instance from nvblox's ``camera_0/depth/image``: below the camera's
+    prefix ``depth/image_raw`` (``32FC1`` metres or ``16UC1`` millimetres), ``depth/camera_info``,
+    ``color/image_raw`` and ``color/camera_info`` of the same camera, ``semantic_0/image_raw`` and
+    ``semantic_0/labels``; poses from ``/tf`` or ``ground_truth/odometry``.
+
+    Depth images of a sample that never gets complete are dropped where the bridge tells on
+    ``oaisys_bridge/sample_info`` which samples do; without colour and classes they are fused at
+    once.
     """
 
     def __init__(self) -> None:
         super().__init__("oaisys_mapper")
-        usual = TsdfConfig()
-        config = TsdfConfig(
-            voxel_size_m=self.declare_parameter("voxel_size", usual.voxel_size_m).value,
-            truncation_voxels=self.declare_parameter(
-                "truncation_voxels", usual.truncation_voxels
-            ).value,
-            max_range_m=self.declare_parameter("max_range", usual.max_range_m).value,
-        )
+        values = self.declare_table(MAPPER)
+        config = tsdf_config(values)
         self._config = config
-        self._map_frame = self.declare_parameter("map_frame", "map").value
-        self._mesh_triangles = self.declare_parameter("mesh_triangles", 150_000).value
-        self._settle_timeout_s = self.declare_parameter("settle_timeout", 120.0).value
+        self._map_frame = values["map_frame"]
         self._metrics_json = ""
         self._published_frames = 0
-        use_color = self.declare_parameter("use_color", True).value
-        self._assembler = FrameAssembler(self._map_frame, use_color=use_color)
+        self._class_names: dict[int, str] = {}
+        self._assembler = FrameAssembler(
+            self._map_frame,
+            use_color=values["use_color"],
+            use_semantics=values["use_semantics"],
+        )
         self._input_lock = threading.Lock()
         self._batch: tuple[str, int, int] | None = None
         self._batch_begin_ns = 0
@@ -94,19 +93,19 @@ class MapperNode(Node):
         self._fusion = Fusion(
             config, on_change=self._publish_status, on_error=self.get_logger().warning
         )
-        self._subscribe(use_color)
-        self._offer_services()
+        self._subscribe(values)
+        self._offer_services(values["mesh_period"])
         self._publish_status(self._fusion.state)
 
     def close(self) -> None:
         """End the fusion's thread."""
         self._fusion.close()
 
-    def _subscribe(self, use_color: bool) -> None:
-        camera = self.declare_parameter("camera", "camera").value
+    def _subscribe(self, values: Mapping[str, Any]) -> None:
+        camera = values["camera"]
         assembler = self._assembler
         self._feed(TFMessage, "/tf_static", assembler.add_static, TF_STATIC_QOS)
-        if self.declare_parameter("use_odometry", False).value:
+        if values["use_odometry"]:
             self._feed(Odometry, "ground_truth/odometry", assembler.add_odometry, SENSOR_QOS)
         else:
             self._feed(TFMessage, "/tf", assembler.add_transforms, TF_QOS)
@@ -114,12 +113,20 @@ class MapperNode(Node):
             ("depth", Image, "depth/image_raw"),
             ("info", CameraInfo, "depth/camera_info"),
         ]
-        if use_color:
+        level = f"semantic_{values['semantic_level']}"
+        if values["use_color"]:
             inputs.append(("color", Image, "color/image_raw"))
-            end = partial(self._end_sample, camera)
+            add_info = assembler.add_color_info
+            self._feed(CameraInfo, f"{camera}/color/camera_info", add_info, SENSOR_QOS)
+        if values["use_semantics"]:
+            inputs.append(("semantic", Image, f"{level}/image_raw"))
+            legend = f"{camera}/{level}/labels"
+            self.create_subscription(SemanticLabels, legend, self._on_labels, LATCHED_QOS)
+        if values["use_color"] or values["use_semantics"]:
+            end = partial(self._end_sample, camera, {RGB: "color", level: "semantic"})
             self._feed(SampleInfo, SAMPLE_INFO_TOPIC, end, SENSOR_QOS)
             self.create_timer(COLOR_WAIT_S / 2, self._give_up_color)
-        if self.declare_parameter("clear_on_batch", True).value:
+        if values["clear_on_batch"]:
             self.create_subscription(SampleInfo, BATCH_TOPIC, self._on_batch, LATCHED_QOS)
         for kind, message_type, topic in inputs:
             add = partial(self._add_image, kind)
@@ -134,15 +141,20 @@ class MapperNode(Node):
     def _add_image(self, kind: str, message: Any) -> None:
         self._assembler.add_image(kind, message, time.monotonic())
 
-    def _end_sample(self, camera: str, message: SampleInfo) -> None:
-        """Let a depth image go on whose sample has no colour, and drop those of failed samples."""
-        has_color = any(
-            RGB in sensor.modalities
+    def _end_sample(self, camera: str, kinds: Mapping[str, str], message: SampleInfo) -> None:
+        """Let a depth image go on whose sample is complete, and drop those of failed samples."""
+        modalities = {
+            modality
             for sensor in message.sensors
             if sensor.sensor == camera or len(message.sensors) == 1
-        )
+            for modality in sensor.modalities
+        }
         stamp_ns = nanoseconds(message.header.stamp)
-        self._assembler.end_sample(stamp_ns, time.monotonic(), has_color=has_color)
+        told = [kind for modality, kind in kinds.items() if modality in modalities]
+        self._assembler.end_sample(stamp_ns, time.monotonic(), kinds=told)
+
+    def _on_labels(self, message: SemanticLabels) -> None:
+        self._class_names = {label.id: label.name for label in message.labels}
 
     def _give_up_color(self) -> None:
         are_told = self.count_publishers(SAMPLE_INFO_TOPIC) > 0
@@ -191,7 +203,7 @@ class MapperNode(Node):
                     self._fuse(frame)
         self.get_logger().info(f"batch {message.batch_id}: the map of the one before is cleared")
 
-    def _offer_services(self) -> None:
+    def _offer_services(self, mesh_period_s: float) -> None:
         """Offer services, and meshes from time to time, in a group that may wait for frames."""
         group = MutuallyExclusiveCallbackGroup()
         for kind, name, callback in (
@@ -200,16 +212,20 @@ class MapperNode(Node):
             (Trigger, "~/reset", self._on_reset),
         ):
             self.create_service(kind, name, callback, callback_group=group)
-        period_s = self.declare_parameter("mesh_period", 5.0).value
-        if period_s > 0:
-            self.create_timer(period_s, self._publish_new_mesh, callback_group=group)
+        if mesh_period_s > 0:
+            self.create_timer(mesh_period_s, self._publish_new_mesh, callback_group=group)
 
     def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:
         try:
-            mesh, views = self._fusion.surface(self._settle_timeout_s)
             path = Path(request.path)
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_ply(path, mesh)
+            with self._fusion.settled(self.parameters["settle_timeout"]) as volume:
+                mesh = volume.extract_mesh()
+                if path.suffix == VOLUME_SUFFIX:
+                    volume.save(path)
+                views = self._fusion.views
+            if path.suffix != VOLUME_SUFFIX:
+                write_ply(path, mesh, self._class_names if mesh.class_ids is not None else None)
         except (OaisysError, OSError) as error:
             response.message = str(error)
             return response
@@ -223,17 +239,19 @@ class MapperNode(Node):
     def _on_evaluate(self, request: Evaluate.Request, response: Evaluate.Response) -> Any:
         try:
             truth = read_truth(Path(request.truth_path))
-            mesh, views = self._fusion.surface(self._settle_timeout_s)
-            if not views:
-                raise NotReadyError("nothing has been mapped yet")
-            found = evaluate_reconstruction(
-                mesh,
-                truth,
-                views,
-                self._config.voxel_size_m,
-                self._config.max_range_m,
-                np.random.default_rng(EVALUATION_SEED),
-            )
+            with self._fusion.settled(self.parameters["settle_timeout"]) as volume:
+                views = self._fusion.views
+                if not views:
+                    raise NotReadyError("nothing has been mapped yet")
+                found = evaluate_reconstruction(
+                    volume.extract_mesh(),
+                    truth,
+                    views,
+                    self._config.voxel_size_m,
+                    self._config.max_range_m,
+                    np.random.default_rng(EVALUATION_SEED),
+                    Extras(volume=volume, labels=self._class_names),
+                )
         except OaisysError as error:
             response.message = str(error)
             return response
@@ -262,7 +280,7 @@ class MapperNode(Node):
                 header=Header(stamp=stamp, frame_id=self._map_frame),
                 frames_received=state.received,
                 frames_integrated=state.integrated,
-                frames_dropped=state.dropped,
+                frames_dropped=state.dropped + self._assembler.given_up,
                 integration_time=state.integration_time_s,
                 metrics_json=self._metrics_json,
             )
@@ -276,7 +294,7 @@ class MapperNode(Node):
         if listeners == 0 or integrated == self._published_frames:
             return
         try:
-            mesh, _ = self._fusion.surface(self._settle_timeout_s)
+            mesh = self._fusion.visible_surface()
         except OaisysError as error:
             self.get_logger().warning(f"no mesh: {error}")
             return
@@ -286,9 +304,11 @@ class MapperNode(Node):
     def _publish_mesh(self, mesh: ColoredMesh) -> None:
         stamp = Time(nanoseconds=self._fusion.state.stamp_ns).to_msg()
         header = Header(stamp=stamp, frame_id=self._map_frame)
+        if self.parameters["mesh_colors"] == "class" and mesh.class_ids is not None:
+            mesh = replace(mesh, colors_rgb=class_colors(mesh.class_ids))
         points = mesh.vertices_m.astype("float32")[None]
         self._points_publisher.publish(cloud_to_msg(points, mesh.colors_rgb[None], header))
-        small = at_most(mesh, self._mesh_triangles, 2 * self._config.voxel_size_m)
+        small = at_most(mesh, self.parameters["mesh_triangles"], 2 * self._config.voxel_size_m)
         self._mesh_publisher.publish(
             mesh_to_marker(small.vertices_m, small.triangles, small.colors_rgb, header)
         )
