@@ -43,9 +43,14 @@ GRPC_LIBRARIES = {
     "yaml",
 }
 MAPPING_LIBRARIES = {"numpy", "open3d", "scipy"}
-PRESENTATION = {"oaisys_mapping.pictures", "oaisys_mapping.report"}
-PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib"}
-"""What draws the report may draw; the algorithms may not."""
+PRESENTATION = {
+    "oaisys_mapping.live_view",
+    "oaisys_mapping.mesh_layers",
+    "oaisys_mapping.pictures",
+    "oaisys_mapping.report",
+}
+PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib", "trimesh", "viser"}
+"""What draws reports and pages may draw; the algorithms may not."""
 SIGNING = {"oaisys_mapping.signature"}
 BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml"}
 ROS = {

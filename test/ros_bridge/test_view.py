@@ -1,0 +1,137 @@
+"""``oaisys view`` beside real servers and nodes, its page in a real browser."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import numpy as np
+import pytest
+from browser import browser_page
+from served_simulator import FLAT_WORLD, Server
+
+from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_at
+from oaisys_core.types import PinholeIntrinsics
+from oaisys_mapping.live_view import SeenView, cloud_of
+from oaisys_mapping.visibility import View
+
+DEADLINE_S = 120.0
+CAMERA = PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5)
+COMMAND = [sys.executable, "-m", "oaisys_core"]
+
+
+@contextmanager
+def watching(folder: Path, *options: str) -> Iterator[tuple[subprocess.Popen[bytes], Path]]:
+    """A running ``oaisys view`` and the file that its standard output goes to."""
+    out = folder / "view.out"
+    command = [*COMMAND, "view", "--port", "0", "--save", str(folder / "scene.html"), *options]
+    with out.open("w") as output, (folder / "view.err").open("w") as errors:
+        process = subprocess.Popen(command, stdout=output, stderr=errors)
+    try:
+        said(process, out, "view: ")
+        yield process, out
+    finally:
+        process.kill()
+        process.wait()
+
+
+def said(process: subprocess.Popen[bytes], out: Path, beginning: str) -> str:
+    """Wait for a line and return what follows its beginning."""
+    deadline = time.monotonic() + DEADLINE_S
+    while time.monotonic() < deadline:
+        for line in out.read_text(encoding="utf-8").splitlines():
+            if line.startswith(beginning):
+                return line.removeprefix(beginning)
+        assert process.poll() is None, out.with_suffix(".err").read_text(encoding="utf-8")
+        time.sleep(0.1)
+    pytest.fail(f"{beginning!r} was not said: {out.read_text(encoding='utf-8')}")
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[Server]:
+    server = Server(tmp_path / "server", FLAT_WORLD, [], {})
+    yield server
+    server.end()
+
+
+def test_what_others_render_is_shown_over_grpc(server, tmp_path):
+    with (
+        watching(tmp_path, "--address", server.address) as (process, out),
+        browser_page(tmp_path / "browser", (480, 360)) as page,
+        server.client() as client,
+    ):
+        url = said(process, out, "view: ")
+        page.open(url)
+        client.step_batch(seed=2)
+        for x_m in (-4.0, 4.0):
+            client.render_sample(pose_looking_at((x_m, -4, 4), (0, 0, 0)))
+        said(process, out, "2 views, ")
+        page.wait_for("document.body.innerText.includes('2 views; the newest, ')")
+        assert "from (4.0, -4.0, 4.0) m" in page.value("document.body.innerText")
+        assert page.value("document.querySelectorAll('canvas').length") >= 1
+        # Colour, depth and classes at the side.
+        assert page.wait_for("document.querySelectorAll('img').length >= 3")
+        assert page.errors == []
+        hosts = {urlsplit(a).netloc for a in page.requests if a.startswith("http")}
+        assert hosts == {urlsplit(url).netloc}
+        process.send_signal(signal.SIGINT)
+        assert process.wait(DEADLINE_S) == 0
+    triangles = int(said(process, out, "2 views, ").split()[0])
+    assert triangles > 1000
+    # The scene's own page holds a whole viewer, and what was shown.
+    assert (tmp_path / "scene.html").stat().st_size > 1_000_000
+
+
+@pytest.mark.ros
+@pytest.mark.usefixtures("no_process_left")
+def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(ros_domain_id)}
+    options = ("--views", "2", "--size", "64x48", "--backend", "analytic", "--no-bag")
+    with watching(tmp_path, "--ros", "--views", "2") as (process, out):
+        survey = subprocess.run(
+            [*COMMAND, "survey", *options, "--out", str(tmp_path / "survey")],
+            env=environment,
+            capture_output=True,
+            text=True,
+            timeout=2 * DEADLINE_S,
+            check=False,
+        )
+        assert (tmp_path / "survey" / "report.json").is_file(), survey.stderr
+        assert process.wait(DEADLINE_S) == 0
+    assert int(said(process, out, "2 views, ").split()[0]) > 1000
+    assert (tmp_path / "scene.html").is_file()
+
+
+def test_a_server_that_is_not_there_is_told_in_one_line(tmp_path):
+    result = subprocess.run(
+        [*COMMAND, "view", "--address", "127.0.0.1:9", "--port", "0"],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert "127.0.0.1:9" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_clouds_lie_where_depth_says_and_leave_out_the_sky():
+    depth_m = np.full((48, 64), 5.0, np.float32)
+    depth_m[:24] = np.inf
+    depth_m[24, :8] = 50.0
+    rgb = np.zeros((48, 64, 3), np.uint8)
+    rgb[..., 0] = np.arange(64)
+    view = SeenView("1", rgb, depth_m, None, View(CAMERA, T_LINK_OPTICAL))
+    points_m, colors_rgb = cloud_of(view, 20.0, 10_000)
+    assert len(points_m) == len(colors_rgb) == 24 * 64 - 8
+    np.testing.assert_allclose(points_m[:, 2], 5.0)
+    np.testing.assert_allclose(points_m[:, 0], (colors_rgb[:, 0] - 31.5) / 54 * 5, atol=1e-5)
+    few, _ = cloud_of(view, 20.0, 200)
+    assert 0 < len(few) <= 200
