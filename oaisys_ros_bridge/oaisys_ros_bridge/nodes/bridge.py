@@ -21,6 +21,7 @@ from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.command_queue import CommandQueue
 from oaisys_ros_bridge.diagnostics import diagnostics_msg, resident_mb, simulator_values
 from oaisys_ros_bridge.managed_node import ACTIVE, INACTIVE, UNCONFIGURED, ManagedNode
+from oaisys_ros_bridge.memory import keep_freed_memory
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.parameter_table import Changeable, ParameterRow
@@ -357,6 +358,7 @@ def _known(link: SimulatorLink) -> SimulatorInfo:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end."""
+    keep_freed_memory()
     return run_node(BridgeNode, arguments, threads=THREADS)
 
 
