@@ -74,10 +74,10 @@ class NodeProcess:
 class User:
     """A node in this process that keeps all messages it gets, by topic."""
 
-    def __init__(self) -> None:
+    def __init__(self, namespace: str = "") -> None:
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
-        self.node = Node("user", context=self._context)
+        self.node = Node("user", context=self._context, namespace=namespace)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
         self._clients: dict[str, Any] = {}

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from launch.action import Action
-from launch.actions import ExecuteProcess, OpaqueFunction, Shutdown
+from launch.actions import ExecuteProcess, OpaqueFunction
 
 from launch import LaunchContext, LaunchDescription
 from oaisys_ros_bridge.launching.arguments import (
@@ -22,6 +22,7 @@ from oaisys_ros_bridge.launching.arguments import (
     ros_environment,
     value_of,
 )
+from oaisys_ros_bridge.launching.ending import end_all
 from oaisys_ros_bridge.launching.readiness import WatchReadiness, on_ready
 from oaisys_ros_bridge.launching.views import rviz
 
@@ -78,6 +79,6 @@ def _start(
         output="screen",
         additional_env=ros_environment(),
         sigterm_timeout=END_TIMEOUT_S,
-        on_exit=Shutdown(reason=f"{command} has ended"),
+        on_exit=end_all(f"{command} has ended"),
     )
     return [*actions, program]

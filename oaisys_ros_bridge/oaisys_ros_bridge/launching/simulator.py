@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch.action import Action
-from launch.actions import ExecuteProcess, LogInfo, RegisterEventHandler, Shutdown
+from launch.actions import ExecuteProcess, LogInfo, RegisterEventHandler
 from launch.event_handlers import OnProcessIO
 from launch.events.process import ProcessIO
 from launch_ros.actions import LifecycleNode, Node
@@ -26,6 +26,7 @@ from oaisys_ros_bridge.launching.arguments import (
     Argument,
     value_of,
 )
+from oaisys_ros_bridge.launching.ending import end_all
 from oaisys_ros_bridge.launching.readiness import WatchReadiness, on_ready
 from oaisys_ros_bridge.launching.views import rviz
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC, require_namespace
@@ -83,7 +84,7 @@ def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]
         output="screen",
         sigterm_timeout=END_TIMEOUT_S,
         # Without it nothing works, so its end is the end of all.
-        on_exit=Shutdown(reason="the simulator has ended"),
+        on_exit=end_all("the simulator has ended"),
     )
     output = bytearray()
     started: list[Action] = []
@@ -131,7 +132,7 @@ def _nodes(context: LaunchContext, address: str) -> list[Action]:
             executable="bridge",
             name="oaisys_bridge",
             parameters=[bridge],
-            on_exit=Shutdown(reason="the bridge has ended"),
+            on_exit=end_all("the bridge has ended"),
             **place,
         )
     ]
