@@ -70,14 +70,19 @@ def labels_at(
 ) -> NDArray[np.uint16]:
     """Return (N,) the label of the map nearest to each point, 0 where it is beyond ``reach_m``.
 
-    A place in a triangle has the label of its nearest corner.
+    A place in a triangle has the label that weighs most there: each corner's probability counts by
+    how near the corner is (barycentric).
     """
     assert mesh.class_ids is not None
     query = o3d.core.Tensor(np.ascontiguousarray(points_m, np.float32))
     found = mesh_scene.compute_closest_points(query)
-    nearest_m = found["points"].numpy()
     corners = mesh.triangles[found["primitive_ids"].numpy().astype(np.intp)]
-    to_corners_m = np.linalg.norm(mesh.vertices_m[corners] - nearest_m[:, None], axis=2)
-    vertex = np.take_along_axis(corners, to_corners_m.argmin(axis=1)[:, None], axis=1)[:, 0]
-    is_near = np.linalg.norm(points_m - nearest_m, axis=1) <= reach_m
-    return np.where(is_near, mesh.class_ids[vertex], UNLABELLED).astype(np.uint16)
+    u, v = found["primitive_uvs"].numpy().astype(np.float64).T
+    nearness = np.column_stack((1 - u - v, u, v))
+    if mesh.class_probabilities is not None:
+        nearness *= mesh.class_probabilities[corners]
+    ids = mesh.class_ids[corners]
+    votes = np.stack([(nearness * (ids == ids[:, [i]])).sum(axis=1) for i in range(3)], axis=1)
+    label = np.take_along_axis(ids, votes.argmax(axis=1)[:, None], axis=1)[:, 0]
+    away_m = np.linalg.norm(points_m - found["points"].numpy(), axis=1)
+    return np.where(away_m <= reach_m, label, UNLABELLED).astype(np.uint16)

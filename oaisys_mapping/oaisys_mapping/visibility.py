@@ -19,7 +19,7 @@ from oaisys_core.geometry import invert, project, unproject
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints
 
-OCCLUSION_TOLERANCE = 2e-3
+OCCLUSION_TOLERANCE = 1e-4
 """Share of the distance that a point may lie behind the first hit and still count as that hit."""
 
 

@@ -17,11 +17,11 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.geometry import invert, pose_from_matrix
-from oaisys_core.types import DEPTH, Frame, TriangleMesh
+from oaisys_core.types import DEPTH, SEMANTIC_0, Frame, TriangleMesh
 from oaisys_grpc.client import SimulatorClient
 from oaisys_mapping.certificate_check import Finding, measure_again
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.rectification import rectified, rectified_camera
+from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
 from oaisys_mapping.truth_io import as_stored
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.view_files import views_from_json
@@ -87,17 +87,28 @@ def _mapped(
     """Return the map of the views."""
     sensor = simulator.info().sensors[0]
     figures = content["figures"]
+    has_labels = figures.get("least_iou") is not None
+    modalities = [DEPTH, *([SEMANTIC_0] if has_labels else [])]
     volume = TsdfVolume(
-        TsdfConfig(voxel_size_m=figures["voxel_size_m"], max_range_m=content["max_range_m"])
+        TsdfConfig(
+            voxel_size_m=figures["voxel_size_m"],
+            max_range_m=content["max_range_m"],
+            semantic=has_labels,
+        )
     )
     T_camera_base = invert(sensor.T_base_camera)
     for view in reporter.track(views, "views"):
         pose = pose_from_matrix(view.T_map_camera @ T_camera_base)
-        sample = simulator.render_sample(pose, modalities=[DEPTH], sensors=[sensor.name])
+        sample = simulator.render_sample(pose, modalities=modalities, sensors=[sensor.name])
         frame = sample.frame(sensor.name, DEPTH)
         _check_same_camera(frame, view)
         depth_m, _ = rectified(frame.data, None, frame.intrinsics)
-        volume.integrate(depth_m, None, rectified_camera(frame.intrinsics), frame.T_map_camera)
+        labels = None
+        if has_labels:
+            found = sample.frame(sensor.name, SEMANTIC_0).data
+            labels = rectified_labels(found, frame.intrinsics)
+        camera = rectified_camera(frame.intrinsics)
+        volume.integrate(depth_m, None, camera, frame.T_map_camera, labels)
         reporter.step(f"rendered in {sample.render_time_s:.2f} s")
     return volume
 

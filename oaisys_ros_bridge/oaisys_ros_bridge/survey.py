@@ -21,7 +21,12 @@ from oaisys_mapping.faults import PosedDepth
 from oaisys_mapping.rectification import rectified_camera
 from oaisys_mapping.report import write_report
 from oaisys_mapping.visibility import View
-from oaisys_ros_bridge.closure import MESH_FILE, measure_and_certify, thresholds_for
+from oaisys_ros_bridge.closure import (
+    MESH_FILE,
+    VOLUME_FILE,
+    measure_and_certify,
+    thresholds_for,
+)
 from oaisys_ros_bridge.interruption import raise_if_interrupted
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.survey_client import ReceivedView, SurveyClient
@@ -45,7 +50,8 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
         poses = _viewpoints(_plan(options, system), system.simulator)
         received = _visit(system, poses, reporter)
         reporter.say("saving the map")
-        system.client.save_mesh(str((options.out / MESH_FILE).resolve()), MAP_TIMEOUT_S)
+        for name in (MESH_FILE, VOLUME_FILE):
+            system.client.save_mesh(str((options.out / name).resolve()), MAP_TIMEOUT_S)
         truth = system.simulator.ground_truth_mesh()
         info = system.simulator.info()
     views = _views(system.sensor, poses)

@@ -50,6 +50,7 @@ class SystemOptions:
         command: How it was called.
         namespace: In which all ROS nodes are; TF is below it, too. Empty: in none.
         server_options: Further ones of ``oaisys serve``.
+        bridge_parameters: Further ones of the bridge.
     """
 
     out: Path
@@ -62,6 +63,7 @@ class SystemOptions:
     command: Sequence[str]
     namespace: str = field(default="", kw_only=True)
     server_options: Sequence[str] = field(default=(), kw_only=True)
+    bridge_parameters: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -115,9 +117,10 @@ def running_system(
         sensor = info.sensors[0]
         reporter.say("building the world")
         placed = placing_arguments(options.namespace)
-        bridge = start("bridge", *_node_arguments("bridge", {"address": address}), *placed)
+        parameters = {"address": address, **options.bridge_parameters}
+        bridge = start("bridge", *_node_arguments("bridge", parameters), *placed)
         namespace = sensor_namespace(sensor.name, info.sensors)
-        mapping = _mapper_parameters(options, namespace)
+        mapping = _mapper_parameters(options, namespace, sensor)
         mapper = start("mapper", *_node_arguments("mapper", mapping), *placed)
         modalities = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensor.modalities)
         client = make_client(namespace, modalities, options.namespace)
@@ -184,13 +187,16 @@ def _node_arguments(node: str, parameters: Mapping[str, Any]) -> list[str]:
     return arguments
 
 
-def _mapper_parameters(options: SystemOptions, namespace: str) -> dict[str, Any]:
+def _mapper_parameters(
+    options: SystemOptions, namespace: str, sensor: SensorInfo
+) -> dict[str, Any]:
     return {
         "camera": namespace,
         "voxel_size": options.voxel_size_m,
         "max_range": options.max_range_m,
         # The mesh is wanted once, at the end, and not every few seconds on the way.
         "mesh_period": 0.0,
+        "use_semantics": SEMANTIC_0 in sensor.modalities,
     }
 
 
