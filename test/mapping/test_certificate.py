@@ -1,0 +1,248 @@
+"""The closure certificate: what it says, and that nothing in it can be changed unnoticed."""
+
+import base64
+import hashlib
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from surfaces import colored, down, hills
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import TriangleMesh
+from oaisys_mapping.certificate import (
+    Statement,
+    read_certificate,
+    sign_certificate,
+    write_certificate,
+)
+from oaisys_mapping.certificate_check import (
+    Finding,
+    check_content,
+    check_file,
+    measure_again,
+)
+from oaisys_mapping.faults import FaultRecord
+from oaisys_mapping.mesh_io import read_ply, write_ply
+from oaisys_mapping.metrics import evaluate_reconstruction
+from oaisys_mapping.signature import read_private_key, read_public_key
+from oaisys_mapping.thresholds import Thresholds
+from oaisys_mapping.truth_io import as_stored, read_truth, write_truth
+
+VOXEL_M, RANGE_M, SEED = 0.1, 60.0, 5
+CONFIG = {"seed": SEED, "stage": {"extent_m": 12.0}}
+CONFIG_SHA256 = hashlib.sha256(b'{"seed":5,"stage":{"extent_m":12.0}}').hexdigest()
+FAULTS = [FaultRecord("none", "", {"rmse_m": 0.01}, []), FaultRecord("bad", "", {}, ["it misses"])]
+
+Change = Callable[[dict[str, Any]], None]
+
+
+def write_all(folder: Path, max_rmse_m: float = 0.02) -> dict[str, Any]:
+    """A map 1 cm above hills, its truth, and their certificate."""
+    vertices_m, triangles = hills(6.0)
+    labels = np.where(vertices_m[triangles].mean(axis=1)[:, 0] > 0, 1, 2).astype(np.uint16)
+    truth = as_stored(TriangleMesh(vertices_m, triangles, labels))
+    write_truth(folder / "truth.ply", truth)
+    write_ply(folder / "mesh.ply", colored(vertices_m + np.array((0, 0, 0.01)), triangles))
+    views = [down(x_m, 0.0, 6.0) for x_m in (-1.0, 1.0)]
+    mesh, rng = read_ply(folder / "mesh.ply"), np.random.default_rng(SEED)
+    found = evaluate_reconstruction(mesh, truth, views, VOXEL_M, RANGE_M, rng)
+    statement = Statement(
+        facts={"seed": SEED, "config_sha256": CONFIG_SHA256},
+        config=CONFIG,
+        views=views,
+        max_range_m=RANGE_M,
+        sampling_seed=SEED,
+        metrics=found.metrics,
+        thresholds=Thresholds(max_rmse_m, min_completion=0.98, min_f_score=0.98),
+        faults=FAULTS,
+        labels={1: "sand", 2: "gravel"},
+        files={what: folder / f"{what}.ply" for what in ("mesh", "truth")},
+        versions={"numpy": np.__version__},
+    )
+    return write_certificate(folder / "certificate.json", statement)
+
+
+@pytest.fixture(scope="module")
+def issued(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("issued")
+    write_all(folder)
+    return folder
+
+
+def sealed_again(certificate: dict[str, Any]) -> None:
+    """Hash the content anew, as a forger would, by what the format says."""
+    text = json.dumps(certificate["content"], sort_keys=True, separators=(",", ":"))
+    certificate["sha256"] = hashlib.sha256(text.encode()).hexdigest()
+
+
+def failed(findings: list[Finding]) -> list[str]:
+    return [finding.what for finding in findings if finding.holds is False]
+
+
+def test_a_true_certificate_holds(issued: Path) -> None:
+    certificate = read_certificate(issued / "certificate.json")
+    content = certificate["content"]
+    assert content["verdict"] == "closed"
+    assert 0.008 < content["figures"]["rmse_m"] < 0.01, "a shift of 1 cm, across slopes"
+    assert content["files"]["mesh"]["sha256"] == sha256_of(issued / "mesh.ply")
+    assert not failed(check_content(certificate))
+    assert all(check_file(content, w, issued / f"{w}.ply").holds for w in ("mesh", "truth"))
+    truth = read_truth(issued / "truth.ply")
+    again = measure_again(content, read_ply(issued / "mesh.ply"), truth)
+    assert len(again) > 10
+    assert not failed(again)
+
+
+def sha256_of(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda content: content["facts"].update(seed=6), "content"),
+        (lambda content: content["figures"].update(rmse_m=0.001), "content"),
+        (lambda content: content["views"].pop(), "content"),
+        (lambda content: content.update(verdict="open"), "verdict"),
+        (lambda content: content["config"].update(seed=7), "configuration"),
+        (lambda content: content["criteria"].pop(0), "a limit on rmse_m"),
+        (lambda content: content["criteria"][0].update(value=0.001), "rmse_m"),
+        (lambda content: content["criteria"][0].update(limit=0.001), "rmse_m"),
+        (lambda content: content["faults"][1].update(rejected=False), "fault bad"),
+    ],
+)
+def test_what_was_changed_is_found(issued: Path, change: Change, words: str) -> None:
+    certificate = read_certificate(issued / "certificate.json")
+    change(certificate["content"])
+    found = failed(check_content(certificate))
+    assert any("content" in what for what in found), "the hash"
+    if words != "content":
+        sealed_again(certificate)
+        assert any(words in what for what in failed(check_content(certificate)))
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        (lambda content: content["figures"].update(rmse_m=0.004), "rmse_m"),
+        (lambda content: content["figures"].update(completion_ratio=0.9), "completion_ratio"),
+        (lambda content: content["views"].pop(), "surveyed_area_m2"),
+    ],
+)
+def test_figures_that_are_not_those_of_the_files_are_found(
+    issued: Path, change: Change, name: str
+) -> None:
+    content = read_certificate(issued / "certificate.json")["content"]
+    change(content)
+    truth = read_truth(issued / "truth.ply")
+    found = failed(measure_again(content, read_ply(issued / "mesh.ply"), truth))
+    assert any(what.startswith(name) for what in found)
+
+
+def test_a_loop_that_does_not_close_is_said_to_be_open(tmp_path: Path) -> None:
+    certificate = write_all(tmp_path, max_rmse_m=0.005)
+    assert certificate["content"]["verdict"] == "open"
+    (missed,) = failed(check_content(certificate))
+    assert "rmse_m" in missed
+
+
+def test_signatures_are_those_of_openssl(issued: Path, tmp_path: Path) -> None:
+    """The key is made, and the signature verified, by another program."""
+    key, public = tmp_path / "key.pem", tmp_path / "public.pem"
+    openssl("genpkey", "-algorithm", "ed25519", "-out", str(key))
+    openssl("pkey", "-in", str(key), "-pubout", "-out", str(public))
+    path = tmp_path / "certificate.json"
+    sign_certificate(path, read_certificate(issued / "certificate.json"), read_private_key(key))
+    certificate = read_certificate(path)
+    assert not failed(check_content(certificate, read_public_key(public)))
+    message, signature = tmp_path / "message", tmp_path / "signature"
+    text = json.dumps(certificate["content"], sort_keys=True, separators=(",", ":"))
+    message.write_bytes(text.encode())
+    signature.write_bytes(bytes.fromhex(certificate["signature"]["value"]))
+    arguments = ("-pubin", "-inkey", str(public), "-rawin", "-in", str(message))
+    openssl("pkeyutl", "-verify", *arguments, "-sigfile", str(signature))
+    der = base64.b64decode("".join(public.read_text("ascii").splitlines()[1:-1]))
+    assert read_public_key(key) == read_public_key(public) == der[-32:].hex()
+
+
+def openssl(*arguments: str) -> None:
+    subprocess.run(["openssl", *arguments], check=True, capture_output=True, timeout=60)
+
+
+def test_a_signature_does_not_outlive_a_change(issued: Path, tmp_path: Path) -> None:
+    keys = [tmp_path / name for name in ("mine.pem", "yours.pem")]
+    for key in keys:
+        openssl("genpkey", "-algorithm", "ed25519", "-out", str(key))
+    path = tmp_path / "certificate.json"
+    unsigned = read_certificate(issued / "certificate.json")
+    sign_certificate(path, unsigned, read_private_key(keys[0]))
+    certificate = read_certificate(path)
+    assert any(
+        "expected" in w for w in failed(check_content(certificate, read_public_key(keys[1])))
+    )
+    assert failed(check_content(unsigned, read_public_key(keys[0]))) == ["it is not signed"]
+    certificate["content"]["facts"]["quality"] = "final"
+    with pytest.raises(InvalidInputError, match="changed"):
+        sign_certificate(path, certificate, read_private_key(keys[1]))
+    sealed_again(certificate)
+    assert failed(check_content(certificate)) == ["the signature"]
+
+
+def test_a_key_of_another_kind_is_refused(tmp_path: Path) -> None:
+    key = tmp_path / "key.pem"
+    openssl("genpkey", "-algorithm", "ed448", "-out", str(key))
+    with pytest.raises(InvalidInputError, match="Ed25519"):
+        read_private_key(key)
+    for read in (read_private_key, read_public_key):
+        with pytest.raises(InvalidInputError, match="PEM"):
+            read(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": "x"}'])
+def test_what_is_no_certificate_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "certificate.json"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInputError, match="FILE"):
+        read_certificate(path)
+
+
+@pytest.mark.parametrize("part", ["config", "facts", "figures", "criteria"])
+def test_a_certificate_that_lacks_a_part_is_refused(issued: Path, part: str) -> None:
+    certificate = read_certificate(issued / "certificate.json")
+    del certificate["content"][part]
+    with pytest.raises(InvalidInputError, match="FILE"):
+        check_content(certificate)
+
+
+@pytest.mark.parametrize("part", ["figures", "views", "labels", "sampling_seed"])
+def test_what_cannot_be_measured_again_is_refused(issued: Path, part: str) -> None:
+    content = read_certificate(issued / "certificate.json")["content"]
+    del content[part]
+    mesh, truth = read_ply(issued / "mesh.ply"), read_truth(issued / "truth.ply")
+    with pytest.raises(InvalidInputError, match="FILE"):
+        measure_again(content, mesh, truth)
+
+
+def test_truth_comes_back_with_its_labels(issued: Path, tmp_path: Path) -> None:
+    truth = read_truth(issued / "truth.ply")
+    assert truth.semantic_ids is not None
+    assert np.unique(truth.semantic_ids).tolist() == [1, 2]
+    ids = np.arange(len(truth.triangles), dtype=np.uint32)
+    labelled = TriangleMesh(truth.vertices_m, truth.triangles, truth.semantic_ids, ids)
+    path = tmp_path / "truth.ply"
+    write_truth(path, labelled)
+    back = read_truth(path)
+    assert np.array_equal(back.vertices_m, truth.vertices_m)
+    assert np.array_equal(back.triangles, truth.triangles)
+    assert np.array_equal(back.semantic_ids, truth.semantic_ids)
+    assert np.array_equal(back.instance_ids, ids)
+    plain = read_ply(path)
+    assert np.array_equal(plain.triangles, truth.triangles), "Open3D reads it, too"
+    path.write_bytes(path.read_bytes()[:-9])
+    with pytest.raises(InvalidInputError, match="ends too early"):
+        read_truth(path)
