@@ -1,0 +1,175 @@
+"""Bags published again: the same messages in the same order, and from them the same map."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from ros_peer import SAMPLE_TYPES, Stage
+from rosbags.highlevel import AnyReader
+from rosgraph_msgs.msg import Clock
+from served_simulator import ROCKY_WORLD
+from std_msgs.msg import String
+
+from oaisys_core.geometry import pose_looking_down
+from oaisys_msgs.msg import MapStatus
+from oaisys_msgs.srv import SaveMesh
+from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
+from oaisys_ros_bridge.qos import LATCHED_QOS
+
+METRICS = "oaisys_mapper/metrics"
+PLACES = [(-3.0, -2.0), (0.0, -2.0), (3.0, -2.0), (3.0, 2.0), (0.0, 2.0)]
+RELIABLE_QOS = QoSProfile(depth=50)
+RELIABLE = qos_entry(depth=5, reliable=True, transient_local=False)
+LATCHED = qos_entry(depth=1, reliable=True, transient_local=True)
+
+
+@pytest.fixture
+def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
+    with Stage(tmp_path) as stage:
+        yield stage
+
+
+def replay(bag: Path, *options: str) -> None:
+    subprocess.run(["oaisys", "bag", "replay", str(bag), *options], timeout=120, check=True)
+
+
+def map_of(stage: Stage, file: Path) -> bytes:
+    """Return what the mapper saves once it has all views."""
+    statuses = stage.user.received[METRICS]
+    stage.user.wait_until(lambda: statuses and statuses[-1].frames_integrated == len(PLACES))
+    client = stage.user.node.create_client(SaveMesh, "oaisys_mapper/save_mesh")
+    stage.user.wait_until(client.service_is_ready)
+    answer = stage.user.answer(client.call_async(SaveMesh.Request(path=str(file))))
+    assert answer.success, answer.message
+    assert answer.frames == len(PLACES)
+    return file.read_bytes()
+
+
+@pytest.mark.ros
+def test_a_replayed_bag_gives_the_same_map_byte_for_byte(stage: Stage, tmp_path: Path) -> None:
+    stage.user.listen(MapStatus, METRICS, LATCHED_QOS)
+    bridge = stage.start_bridge(stage.start_world(ROCKY_WORLD).address)
+    mapper = stage.start_node("mapper")
+    stage.user.wait_until_ready()
+    bag = tmp_path / "bag"
+    wanted = [*SAMPLE_TYPES, "/tf_static"]
+    recorder = stage.start_node("recorder", "--out", str(bag), "--topics", *wanted)
+    stage.user.wait_until(lambda: f"recording: {bag}" in recorder.log.read_text())
+    stage.user.wait_until_matched(SAMPLE_TYPES)
+    stage.user.wait_until_matched(["/camera/depth/image_raw", "/tf"], subscribers=2)
+    for x_m, y_m in PLACES:
+        answer = stage.user.set_pose(pose_looking_down(x_m, y_m, 8.0, yaw_rad=x_m))
+        assert answer.success, answer.message
+    live = map_of(stage, tmp_path / "live.npz")
+    for node in (recorder, bridge, mapper):
+        assert node.end() == 0
+
+    stage.user.received[METRICS].clear()
+    stage.start_node("mapper")
+    stage.user.wait_until(lambda: stage.user.received[METRICS])
+    replay(bag)
+
+    assert map_of(stage, tmp_path / "replayed.npz") == live
+
+
+@pytest.fixture
+def small_bag(tmp_path: Path) -> Path:
+    """Return a bag with one latched message and five others, a tenth of a second apart."""
+    folder = tmp_path / "small"
+    with BagWriter(folder) as bag:
+        bag.add_topic(RecordedTopic("/latched", "std_msgs/msg/String", (LATCHED,)))
+        bag.add_topic(RecordedTopic("/plain", "std_msgs/msg/String", (RELIABLE,)))
+        start_ns = 1_000_000_000_000
+        bag.write("/latched", serialize_message(String(data="first")), start_ns, start_ns)
+        for i in range(1, 6):
+            at_ns = start_ns + i * 100_000_000
+            bag.write("/plain", serialize_message(String(data=str(i))), at_ns, at_ns)
+    return folder
+
+
+@pytest.mark.ros
+def test_messages_come_in_order_with_their_qos_and_the_clock(stage: Stage, small_bag: Path) -> None:
+    stage.user.listen(String, "/moved", RELIABLE_QOS)
+    stage.user.listen(String, "/latched", LATCHED_QOS)
+    stage.user.listen(Clock, "/clock", RELIABLE_QOS)
+    command = ["bag", "replay", str(small_bag), "--clock", "50", "--remap", "/plain:=/moved"]
+    with subprocess.Popen(["oaisys", *command], start_new_session=True) as player:
+        stage.user.wait_until(lambda: len(stage.user.received["/moved"]) == 5)
+        stage.user.wait_until(lambda: player.poll() is not None)
+    assert player.returncode == 0
+
+    assert [m.data for m in stage.user.received["/moved"]] == list("12345")
+    # Only a publisher that is latched, too, is heard by one who asks for that.
+    assert [m.data for m in stage.user.received["/latched"]] == ["first"]
+    times = [m.clock.sec * 10**9 + m.clock.nanosec for m in stage.user.received["/clock"]]
+    assert times == sorted(times)
+    assert 1_000_000_000_000 <= times[0] <= times[-1] <= 1_000_500_000_001
+
+
+@pytest.mark.ros
+def test_a_part_of_a_bag_is_played_over_and_over(stage: Stage, small_bag: Path) -> None:
+    stage.user.listen(String, "/plain", RELIABLE_QOS)
+    options = ["--loop", "--rate", "100", "--topics", "/plain"]
+    command = ["oaisys", "bag", "replay", str(small_bag), *options]
+    with subprocess.Popen(command, start_new_session=True) as player:
+        stage.user.wait_until(lambda: len(stage.user.received["/plain"]) > 12)
+        assert stage.user.node.count_publishers("/latched") == 0
+        player.send_signal(2)
+        assert player.wait(60) == 0
+    assert [m.data for m in stage.user.received["/plain"][:12]] == [*"12345"] * 2 + [*"12"]
+
+
+@pytest.mark.parametrize(
+    ("options", "fault"),
+    [
+        (["nowhere"], "expected a folder with .mcap files"),
+        (["small", "--topics", "/other"], "the bag has no topic /other"),
+        (["small", "--rate", "0"], "rate"),
+    ],
+)
+def test_what_cannot_be_played_is_refused(
+    options: list[str], fault: str, small_bag: Path, ros_domain_id: int
+) -> None:
+    command = ["oaisys", "bag", "replay", *options]
+    result: Any = subprocess.run(
+        command, cwd=small_bag.parent, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert result.returncode == 2, result.stderr
+    assert fault in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+FILL = """
+import resource, sys
+from pathlib import Path
+from oaisys_ros_bridge.bag import BagWriter, RecordedTopic
+
+resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, resource.RLIM_INFINITY))
+with BagWriter(Path(sys.argv[1])) as bag:
+    bag.add_topic(RecordedTopic("/noise", "std_msgs/msg/String"))
+    noise = Path("/dev/urandom").open("rb")
+    try:
+        while True:
+            bag.write("/noise", noise.read(100_000), 1 + bag.message_count, 0)
+    except OSError as error:
+        print(bag.message_count, error)
+"""
+
+
+def test_a_bag_on_a_full_disk_is_closed_and_opens(tmp_path: Path) -> None:
+    folder = tmp_path / "bag"
+    command = [sys.executable, "-c", FILL, str(folder)]
+    told = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True).stdout
+
+    count, _, reason = told.partition(" ")
+    assert "No space left" in reason or "KB left" in reason
+    with AnyReader([folder]) as reader:
+        assert int(count) == reader.message_count == sum(1 for _ in reader.messages())
+    assert int(count) >= 15  # of 4 MB, two of which are kept free
