@@ -74,7 +74,6 @@ class Renderer:
         paused_reason: Why only steps of the simulation are rendered; empty: all is.
         rig_pose: Where the rig was last put; None: that is not known.
         metadata: What goes with the next sample; the simulator keeps it from then on.
-        batch_seed: What the newest sample's world was drawn from; None: that is not known.
     """
 
     turns: Turns
@@ -83,17 +82,21 @@ class Renderer:
     map_frame: Callable[[], str]
     paused_reason: str = ""
     rig_pose: Pose | None = None
-    batch_seed: int | None = None
     metadata: PendingMetadata = field(default_factory=PendingMetadata)
     counts: Counts = field(default_factory=Counts)
+    _seed: tuple[int, int] | None = None
     _current: Cancellation | None = None
     _idle: threading.Event = field(default_factory=_set_event)
 
-    def forget(self) -> None:
-        """Forget what was set for a world that has gone."""
-        self.metadata.clear()
+    def forget_world(self) -> None:
+        """Forget what is known of a world that has gone."""
         self.rig_pose = None
-        self.batch_seed = None
+        self._seed = None
+
+    def seed_of(self, batch_id: int) -> int | None:
+        """Return what a batch was drawn from, if a sample of it has been rendered."""
+        known = self._seed
+        return known[1] if known is not None and known[0] == batch_id else None
 
     @property
     def activity(self) -> str:
@@ -170,4 +173,4 @@ class Renderer:
         self.counts.rendered += 1
         self.counts.last_render_s = sample.render_time_s
         self.rig_pose = sample.rig_pose
-        self.batch_seed = sample.provenance.batch_seed
+        self._seed = (sample.batch_id, sample.provenance.batch_seed)

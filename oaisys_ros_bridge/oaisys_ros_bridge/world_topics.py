@@ -68,13 +68,16 @@ class WorldTopics:
                 raise NotReadyError("the bridge is not configured any more")
             return Publication(self._samples, outline, self._stamps.next())
 
-    def restart_clock(self) -> bool:
-        """Let simulated time begin again; return whether time is simulated."""
+    @property
+    def has_clock(self) -> bool:
+        """Whether the bridge tells a simulated time."""
+        return bool(self._settings()["publish_clock"])
+
+    def restart_clock(self) -> None:
+        """Let simulated time, if there is one, begin again."""
         with self._lock:
-            if self._stamps is None or not self._stamps.simulated:
-                return False
-            self._stamps.reset()
-            return True
+            if self._stamps is not None:
+                self._stamps.reset()
 
     def withdraw(self) -> None:
         """Take all topics away."""

@@ -118,13 +118,13 @@ def test_a_sweep_is_cancelled_in_the_middle_of_a_render_and_keeps_what_it_has(
     second = sweeper.begin([down(9)])
     status, result = sweeper.result(second)
     assert (status, result.success) == (GoalStatus.STATUS_ABORTED, False)
-    assert "another sweep runs" in result.message
+    assert "another goal of ~/sweep runs" in result.message
     cancelled = user.answer(goal.cancel_goal_async())
     status, result = sweeper.result(goal)
 
     assert len(cancelled.goals_canceling) == 1
     assert (status, result.success) == (GoalStatus.STATUS_CANCELED, False)
-    assert result.message == "cancelled after 2 of 4 poses"
+    assert result.message == "cancelled; 2 of 4 poses were rendered"
     assert list(result.sample_ids) == [1, 2]
     assert heights_m(user) == [4, 5]
 

@@ -22,7 +22,7 @@ from tools.setup.paths import (
     REPOSITORY,
     REQUIREMENTS,
     SETUP,
-    TF2_MSGS,
+    UNDERLAY,
     Environment,
 )
 from tools.setup.steps import Step, digest, run_steps
@@ -33,7 +33,7 @@ _PROJECT_FILES = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml")
 
 def _steps(environment: Environment) -> list[Step]:
     requirements = digest(REQUIREMENTS, SETUP, INTERPRETER, str(environment.root))
-    interfaces = digest(requirements, OAISYS_MSGS, TF2_MSGS)
+    interfaces = digest(requirements, OAISYS_MSGS, *UNDERLAY)
     project = [package / name for package in PYTHON_PACKAGES for name in _PROJECT_FILES]
     packages = digest(requirements, *(file for file in project if file.is_file()))
     return [

@@ -8,21 +8,21 @@ import sys
 from pathlib import Path
 
 from tools.setup.errors import SetupError
-from tools.setup.paths import OAISYS_MSGS, TF2_MSGS, Environment
+from tools.setup.paths import OAISYS_MSGS, UNDERLAY, Environment
 from tools.setup.variables import process_environment
 
 
 def build_interfaces(environment: Environment) -> None:
-    """Build ``oaisys_msgs``, and ``tf2_msgs`` where the wheels have none.
+    """Build ``oaisys_msgs``, and the underlay's packages that the wheels do not have.
 
     Raises:
         SetupError: The build failed; its output was shown.
     """
     build = environment.state / "build"
     _remove_installed(build)
-    sources = [OAISYS_MSGS]
-    if not (environment.root / "share" / "tf2_msgs" / "package.xml").is_file():
-        sources.append(TF2_MSGS)
+    share = environment.root / "share"
+    missing = [path for path in UNDERLAY if not (share / path.name / "package.xml").is_file()]
+    sources = [OAISYS_MSGS, *missing]
     python = environment.python
     command: list[str | Path] = [environment.root / "bin" / "colcon"]
     command += ["--log-base", environment.state / "log", "build", "--merge-install"]

@@ -12,7 +12,10 @@ from tools.setup.errors import SetupError
 from tools.setup.paths import Environment
 from tools.setup.variables import process_environment
 
-_MODULES = ("bpy", "cv2", "open3d", "rclpy", "oaisys_msgs.srv", "tf2_msgs.msg")
+_MODULES = (
+    *("bpy", "cv2", "open3d", "rclpy"),
+    *("oaisys_msgs.srv", "simulation_interfaces.srv", "tf2_msgs.msg"),
+)
 """Each is imported in a process of its own: some of them do not get on with each other."""
 
 _DEBIAN_PACKAGES = {

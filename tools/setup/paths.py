@@ -15,7 +15,10 @@ PYTHON_PACKAGES = tuple(
     for name in ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
 )
 SETUP = Path(__file__).resolve().parent
-TF2_MSGS = REPOSITORY / "tools" / "underlay" / "tf2_msgs"
+UNDERLAY = tuple(
+    REPOSITORY / "tools" / "underlay" / name for name in ("tf2_msgs", "simulation_interfaces")
+)
+"""Interface packages that are built where the wheels have none."""
 OAISYS_MSGS = REPOSITORY / "oaisys_msgs"
 
 

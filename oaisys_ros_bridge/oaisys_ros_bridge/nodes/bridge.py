@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
@@ -34,10 +34,15 @@ from oaisys_ros_bridge.requests import (
     metadata_of_modules,
     poses_of_trajectory,
 )
+from oaisys_ros_bridge.simulation import Simulation
 from oaisys_ros_bridge.simulator_link import LinkState, SimulatorLink
-from oaisys_ros_bridge.sweep import SweepServer
+from oaisys_ros_bridge.sweep import sweep_server
 from oaisys_ros_bridge.turns import Turns
 from oaisys_ros_bridge.world_topics import WorldTopics
+from oaisys_ros_bridge.worlds import WorldRequest
+
+if TYPE_CHECKING:
+    from oaisys_ros_bridge.simulation_services import SimulationServices
 
 DIAGNOSTICS_PERIOD_S = 1.0
 ACTIVATION_TIMEOUT_S = 5.0
@@ -75,7 +80,9 @@ class BridgeNode(ParameterNode, ManagedNode):
             lambda pose: self._renderer.render(View(pose)),
             lambda reason: self.get_logger().warning(f"command refused: {reason}"),
         )
-        self._sweeps = SweepServer(self, self._renderer)
+        self._sweeps = sweep_server(self, self._renderer)
+        self._simulation = Simulation(self._renderer, self._configured_link, self._topics)
+        self._simulation_services = self._simulation_interfaces()
         self._create_interfaces()
         self._publish_ready()
         if self.parameters["autostart"]:
@@ -121,7 +128,7 @@ class BridgeNode(ParameterNode, ManagedNode):
 
     def cleanup(self, *, for_good: bool) -> None:
         """Let go of the simulator and of its topics, or keep looking for it where it was lost."""
-        self._renderer.forget()
+        self._renderer.forget_world()
         if not for_good:
             return
         link, self._link = self._link, None
@@ -163,6 +170,8 @@ class BridgeNode(ParameterNode, ManagedNode):
         """End what is under way and what waits behind it."""
         self._commands.replace(())
         self._sweeps.stop(reason)
+        if self._simulation_services is not None:
+            self._simulation_services.stop(reason)
         self._renderer.stop(reason)
 
     def _new_link(self) -> SimulatorLink:
@@ -174,6 +183,22 @@ class BridgeNode(ParameterNode, ManagedNode):
             timeout_s=values["timeout_s"],
             on_change=self._follow,
             tls=client_tls(values["tls_ca"], values["tls_cert"], values["tls_key"]),
+        )
+
+    def _simulation_interfaces(self) -> SimulationServices | None:
+        """Offer them where they are wanted and the machine has their types."""
+        if not self.parameters["simulation_interfaces"]:
+            return None
+        try:
+            from oaisys_ros_bridge.simulation_services import SimulationServices  # noqa: PLC0415
+        except ImportError as error:
+            self.get_logger().warning(f"simulation_interfaces are not offered: {error}")
+            return None
+        return SimulationServices(
+            self,
+            self._simulation,
+            self._renderer,
+            base_frame=lambda: str(self.parameters["base_frame"]),
         )
 
     def _create_interfaces(self) -> None:
@@ -229,11 +254,10 @@ class BridgeNode(ParameterNode, ManagedNode):
         try:
             if request.seed < -1:
                 raise InvalidInputError("seed", request.seed, "0 or more, or -1 for the next")
-            response.batch_id = self._configured_link().step_batch(
-                seed=None if request.seed == -1 else request.seed,
-                reuse_stage=request.reuse_stage,
-                metadata=metadata_of_modules(request.metadata_json),
-            )
+            seed = None if request.seed == -1 else request.seed
+            metadata = metadata_of_modules(request.metadata_json)
+            world = WorldRequest(seed, request.reuse_stage, metadata)
+            response.batch_id = self._simulation.build(world)
             response.success = True
         except OaisysError as error:
             response.message = str(error)

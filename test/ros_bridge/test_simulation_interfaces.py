@@ -1,0 +1,266 @@
+"""simulation_interfaces between a real server and a user."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import simulation_interfaces.srv as srv
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped, Vector3
+from rclpy.action import ActionClient
+from ros_peer import Stage, User, stamped
+from sensor_msgs.msg import Image
+from served_simulator import FLAT_WORLD, ROCKY_WORLD
+from simulation_interfaces.action import SimulateSteps
+from simulation_interfaces.msg import (
+    Bounds,
+    EntityCategory,
+    EntityFilters,
+    EntityState,
+    Resource,
+    Result,
+    SimulationState,
+    SimulatorFeatures,
+    TagsFilter,
+)
+from std_msgs.msg import Header
+
+from oaisys_core.geometry import pose_looking_at, pose_looking_down
+from oaisys_core.types import Pose
+from oaisys_msgs.msg import SampleInfo
+from oaisys_msgs.srv import SetPose, StepBatch
+from oaisys_ros_bridge.conversions import image_from_msg
+from oaisys_ros_bridge.qos import SENSOR_QOS
+
+pytestmark = pytest.mark.ros
+
+SAMPLES = "oaisys_bridge/sample_info"
+DEPTH = "camera/depth/image_raw"
+PLAYING, PAUSED = SimulationState.STATE_PLAYING, SimulationState.STATE_PAUSED
+STOPPED, QUITTING = SimulationState.STATE_STOPPED, SimulationState.STATE_QUITTING
+MOUNT_M = (0.3, -0.2, 0.1)
+MOUNTED = {**FLAT_WORLD["sensors"]["cameras"][0], "mount_position_m": MOUNT_M}
+
+
+class Simulator:
+    """The services as methods that return a result code, a message and the answer."""
+
+    def __init__(self, user: User) -> None:
+        self.user = user
+
+    def call(self, type_name: str, **fields: Any) -> tuple[int, str, Any]:
+        kind = getattr(srv, type_name)
+        name = "".join("_" + c.lower() if c.isupper() else c for c in type_name)[1:]
+        answer = self.user.call(kind, name, kind.Request(**fields))
+        return answer.result.result, answer.result.error_message, answer
+
+    def set_state(self, state: int) -> tuple[int, str, Any]:
+        return self.call("SetSimulationState", state=SimulationState(state=state))
+
+    def state(self) -> int:
+        code, message, answer = self.call("GetSimulationState")
+        assert code == Result.RESULT_OK, message
+        return int(answer.state.state)
+
+    def put(self, entity: str, pose: Pose, **fields: Any) -> tuple[int, str, Any]:
+        state = EntityState(header=Header(frame_id="map"), pose=stamped(pose).pose)
+        asked: dict[str, Any] = {"state": state, "set_pose": True, **fields}
+        return self.call("SetEntityState", entity=entity, **asked)
+
+    def position(self, entity: str) -> list[float]:
+        code, message, answer = self.call("GetEntityState", entity=entity)
+        assert code == Result.RESULT_OK, message
+        p = answer.state.pose.position
+        return [p.x, p.y, p.z]
+
+    def entities(self, **filters: Any) -> list[str]:
+        code, message, answer = self.call("GetEntities", filters=EntityFilters(**filters))
+        assert code == Result.RESULT_OK, message
+        return list(answer.entities)
+
+
+@pytest.fixture
+def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
+    with Stage(tmp_path) as stage:
+        yield stage
+
+
+def started(stage: Stage, world: dict[str, Any]) -> Simulator:
+    server = stage.start_world(world)
+    stage.user.listen(SampleInfo, SAMPLES, SENSOR_QOS)
+    stage.user.listen(Image, DEPTH, SENSOR_QOS)
+    stage.start_bridge(server.address)
+    stage.user.wait_until_ready()
+    return Simulator(stage.user)
+
+
+def down(height_m: float) -> Pose:
+    return pose_looking_down(0.0, 0.0, height_m)
+
+
+def box(*corners: Sequence[float], kind: int = Bounds.TYPE_BOX) -> Bounds:
+    points = [Vector3(x=float(x), y=float(y), z=float(z)) for x, y, z in corners]
+    return Bounds(type=kind, points=points)
+
+
+def test_a_simulation_is_paused_stepped_and_played(stage: Stage) -> None:
+    simulator = started(stage, FLAT_WORLD)
+    samples = stage.user.received[SAMPLES]
+    assert simulator.state() == PLAYING
+    code, message, _ = simulator.call("StepSimulation", steps=1)
+    assert (code, "playing" in message) == (Result.RESULT_OPERATION_FAILED, True)
+    assert stage.user.set_pose(down(5)).success
+
+    assert simulator.set_state(PAUSED)[0] == Result.RESULT_OK
+    assert simulator.set_state(PAUSED)[0] == srv.SetSimulationState.Response.ALREADY_IN_TARGET_STATE
+    answer = stage.user.set_pose(down(6))
+    assert (answer.success, "paused" in answer.message) == (False, True)
+    assert simulator.put("base_link", down(7))[0] == Result.RESULT_OK
+    assert simulator.position("base_link") == [0, 0, 7]
+    assert len(samples) == 1
+    assert simulator.call("StepSimulation", steps=0)[0] == Result.RESULT_OPERATION_FAILED
+    assert simulator.call("StepSimulation", steps=3)[0] == Result.RESULT_OK
+
+    stage.user.wait_until(lambda: len(samples) == 4)
+    assert [(s.sample_id, s.rig_pose.position.z) for s in samples[1:]] == [(2, 7), (3, 7), (4, 7)]
+    assert simulator.state() == PAUSED
+    client = ActionClient(stage.user.node, SimulateSteps, "oaisys_bridge/simulate_steps")
+    stage.user.wait_until(client.server_is_ready)
+    feedback: list[tuple[int, int]] = []
+    sent = client.send_goal_async(
+        SimulateSteps.Goal(steps=3),
+        lambda m: feedback.append((m.feedback.completed_steps, m.feedback.remaining_steps)),
+    )
+    done = stage.user.answer(stage.user.answer(sent).get_result_async())
+    assert (done.status, done.result.result.result) == (GoalStatus.STATUS_SUCCEEDED, 1)
+    stage.user.wait_until(lambda: len(feedback) == 3)
+    assert feedback == [(1, 2), (2, 1), (3, 0)]
+
+    assert simulator.set_state(PLAYING)[0] == Result.RESULT_OK
+    assert stage.user.set_pose(down(8)).sample_id == 8
+    goal = stage.user.answer(client.send_goal_async(SimulateSteps.Goal(steps=1)))
+    failed = stage.user.answer(goal.get_result_async())
+    assert failed.status == GoalStatus.STATUS_ABORTED
+    assert "playing" in failed.result.result.error_message
+    code, message, _ = simulator.set_state(SimulationState.STATE_NO_WORLD)
+    assert (code, "4" in message) == (srv.SetSimulationState.Response.INCORRECT_TRANSITION, True)
+    assert simulator.set_state(QUITTING)[0] == Result.RESULT_OK
+    stage.user.wait_until_ready(False)
+
+
+def test_entities_are_found_asked_and_put_somewhere(stage: Stage) -> None:
+    simulator = started(stage, {**FLAT_WORLD, "sensors": {"cameras": [MOUNTED]}})
+    assert simulator.entities() == ["base_link", "camera"]
+    code, message, _ = simulator.call("GetEntityState", entity="camera")
+    assert (code, "first sample" in message) == (Result.RESULT_OPERATION_FAILED, True)
+    code, message, _ = simulator.call("GetEntityState", entity="rover")
+    assert (code, "base_link, camera" in message) == (Result.RESULT_NOT_FOUND, True)
+
+    level = Pose((1.0, 2.0, 5.0), (0.0, 0.0, 0.0, 1.0))
+    assert simulator.put("base_link", level)[0] == Result.RESULT_OK
+    assert simulator.position("base_link") == [1, 2, 5]
+    assert simulator.position("camera") == pytest.approx(np.add([1, 2, 5], MOUNT_M))
+    stage.user.wait_until(lambda: len(stage.user.received[SAMPLES]) == 1)
+    assert simulator.put("camera", level)[0] == Result.RESULT_OK
+    assert simulator.position("base_link") == pytest.approx(np.subtract([1, 2, 5], MOUNT_M))
+
+    invalid = srv.SetEntityState.Response.INVALID_POSE
+    for pose in (Pose((0, 0, 3), (0, 0, 0, 0)), Pose((0, 0, float("nan")), (0, 0, 0, 1)), down(-2)):
+        code, message, _ = simulator.put("base_link", pose)
+        assert (code, bool(message)) == (invalid, True)
+    moving = EntityState()
+    moving.twist.linear.x = 1.0
+    code, message, _ = simulator.put("base_link", level, state=moving, set_twist=True)
+    assert (code, "twist" in message) == (Result.RESULT_OPERATION_FAILED, True)
+    assert simulator.position("base_link") == pytest.approx(np.subtract([1, 2, 5], MOUNT_M))
+
+    robots = [EntityCategory(category=EntityCategory.CATEGORY_ROBOT)]
+    assert simulator.entities(categories=robots) == ["base_link"]
+    assert simulator.entities(filter="^cam[[:alpha:]]+$") == ["camera"]
+    assert simulator.entities(tags=TagsFilter(tags=["depth", "rig"])) == ["base_link", "camera"]
+    both = TagsFilter(tags=["depth", "sensor"], filter_mode=TagsFilter.FILTER_MODE_ALL)
+    assert simulator.entities(tags=both) == ["camera"]
+    around_camera = box((1, 2, 5), (0.01, 0, 0), kind=Bounds.TYPE_SPHERE)
+    assert simulator.entities(bounds=around_camera) == ["camera"]
+    assert simulator.entities(bounds=box((2, 3, 6), (0, 0, 0))) == ["base_link", "camera"]
+    hull = EntityFilters(bounds=box((0, 0, 0), (1, 0, 0), (0, 1, 0), kind=Bounds.TYPE_CONVEX_HULL))
+    assert simulator.call("GetEntities", filters=hull)[0] == Result.RESULT_FEATURE_UNSUPPORTED
+    wrong = EntityFilters(filter="cam(")
+    assert simulator.call("GetEntitiesStates", filters=wrong)[0] == Result.RESULT_OPERATION_FAILED
+    code, _, answer = simulator.call("GetEntitiesStates", filters=EntityFilters(filter="base"))
+    assert (code, list(answer.entities), len(answer.states)) == (1, ["base_link"], 1)
+    assert answer.states[0].header.frame_id == "map"
+    assert "sensor" in simulator.call("GetEntityInfo", entity="camera")[2].info.tags
+
+
+def test_worlds_are_loaded_and_begun_again_with_the_same_bytes(stage: Stage) -> None:
+    simulator = started(stage, ROCKY_WORLD)
+    user = stage.user
+    pose = pose_looking_at((6.0, 0.0, 5.0), (0.0, 0.0, 0.0))
+
+    def depth_of_next(answer: SetPose.Response) -> bytes:
+        assert answer.success, answer.message
+        images = user.received[DEPTH]
+        user.wait_until(lambda: images and images[-1].header.stamp == answer.stamp)
+        return image_from_msg(images[-1]).tobytes()
+
+    first = depth_of_next(user.set_pose(pose))
+    world = simulator.call("GetCurrentWorld")[2].world
+    assert world.world_resource.uri.startswith("oaisys:")
+
+    assert simulator.call("ResetSimulation", scope=0)[0] == Result.RESULT_OK
+    again = user.set_pose(pose)
+    assert (again.batch_id, again.sample_id) == (2, 1)
+    assert depth_of_next(again) == first
+    code, message, _ = simulator.call("ResetSimulation", scope=4)
+    assert (code, "scope" in message) == (Result.RESULT_FEATURE_UNSUPPORTED, True)
+
+    other = Resource(resource_string=json.dumps({"seed": 7, "metadata": {"asset": {}}}))
+    code, message, answer = simulator.call("LoadWorld", world_resource=other)
+    assert code == Result.RESULT_OK, message
+    assert (answer.world.world_resource.uri, simulator.state()) == ("oaisys:7", STOPPED)
+    assert simulator.set_state(PLAYING)[0] == Result.RESULT_OK
+    seventh = depth_of_next(user.set_pose(pose))
+    assert seventh != first
+    stepped = user.call(StepBatch, "step_batch", StepBatch.Request(seed=7))
+    assert stepped.batch_id == 4
+    assert depth_of_next(user.set_pose(pose)) == seventh
+    code, message, _ = simulator.call("LoadWorld", world_resource=world.world_resource)
+    assert code == Result.RESULT_OK, message
+    assert simulator.set_state(PLAYING)[0] == Result.RESULT_OK
+    assert depth_of_next(user.set_pose(pose)) == first
+
+    codes = srv.LoadWorld.Response
+    for resource, expected in (
+        (Resource(), codes.NO_RESOURCE),
+        (Resource(uri="file:///world.sdf"), codes.UNSUPPORTED_FORMAT),
+        (Resource(resource_string="<sdf/>"), codes.RESOURCE_PARSE_ERROR),
+        (Resource(resource_string='{"seed": -1}'), codes.RESOURCE_PARSE_ERROR),
+    ):
+        code, message, _ = simulator.call("LoadWorld", world_resource=resource)
+        assert (code, bool(message)) == (expected, True)
+    worlds = simulator.call("GetAvailableWorlds")[2].worlds
+    assert [w.world_resource.uri for w in worlds] == [world.world_resource.uri, "oaisys:next"]
+
+
+def test_what_is_not_supported_says_so(stage: Stage) -> None:
+    simulator = started(stage, FLAT_WORLD)
+    kind = srv.GetSimulatorFeatures
+    answer = stage.user.call(kind, "get_simulator_features", kind.Request())
+    features = set(answer.features.features)
+    for supported in ("STEP_SIMULATION_ACTION", "WORLD_LOADING", "ENTITY_STATE_SETTING"):
+        assert getattr(SimulatorFeatures, supported) in features
+    for missing in ("SPAWNING", "DELETING", "WORLD_UNLOADING", "SIMULATION_RESET_TIME"):
+        assert getattr(SimulatorFeatures, missing) not in features
+    for service, fields in (
+        ("SpawnEntity", {"name": "rock", "initial_pose": PoseStamped()}),
+        ("DeleteEntity", {"entity": "camera"}),
+        ("ResetSimulation", {"scope": srv.ResetSimulation.Request.SCOPE_TIME}),
+    ):
+        code, message, _ = simulator.call(service, **fields)
+        assert (code, bool(message)) == (Result.RESULT_FEATURE_UNSUPPORTED, True)
