@@ -85,7 +85,7 @@ class PoseCache:
         return self._views[key]
 
     def add(self, key: Digest | None, view: View) -> None:
-        """Keep a copy of a view, unless it has no key or is too large."""
+        """Keep a view, unless it has no key or is too large; images that may change are copied."""
         if key is None or view.size_bytes > self._max_bytes:
             return
         if key in self._views:
@@ -93,7 +93,7 @@ class PoseCache:
         while self._size + view.size_bytes > self._max_bytes:
             _, oldest = self._views.popitem(last=False)
             self._size -= oldest.size_bytes
-        frames = tuple(replace(f, data=_constant_copy(f.data)) for f in view.frames)
+        frames = tuple(replace(f, data=_constant(f.data)) for f in view.frames)
         self._views[key] = view._replace(frames=frames)
         self._size += view.size_bytes
 
@@ -114,7 +114,13 @@ def _without_past(camera: PlacedCamera) -> PlacedCamera:
     return replace(camera, T_map_previous=None)
 
 
-def _constant_copy(data: Any) -> Any:
+def _constant(data: Any) -> Any:
+    """Return an image that nobody can change: a copy, unless it is one already."""
+    array = data
+    while isinstance(array, np.ndarray) and not array.flags.writeable:
+        array = array.base
+    if not isinstance(array, np.ndarray):
+        return data
     copied = np.array(data)
     copied.flags.writeable = False
     return copied

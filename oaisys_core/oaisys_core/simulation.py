@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -56,6 +56,14 @@ DRAW_SHARE = 0.5
 """Share of a batch's progress until the backend begins to build."""
 
 
+FramesPlacement = Callable[[tuple[Frame, ...]], tuple[Frame, ...]]
+
+
+def leave_frames(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+    """Return frames where they are."""
+    return frames
+
+
 def ignore_progress(progress: Progress) -> None:
     """Do nothing with it."""
 
@@ -75,6 +83,7 @@ class Simulation:
         backend: Backend | None = None,
         *,
         pose_cache_bytes: int = 0,
+        place_frames: FramesPlacement = leave_frames,
     ) -> None:
         """Set all modules up; nothing is rendered yet.
 
@@ -82,6 +91,8 @@ class Simulation:
             config: What worlds are drawn from.
             backend: Of another kind, or shared; None: a new one, as the configuration says.
             pose_cache_bytes: Of images that are kept for views that come again; 0: none.
+            place_frames: Moves frames as they become ready, such as into shared memory; all that
+                follows, the cache too, has them from there.
 
         Raises:
             ConfigError: The configuration names something that does not exist.
@@ -104,6 +115,7 @@ class Simulation:
         )
         self._backend = backend if backend is not None else make_backend(config.backend)
         self._views = PoseCache(pose_cache_bytes)
+        self._place_frames = place_frames
         self._batch: Batch | None = None
         self._last_batch_id = 0
         for module in self._modules:
@@ -188,18 +200,14 @@ class Simulation:
             key = self._views.key(outline.provenance, batch.world.scene(), cameras, settings)
             view = self._views.get(key)
             outline = replace(outline, from_cache=view is not None)
-            finished_ns = 0
-
-            def hand_on(frames: tuple[Frame, ...]) -> None:
-                nonlocal finished_ns
-                finished_ns = time.monotonic_ns()
-                on_frames(outline, frames)
-
             if view is not None:
-                hand_on(early_first(view.frames))
+                finished_ns = time.monotonic_ns()
+                on_frames(outline, early_first(view.frames))
                 self._backend.revisited(cameras)
             else:
-                view = self._rendered(cameras, settings, progress, hand_on)
+                view, finished_ns = self._rendered(
+                    cameras, settings, progress, lambda frames: on_frames(outline, frames)
+                )
                 self._views.add(key, view)
         batch.sample_id += 1
         batch.last_rig_poses.update((camera.name, outline.rig_pose) for camera in cameras)
@@ -427,8 +435,20 @@ class Simulation:
         settings: RenderSettings,
         progress: ProgressCallback,
         on_frames: FramesCallback,
-    ) -> View:
-        frames = self._backend.render(cameras, settings, progress, on_frames)
+    ) -> tuple[View, int]:
+        """Return what is seen, and when the last of it was there (`time.monotonic_ns`)."""
+        placed: dict[FrameName, Frame] = {}
+        finished_ns = 0
+
+        def hand_on(ready: tuple[Frame, ...]) -> None:
+            nonlocal finished_ns
+            finished_ns = time.monotonic_ns()
+            ready = self._place_frames(ready)
+            placed.update((FrameName(frame.sensor, frame.modality), frame) for frame in ready)
+            on_frames(ready)
+
+        rendered = self._backend.render(cameras, settings, progress, hand_on)
+        frames = tuple(placed[FrameName(frame.sensor, frame.modality)] for frame in rendered)
         if not any(RGB in camera.modalities for camera in cameras):
-            return View(frames, render_samples=0)
-        return View(frames, self._backend.light_samples or settings.samples)
+            return View(frames, render_samples=0), finished_ns
+        return View(frames, self._backend.light_samples or settings.samples), finished_ns

@@ -219,7 +219,7 @@ class Sample:
     render_time_s: float
     provenance: Provenance
     from_cache: bool = False
-    finished_ns: int = 0
+    finished_ns: int = field(default=0, compare=False)
 
     @property
     def outline(self) -> SampleOutline:

@@ -61,15 +61,16 @@ class Operations:
 
     def run(self) -> None:
         """Work until `end`, on the thread that started the worker."""
-        threading.Thread(target=self._watch_deadlines, name="deadlines", daemon=True).start()
+        threading.Thread(target=self._watch, name="deadlines", daemon=True).start()
         while not self._ending.is_set():
             operation = self._next()
-            if operation is not None:
-                self._work_off(operation)
-                with self._lock:
-                    self._running = None
-            with contextlib.suppress(OaisysError):
-                self._supervisor.tend()
+            if operation is None:
+                with contextlib.suppress(OaisysError):
+                    self._supervisor.tend()
+                continue
+            self._work_off(operation)
+            with self._lock:
+                self._running = None
 
     def drain(self, timeout_s: float, at_once: Callable[[], bool]) -> None:
         """Refuse new work; wait up to ``timeout_s`` for what there is, unless told ``at_once``."""
@@ -155,13 +156,14 @@ class Operations:
         known_s = [total_s for total_s in totals_s if total_s is not None]
         return sum(known_s) if len(known_s) == len(totals_s) else None
 
-    def _watch_deadlines(self) -> None:
-        """End what is overdue, though the worker may not have noticed yet."""
+    def _watch(self) -> None:
+        """End what is overdue, though the worker may not have noticed yet; tidy up."""
         while not self._ending.wait(_DEADLINE_LOOK_S):
             with self._lock:
                 candidates = [*self._waiting, *filter(None, [self._running])]
             for operation in candidates:
                 operation.expire()
+            self._samples.tidy()
 
     def _next(self) -> Operation | None:
         with self._lock:
@@ -206,7 +208,6 @@ class Operations:
             operation.complete(result, keep=self._samples.add)
         if not (isinstance(result, Sample) and result.from_cache):
             self._estimates.learn(work.like, run)
-        self._samples.tidy()
 
     def _record(self, work: Work) -> Operation:
         self._count += 1

@@ -67,6 +67,10 @@ class Segment(mmap.mmap):
     def __del__(self) -> None:
         os.close(self.descriptor)
 
+    def offset_of(self, array: AnyArray) -> int:
+        """Return how many bytes from the beginning an array of it lies."""
+        return _address(array) - _address(np.frombuffer(self, np.uint8))
+
     def place(self, offset: int) -> Place:
         """Return where others find what is ``offset`` bytes from the beginning."""
         return Place(os.getpid(), self.descriptor, len(self), self[:TOKEN_BYTES], offset)
@@ -163,12 +167,16 @@ def layout(sizes: Sequence[int], begin: int = 0) -> tuple[list[int], int]:
 
 def place_of(array: AnyArray) -> Place | None:
     """Return where other processes find an array; None where they do not."""
+    segment = segment_of(array)
+    return None if segment is None else segment.place(segment.offset_of(array))
+
+
+def segment_of(array: AnyArray) -> Segment | None:
+    """Return the segment that a whole array lies in, byte after byte; None where it does not."""
     base: object = array
     while isinstance(base, np.ndarray | memoryview):
         base = base.base if isinstance(base, np.ndarray) else base.obj
-    if not isinstance(base, Segment) or not array.flags.c_contiguous:
-        return None
-    return base.place(_address(array) - _address(np.frombuffer(base, np.uint8)))
+    return base if isinstance(base, Segment) and array.flags.c_contiguous else None
 
 
 def _new_file() -> int:

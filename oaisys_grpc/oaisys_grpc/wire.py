@@ -2,7 +2,8 @@
 
 A message is a JSON object and a list of arrays. No pickles: the two sides may be different Python
 versions with different numpy versions. Many bytes go through shared memory whose descriptor is
-passed along, so that a frame is copied once, by the worker, and never through the socket.
+passed along (`oaisys_grpc.cargo`), so that a frame is copied once, by the worker, and never through
+the socket.
 Must not import gRPC.
 """
 
@@ -10,7 +11,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
 import socket
 import struct
@@ -19,16 +19,15 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from oaisys_core import types
-from oaisys_grpc.shared_memory import SHARED_FROM_BYTES, Segment, SegmentWriter, layout
+from oaisys_grpc.cargo import MAX_FILES, AnyArray, load, unload
+from oaisys_grpc.shared_memory import Segment, SegmentWriter
 
-AnyArray = NDArray[Any]
 Message = dict[str, Any]
 
-_PREFIX = struct.Struct("<QQ?")
-"""Bytes of the JSON, bytes of the arrays, and whether these are in shared memory."""
+_PREFIX = struct.Struct("<QQB")
+"""Bytes of the JSON, bytes of the arrays that follow it, and how many files go along."""
 
 _RECORDS = {
     record.__name__: record
@@ -76,16 +75,16 @@ class Connection:
         """
         arrays: list[AnyArray] = []
         encoded = _encoded(message, arrays)
-        raws = [np.ascontiguousarray(a).reshape(-1).view(np.uint8) for a in arrays]
-        shared = sum(raw.size for raw in raws) >= SHARED_FROM_BYTES
         with self._sending:
-            if shared:
-                self._send_shared(encoded, arrays, raws)
-            else:
-                begins, size = layout([raw.size for raw in raws])
-                text = _text(encoded, arrays, begins)
-                inline = _inline(raws, begins, size)
-                self._socket.sendall(_PREFIX.pack(len(text), size, shared) + text + inline)
+            cargo = load(arrays, self._segments)
+            text = json.dumps({"value": encoded, "arrays": cargo.headers}).encode()
+            head = _PREFIX.pack(len(text), len(cargo.inline), len(cargo.files))
+            content, sent = b"".join((head, text, cargo.inline)), 0
+            if cargo.files:
+                descriptors = [file.descriptor for file in cargo.files]
+                sent = socket.send_fds(self._socket, [content], descriptors)
+            self._socket.sendall(content[sent:])
+            self._segments.prepare()
 
     def receive(self) -> Message:
         """Wait for the next message.
@@ -94,14 +93,13 @@ class Connection:
             EOFError: The other end is gone.
         """
         prefix, descriptors = self._read_prefix()
-        text_size, arrays_size, shared = _PREFIX.unpack(prefix)
+        text_size, inline_size, count = _PREFIX.unpack(prefix)
+        files = [Segment(each, os.fstat(each).st_size) for each in descriptors]
         content = json.loads(self._read(text_size))
-        memory: Any = b""
-        if shared:
-            memory = Segment(descriptors[0], arrays_size)
-        elif arrays_size:
-            memory = self._read(arrays_size)
-        arrays = [_array(memory, header) for header in content["arrays"]]
+        inline = self._read(inline_size) if inline_size else b""
+        if len(files) != count:
+            raise EOFError(f"{len(files)} of {count} files came with a message")
+        arrays = unload(content["arrays"], files, inline)
         decoded: Message = _decoded(content["value"], arrays)
         return decoded
 
@@ -111,20 +109,9 @@ class Connection:
         with self._sending:
             self._segments.close()
 
-    def _send_shared(self, encoded: Any, arrays: list[AnyArray], raws: list[AnyArray]) -> None:
-        descriptor, begins, size = self._segments.write(raws)
-        try:
-            text = _text(encoded, arrays, begins)
-            content = _PREFIX.pack(len(text), size, True) + text
-            sent = socket.send_fds(self._socket, [content], [descriptor])
-        finally:
-            os.close(descriptor)
-        self._socket.sendall(content[sent:])
-        self._segments.prepare()
-
     def _read_prefix(self) -> tuple[bytes, list[int]]:
         try:
-            data, descriptors, _, _ = socket.recv_fds(self._socket, _PREFIX.size, 1)
+            data, descriptors, _, _ = socket.recv_fds(self._socket, _PREFIX.size, MAX_FILES)
         except OSError as error:
             raise EOFError(str(error)) from error
         if not data:
@@ -143,30 +130,6 @@ class Connection:
                 raise EOFError("the connection was closed within a message")
             view = view[count:]
         return bytes(data)
-
-
-def _text(encoded: Any, arrays: list[AnyArray], begins: list[int]) -> bytes:
-    headers = [
-        {"dtype": array.dtype.str, "shape": array.shape, "begin": begin}
-        for array, begin in zip(arrays, begins, strict=True)
-    ]
-    return json.dumps({"value": encoded, "arrays": headers}).encode()
-
-
-def _inline(raws: list[AnyArray], begins: list[int], size: int) -> bytes:
-    content = np.zeros(size, dtype=np.uint8)
-    for begin, raw in zip(begins, raws, strict=True):
-        content[begin : begin + raw.size] = raw
-    return content.tobytes()
-
-
-def _array(memory: Any, header: Message) -> AnyArray:
-    shape = tuple(header["shape"])
-    count = math.prod(shape)
-    if not count:
-        return np.empty(shape, header["dtype"])
-    array = np.frombuffer(memory, header["dtype"], count, header["begin"])
-    return array.reshape(shape)
 
 
 def _encoded(value: Any, arrays: list[AnyArray]) -> Any:

@@ -29,6 +29,7 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, Progress, Sample, SampleOutline
 from oaisys_grpc import fault_injection
 from oaisys_grpc.faults import fault_from_error
+from oaisys_grpc.frame_placement import FramePlacement
 from oaisys_grpc.wire import Connection, Message
 from oaisys_grpc.worker_limits import limit_worker
 
@@ -46,6 +47,7 @@ class Worker:
         self._cancelled: set[int] = set()
         self._simulation: Simulation | None = None
         self._roots: AssetRoots | None = None
+        self._placement = FramePlacement()
         self._methods: dict[str, Callable[[Message, _Reporter], Any]] = {
             "start": self._start,
             "step_batch": self._step_batch,
@@ -78,7 +80,7 @@ class Worker:
         number = call["id"]
         answer: Message = {"id": number}
         try:
-            reporter = _Reporter(self._connection, number, self._cancelled)
+            reporter = _Reporter(self._connection, number, self._cancelled, self._placement)
             with confined(self._roots):
                 answer["value"] = self._methods[call["method"]](call["arguments"], reporter)
         except OaisysError as error:
@@ -91,10 +93,13 @@ class Worker:
         if self._simulation is not None:
             answer |= {"state": self._simulation.state(), "info": self._simulation.info()}
         self._connection.send({"type": "answer", **answer})
+        self._placement.prepare()
 
     def _start(self, arguments: Message, report: _Reporter) -> None:
         config = config_from_mapping(arguments["config"])
-        simulation = Simulation(config, pose_cache_bytes=arguments["pose_cache_bytes"])
+        simulation = Simulation(
+            config, pose_cache_bytes=arguments["pose_cache_bytes"], place_frames=self._placement
+        )
         self._roots = AssetRoots.of(map(Path, arguments["asset_roots"]), config)
         if arguments["state"] is not None:
             with confined(self._roots):
@@ -122,8 +127,15 @@ class Worker:
 class _Reporter:
     """The callbacks of one call: tell the server, and stop where it was cancelled."""
 
-    def __init__(self, connection: Connection, call: int, cancelled: set[int]) -> None:
+    def __init__(
+        self,
+        connection: Connection,
+        call: int,
+        cancelled: set[int],
+        placement: FramePlacement,
+    ) -> None:
         self._connection = connection
+        self._placement = placement
         self._call = call
         self._cancelled = cancelled
         self._told = 0
@@ -149,6 +161,7 @@ class _Reporter:
             return
         message = {"type": "frames", "id": self._call, "outline": outline, "frames": frames}
         self._connection.send(message)
+        self._placement.prepare()
         if not self._has_sent:
             self._has_sent = True
             fault_injection.strike_late(self)

@@ -4,6 +4,7 @@ import contextlib
 import fcntl
 import gc
 import os
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -144,6 +145,18 @@ def test_chunks_without_protobuf_are_protobufs(
 def test_no_bytes_bring_the_reader_of_chunks_down(content: bytes) -> None:
     with contextlib.suppress(DecodeError):
         messages.parser(pb.RenderSampleResponse)(content)
+
+
+def test_a_sample_says_when_its_last_frame_existed(server: Server) -> None:
+    for name, client in clients(server).items():
+        with client:
+            for _ in range(2):  # rendered, and found in the cache
+                begun_ns = time.monotonic_ns()
+                sample = client.render_sample(POSE)
+                came_ns = time.monotonic_ns()
+                assert begun_ns < sample.finished_ns < came_ns, name
+            fetched = client.get_sample(sample.batch_id, sample.sample_id)
+            assert fetched.finished_ns == sample.finished_ns
 
 
 def test_every_way_brings_the_same_bits(server: Server) -> None:
