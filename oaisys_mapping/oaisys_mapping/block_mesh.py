@@ -70,9 +70,11 @@ class BlockMesh:
             self._stale.append(np.unique(packed(behind)))
 
     def keep_only(self, blocks: Coordinates) -> None:
-        """Forget the surfaces of regions in which none of (N, 3) blocks lies."""
-        kept = set(np.unique(packed(blocks // REGION_BLOCKS)).tolist())
-        self._pieces = {number: piece for number, piece in self._pieces.items() if number in kept}
+        """Forget the surfaces of regions in which none of (N, 3) blocks lies, stale ones, too."""
+        kept = np.unique(packed(blocks // REGION_BLOCKS))
+        known = set(kept.tolist())
+        self._pieces = {number: piece for number, piece in self._pieces.items() if number in known}
+        self._stale = [np.intersect1d(stale, kept) for stale in self._stale]
 
     def update(self, source: Source) -> int:
         """Mesh what is stale; return how many regions that were."""

@@ -15,6 +15,9 @@ from oaisys_mapping.blocks import BLOCK_VOXELS, Coordinates
 FACING_STEP = 0.2
 """Greatest share by which neighbouring depths differ on one surface, for its direction."""
 
+COARSE_BLOCKS = 8
+"""Edge of the cells among which free blocks are looked for first."""
+
 LEAST_COSINE = 0.05
 """Of the angle between ray and surface normal, as far as weights go."""
 
@@ -146,10 +149,16 @@ class FreeSpace:
         self._far = _pyramid(free_m, np.maximum, 0.0)
         self._near = _pyramid(free_m, np.minimum, np.inf)
 
-    def touched(self, blocks: Coordinates) -> NDArray[np.bool_]:
-        """Return (N,) whether rays may reach into each of (N, 3) blocks."""
-        touched = self._in_frustum(blocks)
-        nearest_m, _, low, high = self._boxes(blocks[touched])
+    def touched(self, blocks: Coordinates, scale: int = 1) -> NDArray[np.bool_]:
+        """Return (N,) whether rays may reach into each of (N, 3) blocks.
+
+        Args:
+            blocks: Or cells, counted in their own size.
+            scale: A cell's edge in blocks.
+        """
+        edge_m = scale * self._edge_m
+        touched = self._in_frustum(blocks, edge_m)
+        nearest_m, _, low, high = self._boxes(blocks[touched], edge_m)
         is_inside = (low <= self._last).all(axis=1) & (high >= 0).all(axis=1)
         depth_m = self._extreme(self._far, np.maximum, low, high)
         touched[touched] = is_inside & (depth_m > nearest_m)
@@ -157,46 +166,50 @@ class FreeSpace:
 
     def free(self, blocks: Coordinates) -> NDArray[np.bool_]:
         """Return (N,) whether all of each block is in the image and in front of what it shows."""
-        free = self._in_frustum(blocks)
-        nearest_m, farthest_m, low, high = self._boxes(blocks[free])
+        free = self._in_frustum(blocks, self._edge_m)
+        nearest_m, farthest_m, low, high = self._boxes(blocks[free], self._edge_m)
         is_inside = (low >= 0).all(axis=1) & (high <= self._last).all(axis=1) & (nearest_m > 0)
         depth_m = self._extreme(self._near, np.minimum, low, high)
         free[free] = is_inside & (depth_m > farthest_m)
         return free
 
-    def candidates(self) -> Coordinates:
-        """Return the (N, 3) blocks in the box around everything that rays pass through."""
+    def free_blocks(self) -> Coordinates:
+        """Return the (N, 3) blocks that are `free`, found from coarse cells to fine ones."""
         inverse = np.linalg.inv(self._matrix)
         far_m = float(self._far[-1].max())
         pixels = [(u, v) for u in (1, self._width + 1) for v in (1, self._height + 1)]
         corners_m = [inverse @ (far_m * np.array((u, v, 1.0)) - self._offset) for u, v in pixels]
         corners_m.append(inverse @ -self._offset)
+        cell_m = COARSE_BLOCKS * self._edge_m
         low, high = (
-            np.floor(bound / self._edge_m).astype(int)
+            np.floor(bound / cell_m).astype(int)
             for bound in (np.min(corners_m, axis=0), np.max(corners_m, axis=0))
         )
-        grid = np.meshgrid(*(np.arange(a, b + 1) for a, b in zip(low, high, strict=True)))
-        return np.column_stack([axis.ravel() for axis in grid]).astype(np.int32)
+        cells = _grid(low, high + 1)
+        cells = cells[self.touched(cells, COARSE_BLOCKS)]
+        within = _grid(np.zeros(3, int), np.full(3, COARSE_BLOCKS))
+        blocks = (cells[:, None] * COARSE_BLOCKS + within).reshape(-1, 3).astype(np.int32)
+        return blocks[self.free(blocks)]
 
-    def _in_frustum(self, blocks: Coordinates) -> NDArray[np.bool_]:
+    def _in_frustum(self, blocks: Coordinates, edge_m: float) -> NDArray[np.bool_]:
         """Return (N,) which blocks are not wholly beyond one side of the view's pyramid."""
         u, v, z = np.column_stack((self._matrix, self._offset))
         width, height = self._width + 2, self._height + 2
         far = np.array((0, 0, 0, float(self._far[-1].max()))) - z
         sides = np.stack((u, width * z - u, v, height * z - v, z, far))
-        half_m = self._edge_m / 2
+        half_m = edge_m / 2
         reach_m = half_m * np.abs(sides[:, :3]).sum(axis=1)
-        ahead_m = (self._edge_m * blocks + half_m) @ sides[:, :3].T + sides[:, 3]
+        ahead_m = (edge_m * blocks + half_m) @ sides[:, :3].T + sides[:, 3]
         return np.asarray((ahead_m >= -reach_m).all(axis=1))
 
-    def _boxes(self, blocks: Coordinates) -> tuple[FloatArray, FloatArray, Any, Any]:
+    def _boxes(self, blocks: Coordinates, edge_m: float) -> tuple[FloatArray, FloatArray, Any, Any]:
         """Return each block's least and greatest depth and its box of pixels, ends included.
 
         A block that reaches behind the camera has the whole image as its box, or none of it.
         """
         corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-        base = (self._edge_m * blocks) @ self._matrix.T + self._offset
-        around = (self._edge_m * corners) @ self._matrix.T
+        base = (edge_m * blocks) @ self._matrix.T + self._offset
+        around = (edge_m * corners) @ self._matrix.T
         u, v, z = (base[:, None, i] + around[None, :, i] for i in range(3))
         nearest_m, farthest_m = z.min(axis=1), z.max(axis=1)
         is_ahead = nearest_m > 1e-3
@@ -223,6 +236,13 @@ class FreeSpace:
                 which(cells[v0, u0], cells[v0, u1]), which(cells[v1, u0], cells[v1, u1])
             )
         return found
+
+
+def _grid(low: NDArray[Any], high: NDArray[Any]) -> Coordinates:
+    """Return all (N, 3) whole places from ``low`` up to, not including, ``high``."""
+    axes = [np.arange(a, b) for a, b in zip(low, high, strict=True)]
+    grid = np.meshgrid(*axes, indexing="ij")
+    return np.column_stack([axis.ravel() for axis in grid]).astype(np.int32)
 
 
 def _pyramid(image: NDArray[np.float32], which: Any, nothing: float) -> list[NDArray[Any]]:

@@ -310,8 +310,7 @@ class TsdfVolume:
             self._mesh.keep_only(self._working.blocks_in_memory)
 
     def _remember_free(self, space: FreeSpace, camera_m: FloatArray) -> None:
-        candidates = space.candidates()
-        free = np.union1d(self._free, packed(candidates[space.free(candidates)]))
+        free = np.union1d(self._free, packed(space.free_blocks()))
         if len(free) > MOST_FREE_BLOCKS:
             away = np.abs(unpacked(free) - camera_m / self.config.block_size_m).max(axis=1)
             free = free[np.sort(np.argsort(away, kind="stable")[:MOST_FREE_BLOCKS])]

@@ -222,7 +222,9 @@ def test_ctrl_c_ends_it_without_a_word(ros_domain_id: int, no_process_left: None
     assert "Traceback" not in said
 
 
-@pytest.mark.parametrize("parameter", ["voxel_size:=-0.1", "weighting:=heavy", "use_color:=perhaps"])
+@pytest.mark.parametrize(
+    "parameter", ["voxel_size:=-0.1", "weighting:=heavy", "use_color:=perhaps"]
+)
 def test_a_wrong_parameter_is_told_in_one_line(ros_domain_id: int, parameter: str) -> None:
     command = [
         sys.executable,

@@ -1,0 +1,139 @@
+"""Distances to the nearest surface, for planners: a Euclidean distance field of a box.
+
+The truncated field knows distances only near the surface, and along rays. Here every known voxel
+gets its distance to the nearest ones at the surface (an exact distance transform; Felzenszwalb and
+Huttenlocher, Theory of Computing 8, 2012), corrected by these ones' own, so that the surface lies
+between voxels and not on them, as voxblox seeds its field (Oleynikova et al., IROS 2017).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import distance_transform_edt
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import FloatArray
+from oaisys_mapping.tsdf import TsdfVolume
+from oaisys_mapping.voxel_queries import ObservedVoxels
+
+
+@dataclass(frozen=True)
+class DistanceField:
+    """Distances in a box of voxels.
+
+    Attributes:
+        origin_m: (3,) place of the first voxel's sample, in ``map``.
+        voxel_size_m: Between samples.
+        distance_m: (X, Y, Z) float32 to the nearest surface, below 0 inside; NaN where nothing is
+            known. Positive infinity: there is no surface in the box.
+    """
+
+    origin_m: FloatArray
+    voxel_size_m: float
+    distance_m: NDArray[np.float32]
+
+    def at(self, points_m: ArrayLike) -> FloatArray:
+        """Return the (N,) distances at (N, 3) points: the trilinear mean of the voxels around.
+
+        NaN outside the box, and where one of these voxels is unknown.
+        """
+        points = np.asarray(points_m, np.float64).reshape(-1, 3)
+        places = ((points - self.origin_m) / self.voxel_size_m).T
+        # A sample on a voxel asks for its neighbours, too, with weight 0: NaN times 0 is NaN.
+        places = np.where(np.abs(places - np.rint(places)) < 1e-6, np.rint(places), places)
+        last = np.array(self.distance_m.shape)[:, None] - 1
+        is_inside = ((places >= 0) & (places <= last)).all(axis=0)
+        low = np.clip(np.floor(places).astype(np.intp), 0, last)
+        found = np.zeros(len(points))
+        for corner in range(8):
+            ahead = np.array([[corner & 1], [corner >> 1 & 1], [corner >> 2]])
+            share = np.where(ahead, places - low, 1 - (places - low)).prod(axis=0)
+            value = self.distance_m[tuple(np.minimum(low + ahead, last))]
+            with np.errstate(invalid="ignore"):
+                found += np.where(share > 0, share * value, 0.0)
+        return np.where(is_inside, found, np.nan)
+
+    def slice_at(self, height_m: float) -> FloatArray:
+        """Return the (X, Y) distances at a height; row i, column j is at ``origin_m + (i, j)``.
+
+        Raises:
+            InvalidInputError: The height lies outside the box.
+        """
+        columns, rows = self.distance_m.shape[:2]
+        top_m = self.origin_m[2] + (self.distance_m.shape[2] - 1) * self.voxel_size_m
+        if not self.origin_m[2] <= height_m <= top_m:
+            raise InvalidInputError("height_m", height_m, f"{self.origin_m[2]:g} to {top_m:g}")
+        x, y = np.meshgrid(np.arange(columns), np.arange(rows), indexing="ij")
+        points_m = self.origin_m + self.voxel_size_m * np.stack((x, y, np.zeros_like(x)), axis=-1)
+        points_m[..., 2] = height_m
+        return self.at(points_m).reshape(columns, rows)
+
+
+def distance_field(
+    volume: TsdfVolume,
+    low_m: ArrayLike,
+    high_m: ArrayLike,
+    *,
+    unknown_is_occupied: bool = False,
+) -> DistanceField:
+    """Return the distances in a box, from the surface in it.
+
+    Surfaces outside the box are not seen: make it larger, by the greatest distance that matters,
+    than the points that are asked for.
+
+    Args:
+        volume: What was mapped; with ``record_free_space``, the open counts as known, too.
+        low_m, high_m: (3,) corners of the box.
+        unknown_is_occupied: Whether to keep away from what nobody has seen as from a surface:
+            known free voxels get the distance to the nearest unknown one where that is less.
+
+    Raises:
+        InvalidInputError: The box is empty or too large.
+    """
+    size_m = volume.config.voxel_size_m
+    # A box whose faces lie on voxels has these voxels in it, however its numbers are rounded.
+    low = np.ceil(np.asarray(low_m, np.float64) / size_m - 1e-6).astype(np.int64)
+    high = np.floor(np.asarray(high_m, np.float64) / size_m + 1e-6).astype(np.int64) + 1
+    seen = volume.observed(low, high)
+    distance_m = _signed(seen, size_m)
+    if unknown_is_occupied and not seen.is_known.all():
+        away_m = distance_transform_edt(seen.is_known, sampling=size_m)
+        is_free = distance_m > 0
+        distance_m[is_free] = np.minimum(distance_m, away_m)[is_free]
+    distance_m[~seen.is_known] = np.nan
+    return DistanceField(low * size_m, size_m, distance_m.astype(np.float32))
+
+
+def _signed(seen: ObservedVoxels, size_m: float) -> FloatArray:
+    """Return distances, above 0 in front of the surface and below 0 behind it."""
+    is_inside = seen.is_known & (seen.distance_m < 0)
+    is_outside = seen.is_known & ~is_inside
+    own_m = np.minimum(np.abs(seen.distance_m), size_m)
+    outside_m = _to_surface(is_outside, is_inside, own_m, size_m)
+    inside_m = _to_surface(is_inside, is_outside, own_m, size_m)
+    return np.where(is_inside, -inside_m, outside_m)
+
+
+def _to_surface(
+    is_here: NDArray[np.bool_],
+    is_beyond: NDArray[np.bool_],
+    own_m: NDArray[np.float32],
+    size_m: float,
+) -> FloatArray:
+    """Return how far it is from one side to the surface that lies before the other.
+
+    Either to the nearest voxel beyond, less how deep that lies, or to the nearest voxel on this
+    side of the border, and on from there: whichever is less.
+    """
+    if not is_beyond.any():
+        return np.full(is_here.shape, np.inf)
+    away_m, nearest = distance_transform_edt(~is_beyond, sampling=size_m, return_indices=True)
+    found_m = away_m - own_m[tuple(nearest)]
+    is_border = is_here & (away_m <= size_m * 1.001)
+    if is_border.any():
+        back_m, nearest = distance_transform_edt(~is_border, sampling=size_m, return_indices=True)
+        found_m = np.minimum(found_m, back_m + own_m[tuple(nearest)])
+    return np.asarray(np.maximum(found_m, 0))
