@@ -216,3 +216,33 @@ def test_interfaces_have_the_promised_fields(name: str) -> None:
         interface = getattr(interface, part)
     fields = interface.get_fields_and_field_types()
     assert dict(fields) == PROMISED_INTERFACES[name]
+
+
+SIMULATION_INTERFACES = {
+    "action/SimulateSteps": "f0837c898e1219cd73bf4c041feab41e8c533e8e1057e982744dba7b093467eb",
+    "srv/DeleteEntity": "ff7e96a5b83dc8e2bb34b8b034480028b3a24d9f8376b2c0590bac3704be3e28",
+    "srv/GetAvailableWorlds": "ce5589b5523f2732d1969a3c5a7e6b17a387091df8190c62f78d7fdd1109e3e3",
+    "srv/GetCurrentWorld": "79ed4e910e1b7a1c9f7950ff758bfba3535bf0dec669054e8af115a099724ddd",
+    "srv/GetEntities": "cb90004c48cd50f37732fb008e22c34c261dd680a723bf0f85d8437ea4498bf7",
+    "srv/GetEntitiesStates": "0a76170d0c1c90e1eaf805cfab78ea801d1f82df309a28c1f0fae4b570f19754",
+    "srv/GetEntityInfo": "953b7ab6bfc35063f5c9a72463c6ce489baa10249a7fa510926d342a34b0d29e",
+    "srv/GetEntityState": "749c91f2a2353d98367b64f2995a0f5842ce92a08ec1ffb3e185540a91557fb5",
+    "srv/GetSimulationState": "3362dcebee4b1afebbf9c4beee5c79c1455385aded62092a892d61fde8644f30",
+    "srv/GetSimulatorFeatures": "abb9439c8cf196722a469fb6c68b44b484f198c2a1356ac38849a29c2a20a794",
+    "srv/LoadWorld": "87d0ded1bfddb40a74d0bedb963fdd592fbedb14d0057d597850404b73c338af",
+    "srv/ResetSimulation": "4ce285d7ff9b8ac70dcc95161f32bf54c05a6f4b13427990e41ab40c36c39646",
+    "srv/SetEntityState": "fba636c91d38832dbd4f6896ffce54ff98fd9929962b0533546b56ce00f988ac",
+    "srv/SetSimulationState": "a868b916dce49974f637ba252141258c4b07b0c06858b88af560e3eb6bfbcb30",
+    "srv/SpawnEntity": "66860313e11009faddbfc8568e5d410d1a11607fe75eeb1308671dc0406fe3a7",
+    "srv/StepSimulation": "913fe0653690ce6bf8f09f316e6a626747012e9fca31e26719910d417aa8565c",
+}
+"""Type hashes of release 2.1.0, made from its own files; those of messages are part of them."""
+
+
+@pytest.mark.parametrize("name", SIMULATION_INTERFACES)
+def test_simulation_interfaces_are_the_official_ones(name: str) -> None:
+    file = PREFIX / "share" / "simulation_interfaces" / f"{name}.json"
+    definition = json.loads(file.read_text())
+    hashes = {entry["type_name"]: entry["hash_string"] for entry in definition["type_hashes"]}
+    expected = f"RIHS01_{SIMULATION_INTERFACES[name]}"
+    assert hashes[f"simulation_interfaces/{name}"] == expected

@@ -190,7 +190,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         if not self.parameters["simulation_interfaces"]:
             return None
         try:
-            from oaisys_ros_bridge.simulation_services import SimulationServices  # noqa: PLC0415
+            from oaisys_ros_bridge.simulation_services import SimulationServices
         except ImportError as error:
             self.get_logger().warning(f"simulation_interfaces are not offered: {error}")
             return None
