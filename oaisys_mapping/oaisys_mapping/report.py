@@ -19,6 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from oaisys_mapping import pictures
+from oaisys_mapping.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_layers import layers_of
 from oaisys_mapping.mesh_viewer import packed, thinned
@@ -26,6 +27,9 @@ from oaisys_mapping.metrics import Evaluation
 from oaisys_mapping.three_js import load_three
 from oaisys_mapping.thresholds import Thresholds
 from oaisys_mapping.visibility import View
+
+GOAL = 0.9
+"""Coverage for which planners are compared."""
 
 
 @dataclass(frozen=True)
@@ -42,30 +46,6 @@ class ViewRecord:
     semantic_ids: NDArray[np.uint16] | None
     instance_ids: NDArray[np.uint32] | None
     seconds: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class CoverageRecord:
-    """How one planner came on in one world.
-
-    Attributes:
-        planner: Its name.
-        seed: Of the world.
-        coverage: Share of the reachable surface that was seen, after each view.
-        path_m: Length flown until each view.
-        plan_s: Median time to find the next view.
-    """
-
-    planner: str
-    seed: int
-    coverage: Sequence[float]
-    path_m: Sequence[float]
-    plan_s: float
-
-    def views_to(self, share: float) -> int | None:
-        """Return how many views it took to see so much; None: it never did."""
-        reached = np.flatnonzero(np.asarray(self.coverage) >= share)
-        return int(reached[0]) + 1 if len(reached) else None
 
 
 @dataclass(frozen=True)
@@ -241,6 +221,8 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
         legend=legend,
         criteria=report.thresholds.applied_to(report.evaluation.metrics),
         depth_ticks_m=np.linspace(*depth_range_m(depth_m), 5).tolist() if depth_m else [],
+        planners=planner_results(report.coverage, GOAL),
+        goal=GOAL,
         viewer=_viewer(report),
         depth_scale=_data_url("scale.png", pictures.png(pictures.depth_scale())),
     )

@@ -10,13 +10,14 @@ from __future__ import annotations
 import statistics
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.types import FloatArray, Pose, TriangleMesh
+from oaisys_core.types import DEPTH, FloatArray, Pose, TriangleMesh
 from oaisys_grpc.client import SimulatorClient
+from oaisys_mapping.coverage_record import CoverageRecord
 from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.exploration.planners import make_planner
@@ -24,10 +25,15 @@ from oaisys_mapping.exploration.voxel_map import Bounds
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply
 from oaisys_mapping.rectification import rectified_camera
-from oaisys_mapping.report import CoverageRecord
 from oaisys_ros_bridge.explore_plan import ExploreOptions, flight_box, start_pose
 from oaisys_ros_bridge.explore_report import Measured, write_explore_report
-from oaisys_ros_bridge.explorer import Exploration, ExplorationLimits, ExplorerClient, explore
+from oaisys_ros_bridge.explorer import (
+    Exploration,
+    ExplorationLimits,
+    ExplorerClient,
+    explore,
+    poses_along,
+)
 from oaisys_ros_bridge.fusion import DepthFrame
 from oaisys_ros_bridge.interruption import raise_if_interrupted
 from oaisys_ros_bridge.progress import Reporter
@@ -66,9 +72,13 @@ def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
                 system.client.step_batch(seed, START_TIMEOUT_S)
                 flight = flight or _flight(options, system, seed)
                 flight.coverage.forget()
+                # Pictures are wanted of the map that is measured; planners need depth alone.
+                if measured is not None:
+                    system.client.ask_only_for((DEPTH,))
                 found, coverage = _explored(options, system, flight, name, seed, reporter)
-                records.append(_record(name, seed, found, coverage))
+                records.append(_record(name, seed, found, coverage, system))
                 if measured is None:
+                    _note_integration(found, system)
                     mesh = _saved_map(options, system)
                     measured = Measured(found, flight.vehicle, mesh, flight.truth)
         info = system.simulator.info()
@@ -132,8 +142,10 @@ def _explored(
     """Let a planner explore a world; return what it did and its coverage after each view."""
     coverage: list[float] = []
 
-    def look(pose: Pose) -> tuple[ReceivedView, DepthFrame]:
+    def look(pose: Pose, way_m: FloatArray) -> tuple[ReceivedView, DepthFrame]:
         raise_if_interrupted()
+        if options.via == "trajectory":
+            return system.client.fly(poses_along(way_m, pose), VIEW_TIMEOUT_S)
         return system.client.look(pose, "", VIEW_TIMEOUT_S)
 
     def goes_on(found: Exploration) -> bool:
@@ -151,7 +163,7 @@ def _explored(
         flight.bounds,
         flight.vehicle,
         options.planning_voxel_m,
-        ExplorationLimits(options.views, options.path_m),
+        ExplorationLimits(_most_views(options, name), options.path_m),
         np.random.default_rng(seed),
         goes_on,
     )
@@ -164,6 +176,33 @@ def _saved_map(options: ExploreOptions, system: System[ExplorerClient]) -> Color
     return read_ply(path)
 
 
-def _record(name: str, seed: int, found: Exploration, coverage: list[float]) -> CoverageRecord:
-    plan_s = statistics.median(found.plan_s) if found.plan_s else 0.0
-    return CoverageRecord(name, seed, coverage, found.path_m, plan_s)
+def _most_views(options: ExploreOptions, name: str) -> int:
+    return options.views if name == options.planners[0] else options.baseline_views
+
+
+def _note_integration(found: Exploration, system: System[ExplorerClient]) -> None:
+    """Complete the views with what fusing each of them took."""
+    seconds = system.client.wait_for_map(len(found.views), MAP_TIMEOUT_S)
+    found.views[:] = [
+        replace(view, integration_s=each) for view, each in zip(found.views, seconds, strict=True)
+    ]
+
+
+def _record(
+    name: str,
+    seed: int,
+    found: Exploration,
+    coverage: list[float],
+    system: System[ExplorerClient],
+) -> CoverageRecord:
+    places_m = np.array([pose.position_m for pose in found.poses])
+    clearance_m = system.simulator.query_height(places_m).clearance_m
+    return CoverageRecord(
+        name,
+        seed,
+        coverage,
+        found.path_m,
+        plan_s=statistics.median(found.plan_s) if found.plan_s else 0.0,
+        refused=found.refused,
+        least_clearance_m=float(np.nanmin(clearance_m)),
+    )

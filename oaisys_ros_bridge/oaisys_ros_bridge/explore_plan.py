@@ -13,10 +13,14 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.planner import Vehicle, level_pose
+from oaisys_mapping.exploration.planners import OWN
 from oaisys_mapping.exploration.voxel_map import Bounds
 from oaisys_ros_bridge.system import SystemOptions
 
 PACKAGE = "oaisys_ros_bridge"
+
+ALL_PLANNERS = "all"
+"""Stands for all of ours."""
 
 FIRST_SEED = 1
 """Of the first world, where none is given."""
@@ -38,7 +42,9 @@ class ExploreOptions(SystemOptions):
     Attributes:
         planners: Names, each of which explores every world.
         seeds: One world each.
+        via: How poses are asked for: ``service`` or ``trajectory``.
         views: Most views of an exploration.
+        baseline_views: Most views of all planners but the first.
         until: Coverage at which it ends; 1: only when the planner finds nothing more.
         path_m: Longest path.
         planning_voxel_m: Of the map that plans are made on.
@@ -49,13 +55,49 @@ class ExploreOptions(SystemOptions):
 
     planners: Sequence[str]
     seeds: Sequence[int]
+    via: str
     views: int
+    baseline_views: int
     until: float
     path_m: float
     planning_voxel_m: float
     vehicle_radius_m: float
     camera_range_m: float
     start_height_m: float
+
+
+def planners_of(text: str, *, compare: bool) -> tuple[str, ...]:
+    """Return the planners that ``--planner`` names, once each; with ``compare`` all of ours, too.
+
+    Raises:
+        InvalidInputError: It names none.
+    """
+    names = [name.strip() for name in text.split(",") if name.strip()]
+    if not names:
+        raise InvalidInputError("--planner", text, "names with commas between them")
+    ours = tuple(OWN)
+    named = [each for name in names for each in (ours if name == ALL_PLANNERS else (name,))]
+    return tuple(dict.fromkeys((*named, *(ours if compare else ()))))
+
+
+def worlds_of(text: str, first: int) -> tuple[int, ...]:
+    """Return the seeds that ``--seeds`` means: ``3`` is so many from the first on, ``4,7`` those.
+
+    Raises:
+        InvalidInputError: It is neither.
+    """
+    expected = "how many worlds, or their seeds with commas between them"
+    try:
+        numbers = [int(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        raise InvalidInputError("--seeds", text, expected) from None
+    if "," in text:
+        if not numbers or min(numbers) < 0:
+            raise InvalidInputError("--seeds", text, expected)
+        return tuple(dict.fromkeys(numbers))
+    if not numbers or numbers[0] < 1:
+        raise InvalidInputError("--seeds", text, expected)
+    return tuple(range(first, first + numbers[0]))
 
 
 def flight_box(extent_m: Sequence[float], height_m: Callable[[FloatArray], FloatArray]) -> Bounds:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import statistics
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from math import ceil, sqrt
@@ -13,11 +12,12 @@ import numpy as np
 
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import SimulatorInfo, TriangleMesh
+from oaisys_mapping.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import write_truth
 from oaisys_mapping.metrics import evaluate_reconstruction
-from oaisys_mapping.report import CoverageRecord, SurveyReport, write_report
+from oaisys_mapping.report import GOAL, SurveyReport, write_report
 from oaisys_mapping.thresholds import Thresholds
 from oaisys_mapping.view_files import write_views
 from oaisys_mapping.visibility import View
@@ -26,9 +26,6 @@ from oaisys_ros_bridge.explorer import Exploration
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.survey_report import run_facts, say_result, view_record
 from oaisys_ros_bridge.system import CONFIG_FILE
-
-GOAL = 0.9
-"""Coverage at which planners are compared."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +76,7 @@ def write_explore_report(
         command=shlex.join(options.command),
         config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
         coverage=records,
+        cameras=views,
     )
     write_report(report, options.out)
     say_result(report, options, reporter)
@@ -104,15 +102,5 @@ def _facts(records: Sequence[CoverageRecord]) -> dict[str, Any]:
         "explorations": [
             asdict(record) | {"views_to_90": record.views_to(GOAL)} for record in records
         ],
-        "views_to_90": {
-            planner: _median_views([record for record in records if record.planner == planner])
-            for planner in dict.fromkeys(record.planner for record in records)
-        },
+        "planners": {result.planner: asdict(result) for result in planner_results(records, GOAL)},
     }
-
-
-def _median_views(records: Sequence[CoverageRecord]) -> float | None:
-    """Return the median number of views to the goal; None where half of them never reach it."""
-    views = [record.views_to(GOAL) or np.inf for record in records]
-    median = statistics.median(views)
-    return float(median) if np.isfinite(median) else None

@@ -6,22 +6,32 @@ What it knows comes from ROS alone: depth images, their camera and transforms, a
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import Transform, Vector3
 from sensor_msgs.msg import CameraInfo, Image
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
+from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
 
 from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.types import FloatArray, Pose
-from oaisys_mapping.exploration.planner import Planner, Situation, Vehicle
+from oaisys_mapping.exploration.planner import (
+    Planner,
+    Situation,
+    Vehicle,
+    level_poses_towards,
+)
 from oaisys_mapping.exploration.voxel_map import Bounds, VoxelMap
 from oaisys_mapping.rectification import rectified, rectified_camera
+from oaisys_msgs.msg import SampleInfo
 from oaisys_msgs.srv import StepBatch
-from oaisys_ros_bridge.frame_assembly import FrameAssembler
+from oaisys_ros_bridge.conversions import pose_to_msg
+from oaisys_ros_bridge.frame_assembly import FrameAssembler, nanoseconds
 from oaisys_ros_bridge.fusion import DepthFrame
 from oaisys_ros_bridge.qos import SENSOR_QOS, TF_QOS, TF_STATIC_QOS
 from oaisys_ros_bridge.survey_client import ReceivedView, SurveyClient
@@ -29,8 +39,10 @@ from oaisys_ros_bridge.survey_client import ReceivedView, SurveyClient
 FRAME_TIMEOUT_S = 20.0
 """From a view's answer until its depth image, camera and transforms are all there."""
 
-MORE_PLACES = (1000, 5000)
-"""Places among which a way is looked for where the straight one is not free."""
+TRAJECTORY_DEPTH = 5
+
+SAME_PLACE_M = 1e-3
+"""A rig this near to where it was to go has arrived."""
 
 LOST_POSES = 5
 """So many poses in a row that the simulator refuses, and an exploration ends."""
@@ -63,6 +75,18 @@ class ExplorerClient(SurveyClient):
             add = partial(self._take_in, partial(self._add_image, kind))
             node.create_subscription(message_type, f"{namespace}/{topic}", add, SENSOR_QOS)
         self._step_batch = node.create_client(StepBatch, "oaisys_bridge/step_batch")
+        self._infos: dict[int, SampleInfo] = {}
+        node.create_subscription(
+            SampleInfo, "oaisys_bridge/sample_info", self._on_sample_info, SENSOR_QOS
+        )
+        self._trajectories = node.create_publisher(
+            MultiDOFJointTrajectory, "command/trajectory", TRAJECTORY_DEPTH
+        )
+
+    def ask_only_for(self, modalities: tuple[str, ...]) -> None:
+        """Have the views from now on bring no more than these."""
+        with self._changed:
+            self._modalities = modalities
 
     def step_batch(self, seed: int, timeout_s: float) -> None:
         """Have the simulator build the world of a seed.
@@ -89,6 +113,46 @@ class ExplorerClient(SurveyClient):
         with self._changed:
             return view, self._frames[max(self._frames)]
 
+    def fly(self, poses: Sequence[Pose], timeout_s: float) -> tuple[ReceivedView, DepthFrame]:
+        """Publish a trajectory and return what is seen at its end: `look`, through a topic.
+
+        The bridge must render the last point of a trajectory only. Nobody answers on a topic: what
+        it refuses never comes.
+
+        Raises:
+            DeadlineExceededError: Nothing was seen from there in time.
+        """
+        with self._changed:
+            self._frames.clear()
+            self._infos.clear()
+        started_s = time.monotonic()
+        self._trajectories.publish(trajectory_to_msg(poses, Header(frame_id=self._map_frame)))
+        found: list[int] = []
+
+        def arrived() -> bool:
+            found[:] = [s for s, info in self._infos.items() if _is_at(info, poses[-1])]
+            return bool(found) and self._is_complete(found[0])
+
+        self._wait("what is seen at a trajectory's end", arrived, timeout_s)
+        with self._changed:
+            stamp_ns, key = found[0], divmod(found[0], 1_000_000_000)
+            view = ReceivedView(
+                self._images.pop(key),
+                self._infos[stamp_ns].render_time,
+                time.monotonic() - started_s,
+            )
+            self._images = {k: v for k, v in self._images.items() if k > key}
+            return view, self._frames[stamp_ns]
+
+    def _is_complete(self, stamp_ns: int) -> bool:
+        images = self._images.get(divmod(stamp_ns, 1_000_000_000), {})
+        return stamp_ns in self._frames and len(images) >= len(self._modalities)
+
+    def _on_sample_info(self, message: SampleInfo) -> None:
+        with self._changed:
+            self._infos[nanoseconds(message.header.stamp)] = message
+            self._changed.notify_all()
+
     def _add_image(self, kind: str, message: Any) -> None:
         self._assembler.add_image(kind, message, time.monotonic())
 
@@ -98,6 +162,29 @@ class ExplorerClient(SurveyClient):
             while (frame := self._assembler.pop()) is not None:
                 self._frames[frame.stamp_ns] = frame
             self._changed.notify_all()
+
+
+def _is_at(info: SampleInfo, pose: Pose) -> bool:
+    p = info.rig_pose.position
+    way_m = np.array((p.x, p.y, p.z)) - pose.position_m
+    return bool(np.linalg.norm(way_m) < SAME_PLACE_M)
+
+
+def trajectory_to_msg(poses: Sequence[Pose], header: Header) -> MultiDOFJointTrajectory:
+    """Return the message of a rig's way through poses."""
+    message = MultiDOFJointTrajectory(header=header, joint_names=["base_link"])
+    for pose in poses:
+        msg = pose_to_msg(pose)
+        place = Vector3(x=msg.position.x, y=msg.position.y, z=msg.position.z)
+        transform = Transform(translation=place, rotation=msg.orientation)
+        message.points.append(MultiDOFJointTrajectoryPoint(transforms=[transform]))
+    return message
+
+
+def poses_along(way_m: FloatArray, last: Pose) -> list[Pose]:
+    """Return level poses along (K, 3) places, each turned to the next one, and ``last``."""
+    turned = level_poses_towards(way_m[:-1], way_m[1:]) if len(way_m) > 1 else []
+    return [*turned, last]
 
 
 @dataclass(frozen=True)
@@ -122,6 +209,7 @@ class Exploration:
         path_m: Length of the path flown, for each view, up to it.
         plan_s: How long each next pose took to find.
         views: What came back.
+        refused: How many poses the simulator refused.
         voxels: What was observed.
     """
 
@@ -130,10 +218,11 @@ class Exploration:
     path_m: list[float] = field(default_factory=list)
     plan_s: list[float] = field(default_factory=list)
     views: list[ReceivedView] = field(default_factory=list)
+    refused: int = 0
 
 
 def explore(
-    look: Callable[[Pose], tuple[ReceivedView, DepthFrame]],
+    look: Callable[[Pose, FloatArray], tuple[ReceivedView, DepthFrame]],
     planner: Planner,
     start: Pose,
     bounds: Bounds,
@@ -146,7 +235,8 @@ def explore(
     """Look from ``start``, and from where ``planner`` says, until one of them, or a limit, ends it.
 
     Args:
-        look: Gives what is seen from a pose; raises `RenderError` where it is refused.
+        look: Gives what is seen from a pose, to which (K, 3) places lead; raises `RenderError`
+            where it is refused.
         planner: Asked after every view.
         start: A pose around which there is room for the vehicle.
         bounds: The box to fly in and to look at.
@@ -159,11 +249,13 @@ def explore(
     found = Exploration(VoxelMap(bounds, voxel_size_m))
     found.voxels.set_free(start.position_m, vehicle.radius_m + 2 * voxel_size_m)
     pose, flown_m, refused = start, 0.0, 0
+    way_m = np.array([start.position_m])
     while len(found.poses) < limits.views:
         try:
-            view, frame = look(pose)
+            view, frame = look(pose, way_m)
         except RenderError:
             refused += 1
+            found.refused += 1
             if not found.poses or refused == LOST_POSES:
                 raise
         else:
@@ -180,10 +272,11 @@ def explore(
         found.plan_s.append(time.perf_counter() - started_s)
         if wanted is None:
             break
-        way_m = _way_length_m(situation, np.asarray(wanted.position_m))
-        if flown_m + way_m > limits.path_m:
+        way_m = _way_to(situation, wanted)
+        length_m = float(np.linalg.norm(np.diff(way_m, axis=0), axis=1).sum())
+        if flown_m + length_m > limits.path_m:
             break
-        pose, flown_m = wanted, flown_m + way_m
+        pose, flown_m = wanted, flown_m + length_m
     return found
 
 
@@ -193,16 +286,14 @@ def _take_in(voxels: VoxelMap, frame: DepthFrame, vehicle: Vehicle) -> None:
     voxels.integrate(depth_m, camera, frame.T_map_camera, vehicle.max_range_m)
 
 
-def _way_length_m(situation: Situation, position_m: FloatArray) -> float:
-    """Return the length of the way there through what is known to be free.
+def _way_to(situation: Situation, pose: Pose) -> FloatArray:
+    """Return the (K, 3) places on the way there through what is known to be free.
 
     Raises:
         OaisysError: There is none: a planner must not ask for such a pose.
     """
-    for places in (0, *MORE_PLACES):
-        between_m = situation.random_positions(places)
-        length_m = float(situation.roadmap(np.vstack((position_m, between_m))).lengths_m[0])
-        if np.isfinite(length_m):
-            return length_m
-    place = position_m.round(2).tolist()
-    raise OaisysError(f"the planner asked for {place}, to which no way is known to be free")
+    way_m = situation.way_m(np.asarray(pose.position_m))
+    if way_m is None:
+        place = np.round(pose.position_m, 2).tolist()
+        raise OaisysError(f"the planner asked for {place}, to which no way is known to be free")
+    return way_m

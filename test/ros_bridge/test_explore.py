@@ -10,16 +10,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError, OaisysError, RenderError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics
-from oaisys_mapping.certificate import read_views
 from oaisys_mapping.exploration.planner import Planner, Vehicle, level_pose
 from oaisys_mapping.exploration.voxel_map import Bounds
-from oaisys_ros_bridge.explore_plan import flight_box, start_pose
-from oaisys_ros_bridge.explorer import LOST_POSES, ExplorationLimits, explore
+from oaisys_mapping.view_files import read_views
+from oaisys_ros_bridge.conversions import pose_from_msg
+from oaisys_ros_bridge.explore_plan import flight_box, planners_of, start_pose, worlds_of
+from oaisys_ros_bridge.explorer import (
+    LOST_POSES,
+    ExplorationLimits,
+    explore,
+    poses_along,
+    trajectory_to_msg,
+)
 from oaisys_ros_bridge.fusion import DepthFrame
+from oaisys_ros_bridge.requests import poses_of_trajectory
 from oaisys_ros_bridge.survey_client import ReceivedView
 
 WORLD = """
@@ -57,7 +66,8 @@ def world(tmp_path: Path) -> Path:
 @pytest.mark.usefixtures("no_process_left")
 def test_planners_explore_the_same_worlds_over_ros(world, tmp_path, ros_domain_id):
     out = tmp_path / "out"
-    options = ("--views", "3", "--compare", "--size", "160x120", "--camera-range", "12")
+    limits = ("--views", "3", "--baseline-views", "2", "--camera-range", "12")
+    options = ("--planner", "all", "--seeds", "4,", "--size", "160x120", *limits)
     result = run(out, world, ros_domain_id, *options)
     assert result.returncode in (0, 1), result.stderr
     figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
@@ -68,14 +78,34 @@ def test_planners_explore_the_same_worlds_over_ros(world, tmp_path, ros_domain_i
     assert 0 < figures["coverage"][0] < figures["coverage"][-1] < 1
     explorations = figures["explorations"]
     planners = [found["planner"] for found in explorations]
-    assert planners == ["next_best_view", "random", "grid", "frontier"]
+    assert planners == ["next_best_view", "frontier", "grid", "random"]
+    assert [len(found["coverage"]) for found in explorations] == [3, 2, 2, 2]
+    assert min(found["least_clearance_m"] for found in explorations) > 1.0
+    assert {found["seed"] for found in explorations} == {4}
+    assert figures["planners"]["random"]["more_than_views"] == 2
     # All of them see the same world from the same first pose.
     assert len({found["coverage"][0] for found in explorations}) == 1
     assert figures["path_length_m"] == explorations[0]["path_m"][-1] > 0
     page = (out / "report.html").read_text(encoding="utf-8")
-    assert "views to 90 %" in page
+    assert "more than 2" in page
     assert (out / "pictures" / "coverage.png").stat().st_size > 10_000
     assert list((out / "bag").glob("*.mcap"))
+
+
+@pytest.mark.ros
+@pytest.mark.usefixtures("no_process_left")
+def test_views_are_flown_to_on_a_trajectory_topic(world, tmp_path, ros_domain_id):
+    out = tmp_path / "out"
+    options = ("--via", "trajectory", "--views", "2", "--size", "64x48", "--no-bag")
+    result = run(out, world, ros_domain_id, *options, "--camera-range", "12")
+    assert result.returncode in (0, 1), result.stderr
+    figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    (flown,) = figures["explorations"]
+    assert len(flown["coverage"]) == figures["views"] == 2
+    assert flown["coverage"][1] > flown["coverage"][0] > 0
+    # What is on the way is not rendered: the way may be longer than straight.
+    ends = [view.T_map_camera[:3, 3] for view in read_views(out / "poses.json")]
+    assert flown["path_m"][1] >= np.linalg.norm(ends[1] - ends[0]) - 1e-6 > 0
 
 
 @pytest.mark.ros
@@ -101,7 +131,7 @@ class Listed(Planner):
         return self.poses.pop(0) if self.poses else None
 
 
-def empty_world(pose):
+def empty_world(pose, _way_m):
     """Sky all around."""
     depth_m = np.full((48, 64), np.inf, np.float32)
     T_map_camera = pose_to_matrix(pose) @ T_LINK_OPTICAL
@@ -132,22 +162,61 @@ def test_a_pose_that_is_not_known_to_be_free_ends_it():
 def test_refused_poses_are_asked_for_again_elsewhere_but_not_forever():
     steps = [level_pose(np.array([-8.0 + 0.5 * n, 0, 0]), 0.0) for n in range(1, 12)]
 
-    def moody(pose):
+    def moody(pose, way_m):
         if pose is steps[0]:
             raise RenderError("no")
-        return empty_world(pose)
+        return empty_world(pose, way_m)
 
-    assert explored(Listed(*steps[:2]), moody).poses == [START, steps[1]]
+    found = explored(Listed(*steps[:2]), moody)
+    assert found.poses == [START, steps[1]]
+    assert found.refused == 1
 
-    def never(pose):
+    def never(pose, way_m):
         if pose is START:
-            return empty_world(pose)
+            return empty_world(pose, way_m)
         raise RenderError("never")
 
     planner = Listed(*steps)
     with pytest.raises(RenderError, match="never"):
         explored(planner, never)
     assert len(steps) - len(planner.poses) == LOST_POSES
+
+
+def test_the_way_that_is_flown_ends_at_the_view_and_is_level():
+    way_m = np.array([(-8.0, 0, 0), (-4, 2, 1), (-4, 5, 0)])
+    last = level_pose(way_m[-1], 2.0)
+    poses = poses_along(way_m, last)
+    assert poses[-1] is last
+    np.testing.assert_allclose([pose.position_m for pose in poses], way_m)
+    message = trajectory_to_msg(poses, Header(frame_id="map"))
+    back = poses_of_trajectory(message, "every", "map")
+    np.testing.assert_allclose([pose_from_msg(p.pose).position_m for p in back], way_m)
+    for pose, step_m in zip(poses, np.diff(way_m, axis=0), strict=False):
+        forward = pose_to_matrix(pose)[:3, 0]
+        np.testing.assert_allclose(forward[2], 0, atol=1e-12)
+        np.testing.assert_allclose(np.cross(forward[:2], step_m[:2]), 0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "first", "seeds"), [("3", 5, (5, 6, 7)), ("4,", 1, (4,)), ("2, 9,2", 1, (2, 9))]
+)
+def test_worlds_are_counted_or_listed(text, first, seeds):
+    assert worlds_of(text, first) == seeds
+
+
+@pytest.mark.parametrize("text", ["", "0", "-2", "one", ",", "3,-1", "1;2"])
+def test_worlds_that_are_neither_are_refused(text):
+    with pytest.raises(InvalidInputError, match="--seeds"):
+        worlds_of(text, 1)
+
+
+def test_planners_are_named_once_each():
+    ours = ("next_best_view", "frontier", "grid", "random")
+    assert planners_of("all", compare=False) == ours
+    assert planners_of("mine", compare=True) == ("mine", *ours)
+    assert planners_of("grid, all", compare=False) == ("grid", *ours[:2], ours[3])
+    with pytest.raises(InvalidInputError, match="--planner"):
+        planners_of(" , ", compare=True)
 
 
 def test_the_box_holds_the_stage_and_the_start_stands_free_in_it():

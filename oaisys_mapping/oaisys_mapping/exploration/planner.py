@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,9 @@ from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
 from oaisys_mapping.exploration.gain import ViewScorer
 from oaisys_mapping.exploration.roadmap import Roadmap
 from oaisys_mapping.exploration.voxel_map import VoxelMap
+
+MORE_PLACES = (0, 1000, 5000)
+"""Places among which a way is looked for, one after the other, where none is known yet."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Situation:
     voxels: VoxelMap
     visited: Sequence[Pose]
     rng: np.random.Generator
+    _found: list[tuple[FloatArray, Roadmap]] = field(default_factory=list, init=False, repr=False)
 
     @property
     def here_m(self) -> FloatArray:
@@ -77,9 +81,26 @@ class Situation:
 
     def roadmap(self, positions_m: FloatArray) -> Roadmap:
         """Return the ways through known free space from here to (N, 3) positions."""
-        return Roadmap(
+        roadmap = Roadmap(
             self.voxels, self.clearance_m, self.vehicle.radius_m, self.here_m, positions_m
         )
+        self._found.append((positions_m, roadmap))
+        return roadmap
+
+    def way_m(self, position_m: FloatArray) -> FloatArray | None:
+        """Return the (K, 3) places on a way from here to a (3,) position; None: none is known.
+
+        Where a planner has asked for the ways to that position, it is the one that it was told.
+        """
+        for positions_m, roadmap in self._found:
+            here = np.flatnonzero((positions_m == position_m).all(axis=1))
+            if len(here) and np.isfinite(roadmap.lengths_m[here[0]]):
+                return roadmap.way_m(int(here[0]))
+        for places in MORE_PLACES:
+            roadmap = self.roadmap(np.vstack((position_m, self.random_positions(places))))
+            if np.isfinite(roadmap.lengths_m[0]):
+                return roadmap.way_m(0)
+        return None
 
     def random_positions(self, count: int) -> FloatArray:
         """Return up to (count, 3) places in known free space."""

@@ -23,13 +23,15 @@ ENTRY_POINTS = "oaisys.planners"
 CANDIDATES = 200
 """Views that are scored each time."""
 
+DRAWS = 3
+"""So often candidates are drawn before there is nothing to gain."""
+
 POSITIONS = 1000
 """Places among which vantage points are looked for."""
 
 NEAREST_M = 2.0
 VANTAGE_SHARE = 0.6
 """A frontier is looked at from this far, and from within this share of the camera's range."""
-
 
 REGION_M = 3.0
 REGION_VOXELS = 5
@@ -144,18 +146,22 @@ class NextBestViewPlanner(Planner):
         self.way_m = way_m
 
     def next_pose(self, situation: Situation) -> Pose | None:
-        """Return the best of many reachable views, most of them turned towards frontiers."""
-        poses = self._candidates(situation)
-        if not poses:
-            return None
-        positions_m = np.array([pose.position_m for pose in poses])
-        lengths_m = situation.roadmap(positions_m).lengths_m
-        reachable = np.flatnonzero(np.isfinite(lengths_m))
-        gains = situation.gains([poses[index] for index in reachable])
-        if not len(gains) or gains.max() < LEAST_GAIN:
-            return None
-        utility = gains * np.exp(-lengths_m[reachable] / self.way_m)
-        return poses[int(reachable[utility.argmax()])]
+        """Return the best of many reachable views, most of them turned towards frontiers.
+
+        None only where several draws found nothing to gain.
+        """
+        for _ in range(DRAWS):
+            poses = self._candidates(situation)
+            if not poses:
+                return None
+            positions_m = np.array([pose.position_m for pose in poses])
+            lengths_m = situation.roadmap(positions_m).lengths_m
+            reachable = np.flatnonzero(np.isfinite(lengths_m))
+            gains = situation.gains([poses[index] for index in reachable])
+            if len(gains) and gains.max() >= LEAST_GAIN:
+                utility = gains * np.exp(-lengths_m[reachable] / self.way_m)
+                return poses[int(reachable[utility.argmax()])]
+        return None
 
     def _candidates(self, situation: Situation) -> list[Pose]:
         rng = situation.rng

@@ -41,7 +41,8 @@ class Roadmap:
         a = np.concatenate((a, np.zeros(count, int)))
         b = np.concatenate((b, np.arange(count)))
         a, b = a[a != b], b[a != b]
-        clear = _clear_ways(voxels, clearance_m, radius_m, self._places_m[a], self._places_m[b])
+        room = _Room(voxels, clearance_m, radius_m, np.asarray(start_m))
+        clear = room.clear_ways(self._places_m[a], self._places_m[b])
         a, b = a[clear], b[clear]
         lengths = np.linalg.norm(self._places_m[a] - self._places_m[b], axis=1)
         # Doubled entries would be added up.
@@ -65,21 +66,42 @@ class Roadmap:
         return np.asarray(self._places_m[way[::-1]])
 
 
-def _clear_ways(
-    voxels: VoxelMap,
-    clearance_m: NDArray[np.float32],
-    radius_m: float,
-    starts_m: FloatArray,
-    ends_m: FloatArray,
-) -> NDArray[np.bool_]:
-    """Return (N,) whether straight ways are clear, looked at in steps of half a voxel or less."""
-    if not len(starts_m):
-        return np.zeros(0, bool)
-    longest_m = float(np.linalg.norm(ends_m - starts_m, axis=1).max())
-    count = max(2, int(np.ceil(longest_m / (voxels.voxel_size_m / 2))) + 1)
-    clear = np.ones(len(starts_m), bool)
-    for share in np.linspace(0.0, 1.0, count):
-        cells, inside = voxels.indices(starts_m + share * (ends_m - starts_m))
-        clear &= inside
-        clear[inside] &= clearance_m[tuple(cells[inside].T)] >= radius_m
-    return clear
+class _Room:
+    """Where a ball has room: everywhere its radius, but around the start what it has there.
+
+    A view may show something nearer than was known; the way out must stay open.
+    """
+
+    def __init__(
+        self,
+        voxels: VoxelMap,
+        clearance_m: NDArray[np.float32],
+        radius_m: float,
+        start_m: FloatArray,
+    ) -> None:
+        self._voxels = voxels
+        self._clearance_m = clearance_m
+        self._radius_m = radius_m
+        self._start_m = start_m
+        cells, inside = voxels.indices(start_m[None])
+        here_m = float(clearance_m[tuple(cells[0])]) if inside[0] else 0.0
+        self._least_m = min(radius_m, here_m)
+
+    def clear_ways(self, starts_m: FloatArray, ends_m: FloatArray) -> NDArray[np.bool_]:
+        """Return (N,) whether straight ways are clear, in steps of half a voxel or less."""
+        if not len(starts_m):
+            return np.zeros(0, bool)
+        longest_m = float(np.linalg.norm(ends_m - starts_m, axis=1).max())
+        count = max(2, int(np.ceil(longest_m / (self._voxels.voxel_size_m / 2))) + 1)
+        clear = np.ones(len(starts_m), bool)
+        for share in np.linspace(0.0, 1.0, count):
+            clear &= self._has_room(starts_m + share * (ends_m - starts_m))
+        return clear
+
+    def _has_room(self, points_m: FloatArray) -> NDArray[np.bool_]:
+        cells, inside = self._voxels.indices(points_m)
+        near = np.linalg.norm(points_m[inside] - self._start_m, axis=1) < self._radius_m
+        needed_m = np.where(near, self._least_m, self._radius_m)
+        has_room = inside.copy()
+        has_room[inside] = self._clearance_m[tuple(cells[inside].T)] >= needed_m
+        return has_room
