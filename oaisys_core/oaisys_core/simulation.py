@@ -51,6 +51,7 @@ from oaisys_core.types import (
     early_first,
     ignore_sample_frames,
 )
+from oaisys_core.undo import Undo
 
 DRAW_SHARE = 0.5
 """Share of a batch's progress until the backend begins to build."""
@@ -116,6 +117,7 @@ class Simulation:
         self._backend = backend if backend is not None else make_backend(config.backend)
         self._views = PoseCache(pose_cache_bytes)
         self._place_frames = place_frames
+        self._undo: Undo | None = None
         self._batch: Batch | None = None
         self._last_batch_id = 0
         for module in self._modules:
@@ -226,6 +228,18 @@ class Simulation:
             finished_ns=finished_ns,
         )
 
+    def withdraw_sample(self) -> None:
+        """Undo the last sample, which nobody got: the next one follows the one before, as it did.
+
+        Raises:
+            NotReadyError: None was rendered since the last batch or withdrawal.
+        """
+        if self._undo is None:
+            raise NotReadyError("there is no sample to withdraw")
+        undo, self._undo = self._undo, None
+        undo.restore()
+        self._backend.withdrawn()
+
     def info(self) -> SimulatorInfo:
         """Return what this simulator is and where it stands."""
         batch = self._batch
@@ -333,7 +347,7 @@ class Simulation:
         progress: ProgressCallback,
     ) -> None:
         """Draw a world and have the backend build it; on failure there is no world at all."""
-        kept, self._batch = self._batch, None
+        kept, self._batch, self._undo = self._batch, None, None
         self._views.forget_world()
         world = World()
         for index, module in enumerate(self._modules):
@@ -368,20 +382,14 @@ class Simulation:
     @contextmanager
     def _undone_on_failure(self, batch: Batch) -> Iterator[None]:
         """Have a sample that fails or is cancelled leave everything as it was before."""
-        modules = [(module, dict(vars(module))) for module in self._modules]
-        world, metadata = batch.world, batch.metadata
-        batch.world = replace(world, semantic_labels=dict(world.semantic_labels))
+        self._undo = None
+        undo = Undo(batch, self._modules, self._backend)
         try:
             yield
         except BaseException:
-            changed = batch.world.scene()
-            for module, state in modules:
-                vars(module).clear()
-                vars(module).update(state)
-            batch.world, batch.metadata = world, metadata
-            if changed.differs_from(world.scene()):
-                self._backend.update(world.scene())
+            undo.restore()
             raise
+        self._undo = undo
 
     def _with_admitted_pose(self, batch: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
         sensor = dict(metadata.sensor or {})

@@ -1,9 +1,10 @@
 """Faults that tests ask for, to show that the server keeps its promises when a worker fails.
 
 ``OAISYS_FAULT`` names them, separated by commas: ``crash``, ``hang``, ``slow:SECONDS``,
-``leak:MEGABYTES``. Each strikes every sample, or with ``@NUMBER`` behind it that one of every
-worker; with ``late-`` before it once depth and labels have been sent, else before anything is
-rendered; and only where ``OAISYS_TEST_BUILD=1`` says that this is a test.
+``nap:SECONDS``, ``leak:MEGABYTES``. Each strikes every sample, or with ``@NUMBER`` behind it that
+one of every worker. It strikes before anything is rendered; with ``late-`` before it once depth and
+labels have been sent; with ``last-`` when the sample is complete, but nobody was told. All only
+where ``OAISYS_TEST_BUILD=1`` says that this is a test.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.types import Progress
 
 _STEP_S = 0.02
-_LATE = "late-"
+_LATE, _LAST = "late-", "last-"
 _samples = 0
 _leaked: list[bytes] = []
 
@@ -27,7 +28,7 @@ def strike(progress: ProgressCallback) -> None:
     global _samples
     _samples += 1
     for fault in _wanted():
-        if not fault.startswith(_LATE):
+        if not fault.startswith((_LATE, _LAST)):
             _strike(*fault.partition(":")[::2], progress)
 
 
@@ -36,6 +37,13 @@ def strike_late(progress: ProgressCallback) -> None:
     for fault in _wanted():
         if fault.startswith(_LATE):
             _strike(*fault.removeprefix(_LATE).partition(":")[::2], progress)
+
+
+def strike_last(progress: ProgressCallback) -> None:
+    """Do what the environment asks for, between the end of a sample and the answer."""
+    for fault in _wanted():
+        if fault.startswith(_LAST):
+            _strike(*fault.removeprefix(_LAST).partition(":")[::2], progress)
 
 
 def _wanted() -> Iterator[str]:
@@ -55,6 +63,9 @@ def _strike(name: str, amount: str, progress: ProgressCallback) -> None:
         threading.Event().wait()
     elif name == "leak":
         _leaked.append(b"\1" * int(1e6 * float(amount)))
+    elif name == "nap":
+        progress(Progress("fault", 0.0))
+        time.sleep(float(amount))
     elif name == "slow":
         end_s = time.monotonic() + float(amount)
         while time.monotonic() < end_s:

@@ -204,8 +204,9 @@ class Operations:
             self._run = None
         if not isinstance(result, Sample):
             operation.succeed(result, result if work.kind is Kind.BATCH else 0, sample_id=0)
-        else:
-            operation.complete(result, keep=self._samples.add)
+        elif not operation.complete(result, keep=self._samples.add):
+            self._supervisor.withdraw()
+            return
         if not (isinstance(result, Sample) and result.from_cache):
             self._estimates.learn(work.like, run)
 

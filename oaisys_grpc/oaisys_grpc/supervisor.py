@@ -40,6 +40,9 @@ START_TIMEOUT_S = 300.0
 CANCEL_GRACE_S = 0.8
 """For a worker to stop a sample that was cancelled, before another one takes its place."""
 
+WITHDRAW_TIMEOUT_S = 10.0
+"""For a worker to bring back what was before a sample."""
+
 TEND_S = 1.0
 """How long after the worker's memory was looked at it need not be before a call."""
 
@@ -148,10 +151,22 @@ class Supervisor:
         except OaisysError as error:
             failure = error
         if limit.must_stop():
+            if failure is None and method == SAMPLE_METHOD:
+                self.withdraw()
             raise limit.error()
         if failure is not None:
             raise failure
         return answer["value"]
+
+    def withdraw(self) -> None:
+        """Have the worker undo the sample that it just made: its caller was told that it failed."""
+        limit = Limit(WITHDRAW_TIMEOUT_S, self._options.grace_s, threading.Event())
+        try:
+            self._take(
+                self._answer_of("withdraw_sample", {}, limit, ignore_progress, ignore_sample_frames)
+            )
+        except OaisysError as error:
+            _LOG.warning("a sample that came too late keeps its id: %s", error)
 
     def _answer_of(
         self,

@@ -98,8 +98,8 @@ class Operation:
             )
             self._drop_frames()
 
-    def complete(self, last_word: Sample, keep: Callable[[Sample], None]) -> None:
-        """End it with a sample, unless it has ended.
+    def complete(self, last_word: Sample, keep: Callable[[Sample], None]) -> bool:
+        """End it with a sample, unless it has ended; return whether that was so.
 
         Args:
             last_word: The worker's, without the frames that came before it.
@@ -107,7 +107,7 @@ class Operation:
         """
         with self._changed:
             if self.status.state.ended:
-                return
+                return False
             sample = last_word
             if self._outline is not None:
                 came = (*self._frames, *last_word.frames)
@@ -115,6 +115,7 @@ class Operation:
                 sample = replace(sample, frames=tuple(frames[n] for n in self._outline.frames))
             keep(sample)
             self.succeed(sample, sample.batch_id, sample.sample_id)
+            return True
 
     def events(self, gone: threading.Event, patience_s: float = 0.0) -> Iterator[Event]:
         """Yield the status and frames, now and as they come, until the end or the caller is gone.

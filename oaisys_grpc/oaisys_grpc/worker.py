@@ -52,6 +52,7 @@ class Worker:
             "start": self._start,
             "step_batch": self._step_batch,
             "step_sample": self._step_sample,
+            "withdraw_sample": lambda _a, _r: self._ready().withdraw_sample(),
             "ground_truth_mesh": lambda _a, _r: self._ready().ground_truth_mesh(),
             "query_height": lambda a, _r: self._ready().query_height(a["points_m"]),
         }
@@ -114,6 +115,7 @@ class Worker:
         simulation = self._ready()
         fault_injection.strike(report)
         sample = simulation.step_sample(**arguments, progress=report, on_frames=report.frames)
+        fault_injection.strike_last(report)
         if len(report.last_frames) == len(sample.frames):
             return sample
         return replace(sample, frames=report.last_frames)

@@ -113,6 +113,26 @@ def test_a_restored_simulation_goes_on_with_the_same_bytes() -> None:
     assert first.step_batch() == second.step_batch() == 3
 
 
+def test_after_a_withdrawn_sample_all_is_as_if_it_had_not_been() -> None:
+    cameras = [{**WORLD["sensors"]["cameras"][0], "modalities": ["depth", "rgb", "flow"]}]
+    simulations = [Simulation(world(sensors={"cameras": cameras})) for _ in range(2)]
+    for simulation in simulations:
+        simulation.step_batch()
+        simulation.step_sample(at(POSES[0]))
+    detour = simulations[1]
+    state = json.loads(json.dumps(detour.state()))
+    elsewhere = ModuleMetadata(sensor={"pose": POSES[1]}, environment={"sun_elevation_deg": 12})
+    assert detour.step_sample(elsewhere).sample_id == 2
+    detour.withdraw_sample()
+    assert detour.state() == state
+    with pytest.raises(NotReadyError, match="withdraw"):
+        detour.withdraw_sample()
+    a, b = (s.step_sample(at(pose_looking_down(1.2, 1, 11, 0.4))) for s in simulations)
+    assert a.sample_id == b.sample_id == 2
+    assert np.isfinite(a.frame("camera", "flow").data).any()
+    assert [f.data.tobytes() for f in a.frames] == [f.data.tobytes() for f in b.frames]
+
+
 @pytest.mark.parametrize(
     ("metadata", "field"),
     [

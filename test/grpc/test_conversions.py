@@ -1,6 +1,8 @@
 """Every conversion and its inverse; what passes between processes comes out as it went in."""
 
+import contextlib
 import math
+import os
 import socket
 import subprocess
 import sys
@@ -28,6 +30,7 @@ from oaisys_core.types import (
 from oaisys_grpc import chunks, conversions, encodings
 from oaisys_grpc.errors import STATUS_CODES, error_from_status, status_from_error
 from oaisys_grpc.faults import ERROR_TYPES, error_from_fault, fault_from_error
+from oaisys_grpc.frame_placement import FramePlacement
 from oaisys_grpc.messages import Part, RawChunk, response
 from oaisys_grpc.operation import (
     Kind,
@@ -38,6 +41,7 @@ from oaisys_grpc.operation import (
 )
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.sample_stream import sample_from_parts
+from oaisys_grpc.shared_memory import segment_of
 from oaisys_grpc.transfer import CHUNK_BYTES
 from oaisys_grpc.wire import Connection
 
@@ -263,6 +267,30 @@ def test_the_workers_wire_carries_a_value_unchanged(value: Any) -> None:
     with pytest.raises(EOFError):
         theirs.receive()
     theirs.close()
+
+
+def test_what_lies_in_shared_memory_is_passed_on_and_the_rest_goes_along() -> None:
+    place = FramePlacement()
+    early, late = make_sample(120, 160), make_sample(240, 320)
+    placed = (*place(early.frames), *place(late.frames))
+    for theirs, mine in zip(placed, (*early.frames, *late.frames), strict=True):
+        assert_same(theirs, mine)
+        with pytest.raises(ValueError, match="read-only"):
+            theirs.data[:] = 0
+    large = np.arange(100_000, dtype=np.float64)
+    message = {"placed": placed, "large": large, "small": np.eye(3), "again": placed[0].data}
+    ours, theirs = map(Connection, socket.socketpair())
+    with contextlib.closing(ours), contextlib.closing(theirs):
+        sender = threading.Thread(target=ours.send, args=(message,))
+        sender.start()
+        arrived = theirs.receive()
+        sender.join()
+    assert_same(arrived, message)
+    files = [segment_of(frame.data) for frame in (*placed, *arrived["placed"])]
+    inodes = [os.fstat(file.descriptor).st_ino for file in files if file is not None]
+    assert len(inodes) == 2 * len(placed)
+    assert inodes[: len(placed)] == inodes[len(placed) :]
+    assert len(set(inodes)) == 2
 
 
 @pytest.mark.parametrize(

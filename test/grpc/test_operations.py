@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import grpc
 import pytest
@@ -183,6 +184,26 @@ def test_a_cancelled_operation_frees_the_worker(slow_client: SimulatorClient) ->
     status = ended(slow_client, name)
     assert isinstance(status.error, CancelledError)
     assert slow_client.query_height([[0, 0, 3]]).clearance_m == pytest.approx([3])
+
+
+def test_a_sample_cancelled_as_it_ends_leaves_its_id_to_the_next_one(tmp_path: Path) -> None:
+    env = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "last-nap:0.5@2"}
+    server = Server(tmp_path / "naps", FLAT_WORLD, [], env)
+    try:
+        with server.client() as client:
+            client.step_batch()
+            assert client.render_sample(POSES[0]).sample_id == 1
+            name = client.start_sample(POSES[1])
+            rendering(client, name)  # it is complete, and the worker is about to say so
+            client.cancel_operation(name)
+            status = ended(client, name)
+            used = status.state is State.SUCCEEDED  # where this test was slower than the worker
+            assert used or isinstance(status.error, CancelledError)
+            following = client.render_sample(POSES[2])
+            assert following.sample_id == (3 if used else 2)
+            assert following.rig_pose == POSES[2]
+    finally:
+        server.end()
 
 
 def test_a_dropped_call_cancels_its_render(slow_client: SimulatorClient) -> None:

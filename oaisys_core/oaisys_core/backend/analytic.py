@@ -98,6 +98,10 @@ class AnalyticBackend(Backend):
         """See `Backend.revisited`."""
         self._memory.remember(cameras, self._built()[0].scene)
 
+    def withdrawn(self) -> None:
+        """See `Backend.withdrawn`."""
+        self._memory.withdraw()
+
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return ground, objects and tessellated solids with ids per triangle."""
         return self._built()[0].mesh()

@@ -128,6 +128,9 @@ class Backend(ABC):
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
         """Take note that these views were answered without being rendered."""
 
+    def withdrawn(self) -> None:  # noqa: B027 - most backends remember nothing of a sample
+        """Take note that the last sample is as if it had not been."""
+
     @abstractmethod
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return the world's surface as rendered, in ``map``, with ids per triangle."""

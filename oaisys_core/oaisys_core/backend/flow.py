@@ -27,15 +27,21 @@ class PoseMemory:
 
     def __init__(self) -> None:
         self._seen: dict[str, Seen] = {}
+        self._seen_before: dict[str, Seen] = {}
 
     def forget(self) -> None:
         """Begin a batch."""
-        self._seen.clear()
+        self._seen, self._seen_before = {}, {}
 
     def remember(self, cameras: Sequence[PlacedCamera], scene: Scene) -> None:
         """Keep what stands now as what these cameras saw last."""
         seen = Seen(scene.placements, scene.primitives)
-        self._seen.update({camera.name: seen for camera in cameras})
+        self._seen_before = self._seen
+        self._seen = {**self._seen, **{camera.name: seen for camera in cameras}}
+
+    def withdraw(self) -> None:
+        """Forget what was remembered last."""
+        self._seen = self._seen_before
 
     def flow(self, view: View, camera: PlacedCamera, scene: Scene) -> NDArray[np.float32]:
         """Return the (H, W, 2) flow, see `modality_spec`.

@@ -145,6 +145,10 @@ class BlenderBackend(Backend):
         """See `Backend.revisited`."""
         self._memory.remember(cameras, self._built().scene)
 
+    def withdrawn(self) -> None:
+        """See `Backend.withdrawn`."""
+        self._memory.withdraw()
+
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return ground, objects and tessellated solids with ids per triangle."""
         return self._built().mesh()

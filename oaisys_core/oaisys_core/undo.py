@@ -1,0 +1,36 @@
+"""What a sample changes of a simulation, and how it is undone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from oaisys_core.backend.base import Backend
+from oaisys_core.batch import Batch
+from oaisys_core.module import Module
+
+
+class Undo:
+    """The simulation as it is before a sample."""
+
+    def __init__(self, batch: Batch, modules: Sequence[Module], backend: Backend) -> None:
+        """Remember it; the batch's world is another object from here on."""
+        self._batch = batch
+        self._backend = backend
+        self._modules = [(module, dict(vars(module))) for module in modules]
+        self._world, self._metadata = batch.world, batch.metadata
+        self._sample_id, self._last_rig_poses = batch.sample_id, dict(batch.last_rig_poses)
+        labels = dict(self._world.semantic_labels)
+        batch.world = replace(self._world, semantic_labels=labels)
+
+    def restore(self) -> None:
+        """Bring it back; once."""
+        batch = self._batch
+        changed = batch.world.scene()
+        for module, state in self._modules:
+            vars(module).clear()
+            vars(module).update(state)
+        batch.world, batch.metadata = self._world, self._metadata
+        batch.sample_id, batch.last_rig_poses = self._sample_id, self._last_rig_poses
+        if changed.differs_from(self._world.scene()):
+            self._backend.update(self._world.scene())
