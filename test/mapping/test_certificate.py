@@ -239,6 +239,8 @@ def test_truth_comes_back_with_its_labels(issued: Path, tmp_path: Path) -> None:
     back = read_truth(path)
     assert np.array_equal(back.vertices_m, truth.vertices_m)
     assert np.array_equal(back.triangles, truth.triangles)
+    assert back.semantic_ids is not None
+    assert back.instance_ids is not None
     assert np.array_equal(back.semantic_ids, truth.semantic_ids)
     assert np.array_equal(back.instance_ids, ids)
     plain = read_ply(path)

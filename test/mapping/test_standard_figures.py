@@ -3,6 +3,7 @@
 import numpy as np
 import open3d as o3d
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from surfaces import colored, down, grid_mesh, hills, sphere
 
@@ -26,7 +27,7 @@ def measure(
     return evaluate_reconstruction(mesh, truth, views, VOXEL_M, 60.0, rng, extras).metrics
 
 
-def spread(vertices_m: FloatArray, triangles: np.ndarray, count: int) -> FloatArray:
+def spread(vertices_m: FloatArray, triangles: NDArray[np.int32], count: int) -> FloatArray:
     """Points on a mesh, by Open3D."""
     o3d.utility.random.seed(3)
     mesh = o3d.geometry.TriangleMesh(
