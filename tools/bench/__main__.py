@@ -40,6 +40,7 @@ TOPICS = {
     "publish": Topic("samples from worker to ROS subscribers", 60, 30),
     "end_to_end": Topic("from the service call to the last message", 120, 60),
     "mapping": Topic("TSDF integration and mesh beside plain Open3D", 120, 60),
+    "planning": Topic("choosing the next view of an exploration", 60, 40),
 }
 QUICK_RUNS = 2
 
