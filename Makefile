@@ -54,9 +54,10 @@ format: setup ## Rewrite the code in the project's format
 	@$(IN_ENV) ruff check --fix .
 	@$(IN_ENV) ruff format .
 
-schema: setup ## Write the configuration's schema and reference page anew from the code
+schema: setup ## Write the configuration's schema and the reference pages anew from the code
 	@$(IN_ENV) oaisys config schema --out config/schema.json
 	@$(IN_ENV) oaisys config reference --out docs/configuration.md
+	@$(IN_ENV) oaisys ros reference --out docs/ros.md
 
 contract: setup ## Make today's gRPC contract the released one, which `make lint` lets nobody break
 	@tools/buf.sh '$(abspath $(VENV))/buf' release

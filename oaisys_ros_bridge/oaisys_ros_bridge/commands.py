@@ -1,4 +1,4 @@
-"""The shell commands ``oaisys record`` and ``oaisys bag``."""
+"""The shell commands ``oaisys record``, ``oaisys bag`` and ``oaisys ros``."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+ros_app = typer.Typer(help="Describe the ROS interface.", no_args_is_help=True)
 bag_app = typer.Typer(help="Look into bags, mend them, publish them again.", no_args_is_help=True)
 
 
@@ -89,3 +90,22 @@ def bag_replay(
     arguments = ["replay", *(["--ros-args", *rules] if rules else [])]
     given = {"path": str(bag), "rate": rate, "loop": loop, "clock_hz": clock}
     raise typer.Exit(play(arguments, **given, topics=["", *(topics or [])]))
+
+
+@ros_app.callback()
+def _ros() -> None:
+    """Describe the ROS interface."""
+
+
+@ros_app.command("reference")
+def ros_reference(
+    out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
+) -> None:
+    """Write the page that lists every topic, service, action and parameter of the nodes."""
+    from oaisys_ros_bridge.reference import reference_text
+
+    text = reference_text()
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        out.write_text(text, encoding="utf-8")

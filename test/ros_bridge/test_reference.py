@@ -1,0 +1,99 @@
+"""The reference page against what running nodes say of themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from rcl_interfaces.srv import ListParameters
+from ros_peer import Stage
+from served_simulator import FLAT_WORLD
+
+from oaisys_ros_bridge.interface_table import Kind
+from oaisys_ros_bridge.reference import NODES, DescribedNode, reference_text
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "ros.md"
+RUNNING = [node for node in NODES if node.interfaces]
+EVERY_NODES = {"/parameter_events", "/rosout", "/clock"}
+PARAMETER_SERVICES = {
+    "describe_parameters",
+    "get_parameter_types",
+    "get_parameters",
+    "get_type_description",
+    "list_parameters",
+    "set_parameters",
+    "set_parameters_atomically",
+}
+ROS_OWN = {"use_sim_time", "start_type_description_service"}
+Names = set[tuple[str, str]]
+
+
+@pytest.fixture
+def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
+    with Stage(tmp_path) as stage:
+        stage.start_bridge(stage.start_world(FLAT_WORLD).address)
+        stage.start_node("mapper")
+        stage.start_node("recorder", "--out", str(tmp_path / "bag"))
+        stage.user.wait_until_ready()
+        yield stage
+
+
+def test_the_page_is_what_the_tables_say() -> None:
+    assert PAGE.read_text(encoding="utf-8") == reference_text(), "run `make schema`"
+
+
+def described(node: DescribedNode, kind: Kind) -> Names:
+    """Return full names and types of the table, for a camera with one semantic level."""
+    found = set()
+    for row in node.interfaces:
+        if row.kind is kind:
+            name = row.name.replace("~", node.name).replace("semantic_N", "semantic_0")
+            found.add((f"/{name.removeprefix('/')}", row.type_name))
+    return found
+
+
+def offered(stage: Stage, node: DescribedNode, kind: Kind) -> Names:
+    """Return full names and types in the graph, what all nodes have apart."""
+    graph = stage.user.node
+    if kind is Kind.ACTION:
+        services = graph.get_service_names_and_types_by_node(node.name, "/")
+        end = "/_action/send_goal"
+        return {
+            (name.removesuffix(end), types[0].removesuffix("_SendGoal"))
+            for name, types in services
+            if name.endswith(end)
+        }
+    if kind is Kind.SERVICE:
+        rows = graph.get_service_names_and_types_by_node(node.name, "/")
+        rows = [row for row in rows if row[0].split("/")[-1] not in PARAMETER_SERVICES]
+    elif kind is Kind.PUBLISHED:
+        rows = graph.get_publisher_names_and_types_by_node(node.name, "/")
+    else:
+        rows = graph.get_subscriber_names_and_types_by_node(node.name, "/")
+    return {
+        (name, types[0])
+        for name, types in rows
+        if name not in EVERY_NODES and "/_action/" not in name
+    }
+
+
+@pytest.mark.ros
+def test_all_names_and_types_and_parameters_are_on_the_page(stage: Stage) -> None:
+    for node in RUNNING:
+        stage.user.wait_until(lambda node=node: node.name in stage.user.node.get_node_names())
+        for kind in Kind:
+            if node.name == "oaisys_recorder" and kind is Kind.SUBSCRIBED:
+                continue  # whatever there is
+            expected = described(node, kind)
+            stage.user.wait_until(
+                lambda node=node, kind=kind, expected=expected: (
+                    expected <= offered(stage, node, kind)
+                )
+            )
+            assert offered(stage, node, kind) == expected, (node.name, kind)
+        client = stage.user.node.create_client(ListParameters, f"{node.name}/list_parameters")
+        stage.user.wait_until(client.service_is_ready)
+        answer = stage.user.answer(client.call_async(ListParameters.Request()))
+        declared = {n for n in answer.result.names if not n.startswith("qos_overrides")} - ROS_OWN
+        assert declared == {row.name for row in node.parameters}, node.name
