@@ -10,8 +10,10 @@ CONFIG = Path(__file__).resolve().parents[1] / "config"
 OPTIONS = {
     "out": Argument("out/explore", "Folder for report, mesh, pictures and bag."),
     "planner": Argument(
-        "next_best_view", "next_best_view, frontier, grid, random, or a package's."
+        "next_best_view", "next_best_view, frontier, grid, random, or a package's; all: those."
     ),
+    "seeds": Argument("1", "How many worlds, or their seeds with commas between them."),
+    "via": Argument("service", "How poses are asked for: service or trajectory."),
     "views": Argument("60", "Most views of an exploration."),
 }
 
