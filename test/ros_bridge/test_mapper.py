@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,9 @@ from visualization_msgs.msg import Marker
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics, Pose
-from oaisys_msgs.msg import MapStatus
+from oaisys_mapping.mesh_io import read_class_names, read_ply
+from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_msgs.msg import MapStatus, SemanticLabel, SemanticLabels
 from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.clouds import mesh_from_marker
 from oaisys_ros_bridge.conversions import image_to_msg, intrinsics_to_msg, transform_to_msg
@@ -37,6 +39,19 @@ SLOPE = 0.2
 """The plane is z = SLOPE * x."""
 POSES = [pose_looking_down(x, y, 8.0, yaw_rad=x) for x in (-2.0, 0.0, 2.0) for y in (-1.0, 1.0)]
 DEADLINE_S = 60.0
+TOPICS = {
+    "depth": "camera/depth/image_raw",
+    "info": "camera/depth/camera_info",
+    "color": "camera/color/image_raw",
+    "color_info": "camera/color/camera_info",
+}
+SEMANTIC_TOPICS = {**TOPICS, "semantic": "camera/semantic_0/image_raw"}
+NVBLOX_TOPICS = {
+    "depth": "camera_0/depth/image",
+    "info": "camera_0/depth/camera_info",
+    "color": "camera_0/color/image",
+    "color_info": "camera_0/color/camera_info",
+}
 
 
 def plane_depth_m(T_map_camera: np.ndarray) -> np.ndarray:
@@ -52,10 +67,13 @@ def plane_depth_m(T_map_camera: np.ndarray) -> np.ndarray:
 class Peer:
     """The mapper's process, and a node that plays camera, rig and user."""
 
-    def __init__(self, *parameters: str) -> None:
+    def __init__(self, *parameters: str, topics: Mapping[str, str] = TOPICS) -> None:
         command = [sys.executable, "-m", "oaisys_ros_bridge.nodes.mapper", "--ros-args"]
         for parameter in parameters:
             command += ["-p", parameter]
+        for kind, topic in topics.items():
+            if topic != TOPICS.get(kind, topic):
+                command += ["-r", f"{TOPICS[kind]}:={topic}"]
         self.process = subprocess.Popen(
             command, stderr=subprocess.PIPE, text=True, start_new_session=True
         )
@@ -79,10 +97,10 @@ class Peer:
         self.publishers = {
             "static": self.node.create_publisher(TFMessage, "/tf_static", LATCHED_QOS),
             "tf": self.node.create_publisher(TFMessage, "/tf", TF_QOS),
-            "depth": self.node.create_publisher(Image, "camera/depth/image_raw", SENSOR_QOS),
-            "info": self.node.create_publisher(CameraInfo, "camera/depth/camera_info", SENSOR_QOS),
-            "color": self.node.create_publisher(Image, "camera/color/image_raw", SENSOR_QOS),
         }
+        for kind, topic in topics.items():
+            message = CameraInfo if kind.endswith("info") else Image
+            self.publishers[kind] = self.node.create_publisher(message, topic, SENSOR_QOS)
         base = Header(frame_id="base_link")
         link = Header(frame_id="camera_link")
         mounts = [
@@ -111,6 +129,11 @@ class Peer:
         self.publishers["color"].publish(image_to_msg(rgb, "rgb8", optical))
         self.publishers["depth"].publish(image_to_msg(depth_m, "32FC1", optical))
         self.publishers["info"].publish(intrinsics_to_msg(CAMERA, optical))
+        self.publishers["color_info"].publish(intrinsics_to_msg(CAMERA, optical))
+        if "semantic" in self.publishers:
+            labels = np.full(depth_m.shape, 4, np.uint16)
+            labels[:, CAMERA.width_px // 2 :] = 9
+            self.publishers["semantic"].publish(image_to_msg(labels, "16UC1", optical))
         transform = transform_to_msg(T_map_base, Header(stamp=stamp, frame_id="map"), "base_link")
         self.publishers["tf"].publish(TFMessage(transforms=[transform]))
 
@@ -210,6 +233,49 @@ def test_a_reset_empties_the_map(peer: Peer, tmp_path: Path) -> None:
     peer.wait_for_frames(0)
     request = SaveMesh.Request(path=str(tmp_path / "empty.ply"))
     assert peer.call(SaveMesh, "save_mesh", request).triangles == 0
+
+
+def test_topics_of_nvblox_do_by_remapping_alone(
+    ros_domain_id: int, no_process_left: None, tmp_path: Path
+) -> None:
+    peer = Peer("mesh_period:=0.0", topics=NVBLOX_TOPICS)
+    try:
+        peer.show_all()
+        request = SaveMesh.Request(path=str(tmp_path / "m.ply"))
+        saved = peer.call(SaveMesh, "save_mesh", request)
+        assert saved.success, saved.message
+        colors = np.asarray(o3d.io.read_triangle_mesh(request.path).vertex_colors)
+        assert (np.rint(colors * 255) == (200, 100, 50)).all()
+    finally:
+        peer.end()
+
+
+def test_labels_become_classes_and_the_same_frames_the_same_bytes(
+    ros_domain_id: int, no_process_left: None, tmp_path: Path
+) -> None:
+    peer = Peer("mesh_period:=0.0", "use_semantics:=true", topics=SEMANTIC_TOPICS)
+    try:
+        legend = peer.node.create_publisher(SemanticLabels, "camera/semantic_0/labels", LATCHED_QOS)
+        names = [SemanticLabel(id=4, name="sand"), SemanticLabel(id=9, name="rock")]
+        legend.publish(SemanticLabels(labels=names))
+        peer.wait_until(lambda: legend.get_subscription_count() == 1)
+        for name in ("one", "two"):
+            peer.show_all()
+            for path in (tmp_path / f"{name}.npz", tmp_path / f"{name}.ply"):
+                saved = peer.call(SaveMesh, "save_mesh", SaveMesh.Request(path=str(path)))
+                assert saved.success, saved.message
+            assert peer.call(Trigger, "reset", Trigger.Request()).success
+            peer.wait_for_frames(0)
+    finally:
+        peer.end()
+    assert (tmp_path / "one.npz").read_bytes() == (tmp_path / "two.npz").read_bytes()
+    mesh = read_ply(tmp_path / "one.ply")
+    assert set(np.unique(mesh.class_ids).tolist()) == {4, 9}  # type: ignore[arg-type]
+    assert read_class_names(tmp_path / "one.ply") == {4: "sand", 9: "rock"}
+    volume = TsdfVolume(TsdfConfig(semantic=True))
+    volume.load(tmp_path / "one.npz")
+    assert volume.frames == len(POSES)
+    assert len(volume.extract_mesh().triangles) == len(mesh.triangles)
 
 
 def test_ctrl_c_ends_it_without_a_word(ros_domain_id: int, no_process_left: None) -> None:

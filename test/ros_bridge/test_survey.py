@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES
@@ -85,12 +86,81 @@ def test_a_survey_closes_and_leaves_everything_behind(
     assert figures["f_score"] > 0.95
     assert "The loop closes" in (out / "report.html").read_text(encoding="utf-8")
     _check_bag(out / "bag", views=6)
+    _check_second_mapper(out)
     arguments = ["--mesh", out / "mesh.ply", "--truth", out / "truth.ply"]
     arguments += ["--poses", out / "poses.json", "--max-rmse", "0.05", "--min-completion", "0.95"]
     evaluate = [sys.executable, "-m", "oaisys_core", "evaluate", *map(str, arguments)]
     again = subprocess.run(evaluate, capture_output=True, text=True, timeout=200, check=False)
     assert again.returncode == 0, again.stdout + again.stderr
     assert json.loads(again.stdout)["rmse_m"] == pytest.approx(figures["rmse_m"], rel=0.1)
+    _check_figures(figures)
+    _check_certificate(out)
+
+
+def _check_second_mapper(out: Path) -> None:
+    """A mapper that reads the bag alone, and Open3D's own, make the same surface."""
+    second = [sys.executable, "-m", "tools.second_mapper", str(out / "bag")]
+    second += ["--mesh", str(out / "mesh.ply")]
+    ended = subprocess.run(
+        second,
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    found = json.loads(ended.stdout)
+    assert found["views"] == 6
+    assert max(found["chamfer_m"].values()) < 0.02
+
+
+def _check_figures(figures: dict[str, Any]) -> None:
+    assert figures["overlap_hole_count"] == 0
+    assert figures["offset_m"] < 0.002
+    assert figures["tsdf_rmse_m"] < 0.02
+    assert figures["completion_ratio_all"] < figures["visible_share"] + 0.05 < 0.5
+    assert {name: figures["iou"][name] > 0.9 for name in ("gravel", "sand")} == {
+        "gravel": True,
+        "sand": True,
+    }
+    assert {one["name"]: one["rejected"] for one in figures["faults"]} == {
+        "none": False,
+        "focal_length": True,
+        "pose_beside": True,
+        "pose_above": True,
+        "pose_scattered": True,
+        "range_as_depth": True,
+    }
+
+
+def _check_certificate(out: Path) -> None:
+    """It holds, also where everything is rendered again; and the bag alone gives its faults."""
+    file = str(out / "certificate.json")
+    result = certificate("check", file, "--render-again")
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "FAILED" not in result.stdout
+    assert "the certificate holds" in result.stdout
+    result = certificate("challenge", str(out))
+    assert result.returncode == 0, result.stdout + result.stderr
+    with (out / "mesh.ply").open("r+b") as mesh:
+        mesh.seek(5000)
+        mesh.write(bytes(12))
+    result = certificate("check", file)
+    assert result.returncode == 1
+    assert "FAILED: the hash of mesh" in result.stdout
+
+
+def certificate(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "oaisys_core", "certificate", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.mark.parametrize("arguments", [["nowhere.json"], ["--mesh", "nowhere.ply"]])
+def test_a_certificate_that_is_none_is_exit_2(world: Path, arguments: list[str]) -> None:
+    result = certificate("check", str(world), *arguments)
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
 
 
 def _check_bag(bag: Path, views: int) -> None:

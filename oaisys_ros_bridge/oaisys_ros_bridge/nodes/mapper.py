@@ -38,6 +38,7 @@ from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
 from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler, nanoseconds
 from oaisys_ros_bridge.fusion import DepthFrame, Fusion, FusionState
 from oaisys_ros_bridge.mapper_parameters import MAPPER, tsdf_config
+from oaisys_ros_bridge.memory import keep_freed_memory
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TF_STATIC_QOS
@@ -316,6 +317,7 @@ class MapperNode(ParameterNode, Node):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end."""
+    keep_freed_memory()
     return run_node(MapperNode, arguments)
 
 

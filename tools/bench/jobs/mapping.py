@@ -16,6 +16,7 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import DEPTH, RGB, Frame, ModuleMetadata, merged
 from oaisys_mapping.blocks import BLOCK_VOXELS, INITIAL_BLOCKS
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_ros_bridge.memory import keep_freed_memory
 from tools.bench.jobs.processes import SMALL_WORLD, camera
 from tools.bench.settings import Say, Settings
 
@@ -33,6 +34,7 @@ def fusing(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
 
     Ours keeps what did not change; Open3D makes all of its mesh anew, so only a few are waited for.
     """
+    keep_freed_memory()  # as the mapper does
     pairs = _views(settings, say)
     config = TsdfConfig()
     found: dict[str, dict[str, list[float]]] = {"ours": {}, "open3d": {}}
