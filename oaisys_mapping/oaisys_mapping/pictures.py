@@ -223,12 +223,15 @@ def time_chart(seconds: Mapping[str, Sequence[float]]) -> bytes:
     return _figure_png(figure)
 
 
-def coverage_chart(runs: Sequence[tuple[str, Sequence[float], Sequence[float]]]) -> bytes:
+def coverage_chart(
+    runs: Sequence[tuple[str, Sequence[float], Sequence[float]]], goal: float
+) -> bytes:
     """Return a PNG of coverage against views and against the path flown.
 
     Args:
         runs: Name, share seen after each view, and metres flown until each view. Those whose names
             begin alike up to a comma share a colour.
+        goal: Share that is marked.
     """
     figure = Figure(figsize=(11.2, 3.8), dpi=120, facecolor=PAGE_COLOR, layout="constrained")
     against_views, against_path = figure.subplots(1, 2, sharey=True)
@@ -246,6 +249,8 @@ def coverage_chart(runs: Sequence[tuple[str, Sequence[float], Sequence[float]]])
     against_path.set_xlabel("path flown, m")
     for axes in (against_views, against_path):
         axes.set_ylim(0, 100)
+        axes.set_xlim(left=0)
+        axes.axhline(100 * goal, color="#5b6670", lw=0.8, ls="--")
         axes.grid(alpha=0.3)
         axes.set_facecolor("white")
         axes.spines[["top", "right"]].set_visible(False)

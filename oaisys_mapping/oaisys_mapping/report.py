@@ -163,7 +163,8 @@ def _pictures(report: SurveyReport) -> dict[str, bytes]:
             [
                 (f"{run.planner}, world {run.seed}", run.coverage, run.path_m)
                 for run in report.coverage
-            ]
+            ],
+            GOAL,
         )
     names = list(report.views[0].seconds)
     files["time.png"] = pictures.time_chart(

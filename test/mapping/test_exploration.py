@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -323,3 +326,15 @@ def test_the_next_best_view_sees_more_than_the_others_and_none_comes_near_the_gr
         assert clearances_m.min() > 0.8, name
     assert seen["next_best_view"] > 1.3 * seen["random"]
     assert seen["next_best_view"] > seen["frontier"]
+
+
+def test_the_planner_of_the_documentation_plans(world, monkeypatch):
+    page = (Path(__file__).parents[2] / "docs" / "exploration.md").read_text(encoding="utf-8")
+    (source,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    names: dict[str, Any] = {}
+    exec(source, names)
+    monkeypatch.setitem(OWN, "upwards", names["Upwards"])
+    clearances_m, share, views = explored(world, "upwards", 3)
+    assert views == 3
+    assert clearances_m.min() > 0.8
+    assert 0 < share < 1
