@@ -72,7 +72,7 @@ def _made_again(
         address = server.wait_for_line("ready:", START_TIMEOUT_S)
         with SimulatorClient(address, timeout_s=START_TIMEOUT_S) as simulator:
             reporter.say("building the world")
-            simulator.step_batch()
+            simulator.step_batch(seed=content["facts"].get("world_seed"))
             volume = _mapped(content, views, simulator, reporter)
             truth = as_stored(simulator.ground_truth_mesh())
             return volume.extract_mesh(), truth, simulator.info().config_sha256

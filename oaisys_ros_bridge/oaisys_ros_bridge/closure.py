@@ -81,6 +81,8 @@ def measure_and_certify(
     thresholds: Thresholds,
     key: PrivateKey | None,
     reporter: Reporter,
+    *,
+    world_seed: int | None = None,
 ) -> Closure:
     """Measure the map that stands in the output folder, and write poses, truth and certificate.
 
@@ -93,6 +95,7 @@ def measure_and_certify(
         thresholds: What counts as closed.
         key: Signs the certificate.
         reporter: Told what is being done.
+        world_seed: What the world was drawn from, where that is not the configuration's seed.
     """
     reporter.say("measuring against the true surface")
     out = options.out
@@ -107,7 +110,7 @@ def measure_and_certify(
     evaluation = evaluate_against(surface, mesh, voxel_size_m, rng, extras)
     faults = _challenged(frames, surface, thresholds, options, info.seed, reporter)
     statement = Statement(
-        facts=_facts(options, info),
+        facts={**_facts(options, info), "world_seed": world_seed},
         config=json.loads((out / CONFIG_FILE).read_text(encoding="utf-8")),
         views=views,
         max_range_m=options.max_range_m,

@@ -8,23 +8,20 @@ from dataclasses import asdict, dataclass
 from math import ceil, sqrt
 from typing import Any
 
-import numpy as np
-
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import SimulatorInfo, TriangleMesh
 from oaisys_mapping.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.mesh_io import write_truth
-from oaisys_mapping.metrics import evaluate_reconstruction
 from oaisys_mapping.report import GOAL, SurveyReport, write_report
 from oaisys_mapping.thresholds import Thresholds
-from oaisys_mapping.view_files import write_views
 from oaisys_mapping.visibility import View
+from oaisys_ros_bridge.closure import measure_and_certify
+from oaisys_ros_bridge.closure_sections import sections_of
 from oaisys_ros_bridge.explore_plan import ExploreOptions
 from oaisys_ros_bridge.explorer import Exploration
 from oaisys_ros_bridge.progress import Reporter
-from oaisys_ros_bridge.survey_report import run_facts, say_result, view_record
+from oaisys_ros_bridge.survey_report import closure_facts, run_facts, say_result, view_record
 from oaisys_ros_bridge.system import CONFIG_FILE
 
 
@@ -47,29 +44,30 @@ def write_explore_report(
     reporter: Reporter,
 ) -> bool:
     """Measure the map, write everything to the output folder, and return whether it closes."""
-    reporter.say("measuring against the true surface")
     vehicle = measured.vehicle
     views = [
         View(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera)
         for pose in measured.found.poses
     ]
-    write_views(options.out / "poses.json", views)
-    write_truth(options.out / "truth.ply", measured.truth)
-    evaluation = evaluate_reconstruction(
-        measured.mesh,
+    thresholds = _thresholds(options.voxel_size_m)
+    closure = measure_and_certify(
+        options,
+        info,
         measured.truth,
         views,
-        options.voxel_size_m,
-        options.max_range_m,
-        np.random.default_rng(records[0].seed),
+        [],
+        thresholds,
+        None,
+        reporter,
+        world_seed=records[0].seed,
     )
     received = measured.found.views
     report = SurveyReport(
         title="Exploration of a rendered terrain",
-        facts=run_facts(info, received, seconds_total) | _facts(records),
-        evaluation=evaluation,
-        thresholds=_thresholds(options.voxel_size_m),
-        mesh=measured.mesh,
+        facts=run_facts(info, received, seconds_total) | _facts(records) | closure_facts(closure),
+        evaluation=closure.evaluation,
+        thresholds=thresholds,
+        mesh=closure.mesh,
         views=[view_record(view) for view in received],
         columns=ceil(sqrt(len(received) * 6 / 5)),
         labels=info.semantic_labels,
@@ -77,6 +75,7 @@ def write_explore_report(
         config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
         coverage=records,
         cameras=views,
+        sections=sections_of(closure),
     )
     write_report(report, options.out)
     say_result(report, options, reporter)

@@ -44,8 +44,11 @@ def survey(
     max_range: MaxRangeOption = 60.0,
     seed: SeedOption = None,
     seeds: Annotated[
-        int, typer.Option(help="Worlds, from --seed on, each in a folder seed_N.", min=1)
-    ] = 1,
+        str | None,
+        typer.Option(
+            help="How many worlds, from --seed on, or their seeds: 1,2,5. Each in a folder seed_N."
+        ),
+    ] = None,
     backend: BackendOption = None,
     quality: QualityOption = None,
     faults: FaultsOption = True,
@@ -85,6 +88,6 @@ def survey(
     )
     interrupt_on_signals()
     reporter = Reporter()
-    went_well = run_survey(options, reporter) if seeds == 1 else run_seeds(options, reporter, seeds)
+    went_well = run_seeds(options, reporter, seeds) if seeds else run_survey(options, reporter)
     if not went_well:
         raise typer.Exit(1)

@@ -9,6 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from oaisys_ros_bridge.explore_plan import worlds_of
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.survey import run_survey
 from oaisys_ros_bridge.survey_plan import SurveyOptions
@@ -29,19 +30,20 @@ COLUMNS = (
 """Heading, figure, factor and format."""
 
 
-def run_seeds(options: SurveyOptions, reporter: Reporter, seeds: int) -> bool:
-    """Survey worlds from the given seed on, write a table, and return whether all went well.
+def run_seeds(options: SurveyOptions, reporter: Reporter, seeds: str) -> bool:
+    """Survey worlds as `worlds_of` reads them, write a table, and return whether all went well.
 
     It went well where every loop closes and every map with a deliberate fault is rejected.
 
     Raises:
+        InvalidInputError: ``seeds`` names no worlds.
         ConfigError: The configuration cannot be used.
         OaisysError: A process failed, or did not answer in time.
     """
     config = write_config(options)
     first = int(json.loads(config.read_text(encoding="utf-8"))["seed"])
     reports: list[dict[str, Any]] = []
-    for seed in range(first, first + seeds):
+    for seed in worlds_of(seeds, first):
         reporter.say(f"world {seed}")
         out = options.out / f"seed_{seed}"
         overrides = {**options.overrides, "seed": str(seed)}
