@@ -52,6 +52,10 @@ def read_compressed_depth(msg: CompressedImage) -> np.ndarray:
     return depth_m
 
 
+def by_pillow(msg: CompressedImage) -> np.ndarray:
+    return np.asarray(PillowImage.open(io.BytesIO(bytes(msg.data))))
+
+
 def smooth_colors() -> np.ndarray:
     v, u = np.mgrid[0:48, 0:64]
     return np.stack([4 * u, 5 * v, 255 - 2 * u - 2 * v], axis=-1).clip(0, 255).astype(np.uint8)
@@ -67,7 +71,7 @@ def test_a_colour_image_as_jpeg() -> None:
     assert encoding == "rgb8"
     assert np.abs(back.astype(int) - rgb).mean() < 2.0
     # Whoever reads it as any JPEG sees red as red.
-    pillow = np.asarray(PillowImage.open(io.BytesIO(bytes(msg.data))))
+    pillow = by_pillow(msg)
     assert np.abs(pillow.astype(int) - rgb).mean() < 2.0
     small = compressed_to_msg(rgb, "rgb8", HEADER, Compression(jpeg_quality=10))
     assert len(small.data) < len(msg.data)
@@ -81,7 +85,7 @@ def test_a_colour_image_as_png_is_what_it_was(level: int) -> None:
 
     assert msg.format == "rgb8; png compressed bgr8"
     np.testing.assert_array_equal(read_compressed(msg)[1], rgb)
-    np.testing.assert_array_equal(PillowImage.open(io.BytesIO(bytes(msg.data))), rgb)
+    np.testing.assert_array_equal(by_pillow(msg), rgb)
 
 
 def test_labels_are_what_they_were() -> None:
@@ -93,7 +97,7 @@ def test_labels_are_what_they_were() -> None:
     encoding, back = read_compressed(msg)
     assert (encoding, back.dtype) == ("16UC1", np.uint16)
     np.testing.assert_array_equal(back, labels)
-    np.testing.assert_array_equal(PillowImage.open(io.BytesIO(bytes(msg.data))), labels)
+    np.testing.assert_array_equal(by_pillow(msg), labels)
 
 
 @pytest.mark.parametrize("dtype", [np.int32, np.uint32])
@@ -107,7 +111,7 @@ def test_ids_are_what_they_were_beyond_sixteen_bits(dtype: type[Any]) -> None:
     # cv_bridge makes an Image of it with this encoding and these bytes: the very ids.
     assert (encoding, back.shape) == ("32SC1", (48, 64, 4))
     np.testing.assert_array_equal(np.frombuffer(back.tobytes(), "<i4").reshape(48, 64), ids)
-    r, g, b, a = np.moveaxis(np.asarray(PillowImage.open(io.BytesIO(bytes(msg.data)))), -1, 0)
+    r, g, b, a = np.moveaxis(by_pillow(msg), -1, 0)
     told = b.astype(np.int64) + (g.astype(np.int64) << 8) + (r.astype(np.int64) << 16)
     np.testing.assert_array_equal(told + (a.astype(np.int64) << 24), ids)
 

@@ -10,9 +10,12 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.types import Pose
+from oaisys_ros_bridge.parameters import BRIDGE
+from oaisys_ros_bridge.publishing_options import PublishingOptions
 from oaisys_ros_bridge.sensor_faults import (
     NOISE_LAWS,
     DepthFaults,
+    NoiseLaw,
     PoseDrift,
     Shot,
     drift_covariance,
@@ -40,8 +43,24 @@ def test_without_faults_an_image_is_what_it_was() -> None:
     assert measured_depth(depth_m, FX_PX, DepthFaults(seed=9), SHOT) is depth_m
 
 
+def test_parameters_offer_all_laws_and_no_fault_by_default() -> None:
+    defaults = {row.name: row.default for row in BRIDGE}
+
+    assert BRIDGE["faults.depth_noise"].choices == NOISE_LAWS
+    options = PublishingOptions.of(defaults)
+    assert options.depth_faults == DepthFaults()
+    assert options.drift_sigmas == (0.0, 0.0)
+    for name, value in (
+        ("faults.depth_noise", "kinect"),
+        ("faults.min_depth_m", 0.1),
+        ("faults.max_depth_m", 9.0),
+        ("faults.missing_ratio", 0.1),
+    ):
+        assert PublishingOptions.of({**defaults, name: value}).depth_faults.active
+
+
 @pytest.mark.parametrize("noise", [law for law in NOISE_LAWS if law != "none"])
-def test_truth_is_left_alone(noise: str) -> None:
+def test_truth_is_left_alone(noise: NoiseLaw) -> None:
     depth_m = flat(3.0)
 
     measured_depth(depth_m, FX_PX, DepthFaults(noise=noise, missing_ratio=0.5), SHOT)
@@ -51,7 +70,9 @@ def test_truth_is_left_alone(noise: str) -> None:
 
 @pytest.mark.parametrize("depth_m", [0.8, 5.0, 40.0])
 @pytest.mark.parametrize("noise", ["gaussian", "quadratic"])
-def test_normal_errors_have_the_standard_deviation_of_their_law(noise: str, depth_m: float) -> None:
+def test_normal_errors_have_the_standard_deviation_of_their_law(
+    noise: NoiseLaw, depth_m: float
+) -> None:
     faults = DepthFaults(seed=3, noise=noise, sigma_m=0.02, sigma_per_m=0.001)
     sigma_m = 0.02 if noise == "gaussian" else 0.02 + 0.001 * depth_m**2
 
