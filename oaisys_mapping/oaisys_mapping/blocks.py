@@ -92,6 +92,7 @@ class VoxelBlocks:
             _CPU,
         )
         self._map = self._grid.hashmap()
+        self._known: tuple[Coordinates, Slots] = (np.zeros((0, 3), np.int32), np.zeros(0, np.int32))
         self._view_buffers()
 
     def __len__(self) -> int:
@@ -113,21 +114,29 @@ class VoxelBlocks:
             if needed > room:
                 self._map.reserve(max(needed, min(2 * room, self._most_blocks)))
                 self._view_buffers()
+                # Open3D moves its content where it grows.
+                self._known = (self._known[0], self.find(self._known[0]))
             self._map.activate(_tensor(missing))
             new = self.find(missing)
             for array in self.arrays.values():
                 array[new] = 0
+            self._known = (
+                np.concatenate((self._known[0], missing)),
+                np.concatenate((self._known[1], new)),
+            )
         return self.find(coordinates)
 
     def remove(self, coordinates: Coordinates) -> None:
         """Forget (N, 3) blocks."""
         if len(coordinates):
+            slots = self.find(coordinates)
             self._map.erase(_tensor(coordinates))
+            kept = ~np.isin(self._known[1], slots)
+            self._known = (self._known[0][kept], self._known[1][kept])
 
     def all(self) -> tuple[Coordinates, Slots]:
         """Return the (N, 3) coordinates of all blocks and their (N,) slots, in any order."""
-        slots = self._map.active_buf_indices().numpy()
-        return self._map.key_tensor().numpy()[slots], slots.astype(np.int32)
+        return self._known
 
     def near_surface(
         self, depth: Any, K: FloatArray, T_camera_map: FloatArray, most: tuple[float, float]

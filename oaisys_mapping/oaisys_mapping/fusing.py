@@ -40,11 +40,14 @@ class FusionRules:
 
     Attributes:
         truncation_m: Distance that counts as 1.
+        described_m: Distance in front of the surface up to which colour and classes are kept: only
+            voxels beside the surface are asked for them.
         max_weight: Weight beyond which a voxel's does not grow.
     """
 
     voxel_size_m: float
     truncation_m: float
+    described_m: float
     max_weight: float
 
 
@@ -87,19 +90,19 @@ def _fuse_part(
         ahead_m = depth_m - z_m
         is_told = ahead_m > -rules.truncation_m
         if most_m > seen.max_range_m:
-            is_told &= (z_m <= seen.max_range_m) | np.isfinite(depth_m)
+            is_told &= (z_m <= seen.max_range_m) | (depth_m < np.inf)
         if least_m <= 0:
             is_told &= z_m > 0
     told = is_told.astype(np.float32)
     if seen.weight is not None:
         told *= seen.weight.take(pixels)
-    distance = np.minimum(ahead_m, np.float32(rules.truncation_m))
+    is_near = ahead_m < rules.described_m
+    is_near &= is_told
+    distance = np.minimum(ahead_m, np.float32(rules.truncation_m), out=ahead_m)
     distance *= np.float32(1 / rules.truncation_m)
-    np.copyto(distance, 0, where=~is_told)
     _average(arrays, slots, distance, told, rules)
-    is_near = is_told & (ahead_m < rules.truncation_m)
     near = np.flatnonzero(is_near)
-    voxels = (slots.astype(np.int64)[:, None] * VOXELS + np.arange(VOXELS)).ravel()[near]
+    voxels = slots[near // VOXELS].astype(np.int64) * VOXELS + near % VOXELS
     _describe(arrays, voxels, pixels.ravel()[near], told.ravel()[near], seen)
     return np.asarray(is_told.view(np.uint64).any(axis=1))
 

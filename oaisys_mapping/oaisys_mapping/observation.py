@@ -15,6 +15,9 @@ from oaisys_mapping.blocks import BLOCK_VOXELS, Coordinates
 FACING_STEP = 0.2
 """Greatest share by which neighbouring depths differ on one surface, for its direction."""
 
+UNKNOWN_M = -1e9
+"""Depth of pixels that tell nothing: every voxel is far behind it. Not NaN, which spreads."""
+
 COARSE_BLOCKS = 8
 """Edge of the cells among which free blocks are looked for first."""
 
@@ -32,7 +35,8 @@ class Observation:
     Attributes:
         stride: Pixels of a row, border included.
         rows: Rows, border included.
-        depth_m: (rows * stride,) float32; NaN: nothing known; ``+inf``: free up to the range.
+        depth_m: (rows * stride,) float32; `UNKNOWN_M`: nothing known; ``+inf``: free up to the
+            range.
         weight: (rows * stride,) float32; None: 1 everywhere.
         color: (rows * stride,) uint32 whose bytes are red, green, blue and 0; or None.
         labels: (rows * stride,) uint16, or None.
@@ -54,9 +58,7 @@ class Observation:
     def free_m(self) -> NDArray[np.float32]:
         """(H, W) depth up to which each ray is known to be free; 0: not at all."""
         inner = self.depth_m.reshape(self.rows, self.stride)[1:-1, 1:-1]
-        return np.minimum(np.nan_to_num(inner, nan=0.0, posinf=np.inf), self.max_range_m).astype(
-            np.float32
-        )
+        return np.clip(inner, 0, np.float32(self.max_range_m))
 
 
 def observation(
@@ -75,7 +77,7 @@ def observation(
     with np.errstate(invalid="ignore"):
         is_near = (depth_m > 0) & (depth_m < max_range_m)
         is_beyond = depth_m >= max_range_m
-    told = np.where(is_near, depth_m, np.float32(np.nan))
+    told = np.where(is_near, depth_m, np.float32(UNKNOWN_M))
     if clears:
         told[is_beyond] = np.inf
     weight = None
@@ -88,7 +90,7 @@ def observation(
     return Observation(
         stride=camera.width_px + 2,
         rows=camera.height_px + 2,
-        depth_m=_bordered(told.astype(np.float32), np.nan),
+        depth_m=_bordered(told.astype(np.float32), UNKNOWN_M),
         weight=weight,
         color=None if rgb is None else _bordered_color(rgb),
         labels=None if labels is None else _bordered(labels, 0),

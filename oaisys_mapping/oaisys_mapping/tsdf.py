@@ -39,6 +39,9 @@ __all__ = ["TsdfConfig", "TsdfVolume", "VolumeFullError"]
 SEARCH_STRIDE_PX = 4
 """Open3D looks at every fourth pixel for blocks to map, and raises where all of these are empty."""
 
+DESCRIBED_VOXELS = 2.0
+"""How far in front of the surface voxels keep colours and classes."""
+
 MOST_FREE_BLOCKS = 2_000_000
 """Blocks known to be free that are remembered, 8 bytes each; those far from the camera go first."""
 
@@ -124,8 +127,12 @@ class TsdfVolume:
 
     def __init__(self, config: TsdfConfig | None = None) -> None:
         self.config = config or TsdfConfig()
+        described_m = min(DESCRIBED_VOXELS * self.config.voxel_size_m, self.config.truncation_m)
         self._rules = FusionRules(
-            self.config.voxel_size_m, self.config.truncation_m, self.config.max_weight
+            self.config.voxel_size_m,
+            self.config.truncation_m,
+            described_m,
+            self.config.max_weight,
         )
         self.reset()
 
