@@ -147,7 +147,7 @@ def region_surfaces(
     place = 3 * (region[cells // _SAMPLES] * REGION_SAMPLES**3 + corner @ _REGION_STEPS)
     keys = np.repeat(place, count)[:, None] + _edge_keys(REGION_SAMPLES)[edges]
     # Every vertex is found from up to four blocks; any of them tells the same about it.
-    found = np.full(3 * regions * REGION_SAMPLES**3, -1, np.int64)
+    found = np.full(3 * regions * REGION_SAMPLES**3, -1, np.int32)
     found[keys] = np.repeat(3 * cells, count)[:, None] + _edge_keys(PADDED)[edges]
     vertices = np.flatnonzero(found >= 0)
     number = np.empty(len(found), np.int32)
