@@ -72,10 +72,8 @@ class Simulation:
         link = self._link()
         if link.building:
             return LOADING_WORLD
-        if self._mode == QUITTING:
-            if link.state.info is None:
-                return QUITTING
-            self._enter(PLAYING)  # somebody has started it again
+        if self._mode == QUITTING and link.state.info is None:
+            return QUITTING
         info = self.info()
         return NO_WORLD if info.batch_id == 0 else self._mode
 
@@ -109,13 +107,25 @@ class Simulation:
 
     def stop(self) -> None:
         """Reset, and render steps alone."""
+        before = self._mode
         self._enter(STOPPED)
-        self.restart()
+        try:
+            self.restart()
+        except OaisysError:
+            self._enter(before)
+            raise
+
+    def forget(self) -> None:
+        """Forget a simulator that has gone; another one plays from its start."""
+        self._built = None
+        self._next_pose = None
+        self._enter(PLAYING)
 
     def quit(self) -> None:
         """End the simulator."""
-        self._link().end_simulation()
-        self._enter(QUITTING)
+        link = self._link()
+        self._enter(QUITTING)  # until the bridge has noticed that it is gone
+        link.end_simulation()
 
     def put_rig(self, pose: Pose) -> None:
         """Have the next step look from a pose."""

@@ -12,6 +12,8 @@ from lifecycle_msgs.msg import State, Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 from ros_peer import Stage, User
 from served_simulator import FLAT_WORLD
+from simulation_interfaces.msg import SimulationState
+from simulation_interfaces.srv import SetSimulationState
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Pose
@@ -91,7 +93,7 @@ def test_it_goes_where_it_is_told(stage: Stage) -> None:
     assert "unconfigured" in user.set_pose(down()).message
     manager.wait_for_status(DiagnosticStatus.WARN, lifecycle_state="unconfigured")
 
-    stage.start_world(FLAT_WORLD, "--address", address).address  # noqa: B018 - waits for it
+    assert stage.start_world(FLAT_WORLD, "--address", address).address == address
     assert manager.change(Transition.TRANSITION_CONFIGURE)
     assert manager.state() == INACTIVE
     answer = user.set_pose(down())
@@ -131,6 +133,7 @@ def test_it_comes_back_to_where_it_was_when_the_simulator_does(stage: Stage) -> 
     user.wait_until(lambda: user.received[DIAGNOSTICS])
     manager.wait_for_status(DiagnosticStatus.ERROR, lifecycle_state="unconfigured")
     first = stage.start_world(FLAT_WORLD, "--address", address)
+    assert first.address == address
     user.wait_until_ready()
     assert manager.state() == ACTIVE
     status = manager.wait_for_status(DiagnosticStatus.OK, connections="1", renderer="idle")
@@ -138,10 +141,13 @@ def test_it_comes_back_to_where_it_was_when_the_simulator_does(stage: Stage) -> 
     assert {"queue", "dropped_commands", "last_render_s", "worker_restarts"} <= told.keys()
     assert float(told["memory_mb"]) > 10
 
+    paused = SetSimulationState.Request(state=SimulationState(state=SimulationState.STATE_PAUSED))
+    assert user.call(SetSimulationState, "set_simulation_state", paused).result.result == 1
+    assert "paused" in user.set_pose(down()).message
     first.process.kill()
     user.wait_until_ready(False)
     user.wait_until(lambda: manager.reached()[-1:] == ["unconfigured"])
-    stage.start_world(FLAT_WORLD, "--address", address)
+    assert stage.start_world(FLAT_WORLD, "--address", address).address == address
     user.wait_until_ready()
     assert user.set_pose(down()).success
     manager.wait_for_status(DiagnosticStatus.OK, lifecycle_state="active", connections="2")

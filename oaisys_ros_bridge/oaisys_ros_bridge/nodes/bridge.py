@@ -129,6 +129,7 @@ class BridgeNode(ParameterNode, ManagedNode):
     def cleanup(self, *, for_good: bool) -> None:
         """Let go of the simulator and of its topics, or keep looking for it where it was lost."""
         self._renderer.forget_world()
+        self._simulation.forget()
         if not for_good:
             return
         link, self._link = self._link, None
