@@ -152,9 +152,10 @@ def region_surfaces(
     vertices = np.flatnonzero(found >= 0)
     number = np.empty(len(found), np.int32)
     number[vertices] = np.arange(len(vertices), dtype=np.int32)
-    along, offsets = _places(samples, found[vertices])
-    colors, ids, probabilities = _descriptions(arrays, slots, found[vertices], along)
-    block = found[vertices] // (3 * _SAMPLES)
+    own = found[vertices].astype(np.int64)
+    along, offsets = _places(samples, own)
+    colors, ids, probabilities = _descriptions(arrays, slots, own, along)
+    block = own // (3 * _SAMPLES)
     starts = 3 * REGION_SAMPLES**3 * np.arange(regions + 1)
     return RegionSurfaces(
         vertices_m=(blocks[block].astype(np.float64) * BLOCK_VOXELS + offsets) * voxel_size_m,
