@@ -15,7 +15,8 @@ from typing import Self
 
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
 
-END_TIMEOUT_S = 8.0
+END_TIMEOUT_S = 20.0
+"""A recorder closes its bag; on a machine that is busy, it takes its time."""
 QUOTED_LINES = 15
 
 

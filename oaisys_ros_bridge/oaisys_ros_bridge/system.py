@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import shutil
 import subprocess
 import sys
@@ -19,6 +18,7 @@ from oaisys_core.errors import ConfigError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
 from oaisys_grpc.client import SimulatorClient
+from oaisys_ros_bridge.domains import own_domain
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC, placing_arguments, require_namespace
 from oaisys_ros_bridge.processes import ManagedProcess
 from oaisys_ros_bridge.progress import Reporter
@@ -101,8 +101,9 @@ def running_system(
     require_namespace(options.namespace)
     config_path = write_config(options)
     logs = options.out / "logs"
-    environment = _environment()
     with ExitStack() as stack:
+        stack.enter_context(own_domain())
+        environment = _environment()
 
         def start(name: str, *arguments: str) -> ManagedProcess:
             command = [sys.executable, "-m", *arguments]
@@ -166,9 +167,7 @@ def write_config(options: SystemOptions) -> Path:
 
 
 def _environment() -> dict[str, str]:
-    """Return the children's environment, in a ROS domain of this survey's own unless one is set."""
-    if "ROS_DOMAIN_ID" not in os.environ:
-        os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
+    """Return the children's environment: discovery stays on this machine unless told otherwise."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     return dict(os.environ)
 
