@@ -104,6 +104,7 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
     closed.set()
     executor.wake()
     spinner.join(timeout=CALLBACKS_END_S)
-    executor.shutdown()
+    # Nor must a callback that ends now still want to wake it.
     executor.wait_for_callbacks(CALLBACKS_END_S)
+    executor.shutdown()
     return int(ended_by_itself.is_set())
