@@ -20,6 +20,7 @@ from oaisys_ros_bridge.conversions import (
     transform_to_msg,
 )
 from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, MOST_WITHOUT_POSE, FrameAssembler
+from oaisys_ros_bridge.synchronizer import PENDING
 
 CAMERA = PinholeIntrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
 RIG = pose_looking_down(1.0, 2.0, 9.0, yaw_rad=0.5)
@@ -208,3 +209,80 @@ def test_a_frame_with_a_camera_that_folds_its_image_is_refused_once():
     with pytest.raises(InvalidInputError, match=r"camera_info\.d"):
         made.pop()
     assert made.pop() is None
+
+
+def semantic_frame(*kinds: str) -> FrameAssembler:
+    made = FrameAssembler("map", use_color=True, use_semantics=True)
+    made.add_static(static_msg())
+    made.add_transforms(tf_msg())
+    labels = np.arange(48, dtype=np.uint16).reshape(6, 8)
+    messages = {
+        "depth": depth_msg(),
+        "info": info_msg(),
+        "color": color_msg(),
+        "semantic": image_to_msg(labels, "16UC1", header("camera_optical_frame")),
+    }
+    for kind in kinds:
+        made.add_image(kind, messages[kind], 0.0)
+    return made
+
+
+def test_a_frame_waits_for_colour_and_labels():
+    assert semantic_frame("depth", "info", "color").pop() is None
+    frame = semantic_frame("semantic", "depth", "info", "color").pop()
+    assert frame is not None
+    assert frame.labels is not None
+    np.testing.assert_array_equal(frame.labels, np.arange(48).reshape(6, 8))
+
+
+@pytest.mark.parametrize("end_first", [True, False])
+def test_what_a_sample_will_not_have_is_not_waited_for_but_the_rest_is(end_first: bool):
+    made = semantic_frame("depth", "info")
+    if end_first:
+        made.end_sample(STAMP_NS, 1.0, kinds=("color",))
+        assert made.pop() is None
+    made.add_image("color", color_msg(), 1.0)
+    if not end_first:
+        assert made.pop() is None
+        made.end_sample(STAMP_NS, 1.0, kinds=("color",))
+    frame = made.pop()
+    assert frame is not None
+    assert frame.rgb is not None
+    assert frame.labels is None
+
+
+def test_depth_images_that_never_find_their_camera_are_counted():
+    made = assembler(use_color=False)
+    for stamp_ns in range(PENDING + 3):
+        made.add_image("depth", depth_msg(stamp_ns), 0.0)
+    assert made.given_up == 3
+    made.clear()
+    assert made.given_up == 0
+
+
+def test_colours_of_another_camera_are_refused():
+    made = begun_frame()
+    other = PinholeIntrinsics(8, 6, 12.0, 12.0, 3.5, 2.5)
+    made.add_color_info(intrinsics_to_msg(other, header("camera_optical_frame")))
+    made.add_image("color", color_msg(), 0.0)
+    with pytest.raises(InvalidInputError, match="color/camera_info"):
+        made.pop()
+
+
+def test_depth_in_millimetres_and_colours_in_any_order_are_understood():
+    made = assembler()
+    made.add_static(static_msg())
+    made.add_transforms(tf_msg())
+    millimetres = np.full((6, 8), 2500, np.uint16)
+    millimetres[0, 0] = 0
+    bgra = np.tile(np.array([3, 2, 1, 255], np.uint8), (6, 8, 1))
+    optical = header("camera_optical_frame")
+    made.add_image("depth", image_to_msg(millimetres, "16UC1", optical), 0.0)
+    made.add_image("color", image_to_msg(bgra, "bgra8", optical), 0.0)
+    made.add_image("info", info_msg(), 0.0)
+    frame = made.pop()
+    assert frame is not None
+    assert math.isnan(frame.depth_m[0, 0])
+    assert frame.depth_m[1, 1] == np.float32(2.5)
+    assert frame.rgb is not None
+    assert frame.rgb[2, 3].tolist() == [1, 2, 3]
