@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import yaml
 from rcl_interfaces.srv import ListParameters
 from ros_peer import Stage
 from served_simulator import FLAT_WORLD
@@ -14,6 +17,9 @@ from oaisys_ros_bridge.interface_table import Kind
 from oaisys_ros_bridge.reference import NODES, DescribedNode, reference_text
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "ros.md"
+CONFIG = PAGE.parents[1] / "config"
+TOPIC = re.compile(r'"(/[a-z_0-9/A-Z]+)"')
+PANEL = re.compile(r'"([A-Za-z0-9]+![a-z_]+)"')
 RUNNING = [node for node in NODES if node.interfaces]
 EVERY_NODES = {"/parameter_events", "/rosout", "/clock"}
 PARAMETER_SERVICES = {
@@ -97,3 +103,23 @@ def test_all_names_and_types_and_parameters_are_on_the_page(stage: Stage) -> Non
         answer = stage.user.answer(client.call_async(ListParameters.Request()))
         declared = {n for n in answer.result.names if not n.startswith("qos_overrides")} - ROS_OWN
         assert declared == {row.name for row in node.parameters}, node.name
+
+
+def test_what_viewers_show_exists() -> None:
+    topics = {
+        f"/{row.name.replace('~', node.name).replace('semantic_N', 'semantic_0').lstrip('/')}"
+        for node in NODES
+        for row in node.interfaces
+        if row.kind is Kind.PUBLISHED
+    }
+    rviz = yaml.safe_load((CONFIG / "simulator.rviz").read_text())
+    displays = rviz["Visualization Manager"]["Displays"]
+    shown = {display["Topic"]["Value"] for display in displays if "Topic" in display}
+    foxglove = json.loads((CONFIG / "foxglove.json").read_text())
+    drawn = set(TOPIC.findall(json.dumps(foxglove)))
+    panels = set(foxglove["configById"])
+
+    assert len(shown) >= 10
+    assert shown <= topics
+    assert shown - {"/oaisys_mapper/mesh"} <= drawn <= topics
+    assert panels == set(PANEL.findall(json.dumps(foxglove["layout"])))

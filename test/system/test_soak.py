@@ -1,0 +1,37 @@
+"""A short soak; ``python -m tools.soak --samples 5000`` is the long one."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from leak_check import LeakCheck
+
+SAMPLES = int(os.environ.get("SOAK_SAMPLES", "60"))
+REPOSITORY = Path(__file__).parents[2]
+PROCESSES = {"bridge", "mapper", "recorder", "server", "worker"}
+
+
+@pytest.mark.system
+@pytest.mark.ros
+def test_nothing_grows(tmp_path: Path, leaks: LeakCheck, ros_domain_id: int) -> None:
+    command = [sys.executable, "-m", "tools.soak", "--samples", str(SAMPLES)]
+    told = subprocess.run(
+        [*command, "--size", "64x48", "--out", str(tmp_path)],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        timeout=300 + 5 * SAMPLES,
+        check=False,
+    )
+
+    assert told.returncode == 0, told.stdout + told.stderr
+    readings = json.loads((tmp_path / "soak.json").read_text())
+    assert set(readings[str(SAMPLES)]) == PROCESSES
+    for name, gauge in readings[str(SAMPLES)].items():
+        assert gauge["descriptors"] > 0, name
+        assert gauge["private_mb"] > 10, name
