@@ -156,7 +156,9 @@ def write_config(options: SystemOptions) -> Path:
         command += ["--config", str(options.config)]
     for name, value in options.overrides.items():
         command += [f"--{name}", value]
-    result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    result = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=START_TIMEOUT_S
+    )
     if result.returncode != 0:
         fault = result.stderr.strip().removeprefix("oaisys: ")
         raise ConfigError(fault) if result.returncode == 2 else OaisysError(fault)
