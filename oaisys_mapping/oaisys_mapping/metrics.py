@@ -24,7 +24,13 @@ from oaisys_mapping.field_metrics import DistanceField, FieldMetrics, field_metr
 from oaisys_mapping.holes import Holes, find_holes, gaps, off_the_rim
 from oaisys_mapping.mesh import ColoredMesh, SurfacePoints, sample_surface
 from oaisys_mapping.registration import offset_to_truth
-from oaisys_mapping.semantics import ClassAgreement, class_agreement, labels_at
+from oaisys_mapping.semantics import (
+    ClassAgreement,
+    ClassField,
+    class_agreement,
+    field_labels_at,
+    labels_at,
+)
 from oaisys_mapping.true_surface import MOST_POINTS, OVERLAP, TrueSurface, true_surface
 from oaisys_mapping.visibility import View, raycasting_scene
 
@@ -159,11 +165,13 @@ class Extras:
         taus_m: Tolerances of further F-scores.
         volume: The distance field that the mesh was taken from.
         labels: Names of semantic ids.
+        classes: The classes that the mesh's were taken from: finer than a triangle's corners.
     """
 
     taus_m: Sequence[float] = ()
     volume: DistanceField | None = None
     labels: Mapping[int, str] | None = None
+    classes: ClassField | None = None
 
 
 def evaluate_reconstruction(
@@ -337,10 +345,13 @@ def _classes(
 ) -> ClassAgreement | None:
     """Compare labels where both the map and the truth have them."""
     true_ids = surface.mesh.semantic_ids
-    if mesh.class_ids is None or true_ids is None:
+    if (mesh.class_ids is None and extras.classes is None) or true_ids is None:
         return None
     visible = surface.visible
-    map_ids = labels_at(visible.points_m, mesh, mesh_scene, voxel_size_m)
+    if extras.classes is not None:
+        map_ids = field_labels_at(visible.points_m, extras.classes, mesh_scene, voxel_size_m)
+    else:
+        map_ids = labels_at(visible.points_m, mesh, mesh_scene, voxel_size_m)
     return class_agreement(true_ids[visible.triangle_ids], map_ids, extras.labels or {})
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import open3d as o3d
@@ -17,6 +17,14 @@ UNLABELLED = 0
 
 LEAST_SHARE = 0.01
 """Classes with less of the surface are told, but not asked to be right."""
+
+
+class ClassField(Protocol):
+    """A map that knows classes between its mesh's corners, too."""
+
+    def classes_at(self, points_m: FloatArray) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
+        """Return (N,) classes at (N, 3) points, 0 for none, and their probabilities."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -85,4 +93,15 @@ def labels_at(
     votes = np.stack([(nearness * (ids == ids[:, [i]])).sum(axis=1) for i in range(3)], axis=1)
     label = np.take_along_axis(ids, votes.argmax(axis=1)[:, None], axis=1)[:, 0]
     away_m = np.linalg.norm(points_m - found["points"].numpy(), axis=1)
+    return np.where(away_m <= reach_m, label, UNLABELLED).astype(np.uint16)
+
+
+def field_labels_at(
+    points_m: FloatArray, volume: ClassField, mesh_scene: Any, reach_m: float
+) -> NDArray[np.uint16]:
+    """Return (N,) the volume's label at the place of its mesh that is nearest to each point."""
+    query = o3d.core.Tensor(np.ascontiguousarray(points_m, np.float32))
+    nearest_m = mesh_scene.compute_closest_points(query)["points"].numpy().astype(np.float64)
+    label, _ = volume.classes_at(nearest_m)
+    away_m = np.linalg.norm(points_m - nearest_m, axis=1)
     return np.where(away_m <= reach_m, label, UNLABELLED).astype(np.uint16)

@@ -20,7 +20,6 @@ from oaisys_core.geometry import invert, pose_from_matrix
 from oaisys_core.types import DEPTH, SEMANTIC_0, Frame, TriangleMesh
 from oaisys_grpc.client import SimulatorClient
 from oaisys_mapping.certificate_check import Finding, measure_again
-from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
 from oaisys_mapping.truth_io import as_stored
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
@@ -47,10 +46,11 @@ def render_and_compare(
     """
     views = views_from_json(content["views"], "FILE: views")
     with tempfile.TemporaryDirectory(prefix="oaisys_certificate_") as folder:
-        mesh, truth, sha256 = _made_again(content, views, worker_python, Path(folder), reporter)
+        volume, truth, sha256 = _made_again(content, views, worker_python, Path(folder), reporter)
     said = content["facts"].get("config_sha256")
     findings = [Finding("the simulator's own hash of the configuration", sha256 == said)]
-    return [*findings, *measure_again(content, mesh, truth)]
+    classes = volume if volume.config.semantic else None
+    return [*findings, *measure_again(content, volume.extract_mesh(), truth, classes)]
 
 
 def _made_again(
@@ -59,7 +59,7 @@ def _made_again(
     worker_python: Path | None,
     folder: Path,
     reporter: Reporter,
-) -> tuple[ColoredMesh, TriangleMesh, str]:
+) -> tuple[TsdfVolume, TriangleMesh, str]:
     """Return the map, the truth, and the hash of the configuration, as they come out this time."""
     config = folder / CONFIG_FILE
     config.write_text(json.dumps(content["config"]), encoding="utf-8")
@@ -75,7 +75,7 @@ def _made_again(
             simulator.step_batch(seed=content["facts"].get("world_seed"))
             volume = _mapped(content, views, simulator, reporter)
             truth = as_stored(simulator.ground_truth_mesh())
-            return volume.extract_mesh(), truth, simulator.info().config_sha256
+            return volume, truth, simulator.info().config_sha256
 
 
 def _mapped(

@@ -106,7 +106,9 @@ def measure_and_certify(
     voxel_size_m, rng = options.voxel_size_m, np.random.default_rng(info.seed)
     surface = true_surface(truth, views, voxel_size_m, options.max_range_m, rng)
     taus_m = tuple(share * voxel_size_m for share in TAUS_VOXELS)
-    extras = Extras(taus_m, _volume(options), info.semantic_labels)
+    volume = _volume(options, mesh)
+    classes = volume if mesh.class_ids is not None else None
+    extras = Extras(taus_m, volume, info.semantic_labels, classes)
     evaluation = evaluate_against(surface, mesh, voxel_size_m, rng, extras)
     faults = _challenged(frames, surface, thresholds, options, info.seed, reporter)
     statement = Statement(
@@ -126,12 +128,13 @@ def measure_and_certify(
     return Closure(evaluation, mesh, faults, certificate)
 
 
-def _volume(options: SystemOptions) -> TsdfVolume | None:
+def _volume(options: SystemOptions, mesh: ColoredMesh) -> TsdfVolume | None:
     """Return the mapper's volume, if it was saved."""
     path: Path = options.out / VOLUME_FILE
     if not path.is_file():
         return None
-    volume = TsdfVolume(TsdfConfig(voxel_size_m=options.voxel_size_m))
+    semantic = mesh.class_ids is not None
+    volume = TsdfVolume(TsdfConfig(voxel_size_m=options.voxel_size_m, semantic=semantic))
     volume.load(path)
     return volume
 
