@@ -52,10 +52,10 @@ PRESENTATION = {
 PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib", "trimesh", "viser"}
 """What draws reports and pages may draw; the algorithms may not."""
 SIGNING = {"oaisys_mapping.signature"}
-BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml"}
+BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml", "zstandard"}
 ROS = {
     "action_msgs", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
-    "lifecycle_msgs", "nav_msgs", "oaisys_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs",
+    "launch", "launch_ros", "lifecycle_msgs", "nav_msgs", "oaisys_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs",
     "sensor_msgs", "simulation_interfaces", "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs",
     "visualization_msgs",
 }  # fmt: skip
