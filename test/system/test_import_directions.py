@@ -55,7 +55,8 @@ SIGNING = {"oaisys_mapping.signature"}
 BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml", "zstandard"}
 ROS = {
     "action_msgs", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
-    "launch", "launch_ros", "lifecycle_msgs", "nav_msgs", "oaisys_msgs", "rcl_interfaces", "rclpy", "rosgraph_msgs",
+    "launch", "launch_ros", "lifecycle_msgs", "nav_msgs", "oaisys_msgs", "rcl_interfaces", "rclpy",
+    "rosgraph_msgs",
     "sensor_msgs", "simulation_interfaces", "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs",
     "visualization_msgs",
 }  # fmt: skip
