@@ -47,7 +47,8 @@ def another_value(row: ParameterRow) -> Any:
         return next(choice for choice in row.choices if choice != row.default)
     if row.kind is str:
         return {"address": "127.0.0.1:1"}.get(row.name, "another")
-    values = [row.most, row.least, row.default + 1]
+    default: Any = row.default
+    values = [row.most, row.least, default + 1]
     return row.kind(next(v for v in values if v is not None and v != row.default))
 
 
