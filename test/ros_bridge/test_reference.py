@@ -87,22 +87,28 @@ def offered(stage: Stage, node: DescribedNode, kind: Kind) -> Names:
 @pytest.mark.ros
 def test_all_names_and_types_and_parameters_are_on_the_page(stage: Stage) -> None:
     for node in RUNNING:
-        stage.user.wait_until(lambda node=node: node.name in stage.user.node.get_node_names())
-        for kind in Kind:
-            if node.name == "oaisys_recorder" and kind is Kind.SUBSCRIBED:
-                continue  # whatever there is
-            expected = described(node, kind)
-            stage.user.wait_until(
-                lambda node=node, kind=kind, expected=expected: (
-                    expected <= offered(stage, node, kind)
-                )
-            )
-            assert offered(stage, node, kind) == expected, (node.name, kind)
-        client = stage.user.node.create_client(ListParameters, f"{node.name}/list_parameters")
-        stage.user.wait_until(client.service_is_ready)
-        answer = stage.user.answer(client.call_async(ListParameters.Request()))
-        declared = {n for n in answer.result.names if not n.startswith("qos_overrides")} - ROS_OWN
-        assert declared == {row.name for row in node.parameters}, node.name
+        compare(stage, node)
+
+
+def compare(stage: Stage, node: DescribedNode) -> None:
+    user = stage.user
+    user.wait_until(lambda: node.name in user.node.get_node_names())
+    for kind in Kind:
+        if node.name == "oaisys_recorder" and kind is Kind.SUBSCRIBED:
+            continue  # whatever there is
+        wait_for(stage, node, kind)
+        assert offered(stage, node, kind) == described(node, kind), (node.name, kind)
+    client = user.node.create_client(ListParameters, f"{node.name}/list_parameters")
+    user.wait_until(client.service_is_ready)
+    answer = user.answer(client.call_async(ListParameters.Request()))
+    declared = {n for n in answer.result.names if not n.startswith("qos_overrides")} - ROS_OWN
+    assert declared == {row.name for row in node.parameters}, node.name
+
+
+def wait_for(stage: Stage, node: DescribedNode, kind: Kind) -> None:
+    """Wait until discovery has told of all that the page has."""
+    expected = described(node, kind)
+    stage.user.wait_until(lambda: expected <= offered(stage, node, kind))
 
 
 def test_what_viewers_show_exists() -> None:
