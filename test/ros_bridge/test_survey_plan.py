@@ -38,7 +38,7 @@ def test_any_number_of_views_fits(views: int) -> None:
         (0, 10, 0.3, "views"),
         (3, 0, 0.3, "altitude"),
         (3, 10, 1.0, "overlap"),
-        (30, 40, 0.0, "fits"),
+        (30, 40, 0.0, "--altitude of at most 10.82"),
     ],
 )
 def test_impossible_surveys_are_refused(
@@ -46,3 +46,8 @@ def test_impossible_surveys_are_refused(
 ) -> None:
     with pytest.raises(InvalidInputError, match=word):
         plan_survey(views, altitude_m, overlap, CAMERA, STAGE)
+
+
+@pytest.mark.parametrize(("altitude_m", "overlap"), [(10.82, 0.0), (40, 0.73)])
+def test_what_an_error_proposes_fits(altitude_m: float, overlap: float) -> None:
+    assert len(plan_survey(30, altitude_m, overlap, CAMERA, STAGE).xy_m) == 30
