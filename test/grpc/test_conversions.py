@@ -31,7 +31,7 @@ from oaisys_grpc import chunks, conversions, encodings
 from oaisys_grpc.errors import STATUS_CODES, error_from_status, status_from_error
 from oaisys_grpc.faults import ERROR_TYPES, error_from_fault, fault_from_error
 from oaisys_grpc.frame_placement import FramePlacement
-from oaisys_grpc.messages import Part, RawChunk, response
+from oaisys_grpc.messages import Part, response
 from oaisys_grpc.operation import (
     Kind,
     OperationStatus,
@@ -169,7 +169,7 @@ def test_a_sample_comes_back_from_its_parts(size: tuple[int, int]) -> None:
 def test_a_frame_says_its_camera_matrix() -> None:
     parts = chunks.sample_to_parts(make_sample(4, 4))
     header = next(
-        part.frame for part in parts if not isinstance(part, RawChunk) and part.HasField("frame")
+        part.frame for part in parts if isinstance(part, pb.SamplePart) and part.HasField("frame")
     )
     assert np.array_equal(np.reshape(header.k, (3, 3)), INTRINSICS.K)
     assert header.array.data_type == pb.DATA_TYPE_FLOAT32
@@ -279,11 +279,11 @@ def test_what_lies_in_shared_memory_is_passed_on_and_the_rest_goes_along() -> No
             theirs.data[:] = 0
     large = np.arange(100_000, dtype=np.float64)
     message = {"placed": placed, "large": large, "small": np.eye(3), "again": placed[0].data}
-    ours, theirs = map(Connection, socket.socketpair())
-    with contextlib.closing(ours), contextlib.closing(theirs):
-        sender = threading.Thread(target=ours.send, args=(message,))
+    near_end, far_end = map(Connection, socket.socketpair())
+    with contextlib.closing(near_end), contextlib.closing(far_end):
+        sender = threading.Thread(target=near_end.send, args=(message,))
         sender.start()
-        arrived = theirs.receive()
+        arrived = far_end.receive()
         sender.join()
     assert_same(arrived, message)
     files = [segment_of(frame.data) for frame in (*placed, *arrived["placed"])]

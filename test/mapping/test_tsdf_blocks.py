@@ -148,9 +148,9 @@ def test_sky_clears_up_to_the_range_and_no_further() -> None:
     for _ in range(3):
         volume.integrate(SKY_M, None, CAMERA, ABOVE)
     assert len(volume.extract_mesh().triangles) == 0
-    assert volume.distance_at([(0.05, 0.0, 2.0)])[0] > 0
+    assert volume.distance_at(np.array([(0.05, 0.0, 2.0)]))[0] > 0
     # 5.05 m below the camera is z = 0.95; what lies behind it is not told about.
-    assert np.isnan(volume.distance_at([(0.05, 0.0, 0.75)])[0])
+    assert np.isnan(volume.distance_at(np.array([(0.05, 0.0, 0.75)]))[0])
 
 
 def test_pixels_that_tell_nothing_clear_nothing() -> None:
@@ -349,7 +349,7 @@ def test_unlabelled_volumes_say_so() -> None:
     volume.integrate(GROUND_M, None, CAMERA, ABOVE, halves(1, 2))
     assert volume.extract_mesh().class_ids is None
     with pytest.raises(InvalidInputError, match="semantic"):
-        volume.classes_at([(0.0, 0.0, 0.0)])
+        volume.classes_at(np.array([(0.0, 0.0, 0.0)]))
 
 
 def test_the_heaviest_class_is_found_among_more_than_are_kept() -> None:
