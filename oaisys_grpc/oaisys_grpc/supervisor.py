@@ -43,9 +43,6 @@ CANCEL_GRACE_S = 0.8
 WITHDRAW_TIMEOUT_S = 10.0
 """For a worker to bring back what was before a sample."""
 
-TEND_S = 1.0
-"""How long after the worker's memory was looked at it need not be before a call."""
-
 CRASHES_ALLOWED = 3
 CRASH_WINDOW_S = 60.0
 """So many crashes within so many seconds, and no new worker is started."""
@@ -89,7 +86,6 @@ class Supervisor:
         self._crashes_s: collections.deque[float] = collections.deque(maxlen=CRASHES_ALLOWED)
         self._broken: OaisysError | None = None
         self._struck = threading.Event()
-        self._tended_s = -math.inf
         self.restarts = 0
         self.recycles = 0
 
@@ -138,10 +134,7 @@ class Supervisor:
         """
         cancel_grace_s = CANCEL_GRACE_S if method == SAMPLE_METHOD else math.inf
         limit = Limit(timeout_s, self._options.grace_s, cancelled, cancel_grace_s)
-        if time.monotonic() < self._tended_s + TEND_S:
-            self._see_to_worker()
-        else:
-            self.tend()
+        self.tend()
         if limit.must_stop():
             raise limit.error()
         answer = self._answer_of(method, arguments, limit, progress, on_frames)
@@ -199,7 +192,6 @@ class Supervisor:
             OaisysError: The new one does not start either.
         """
         self._see_to_worker()
-        self._tended_s = time.monotonic()
         if self._worker is not None and self._has_grown(self._worker):
             # Health goes on to say that it serves: what is asked for meanwhile waits, and is done.
             self.recycles += 1
