@@ -113,13 +113,11 @@ def challenge(
 
     Exit 0 if the right one closes and all others are rejected.
     """
-    from rich.console import Console
-
     from oaisys_ros_bridge.challenge import challenge_bag
-    from oaisys_ros_bridge.progress import Reporter
+    from oaisys_ros_bridge.progress import Reporter, print_table
     from oaisys_ros_bridge.survey_seeds import faults_table
 
     records = challenge_bag(folder, Reporter())
-    Console().print(faults_table([record.to_dict() for record in records]))
+    print_table(faults_table([record.to_dict() for record in records]))
     if any(record.rejected == (record.name == "none") for record in records):
         raise typer.Exit(1)

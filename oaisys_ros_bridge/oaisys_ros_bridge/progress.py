@@ -8,8 +8,20 @@ from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
 
 T = TypeVar("T")
+
+FILE_COLUMNS = 160
+"""Width of tables that go to no terminal: rich takes 80 there, and cuts figures."""
+
+
+def print_table(table: Table) -> None:
+    """Print a table on standard output, with all of its figures."""
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=FILE_COLUMNS)
+    console.print(table)
 
 
 class Reporter:

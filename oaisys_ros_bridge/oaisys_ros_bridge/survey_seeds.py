@@ -6,11 +6,10 @@ import json
 from dataclasses import replace
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
 
 from oaisys_ros_bridge.explore_plan import worlds_of
-from oaisys_ros_bridge.progress import Reporter
+from oaisys_ros_bridge.progress import Reporter, print_table
 from oaisys_ros_bridge.survey import run_survey
 from oaisys_ros_bridge.survey_plan import SurveyOptions
 from oaisys_ros_bridge.system import write_config
@@ -50,7 +49,7 @@ def run_seeds(options: SurveyOptions, reporter: Reporter, seeds: str) -> bool:
         run_survey(replace(options, out=out, overrides=overrides), reporter)
         reports.append(json.loads((out / "report.json").read_text(encoding="utf-8")))
     (options.out / SEEDS_FILE).write_text(json.dumps(reports, indent=2), encoding="utf-8")
-    Console().print(seeds_table(reports))
+    print_table(seeds_table(reports))
     return all(went_well(report) for report in reports)
 
 
