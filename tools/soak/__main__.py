@@ -35,6 +35,9 @@ GROWTH_MB = 12.0
 """What allocators do by themselves: a process has grown that holds more than either of these above
 its first reading."""
 
+POOL_THREADS = 8
+"""What pools may still start: an executor makes its threads one by one, as they are needed."""
+
 Readings = dict[int, Mapping[str, Gauge]]
 """Gauges by number of samples and process."""
 
@@ -143,7 +146,7 @@ def grown(readings: Readings) -> Sequence[str]:
         for unit, before, after, spare in (
             ("MB", begin.private_mb, end.private_mb, growth_mb(begin.private_mb)),
             ("descriptors", begin.descriptors, end.descriptors, 2),
-            ("threads", begin.threads, end.threads, 2),
+            ("threads", begin.threads, end.threads, POOL_THREADS),
             ("shared segments", begin.shared_segments, end.shared_segments, 1),
         ):
             if after > before + spare:
