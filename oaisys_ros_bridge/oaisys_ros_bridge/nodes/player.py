@@ -28,8 +28,9 @@ CLOCK = "/clock"
 USUAL_DEPTH = 10
 """Of a queue whose depth is not known."""
 LOOK_PERIOD_S = 0.1
-CALM_S = 1.5
-"""Subscribers count as complete when none has come for this long."""
+CALM_S = 3.0
+"""Subscribers count as complete when none has come for this long; on a busy machine discovery takes
+that long to tell of the first."""
 LONGEST_WAIT_S = 20.0
 """For subscribers that are known of, but not matched."""
 ACKNOWLEDGED_S = 10.0
