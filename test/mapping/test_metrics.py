@@ -3,49 +3,27 @@
 import numpy as np
 import open3d as o3d
 import pytest
-from numpy.typing import NDArray
+from surfaces import CAMERA, colored, down, grid_mesh
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import (
     T_LINK_OPTICAL,
     pixel_rays,
     pose_looking_at,
-    pose_looking_down,
     pose_to_matrix,
 )
-from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+from oaisys_core.types import PinholeIntrinsics, TriangleMesh
 from oaisys_mapping.mesh import ColoredMesh, sample_surface, triangle_areas_m2
 from oaisys_mapping.metrics import ReconstructionMetrics, evaluate_reconstruction
 from oaisys_mapping.thresholds import Thresholds
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.visibility import View
 
-CAMERA = PinholeIntrinsics(160, 120, 135.285, 135.285, 79.5, 59.5)
 VOXEL_M = 0.10
 IMAGE_AT_6_M_M2 = (159 / 135.285 * 6) * (119 / 135.285 * 6)
 """What the camera sees of level ground 6 m below, from the first pixel's centre to the last's."""
 
 CLOSED = Thresholds(max_rmse_m=0.05, min_completion=0.95, min_f_score=0.95)
-
-
-def grid_mesh(
-    x_m: tuple[float, float], y_m: tuple[float, float], z_m: float | FloatArray, step_m: float = 0.1
-) -> tuple[FloatArray, NDArray[np.int32]]:
-    columns = round((x_m[1] - x_m[0]) / step_m) + 1
-    rows = round((y_m[1] - y_m[0]) / step_m) + 1
-    x, y = np.meshgrid(np.linspace(*x_m, columns), np.linspace(*y_m, rows))
-    vertices_m = np.column_stack((x.ravel(), y.ravel(), np.broadcast_to(z_m, x.shape).ravel()))
-    index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
-    return vertices_m, np.stack((a, b, c, a, c, d), -1).reshape(-1, 3).astype(np.int32)
-
-
-def colored(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> ColoredMesh:
-    return ColoredMesh(vertices_m, triangles, np.full((len(vertices_m), 3), 90, np.uint8))
-
-
-def down(x_m: float, y_m: float, z_m: float) -> View:
-    return View(CAMERA, pose_to_matrix(pose_looking_down(x_m, y_m, z_m)) @ T_LINK_OPTICAL)
 
 
 def measure(
