@@ -127,7 +127,7 @@ class InstanceCaster:
             return
         self._instance_ids = np.concatenate([each.placement.instance_ids for each in standing])
         self._T_map_object = np.concatenate([each.placement.T_map_object for each in standing])
-        self._T_object_map = np.linalg.inv(self._T_map_object)
+        self._T_object_map = _inverse(self._T_map_object)
         self._low_m, self._high_m = self._bounds()
         self.low_m, self.high_m = self._low_m.min(axis=0), self._high_m.max(axis=0)
         self._origin_m = (self.low_m + self.high_m) / 2
@@ -279,6 +279,21 @@ class InstanceCaster:
         nearer = distances < best[rays]
         best[rays[nearer]] = distances[nearer]
         found[rays[nearer]] = triangle_ids[farthest_first][nearer]
+
+
+def _inverse(T: FloatArray) -> FloatArray:
+    """Return the inverses of (N, 4, 4) affine poses, whose parts may be scaled and sheared.
+
+    LAPACK, as NumPy calls it for each matrix, takes 20 to 130 µs apiece.
+    """
+    inverse = np.zeros_like(T)
+    columns = T[:, :3, :3].transpose(2, 0, 1)
+    for row in range(3):
+        inverse[:, row, :3] = np.cross(columns[(row + 1) % 3], columns[(row + 2) % 3])
+    inverse[:, :3, :3] /= np.einsum("ni,ni->n", inverse[:, 0, :3], columns[0])[:, None, None]
+    inverse[:, :3, 3] = -_turned(inverse[:, :3, :3], T[:, :3, 3])
+    inverse[:, 3, 3] = 1.0
+    return inverse
 
 
 def _turned(R: NDArray[np.float64], vectors: FloatArray) -> FloatArray:
