@@ -247,14 +247,10 @@ class SimulatorClient:
 
     def watch_operation(self, name: str) -> Iterator[OperationStatus]:
         """Yield how an operation stands, at each change until it has ended."""
-        with translated():
-            request = pb.WatchOperationRequest(name=name)
-            call = self._stub.WatchOperation(request, timeout=self._timeout_s)
-            try:
-                for answer in call:
-                    yield status_from_proto(answer.operation)
-            finally:
-                call.cancel()
+        request = pb.WatchOperationRequest(name=name)
+        with translated(), self._channel.watch_operation(request, timeout=self._timeout_s) as call:
+            for answer in call:
+                yield status_from_proto(answer.operation)
 
     def cancel_operation(self, name: str) -> OperationStatus:
         """Ask an operation to stop, and return how it stands now."""
@@ -271,8 +267,8 @@ class SimulatorClient:
         """Return the surface of the world as rendered, in ``map``."""
         with translated():
             request = pb.GetGroundTruthMeshRequest()
-            call = self._channel.ground_truth_mesh(request, timeout=self._timeout_s)
-            return chunks.mesh_from_parts(call, self._max_array_bytes)
+            with self._channel.ground_truth_mesh(request, timeout=self._timeout_s) as parts:
+                return chunks.mesh_from_parts(parts, self._max_array_bytes)
 
     def query_height(self, points_m: ArrayLike) -> HeightQuery:
         """Return the heights under (N, 3) points in ``map``; NaN off the stage."""

@@ -18,6 +18,7 @@ from oaisys_core.command_options import (
 from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_grpc.addresses import check_address
 from oaisys_grpc.client import DEFAULT_ADDRESS
+from oaisys_grpc.memory import keep_freed_memory
 from oaisys_grpc.server import serve as run_server
 from oaisys_grpc.server_options import GRACE_S, LEGACY_FOLDER, POSE_CACHE_MB, ServerOptions
 from oaisys_grpc.tls import ServerTls
@@ -91,6 +92,7 @@ def serve(
     SIGINT, SIGTERM and EndSimulation end it within 5 s, with exit code 0: calls under way get 2 s
     of them, unless a second signal comes.
     """
+    keep_freed_memory()
     chosen = load_config(config) if config else SimulationConfig()
     tls = ServerTls.of(tls_cert, tls_key, tls_client_ca)
     check_address(address, insecure=insecure, encrypted=tls is not None)

@@ -78,15 +78,11 @@ class SampleClient:
         on_progress: ProgressListener | None,
     ) -> Iterator[SampleStream]:
         """Have a sample rendered; leaving the block early cancels that."""
-        with translated():
-            call = self._channel.render_sample(request, timeout=timeout_s)
-            try:
-                parts = _parts_after_progress(call, on_progress)
-                stream = self._stream(parts, timeout_s, call.cancel)
-                yield stream
-                self._learn(request.transfer, stream)
-            finally:
-                call.cancel()
+        with translated(), self._channel.render_sample(request, timeout=timeout_s) as call:
+            parts = _parts_after_progress(call, on_progress)
+            stream = self._stream(parts, timeout_s, call.cancel)
+            yield stream
+            self._learn(request.transfer, stream)
 
     def fetched(
         self, batch_id: int, sample_id: int, timeout_s: float, transfer: Transfer | None = None
@@ -94,8 +90,7 @@ class SampleClient:
         """Return a sample that was rendered lately."""
         options = transfer_to_proto(transfer or self.transfer(timeout_s))
         request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id, transfer=options)
-        with translated():
-            answers = self._channel.get_sample(request, timeout=timeout_s)
+        with translated(), self._channel.get_sample(request, timeout=timeout_s) as answers:
             parts = (a.part if isinstance(a, pb.GetSampleResponse) else a for a in answers)
             stream = self._stream(parts, timeout_s)
             sample = stream.read()

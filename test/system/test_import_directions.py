@@ -60,7 +60,7 @@ ROS = {
     "sensor_msgs", "simulation_interfaces", "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs",
     "visualization_msgs",
 }  # fmt: skip
-CLIENT_SIDE = ("oaisys_grpc.client", "oaisys_grpc.conversions")
+CLIENT_SIDE = ("oaisys_grpc.client", "oaisys_grpc.conversions", "oaisys_grpc.memory")
 
 
 def modules() -> Iterator[tuple[str, Path]]:
@@ -123,7 +123,7 @@ def allowed_for(module: str) -> set[str]:
         signing = {"cryptography"} if module in SIGNING else set()
         return MAPPING_LIBRARIES | COMMAND_LINE | PLAIN_CORE | drawing | signing
     if package == "oaisys_ros_bridge":
-        client = {"oaisys_grpc.client", "oaisys_mapping"}
+        client = {"oaisys_grpc.client", "oaisys_grpc.memory", "oaisys_mapping"}
         return BRIDGE_LIBRARIES | COMMAND_LINE | ROS | PLAIN_CORE | client
     if module in client_modules():
         return GRPC_LIBRARIES | PLAIN_CORE

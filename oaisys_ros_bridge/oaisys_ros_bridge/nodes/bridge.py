@@ -17,11 +17,11 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_core.types import SampleOutline, SimulatorInfo
 from oaisys_grpc.client import client_tls
+from oaisys_grpc.memory import keep_freed_memory
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.command_queue import CommandQueue
 from oaisys_ros_bridge.diagnostics import diagnostics_msg, resident_mb, simulator_values
 from oaisys_ros_bridge.managed_node import ACTIVE, INACTIVE, UNCONFIGURED, ManagedNode
-from oaisys_ros_bridge.memory import keep_freed_memory
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.parameter_table import Changeable, ParameterRow

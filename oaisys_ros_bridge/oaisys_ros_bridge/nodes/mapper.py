@@ -27,6 +27,7 @@ from visualization_msgs.msg import Marker
 
 from oaisys_core.errors import NotReadyError, OaisysError
 from oaisys_core.types import RGB
+from oaisys_grpc.memory import keep_freed_memory
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import write_ply
 from oaisys_mapping.metrics import Extras, evaluate_reconstruction
@@ -38,7 +39,6 @@ from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
 from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler, nanoseconds
 from oaisys_ros_bridge.fusion import DepthFrame, Fusion, FusionState
 from oaisys_ros_bridge.mapper_parameters import MAPPER, tsdf_config
-from oaisys_ros_bridge.memory import keep_freed_memory
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TF_STATIC_QOS

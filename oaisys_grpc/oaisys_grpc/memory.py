@@ -19,8 +19,9 @@ def keep_freed_memory() -> None:
     """Use memory again instead of returning it to the system and asking for it anew.
 
     A sample passes through several buffers of megabytes. By default each of their pages is taken
-    away and given back, zeroed, at every sample: a third of the time that publishing costs. Call
-    it before there are threads. Does nothing where the C library is another than glibc.
+    away and given back, zeroed, at every sample: a third of the time that sending or publishing it
+    costs. For programs, not libraries, as it holds for the whole process. Call it before there are
+    threads. Does nothing where the C library is another than glibc.
     """
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is None:

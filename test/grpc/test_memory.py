@@ -9,7 +9,7 @@ import pytest
 
 ROUNDS = """
 import resource, sys, threading
-from oaisys_ros_bridge.memory import keep_freed_memory
+from oaisys_grpc.memory import keep_freed_memory
 
 SIZES = [921_600, 1_228_800, 614_400, 1_228_800, 4_915_200] * 3  # a sample's messages, copied
 
