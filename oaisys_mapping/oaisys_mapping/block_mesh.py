@@ -16,6 +16,7 @@ from oaisys_mapping.marching_cubes import (
     NEIGHBOURS,
     REGION_BLOCKS,
     REGION_SAMPLES,
+    ClassesAt,
     RegionSurfaces,
     region_surfaces,
 )
@@ -54,12 +55,12 @@ class BlockMesh:
 
     Args:
         voxel_size_m: Edge length of a voxel.
-        has_classes: Whether voxels tell classes.
+        classes_at: Tells the classes of (N, 3) points, and their shares; None: there are none.
     """
 
-    def __init__(self, voxel_size_m: float, *, has_classes: bool) -> None:
+    def __init__(self, voxel_size_m: float, classes_at: ClassesAt | None) -> None:
         self._voxel_size_m = voxel_size_m
-        self._has_classes = has_classes
+        self._classes_at = classes_at
         self._pieces: dict[int, _Piece] = {}
         self._stale: list[NDArray[np.int64]] = []
 
@@ -106,7 +107,8 @@ class BlockMesh:
             blocks, region = blocks[is_there], is_there // len(_IN_REGION)
             arrays, slots = source((blocks[:, None] + NEIGHBOURS).reshape(-1, 3))
             slots = slots.reshape(-1, len(NEIGHBOURS))
-            found = region_surfaces(arrays, blocks, slots, region, len(part), self._voxel_size_m)
+            size_m, classes_at = self._voxel_size_m, self._classes_at
+            found = region_surfaces(arrays, blocks, slots, region, len(part), size_m, classes_at)
             return _split(part, corners, found)
 
         for done in POOL.map(work, parts):
@@ -114,7 +116,7 @@ class BlockMesh:
 
     def _joined(self, pieces: list[_Piece]) -> ColoredMesh:
         if not pieces:
-            return _no_mesh(has_classes=self._has_classes)
+            return _no_mesh(has_classes=self._classes_at is not None)
         counts = np.array([len(piece.vertices_m) for piece in pieces])
         faces = np.array([len(piece.triangles) for piece in pieces])
         first = np.cumsum(counts) - counts
@@ -122,7 +124,7 @@ class BlockMesh:
         local = np.concatenate([piece.triangles for piece in pieces])
         local += np.repeat(first, faces).astype(np.int32)[:, None]
         ids, probabilities = None, None
-        if self._has_classes:
+        if self._classes_at is not None:
             ids = np.concatenate([piece.class_ids for piece in pieces])[kept]
             probabilities = np.concatenate([piece.class_probabilities for piece in pieces])[kept]
         return ColoredMesh(

@@ -31,6 +31,9 @@ themselves, by doubling, and the surface does not depend on when."""
 MOST_BLOCKS_AWAY = 1 << 16
 """Blocks lie less than this many from the origin: 52 km at 0.1 m."""
 
+MOST_BLOCKS_IN_TABLE = 4_000_000
+"""Blocks of a box whose numbers are looked up in a table of 32 MB."""
+
 _CPU = o3d.core.Device("CPU:0")
 
 Coordinates = NDArray[np.int32]
@@ -170,6 +173,28 @@ class VoxelBlocks:
 def block_order(coordinates: Coordinates) -> NDArray[np.intp]:
     """Return the (N,) order of (N, 3) blocks by x, then y, then z."""
     return np.argsort(packed(coordinates), kind="stable")
+
+
+def distinct_blocks(blocks: NDArray[Any]) -> tuple[Coordinates, NDArray[np.intp]]:
+    """Return the different ones of (3, N) blocks, (M, 3) in `block_order`, and each's number.
+
+    Those in a box of a few million are told apart by a table of it, which takes no sorting.
+    """
+    if not blocks.size:
+        return np.zeros((0, 3), np.int32), np.zeros(0, np.intp)
+    low, high = blocks.min(axis=1), blocks.max(axis=1)
+    size = high.astype(np.int64) - low + 1
+    if np.prod(size.astype(float)) > MOST_BLOCKS_IN_TABLE:
+        numbers, place = np.unique(packed(blocks.T), return_inverse=True)
+        return unpacked(numbers), place.ravel()
+    steps = np.array((size[1] * size[2], size[2], 1), blocks.dtype)
+    number = blocks[0] * steps[0] + blocks[1] * steps[1] + blocks[2] - low @ steps
+    table = np.zeros(np.prod(size), np.intp)
+    table[number] = 1
+    found = np.flatnonzero(table)
+    table[found] = np.arange(len(found))
+    coordinates = np.column_stack(np.unravel_index(found, size)) + low
+    return coordinates.astype(np.int32), table[number]
 
 
 def packed(coordinates: NDArray[Any]) -> NDArray[np.int64]:

@@ -8,7 +8,7 @@ implicit surfaces", 1988).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
 from oaisys_mapping.blocks import BLOCK_VOXELS, VOXELS, Coordinates
-from oaisys_mapping.semantic_fusion import most_likely
 
 PADDED = BLOCK_VOXELS + 1
 """Samples along an edge of a block's cubes: its own, and its neighbours' first."""
@@ -36,6 +35,8 @@ EDGES = tuple((corner, axis) for corner in range(8) for axis in range(3) if not 
 
 NO_COLOR = 128 / 255
 """Where no image told a colour."""
+
+ClassesAt = Callable[[FloatArray], tuple[NDArray[np.uint16], NDArray[np.float32]]]
 
 _SAMPLES = PADDED**3
 _STEPS = np.array((1, PADDED, PADDED**2))
@@ -126,6 +127,7 @@ def region_surfaces(
     region: NDArray[np.intp],
     regions: int,
     voxel_size_m: float,
+    classes_at: ClassesAt | None,
 ) -> RegionSurfaces:
     """Return the zero level in regions, in cubes whose corners have all been seen.
 
@@ -136,6 +138,7 @@ def region_surfaces(
         region: (N,) number of each block's region, from 0.
         regions: How many regions there are.
         voxel_size_m: Edge length of a voxel.
+        classes_at: Tells the classes of (N, 3) points, and their shares; None: there are none.
     """
     samples = _padded(arrays, slots)
     cells, cubes = _crossed(samples)
@@ -154,14 +157,15 @@ def region_surfaces(
     number[vertices] = np.arange(len(vertices), dtype=np.int32)
     own = found[vertices].astype(np.int64)
     along, offsets = _places(samples, own)
-    colors, ids, probabilities = _descriptions(arrays, slots, own, along)
     block = own // (3 * _SAMPLES)
+    vertices_m = (blocks[block].astype(np.float64) * BLOCK_VOXELS + offsets) * voxel_size_m
+    ids, probabilities = classes_at(vertices_m) if classes_at is not None else (None, None)
     starts = 3 * REGION_SAMPLES**3 * np.arange(regions + 1)
     return RegionSurfaces(
-        vertices_m=(blocks[block].astype(np.float64) * BLOCK_VOXELS + offsets) * voxel_size_m,
+        vertices_m=vertices_m,
         key=(vertices % (3 * REGION_SAMPLES**3)).astype(np.int32),
         triangles=number[keys],
-        colors_rgb=colors,
+        colors_rgb=_colors(arrays, slots, own, along),
         class_ids=ids,
         class_probabilities=probabilities,
         vertex_ends=np.searchsorted(vertices, starts),
@@ -240,13 +244,13 @@ def _sample_places(sample: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.column_stack((within % PADDED, within // PADDED % PADDED, within // PADDED**2))
 
 
-def _descriptions(
+def _colors(
     arrays: Mapping[str, NDArray[Any]],
     slots: NDArray[np.int32],
     vertices: NDArray[np.int64],
     along: NDArray[np.float32],
-) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None, NDArray[np.float32] | None]:
-    """Return the vertices' colours, classes and their probabilities."""
+) -> NDArray[np.uint8]:
+    """Return the vertices' colours."""
     sample, axis = vertices // 3, vertices % 3
     ends = [_voxels(slots, one) for one in (sample, sample + _STEPS[axis])]
     shares = (1 - along, along)
@@ -257,14 +261,8 @@ def _descriptions(
         color += told[:, :3] * is_colored[:, None]
         total += is_colored
     color[total <= 0], total[total <= 0] = NO_COLOR, 1
-    colors = np.rint(np.clip(color / total[:, None], 0, 1) * 255).astype(np.uint8)
-    if "class_id" not in arrays:
-        return colors, None, None
-    kept = arrays["class_id"].shape[-1]
-    ids = np.hstack([arrays["class_id"].reshape(-1, kept)[voxel] for voxel in ends])
-    weights = [arrays["class_weight"].reshape(-1, kept)[voxel] for voxel in ends]
-    scaled = [each * share[:, None] for each, share in zip(weights, shares, strict=True)]
-    return colors, *most_likely(ids, np.hstack(scaled))
+    share = np.clip(color / total[:, None], 0, 1)
+    return np.asarray(np.rint(share * 255).astype(np.uint8))
 
 
 def _voxels(slots: NDArray[np.int32], sample: NDArray[np.int64]) -> NDArray[np.int64]:

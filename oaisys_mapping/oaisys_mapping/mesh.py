@@ -98,25 +98,6 @@ def sample_surface(
     return SurfacePoints(points_m, normals, float(cumulated[-1]) / count, ids)
 
 
-def in_canonical_order(mesh: ColoredMesh) -> ColoredMesh:
-    """Return the mesh with sorted vertices and triangles: equal meshes have equal bytes."""
-    order = np.lexsort(mesh.vertices_m.T[::-1])
-    rank = np.empty(len(order), np.int64)
-    rank[order] = np.arange(len(order))
-    triangles = rank[mesh.triangles]
-    first = triangles.argmin(axis=1)
-    turned = np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
-    in_order = turned[np.lexsort(turned.T[::-1])]
-    ids, probabilities = mesh.class_ids, mesh.class_probabilities
-    return ColoredMesh(
-        mesh.vertices_m[order],
-        in_order.astype(np.int32),
-        mesh.colors_rgb[order],
-        None if ids is None else ids[order],
-        None if probabilities is None else probabilities[order],
-    )
-
-
 def _cross(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> FloatArray:
     a, b, c = (vertices_m[triangles[:, corner]] for corner in range(3))
     (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T

@@ -57,8 +57,20 @@ class Observation:
     @property
     def free_m(self) -> NDArray[np.float32]:
         """(H, W) depth up to which each ray is known to be free; 0: not at all."""
-        inner = self.depth_m.reshape(self.rows, self.stride)[1:-1, 1:-1]
-        return np.clip(inner, 0, np.float32(self.max_range_m))
+        return np.clip(self.inner(self.depth_m), 0, np.float32(self.max_range_m))
+
+    def inner(self, image: NDArray[Any]) -> NDArray[Any]:
+        """Return one of the images as (H, W), without its border."""
+        return image.reshape(self.rows, self.stride)[1:-1, 1:-1]
+
+    @property
+    def to_map(self) -> tuple[FloatArray, FloatArray]:
+        """(3, 3) matrix that gives z times a pixel's (column, row, 1) in `map`, and the camera."""
+        matrix, offset = self.to_pixel
+        inverse = np.linalg.inv(matrix)
+        to_map = inverse.copy()
+        to_map[:, 2] += 1.5 * (inverse[:, 0] + inverse[:, 1])
+        return to_map, -inverse @ offset
 
 
 def observation(

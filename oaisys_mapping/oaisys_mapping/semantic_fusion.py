@@ -58,6 +58,17 @@ def most_likely(
     A class may have several entries. Where nothing was seen: 0 with probability 0. Of equal
     weights the class with the smaller number wins.
     """
+    is_told = class_weight > 0
+    ids = np.where(is_told, class_id, UNLABELLED).max(axis=1, initial=UNLABELLED)
+    share = is_told.any(axis=1).astype(np.float32)
+    mixed = np.flatnonzero((is_told & (class_id != ids[:, None])).any(axis=1))
+    ids[mixed], share[mixed] = _heaviest(class_id[mixed], class_weight[mixed])
+    return ids.astype(np.uint16), share
+
+
+def _heaviest(
+    class_id: NDArray[np.uint16], class_weight: NDArray[np.float32]
+) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
     weight = np.zeros_like(class_weight)
     for entry in range(class_id.shape[1]):
         same = class_id == class_id[:, entry, None]
@@ -65,9 +76,7 @@ def most_likely(
     best = weight.max(axis=1)
     is_best = (weight == best[:, None]) & (best[:, None] > 0)
     ids = np.where(is_best, class_id, np.iinfo(np.uint16).max).min(axis=1)
-    total = class_weight.sum(axis=1)
-    share = best / np.where(total > 0, total, 1)
-    return np.where(best > 0, ids, UNLABELLED).astype(np.uint16), share.astype(np.float32)
+    return ids.astype(np.uint16), (best / class_weight.sum(axis=1)).astype(np.float32)
 
 
 def class_color(class_id: int) -> tuple[int, int, int]:

@@ -6,7 +6,7 @@ fused by `oaisys_mapping.fusing`, meshes made by `oaisys_mapping.block_mesh`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
@@ -17,109 +17,44 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.block_mesh import BlockMesh
-from oaisys_mapping.blocks import (
-    BLOCK_VOXELS,
-    GEOMETRY_FIELDS,
-    Coordinates,
-    VoxelField,
-    block_bytes,
-    packed,
-    unpacked,
-)
-from oaisys_mapping.fusing import FusionRules, fuse
+from oaisys_mapping.blocks import Coordinates, packed, unpacked
+from oaisys_mapping.fusing import POOL, FusionRules, fuse
+from oaisys_mapping.label_cells import CELL_FIELDS, LabelCells
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.observation import FreeSpace, observation
+from oaisys_mapping.observation import FreeSpace, Observation, observation
 from oaisys_mapping.semantic_fusion import SEMANTIC_FIELDS
-from oaisys_mapping.volume_file import VolumeHeader, read_volume, write_volume
-from oaisys_mapping.voxel_queries import ObservedVoxels, classes_at, distances_at, observed_voxels
-from oaisys_mapping.working_set import WHEN_FULL, VolumeFullError, WorkingSet, check_room
+from oaisys_mapping.tsdf_config import TsdfConfig
+from oaisys_mapping.volume_file import (
+    CELL_BLOCKS,
+    VOXEL_BLOCKS,
+    StoredGrid,
+    VolumeHeader,
+    read_volume,
+    write_volume,
+)
+from oaisys_mapping.voxel_queries import (
+    ClassVotes,
+    ObservedVoxels,
+    classes_at,
+    distances_at,
+    observed_voxels,
+)
+from oaisys_mapping.working_set import Readied, VolumeFullError, WorkingSet, check_room
 
 __all__ = ["TsdfConfig", "TsdfVolume", "VolumeFullError"]
 
 SEARCH_STRIDE_PX = 4
 """Open3D looks at every fourth pixel for blocks to map, and raises where all of these are empty."""
 
+VOXEL_VOTES = 0.25
+"""What a vote of a voxel's classes counts beside one of a cell's. Of 0 to 1 the best on the demo's
+worlds, by little."""
+
 DESCRIBED_VOXELS = 2.0
 """How far in front of the surface voxels keep colours and classes."""
 
 MOST_FREE_BLOCKS = 2_000_000
 """Blocks known to be free that are remembered, 8 bytes each; those far from the camera go first."""
-
-WEIGHTINGS = ("constant", "inverse_square")
-
-
-@dataclass(frozen=True)
-class TsdfConfig:
-    """How a volume is made.
-
-    Attributes:
-        voxel_size_m: Edge length of a voxel.
-        truncation_voxels: Distance from the surface, in voxels, up to which distances are kept. On
-            rocky ground seen from 10 m at 0.1 m, 2 / 3 / 4 / 6 gave an RMSE of 4.5 / 5.6 / 7.2 /
-            10.3 mm and holes of 1.0 / 0.5 / 0.4 / 0.3 %.
-        max_range_m: Depth beyond which nothing is integrated, and up to which a ray that hit
-            nothing, or something further away, clears. No more than the camera's own range.
-        max_blocks: Blocks of 8 x 8 x 8 voxels that may be in memory: 400,000 take 4.9 GB; see
-            `bytes_per_block`.
-        when_full: What becomes of a view that needs more: ``refuse`` it, or make room for it with
-            the blocks that are farthest from the camera: ``drop`` them, or ``store`` them on disk
-            until the camera comes back.
-        store_folder: Where stored blocks go; None: where temporary files do.
-        weighting: What a pixel counts: ``constant``: 1, or ``inverse_square``: 1 / depth^2, as the
-            noise of depth cameras asks for.
-        weigh_incidence: Whether it counts less the flatter the ray meets the surface (cosine).
-        max_weight: Weight beyond which a voxel's does not grow, so that it can change its mind.
-        clear_free_space: Whether rays clear blocks that they pass through, also those that hit
-            nothing; without it, a thing that moved away stays.
-        record_free_space: Whether to remember which blocks without voxels are free; for distance
-            queries in the open.
-        semantic: Whether voxels keep classes.
-    """
-
-    voxel_size_m: float = 0.10
-    truncation_voxels: float = 3.0
-    max_range_m: float = 60.0
-    max_blocks: int = 400_000
-    when_full: str = "refuse"
-    store_folder: Path | None = None
-    weighting: str = "constant"
-    weigh_incidence: bool = False
-    max_weight: float = 100.0
-    clear_free_space: bool = True
-    record_free_space: bool = False
-    semantic: bool = False
-
-    def __post_init__(self) -> None:
-        """Refuse sizes that are not above 0, and choices that there are not."""
-        for name in ("voxel_size_m", "truncation_voxels", "max_range_m", "max_blocks"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise InvalidInputError(name, value, "a finite number above 0")
-        if not self.max_weight > 0:
-            raise InvalidInputError("max_weight", self.max_weight, "a number above 0")
-        for name, choices in (("weighting", WEIGHTINGS), ("when_full", WHEN_FULL)):
-            if getattr(self, name) not in choices:
-                raise InvalidInputError(name, getattr(self, name), f"one of {', '.join(choices)}")
-
-    @property
-    def truncation_m(self) -> float:
-        """Distance up to which distances are kept."""
-        return self.truncation_voxels * self.voxel_size_m
-
-    @property
-    def fields(self) -> tuple[VoxelField, ...]:
-        """What is kept of a voxel."""
-        return (*GEOMETRY_FIELDS, *SEMANTIC_FIELDS) if self.semantic else GEOMETRY_FIELDS
-
-    @property
-    def block_size_m(self) -> float:
-        """Edge length of a block."""
-        return BLOCK_VOXELS * self.voxel_size_m
-
-    @property
-    def bytes_per_block(self) -> int:
-        """Memory that a block takes: 12 kB, 24 kB with classes."""
-        return block_bytes(self.fields)
 
 
 class TsdfVolume:
@@ -146,7 +81,15 @@ class TsdfVolume:
             when_full=self.config.when_full,
             store_folder=self.config.store_folder,
         )
-        self._mesh = BlockMesh(self.config.voxel_size_m, has_classes=self.config.semantic)
+        self._cells: LabelCells | None = None
+        if self.config.semantic:
+            size_m, most, folder = (
+                self.config.voxel_size_m,
+                self.config.max_blocks,
+                self.config.store_folder,
+            )
+            self._cells = LabelCells(size_m, most, folder)
+        self._mesh = self._new_mesh()
         self._free = np.zeros(0, np.int64)
 
     @property
@@ -210,8 +153,11 @@ class TsdfVolume:
         if len(changes.gone):
             self._let_go(changes.gone)
         self._mesh.change(changes.restored)
+        voting = self._voting(seen, near, changes)
         changed = fuse(self._working.arrays, changes.blocks, changes.slots, seen, self._rules)
         self._mesh.change(changes.blocks[changed])
+        if voting is not None:
+            self._mesh.change(voting.result())
         if space is not None and config.record_free_space:
             self._remember_free(space, T_map_camera[:3, 3])
         self.frames += 1
@@ -227,17 +173,24 @@ class TsdfVolume:
 
     def forget_mesh(self) -> None:
         """Let the next mesh be made anew, and give the memory of the last one back."""
-        self._mesh = BlockMesh(self.config.voxel_size_m, has_classes=self.config.semantic)
+        self._mesh = self._new_mesh()
         self._mesh.change(self._working.blocks_in_memory)
 
     def classes_at(self, points_m: FloatArray) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
         """Return the (N,) classes of (N, 3) points, and their shares of what was told there.
 
-        Asked are the eight voxels around a point, by trilinear weight; 0 where none was told.
+        Asked are the eight cells around a point, by trilinear weight, and, for less, the eight
+        voxels; 0 where none was told.
         """
-        if not self.config.semantic:
+        if self._cells is None:
             raise InvalidInputError("semantic", False, "a volume that keeps classes")
-        return classes_at(points_m, self.config.voxel_size_m, self._working.values)
+        ids, weights = (field.name for field in SEMANTIC_FIELDS)
+        cell_ids, cell_weights = (field.name for field in CELL_FIELDS)
+        votes = (
+            ClassVotes(self._cells.cell_m, self._cells.values, cell_ids, cell_weights, 1.0),
+            ClassVotes(self.config.voxel_size_m, self._working.values, ids, weights, VOXEL_VOTES),
+        )
+        return classes_at(points_m, votes)
 
     def distance_at(self, points_m: FloatArray) -> FloatArray:
         """Return the (N,) signed projective distances in metres at (N, 3) points.
@@ -269,13 +222,14 @@ class TsdfVolume:
         See `oaisys_mapping.volume_file`: equal views in equal order give equal bytes.
         """
         header = VolumeHeader(
-            self.config.voxel_size_m,
-            self.config.truncation_m,
-            self.frames,
-            self._working.all_blocks,
-            unpacked(self._free),
+            self.config.voxel_size_m, self.config.truncation_m, self.frames, unpacked(self._free)
         )
-        write_volume(path, header, self.config.fields, self._working.rows)
+        working = self._working
+        grids = [StoredGrid(VOXEL_BLOCKS, self.config.fields, working.all_blocks, working.rows)]
+        if self._cells is not None:
+            cells = self._cells
+            grids.append(StoredGrid(CELL_BLOCKS, CELL_FIELDS, cells.all_blocks, cells.rows))
+        write_volume(path, header, grids)
 
     def load(self, path: Path) -> None:
         """Replace the volume's content by a file's.
@@ -284,15 +238,21 @@ class TsdfVolume:
             InvalidInputError: The file is no volume, or one of another voxel size or truncation.
             VolumeFullError: It holds more than ``max_blocks``; the volume is unchanged.
         """
-        header, rows = read_volume(path, self.config.fields)
+        kept = {VOXEL_BLOCKS: self.config.fields}
+        if self.config.semantic:
+            kept[CELL_BLOCKS] = CELL_FIELDS
+        header, grids = read_volume(path, kept)
+        blocks, rows = grids[VOXEL_BLOCKS]
         for name in ("voxel_size_m", "truncation_m"):
             found, own = getattr(header, name), getattr(self.config, name)
             if not np.isclose(found, own):
                 raise InvalidInputError("path", f"{path}: {name} {found:g}", f"{own:g} m")
-        check_room(len(header.blocks), self.config.max_blocks)
+        check_room(len(blocks), self.config.max_blocks)
         self.reset()
-        self._working.fill(header.blocks, rows)
-        self._mesh.change(header.blocks)
+        self._working.fill(blocks, rows)
+        self._mesh.change(blocks)
+        if self._cells is not None and CELL_BLOCKS in grids:
+            self._cells.fill(*grids[CELL_BLOCKS])
         self._free = packed(header.free)
         self.frames = header.frames
 
@@ -308,6 +268,22 @@ class TsdfVolume:
         depth = o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(shown, np.float32)))
         far = (self.config.max_range_m, self.config.truncation_voxels)
         return self._working.near_surface(depth, camera.K, invert(T_map_camera), far)
+
+    def _new_mesh(self) -> BlockMesh:
+        classes_at = self.classes_at if self.config.semantic else None
+        return BlockMesh(self.config.voxel_size_m, classes_at)
+
+    def _voting(
+        self, seen: Observation, near: Coordinates, changes: Readied
+    ) -> Future[Coordinates] | None:
+        """Let cells go and come with their voxels, and begin to count what a view tells them."""
+        if self._cells is None:
+            return None
+        stores = self.config.when_full == "store"
+        self._cells.follow(changes.gone, changes.restored, stores=stores)
+        if seen.labels is None:
+            return None
+        return POOL.submit(self._cells.vote, seen, near)
 
     def _let_go(self, blocks: Coordinates) -> None:
         """Forget the surface of dropped blocks; that of stored ones can be made from disk."""

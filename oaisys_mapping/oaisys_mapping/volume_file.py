@@ -8,14 +8,17 @@ Arrays of a file, blocks by x, then y, then z; voxels by z, y, x:
 * ``tsdf``: (N, 8, 8, 8) float32 from -1 to 1, in truncations; ``weight``: (N, 8, 8, 8) float32, 0
   where nothing was seen; ``color``: (N, 8, 8, 8, 4) float32 red, green and blue from 0 to 1, and
   the weight that they were told with.
-* with semantics: ``class_id``: (N, 8, 8, 8, 4) uint16, ``class_weight``: (N, 8, 8, 8, 4) float32.
+* with semantics: ``class_id``: (N, 8, 8, 8, 4) uint16, ``class_weight``: (N, 8, 8, 8, 4) float32;
+  ``cell_blocks``: (M, 3) int32 blocks of cells half a voxel wide, ``cell_class_id``:
+  (M, 8, 8, 8, 2) uint16, ``cell_class_weight``: (M, 8, 8, 8, 2) float32. A file without cells is
+  one whose cells were told nothing.
 * ``truncation_m``: float64; ``free``: (M, 3) int32, blocks that are known to be free.
 """
 
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +30,8 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.blocks import BLOCK_VOXELS, VOXELS, Coordinates, VoxelField
 
 FORMAT = "oaisys tsdf 1"
+
+VOXEL_BLOCKS, CELL_BLOCKS = "blocks", "cell_blocks"
 
 PART_BLOCKS = 1024
 """Blocks that are written at a time."""
@@ -41,51 +46,55 @@ class VolumeHeader:
     voxel_size_m: float
     truncation_m: float
     frames: int
-    blocks: Coordinates
     free: Coordinates
 
 
-def write_volume(
-    path: Path,
-    header: VolumeHeader,
-    fields: tuple[VoxelField, ...],
-    rows: Callable[[Coordinates], Mapping[str, NDArray[Any]]],
-) -> None:
-    """Write a volume whole or not at all.
+@dataclass(frozen=True)
+class StoredGrid:
+    """One of a volume's grids: where its blocks are, and what is in them.
 
-    Args:
-        path: The file.
-        header: Its blocks in order.
+    Attributes:
+        name: Of the array of blocks.
         fields: Of a voxel.
-        rows: Gives some blocks' values by field.
+        blocks: (N, 3) in order.
+        rows: Gives some of the blocks' values by field.
     """
+
+    name: str
+    fields: tuple[VoxelField, ...]
+    blocks: Coordinates
+    rows: Callable[[Coordinates], Mapping[str, NDArray[Any]]]
+
+
+def write_volume(path: Path, header: VolumeHeader, grids: Sequence[StoredGrid]) -> None:
+    """Write a volume whole or not at all; `VOXEL_BLOCKS` come first."""
     beside = path.with_name(path.name + ".part")
-    parts = [header.blocks[i : i + PART_BLOCKS] for i in range(0, len(header.blocks), PART_BLOCKS)]
     single: dict[str, Any] = {
         "format": np.array(FORMAT),
         "voxel_size_m": np.array(header.voxel_size_m),
         "truncation_m": np.array(header.truncation_m),
         "frames": np.array(header.frames, np.int64),
-        "blocks": header.blocks,
         "free": header.free,
     }
     try:
         with zipfile.ZipFile(beside, "w") as archive:
             for name, array in single.items():
                 _write_array(archive, name, array.shape, array.dtype, [array])
-            for field in fields:
-                shape = (len(header.blocks), *_CUBE, *_channels(field))
-                found = (rows(part)[field.name] for part in parts)
-                _write_array(archive, field.name, shape, np.dtype(field.dtype), found)
+            for grid in grids:
+                _write_grid(archive, grid)
         beside.replace(path)
     finally:
         beside.unlink(missing_ok=True)
 
 
 def read_volume(
-    path: Path, fields: tuple[VoxelField, ...]
-) -> tuple[VolumeHeader, dict[str, NDArray[Any]]]:
-    """Return what a file says, and its blocks' values by field; inverse: `write_volume`.
+    path: Path, fields: Mapping[str, tuple[VoxelField, ...]]
+) -> tuple[VolumeHeader, dict[str, tuple[Coordinates, dict[str, NDArray[Any]]]]]:
+    """Return what a file says, and each grid's blocks and values by field; inverse: `write_volume`.
+
+    Args:
+        path: The file.
+        fields: Of each grid, by its name. One that is not `VOXEL_BLOCKS` may be missing.
 
     Raises:
         InvalidInputError: The file is no volume, or has not got these fields.
@@ -98,13 +107,23 @@ def read_volume(
                 float(arrays["voxel_size_m"]),
                 float(arrays["truncation_m"]),
                 int(arrays["frames"]),
-                arrays["blocks"],
                 arrays["free"],
             )
-            rows = {field.name: _rows(arrays, field, len(header.blocks)) for field in fields}
+            grids = {
+                name: _read_grid(arrays, name, each)
+                for name, each in fields.items()
+                if name == VOXEL_BLOCKS or name in arrays
+            }
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InvalidInputError("path", str(path), f"a saved volume ({error})") from error
-    return header, rows
+    return header, grids
+
+
+def _read_grid(
+    arrays: Any, name: str, fields: tuple[VoxelField, ...]
+) -> tuple[Coordinates, dict[str, NDArray[Any]]]:
+    blocks = arrays[name]
+    return blocks, {field.name: _rows(arrays, field, len(blocks)) for field in fields}
 
 
 def _rows(arrays: Any, field: VoxelField, blocks: int) -> NDArray[Any]:
@@ -117,6 +136,16 @@ def _rows(arrays: Any, field: VoxelField, blocks: int) -> NDArray[Any]:
 
 def _channels(field: VoxelField) -> tuple[int, ...]:
     return () if field.channels == 1 else (field.channels,)
+
+
+def _write_grid(archive: zipfile.ZipFile, grid: StoredGrid) -> None:
+    blocks = grid.blocks
+    parts = [blocks[i : i + PART_BLOCKS] for i in range(0, len(blocks), PART_BLOCKS)]
+    _write_array(archive, grid.name, blocks.shape, blocks.dtype, [blocks])
+    for field in grid.fields:
+        shape = (len(blocks), *_CUBE, *_channels(field))
+        found = (grid.rows(part)[field.name] for part in parts)
+        _write_array(archive, field.name, shape, np.dtype(field.dtype), found)
 
 
 def _write_array(

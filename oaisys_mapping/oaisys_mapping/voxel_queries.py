@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
-from oaisys_mapping.blocks import BLOCK_VOXELS, VOXELS, Coordinates, Slots, packed
+from oaisys_mapping.blocks import BLOCK_VOXELS, VOXELS, Coordinates, Slots, distinct_blocks, packed
 from oaisys_mapping.semantic_fusion import most_likely
 
 MOST_VOXELS = 200_000_000
 """Voxels that a box may have; one takes 5 bytes."""
 
 PART_POINTS = 16_384
+
+_AHEAD = np.array([(n & 1, n >> 1 & 1, n >> 2) for n in range(8)])
 
 Source = Callable[[Coordinates], tuple[Mapping[str, NDArray[Any]], Slots]]
 
@@ -73,8 +75,26 @@ def observed_voxels(
     return ObservedVoxels(low, _box(distance, shape)[within], _box(is_known, shape)[within])
 
 
+@dataclass(frozen=True)
+class ClassVotes:
+    """Classes on a grid.
+
+    Attributes:
+        size_m: Distance between samples.
+        source: Gives them.
+        id_field, weight_field: Names of the fields.
+        counts: What a vote counts.
+    """
+
+    size_m: float
+    source: Source
+    id_field: str
+    weight_field: str
+    counts: float
+
+
 def classes_at(
-    points_m: FloatArray, voxel_size_m: float, source: Source
+    points_m: FloatArray, votes: Sequence[ClassVotes]
 ) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
     """Return the (N,) classes of (N, 3) points, and their shares; see `TsdfVolume.classes_at`."""
     points_m = np.asarray(points_m, np.float64).reshape(-1, 3)
@@ -82,7 +102,9 @@ def classes_at(
     shares = np.zeros(len(points_m), np.float32)
     for first in range(0, len(points_m), PART_POINTS):
         part = slice(first, first + PART_POINTS)
-        ids[part], shares[part] = _classes(points_m[part] / voxel_size_m, source)
+        told = [_told(points_m[part], grid) for grid in votes]
+        some_ids, weights = (np.hstack(each) for each in zip(*told, strict=True))
+        ids[part], shares[part] = most_likely(some_ids, weights)
     return ids, shares
 
 
@@ -109,14 +131,14 @@ def _distances(places: FloatArray, source: Source) -> FloatArray:
     return distance
 
 
-def _classes(places: FloatArray, source: Source) -> tuple[Any, Any]:
+def _told(points_m: FloatArray, votes: ClassVotes) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return (N, M) classes told around (N, 3) points, and what each counts."""
     found_ids, found_weights = [], []
-    for share, within, arrays, slots in _corners(places, source):
-        weights = arrays["class_weight"][slots, within] * share[:, None].astype(np.float32)
-        weights[slots < 0] = 0
-        found_ids.append(arrays["class_id"][slots, within])
-        found_weights.append(weights)
-    return most_likely(np.hstack(found_ids), np.hstack(found_weights))
+    for share, within, arrays, slots in _corners(points_m / votes.size_m, votes.source):
+        counts = (share * (slots >= 0) * votes.counts).astype(np.float32)
+        found_weights.append(arrays[votes.weight_field][slots, within] * counts[:, None])
+        found_ids.append(arrays[votes.id_field][slots, within])
+    return np.hstack(found_ids), np.hstack(found_weights)
 
 
 def _corners(
@@ -125,12 +147,14 @@ def _corners(
     """Yield, for each of the eight voxels around (N, 3) places in voxels, its share and place."""
     corner = np.floor(places).astype(np.int64)
     along = places - corner
-    for number in range(8):
-        ahead = np.array((number & 1, number >> 1 & 1, number >> 2))
+    voxels = corner.T[:, None] + _AHEAD.T[..., None]
+    blocks, place = distinct_blocks((voxels // BLOCK_VOXELS).reshape(3, -1))
+    arrays, slots = source(blocks)
+    slots = slots[place].reshape(len(_AHEAD), -1)
+    within = np.tensordot((1, BLOCK_VOXELS, BLOCK_VOXELS**2), voxels % BLOCK_VOXELS, 1)
+    for number, ahead in enumerate(_AHEAD):
         share = np.where(ahead, along, 1 - along).prod(axis=1)
-        voxel = corner + ahead
-        arrays, slots = source((voxel // BLOCK_VOXELS).astype(np.int32))
-        yield share, (voxel % BLOCK_VOXELS) @ (1, BLOCK_VOXELS, BLOCK_VOXELS**2), arrays, slots
+        yield share, within[number], arrays, slots[number]
 
 
 def _box(rows: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:

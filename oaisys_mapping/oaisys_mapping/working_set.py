@@ -148,6 +148,36 @@ class WorkingSet:
             wanted, slots = self._with_passed(wanted, slots, clears)
         return Readied(wanted, slots, restored, gone)
 
+    def add(self, coordinates: Coordinates) -> Slots:
+        """Return the (N,) slots of (N, 3) blocks; of those that are missing, as many as have room.
+
+        Where there is no more, the last ones are left out: -1.
+        """
+        missing = np.flatnonzero(self._blocks.find(coordinates) < 0)
+        no_room = missing[max(0, self._most_blocks - len(self._blocks)) :]
+        self._blocks.add(np.delete(coordinates, no_room, axis=0))
+        return self._blocks.find(coordinates)
+
+    def put_away(self, coordinates: Coordinates, *, stores: bool) -> None:
+        """Take (N, 3) blocks out of memory, to disk or for good; others than are there are not.
+
+        Raises:
+            VolumeFullError: The disk is full; they are still in memory.
+        """
+        gone = coordinates[self._blocks.find(coordinates) >= 0]
+        if stores and len(gone):
+            try:
+                self._store.put(gone, self.rows(gone))
+            except OSError as error:
+                raise VolumeFullError(f"blocks cannot be stored: {error}") from error
+        self._blocks.remove(gone)
+
+    def bring_back(self, coordinates: Coordinates) -> None:
+        """Take those of (N, 3) blocks that are on disk into memory."""
+        stored = coordinates[self._store.has(coordinates)]
+        if len(stored):
+            self.fill(stored, self._store.take(stored))
+
     def fill(self, coordinates: Coordinates, rows: Mapping[str, NDArray[Any]]) -> None:
         """Take in (N, 3) blocks with their values."""
         slots = self._blocks.add(coordinates)
@@ -194,12 +224,7 @@ class WorkingSet:
         count = min(len(others), max(least, int(ROOM_SHARE * self._most_blocks)))
         away_m = np.linalg.norm((others + 0.5) * self._block_m - camera_m, axis=1)
         gone: Coordinates = others[np.argsort(-away_m, kind="stable")[:count]]
-        if self._when_full == "store":
-            try:
-                self._store.put(gone, self.rows(gone))
-            except OSError as error:
-                raise VolumeFullError(f"blocks cannot be stored: {error}") from error
-        self._blocks.remove(gone)
+        self.put_away(gone, stores=self._when_full == "store")
         return gone
 
     def _with_passed(

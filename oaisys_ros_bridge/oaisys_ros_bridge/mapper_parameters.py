@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from oaisys_mapping.tsdf import WEIGHTINGS, TsdfConfig
+from oaisys_mapping.tsdf_config import WEIGHTINGS, TsdfConfig
 from oaisys_mapping.working_set import WHEN_FULL
 from oaisys_ros_bridge.parameter_table import Changeable, ParameterRow, ParameterTable
 

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
-from oaisys_mapping.mesh import ColoredMesh, in_canonical_order
+from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply, write_ply, write_truth
 from oaisys_mapping.view_files import read_views, write_views
 from oaisys_mapping.visibility import View
@@ -138,16 +138,3 @@ def test_a_mesh_comes_back_from_its_file(tmp_path: Path) -> None:
     assert np.array_equal(back.vertices_m, vertices_m)
     assert np.array_equal(back.triangles, triangles)
     assert np.array_equal(back.colors_rgb, colors)
-
-
-def test_the_canonical_order_forgets_the_given_one() -> None:
-    rng = np.random.default_rng(2)
-    vertices_m, colors = rng.normal(size=(12, 3)), rng.integers(0, 256, (12, 3)).astype(np.uint8)
-    triangles = rng.permutation(12).reshape(4, 3).astype(np.int32)
-    shuffle = rng.permutation(12)
-    renamed = np.argsort(shuffle)[triangles][::-1, [1, 2, 0]].astype(np.int32)
-    one = in_canonical_order(ColoredMesh(vertices_m, triangles, colors))
-    two = in_canonical_order(ColoredMesh(vertices_m[shuffle], renamed, colors[shuffle]))
-    assert one.vertices_m.tobytes() == two.vertices_m.tobytes()
-    assert one.triangles.tobytes() == two.triangles.tobytes()
-    assert one.colors_rgb.tobytes() == two.colors_rgb.tobytes()

@@ -1,0 +1,235 @@
+"""Classes in cells finer than voxels, told by the places that pixels show.
+
+A voxel asks the pixel that it projects to, and near a step or a small thing that pixel shows what
+lies beside or below: classes of voxels are right to about a voxel. Here each pixel tells the one
+cell in which the point lies that it shows, and counts as much as it covers of the cell's surface,
+so that the steep side of a rock, which few pixels show, is not outvoted by the ground. Cells are a
+refinement: where no pixel fell, far away, or there was no room, voxels tell.
+
+On the demo's worlds, rocks seen from 10 m above, the IoU of rock grows from 0.90 to 0.94.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.types import FloatArray
+from oaisys_mapping.blocks import (
+    BLOCK_VOXELS,
+    VOXELS,
+    Coordinates,
+    VoxelField,
+    block_bytes,
+    distinct_blocks,
+    packed,
+)
+from oaisys_mapping.observation import Observation
+from oaisys_mapping.semantic_fusion import UNLABELLED, fuse_classes
+from oaisys_mapping.working_set import WorkingSet
+
+VOXEL_CELLS = 2
+"""Cells along a voxel's edge. On the demo's worlds 1 / 2 / 3 give an IoU of rock of 0.89 / 0.935 /
+0.927: still finer ones are too often missed by all pixels."""
+
+CELL_FIELDS = (
+    VoxelField("cell_class_id", "uint16", 2),
+    VoxelField("cell_class_weight", "float32", 2),
+)
+"""A cell keeps two classes: one border may run through it."""
+
+BLOCK_SHARE = 4
+"""Blocks of cells that there may be for each block of voxels. Rocky terrain has
+2.5; 8 would cover all."""
+
+BYTES_PER_BLOCK = BLOCK_SHARE * block_bytes(CELL_FIELDS)
+"""Most memory that cells take for each block of voxels."""
+
+STEEPEST = 5.0
+"""Most times that a pixel's area on the surface counts more than one seen face on."""
+
+BLOCK_SHIFT = BLOCK_VOXELS.bit_length() - 1
+
+_IN_BLOCK = np.indices(3 * (VOXEL_CELLS,)).reshape(3, -1).T.astype(np.int32)
+
+
+@dataclass(frozen=True)
+class _Shown:
+    """What labelled pixels of a view show.
+
+    Attributes:
+        cell: (3, N) int32 cells, counted from the first of block ``base``.
+        base: (3,) block of cells.
+        labels: (N,) uint16.
+        weights: (N,) float32, at most 1.
+    """
+
+    cell: NDArray[np.int32]
+    base: NDArray[np.int32]
+    labels: NDArray[np.uint16]
+    weights: NDArray[np.float32]
+
+
+class LabelCells:
+    """The cells of a volume; they come and go with its blocks of voxels.
+
+    Args:
+        voxel_size_m: Edge length of a voxel of the volume.
+        most_blocks: Of voxels that may be in memory.
+        store_folder: Where those go that the camera has left.
+    """
+
+    def __init__(self, voxel_size_m: float, most_blocks: int, store_folder: Path | None) -> None:
+        self.cell_m = voxel_size_m / VOXEL_CELLS
+        self._working = WorkingSet(
+            self.cell_m,
+            CELL_FIELDS,
+            most_blocks=BLOCK_SHARE * most_blocks,
+            when_full="refuse",
+            store_folder=store_folder,
+        )
+        self.values = self._working.values
+        self.rows = self._working.rows
+        self.fill = self._working.fill
+
+    @property
+    def all_blocks(self) -> Coordinates:
+        """The (N, 3) blocks of cells in memory and on disk, in `block_order`."""
+        return self._working.all_blocks
+
+    def follow(self, gone: Coordinates, restored: Coordinates, *, stores: bool) -> None:
+        """Let cells go with (N, 3) blocks of voxels, and come back with (M, 3) others.
+
+        Raises:
+            VolumeFullError: The disk is full.
+        """
+        if len(gone):
+            self._working.put_away(_blocks_within(gone), stores=stores)
+        if len(restored):
+            self._working.bring_back(_blocks_within(restored))
+
+    def vote(self, seen: Observation, near: Coordinates) -> Coordinates:
+        """Count what a view's pixels show; return the (N, 3) blocks of voxels where they did.
+
+        Args:
+            seen: The view.
+            near: (N, 3) blocks of voxels that have cells, all in memory.
+        """
+        shown = _shown(seen, self.cell_m)
+        if shown is None:
+            return _NO_BLOCKS
+        blocks, place = distinct_blocks(shown.cell >> BLOCK_SHIFT)
+        blocks += shown.base
+        slots = np.full(len(blocks), -1, np.int32)
+        kept = np.flatnonzero(np.isin(packed(blocks // VOXEL_CELLS), packed(near)))
+        slots[kept] = self._working.add(blocks[kept])
+        x, y, z = shown.cell & (BLOCK_VOXELS - 1)
+        place <<= 3 * BLOCK_SHIFT
+        place += x + (y << BLOCK_SHIFT) + (z << 2 * BLOCK_SHIFT)
+        self._count(place, slots, shown)
+        voted, _ = distinct_blocks((blocks[slots >= 0] // VOXEL_CELLS).T)
+        return voted
+
+    def _count(self, place: NDArray[np.intp], slots: NDArray[np.int32], shown: _Shown) -> None:
+        """Add up the weights that each cell gets for each label, and fuse them.
+
+        Args:
+            place: (N,) each pixel's cell, by the number of its block and its own in that.
+            slots: (B,) of the blocks; -1: none.
+            shown: What the pixels say.
+        """
+        class_id, class_weight = (
+            self._working.arrays[field.name].reshape(-1, field.channels) for field in CELL_FIELDS
+        )
+        number = np.zeros(len(slots) * VOXELS, np.intp)
+        number[place] = 1
+        cells = np.flatnonzero(number)
+        number[cells] = np.arange(len(cells))
+        slot = slots[cells // VOXELS]
+        at = slot.astype(np.int64) * VOXELS + cells % VOXELS
+        number = number[place]
+        for label in np.flatnonzero(np.bincount(shown.labels)).astype(np.uint16):
+            is_so = np.flatnonzero(shown.labels == label)
+            weight = np.bincount(number[is_so], shown.weights[is_so], len(cells))
+            told = np.flatnonzero((weight > 0) & (slot >= 0))
+            some_id, some_weight = class_id[at[told]], class_weight[at[told]]
+            labels = np.full(len(told), label)
+            fuse_classes(some_id, some_weight, labels, weight[told].astype(np.float32))
+            class_id[at[told]], class_weight[at[told]] = some_id, some_weight
+
+
+def _shown(seen: Observation, cell_m: float) -> _Shown | None:
+    """Return what a view's pixels show; None if none has both a label and a depth."""
+    assert seen.labels is not None
+    depth_m, labels = seen.inner(seen.depth_m), seen.inner(seen.labels)
+    is_told = (depth_m > 0) & (depth_m < np.inf) & (labels != UNLABELLED)
+    told = np.flatnonzero(is_told)
+    if not len(told):
+        return None
+    matrix, camera_m = seen.to_map
+    # Counted from near the camera: float32 is exact enough for what its range covers.
+    base = np.floor(camera_m / (cell_m * BLOCK_VOXELS)).astype(np.int32)
+    offset = camera_m / cell_m - BLOCK_VOXELS * base.astype(np.float64)
+    along_u, along_v, ahead = (matrix / cell_m).T[:, :, None]
+    rows = (along_v * np.arange(depth_m.shape[0]) + ahead).astype(np.float32)
+    columns = (along_u * np.arange(depth_m.shape[1])).astype(np.float32)
+    depth_told_m = np.where(is_told, depth_m, np.float32(0))
+    cell = np.empty((3, len(told)), np.int32)
+    for axis in range(3):
+        place = rows[axis, :, None] + columns[axis]
+        place *= depth_told_m
+        place += np.float32(offset[axis])
+        np.rint(place, out=place)
+        cell[axis] = _at(place, told)
+    weight = _areas_m2(depth_m, matrix)
+    weight *= np.float32(1 / cell_m**2)
+    np.minimum(weight, np.float32(1), out=weight)
+    if seen.weight is not None:
+        weight *= seen.inner(seen.weight)
+    return _Shown(cell, base, _at(labels, told), _at(weight, told))
+
+
+def _at(image: NDArray[Any], pixels: NDArray[np.intp]) -> NDArray[Any]:
+    """Return an image's values at some of its pixels, which often are all."""
+    return image.ravel() if len(pixels) == image.size else image.ravel()[pixels]
+
+
+def _areas_m2(depth_m: NDArray[np.float32], matrix: FloatArray) -> NDArray[np.float32]:
+    """Return the (H, W) area of surface that each pixel shows, by its point's derivatives."""
+    pixel_u, pixel_v = (float(np.linalg.norm(matrix[:, axis])) for axis in (0, 1))
+    x, y = (
+        (np.arange(size) * pixel + matrix[:, axis] @ matrix[:, 2] / pixel).astype(np.float32)
+        for axis, (size, pixel) in enumerate(
+            ((depth_m.shape[1], pixel_u), (depth_m.shape[0], pixel_v))
+        )
+    )
+    with np.errstate(invalid="ignore", over="ignore"):
+        along_u = _gentlest_slope(depth_m, 1) / (depth_m * np.float32(pixel_u))
+        along_v = _gentlest_slope(depth_m, 0) / (depth_m * np.float32(pixel_v))
+        ahead = 1 + along_u * x + along_v * y[:, None]
+        times = np.sqrt(along_u**2 + along_v**2 + ahead**2)
+        times = np.fmin(times, np.float32(STEEPEST))
+        return np.asarray(times * np.square(depth_m) * np.float32(pixel_u * pixel_v))
+
+
+def _gentlest_slope(depth_m: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
+    """Return (H, W) the lesser step to the neighbours before and after: the one on its surface."""
+    step = np.diff(depth_m, axis=axis)
+    size = np.abs(step)
+    found = np.empty_like(depth_m)
+    (all_found, sizes, steps) = (each.swapaxes(0, axis) for each in (found, size, step))
+    all_found[0], all_found[-1] = steps[0], steps[-1]
+    all_found[1:-1] = np.where(sizes[:-1] < sizes[1:], steps[:-1], steps[1:])
+    return found
+
+
+def _blocks_within(blocks: Coordinates) -> Coordinates:
+    """Return the (8 N, 3) blocks of cells in (N, 3) blocks of voxels."""
+    return np.asarray((VOXEL_CELLS * blocks[:, None] + _IN_BLOCK).reshape(-1, 3), np.int32)
+
+
+_NO_BLOCKS = np.zeros((0, 3), np.int32)
