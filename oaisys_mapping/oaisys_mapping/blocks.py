@@ -73,6 +73,7 @@ class VoxelBlocks:
         voxel_size_m: Edge length of a voxel.
         fields: Of a voxel.
         most_blocks: How many there will be at most; memory is asked for by doubling up to them.
+        initial_blocks: How many memory is reserved for at first.
 
     Attributes:
         arrays: By field, (capacity, `VOXELS`) or (capacity, `VOXELS`, channels), indexed by slot.
@@ -80,7 +81,11 @@ class VoxelBlocks:
     """
 
     def __init__(
-        self, voxel_size_m: float, fields: tuple[VoxelField, ...], most_blocks: int
+        self,
+        voxel_size_m: float,
+        fields: tuple[VoxelField, ...],
+        most_blocks: int,
+        initial_blocks: int = INITIAL_BLOCKS,
     ) -> None:
         self.fields = fields
         self._most_blocks = most_blocks
@@ -91,7 +96,7 @@ class VoxelBlocks:
             tuple((field.channels) for field in fields),
             voxel_size_m,
             BLOCK_VOXELS,
-            min(INITIAL_BLOCKS, most_blocks),
+            min(initial_blocks, most_blocks),
             _CPU,
         )
         self._map = self._grid.hashmap()

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from oaisys_core.types import FloatArray
 from oaisys_mapping.blocks import (
     BLOCK_VOXELS,
+    INITIAL_BLOCKS,
     VOXELS,
     Coordinates,
     VoxelField,
@@ -49,8 +50,15 @@ BLOCK_SHARE = 4
 BYTES_PER_BLOCK = BLOCK_SHARE * block_bytes(CELL_FIELDS)
 """Most memory that cells take for each block of voxels."""
 
+ASKED = ((0, 0), (1, 1))
+"""First row and column of the pixels that are asked, every second one in every second row each: the
+fields of one colour of a chessboard. All four would cost twice the time for an IoU of 0.002."""
+
 STEEPEST = 5.0
 """Most times that a pixel's area on the surface counts more than one seen face on."""
+
+CLASSES = 1 << 16
+"""Numbers of classes that there may be."""
 
 BLOCK_SHIFT = BLOCK_VOXELS.bit_length() - 1
 
@@ -91,6 +99,7 @@ class LabelCells:
             most_blocks=BLOCK_SHARE * most_blocks,
             when_full="refuse",
             store_folder=store_folder,
+            initial_blocks=BLOCK_SHARE * INITIAL_BLOCKS,
         )
         self.values = self._working.values
         self.rows = self._working.rows
@@ -142,55 +151,100 @@ class LabelCells:
             slots: (B,) of the blocks; -1: none.
             shown: What the pixels say.
         """
-        class_id, class_weight = (
-            self._working.arrays[field.name].reshape(-1, field.channels) for field in CELL_FIELDS
-        )
-        number = np.zeros(len(slots) * VOXELS, np.intp)
-        number[place] = 1
-        cells = np.flatnonzero(number)
-        number[cells] = np.arange(len(cells))
-        slot = slots[cells // VOXELS]
-        at = slot.astype(np.int64) * VOXELS + cells % VOXELS
+        rows = [_as_rows(self._working.arrays[field.name]) for field in CELL_FIELDS]
+        is_shown = np.zeros(len(slots) * VOXELS, bool)
+        is_shown[place] = True
+        cells = np.flatnonzero(is_shown)
+        number = np.empty(len(is_shown), np.int32)
+        number[cells] = np.arange(len(cells), dtype=np.int32)
         number = number[place]
-        for label in np.flatnonzero(np.bincount(shown.labels)).astype(np.uint16):
+        slot = slots[cells >> 3 * BLOCK_SHIFT].astype(np.int64)
+        at = (slot << 3 * BLOCK_SHIFT) + (cells & (VOXELS - 1))
+        is_told = np.zeros(CLASSES, bool)
+        is_told[shown.labels] = True
+        for label in np.flatnonzero(is_told).astype(np.uint16):
             is_so = np.flatnonzero(shown.labels == label)
             weight = np.bincount(number[is_so], shown.weights[is_so], len(cells))
             told = np.flatnonzero((weight > 0) & (slot >= 0))
-            some_id, some_weight = class_id[at[told]], class_weight[at[told]]
+            some = at[told]
+            class_id, class_weight = (
+                each.take(some).view(field.dtype).reshape(-1, field.channels)
+                for each, field in zip(rows, CELL_FIELDS, strict=True)
+            )
             labels = np.full(len(told), label)
-            fuse_classes(some_id, some_weight, labels, weight[told].astype(np.float32))
-            class_id[at[told]], class_weight[at[told]] = some_id, some_weight
+            fuse_classes(class_id, class_weight, labels, weight[told].astype(np.float32))
+            rows[0][some], rows[1][some] = _as_rows(class_id), _as_rows(class_weight)
+
+
+def _as_rows(values: NDArray[Any]) -> NDArray[Any]:
+    """Return (..., 2) numbers two by two, as one number each, which are faster to move."""
+    return values.reshape(-1).view(np.dtype(f"u{2 * values.itemsize}"))
 
 
 def _shown(seen: Observation, cell_m: float) -> _Shown | None:
-    """Return what a view's pixels show; None if none has both a label and a depth."""
-    assert seen.labels is not None
-    depth_m, labels = seen.inner(seen.depth_m), seen.inner(seen.labels)
-    is_told = (depth_m > 0) & (depth_m < np.inf) & (labels != UNLABELLED)
-    told = np.flatnonzero(is_told)
-    if not len(told):
-        return None
+    """Return what a view's pixels show; None if none of them has both a label and a depth."""
     matrix, camera_m = seen.to_map
     # Counted from near the camera: float32 is exact enough for what its range covers.
     base = np.floor(camera_m / (cell_m * BLOCK_VOXELS)).astype(np.int32)
     offset = camera_m / cell_m - BLOCK_VOXELS * base.astype(np.float64)
+    parts = [_shown_by(_Lattice(seen, *first), matrix, offset, cell_m) for first in ASKED]
+    cell, labels, weights = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
+    return _Shown(cell, base, labels, weights) if len(labels) else None
+
+
+@dataclass(frozen=True)
+class _Lattice:
+    """Every second pixel of every second row of a view, and their neighbours.
+
+    Attributes:
+        row, column: The first pixel: 0 or 1.
+    """
+
+    seen: Observation
+    row: int
+    column: int
+
+    def of(self, image: NDArray[Any], below: int = 0, right: int = 0) -> NDArray[Any]:
+        """Return a bordered image's values at the pixels, or so far from them."""
+        row, column = self.row + 1 + below, self.column + 1 + right
+        rows, stride = self.seen.rows - 2, self.seen.stride - 2
+        bordered = image.reshape(self.seen.rows, self.seen.stride)
+        return bordered[row : rows + 1 + below : 2, column : stride + 1 + right : 2]
+
+
+def _shown_by(
+    pixels: _Lattice, matrix: FloatArray, offset: FloatArray, cell_m: float
+) -> tuple[NDArray[np.int32], NDArray[np.uint16], NDArray[np.float32]]:
+    """Return the (3, N) cells of those pixels that tell some, their labels and weights.
+
+    Args:
+        pixels: Some of a view's.
+        matrix: (3, 3) that gives a point of z times (column, row, 1).
+        offset: (3,) the camera, in cells.
+        cell_m: Edge length of a cell.
+    """
+    seen = pixels.seen
+    assert seen.labels is not None
+    depth_m, labels = pixels.of(seen.depth_m), pixels.of(seen.labels)
+    is_told = (depth_m > 0) & (depth_m < np.inf) & (labels != UNLABELLED)
+    depth_m = np.where(is_told, depth_m, np.float32(0))
     along_u, along_v, ahead = (matrix / cell_m).T[:, :, None]
-    rows = (along_v * np.arange(depth_m.shape[0]) + ahead).astype(np.float32)
-    columns = (along_u * np.arange(depth_m.shape[1])).astype(np.float32)
-    depth_told_m = np.where(is_told, depth_m, np.float32(0))
+    rows = along_v * (pixels.row + 2 * np.arange(depth_m.shape[0])) + ahead
+    columns = along_u * (pixels.column + 2 * np.arange(depth_m.shape[1]))
+    rows, columns = rows.astype(np.float32), columns.astype(np.float32)
+    told = np.flatnonzero(is_told)
     cell = np.empty((3, len(told)), np.int32)
     for axis in range(3):
         place = rows[axis, :, None] + columns[axis]
-        place *= depth_told_m
+        place *= depth_m
         place += np.float32(offset[axis])
         np.rint(place, out=place)
         cell[axis] = _at(place, told)
-    weight = _areas_m2(depth_m, matrix)
-    weight *= np.float32(1 / cell_m**2)
-    np.minimum(weight, np.float32(1), out=weight)
+    share = _areas_m2(pixels, matrix) * np.float32(4 / len(ASKED) / cell_m**2)
+    weight = np.minimum(share, np.float32(1), out=share)
     if seen.weight is not None:
-        weight *= seen.inner(seen.weight)
-    return _Shown(cell, base, _at(labels, told), _at(weight, told))
+        weight *= pixels.of(seen.weight)
+    return cell, _at(labels, told), _at(weight, told)
 
 
 def _at(image: NDArray[Any], pixels: NDArray[np.intp]) -> NDArray[Any]:
@@ -198,33 +252,33 @@ def _at(image: NDArray[Any], pixels: NDArray[np.intp]) -> NDArray[Any]:
     return image.ravel() if len(pixels) == image.size else image.ravel()[pixels]
 
 
-def _areas_m2(depth_m: NDArray[np.float32], matrix: FloatArray) -> NDArray[np.float32]:
-    """Return the (H, W) area of surface that each pixel shows, by its point's derivatives."""
-    pixel_u, pixel_v = (float(np.linalg.norm(matrix[:, axis])) for axis in (0, 1))
-    x, y = (
-        (np.arange(size) * pixel + matrix[:, axis] @ matrix[:, 2] / pixel).astype(np.float32)
-        for axis, (size, pixel) in enumerate(
-            ((depth_m.shape[1], pixel_u), (depth_m.shape[0], pixel_v))
-        )
-    )
-    with np.errstate(invalid="ignore", over="ignore"):
-        along_u = _gentlest_slope(depth_m, 1) / (depth_m * np.float32(pixel_u))
-        along_v = _gentlest_slope(depth_m, 0) / (depth_m * np.float32(pixel_v))
-        ahead = 1 + along_u * x + along_v * y[:, None]
+def _areas_m2(pixels: _Lattice, matrix: FloatArray) -> NDArray[np.float32]:
+    """Return the (H, W) area of surface that each pixel shows.
+
+    It is that of the parallelogram between the derivatives of its point by column and row.
+    """
+    depth_m = pixels.of(pixels.seen.depth_m)
+    size_u, size_v = (float(np.linalg.norm(matrix[:, axis])) for axis in (0, 1))
+    first_x, first_y = matrix[:, 0] @ matrix[:, 2] / size_u, matrix[:, 1] @ matrix[:, 2] / size_v
+    columns = pixels.column + 2 * np.arange(depth_m.shape[1])
+    rows = pixels.row + 2 * np.arange(depth_m.shape[0])
+    x, y = (first_x + size_u * columns).astype(np.float32), (first_y + size_v * rows)[:, None]
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        along_u = _gentlest_slope(pixels, 0, 1) / (depth_m * np.float32(size_u))
+        along_v = _gentlest_slope(pixels, 1, 0) / (depth_m * np.float32(size_v))
+        ahead = 1 + along_u * x + along_v * y.astype(np.float32)
         times = np.sqrt(along_u**2 + along_v**2 + ahead**2)
         times = np.fmin(times, np.float32(STEEPEST))
-        return np.asarray(times * np.square(depth_m) * np.float32(pixel_u * pixel_v))
+        return np.asarray(times * np.square(depth_m) * np.float32(size_u * size_v))
 
 
-def _gentlest_slope(depth_m: NDArray[np.float32], axis: int) -> NDArray[np.float32]:
-    """Return (H, W) the lesser step to the neighbours before and after: the one on its surface."""
-    step = np.diff(depth_m, axis=axis)
-    size = np.abs(step)
-    found = np.empty_like(depth_m)
-    (all_found, sizes, steps) = (each.swapaxes(0, axis) for each in (found, size, step))
-    all_found[0], all_found[-1] = steps[0], steps[-1]
-    all_found[1:-1] = np.where(sizes[:-1] < sizes[1:], steps[:-1], steps[1:])
-    return found
+def _gentlest_slope(pixels: _Lattice, below: int, right: int) -> NDArray[np.float32]:
+    """Return the lesser step of depth to the neighbours on both sides: that on its own surface."""
+    depth_m = pixels.seen.depth_m
+    here = pixels.of(depth_m)
+    before, after = here - pixels.of(depth_m, -below, -right), pixels.of(depth_m, below, right)
+    after = after - here
+    return np.where(np.abs(before) < np.abs(after), before, after)
 
 
 def _blocks_within(blocks: Coordinates) -> Coordinates:

@@ -15,6 +15,7 @@ from oaisys_core.types import FloatArray
 from oaisys_mapping.block_store import BlockStore
 from oaisys_mapping.blocks import (
     BLOCK_VOXELS,
+    INITIAL_BLOCKS,
     Coordinates,
     Slots,
     VoxelBlocks,
@@ -71,6 +72,7 @@ class WorkingSet:
         most_blocks: That may be in memory.
         when_full: What becomes of those farthest from the camera: one of `WHEN_FULL`.
         store_folder: Where stored blocks go; None: where temporary files do.
+        initial_blocks: That memory is reserved for at first.
     """
 
     def __init__(
@@ -81,11 +83,12 @@ class WorkingSet:
         most_blocks: int,
         when_full: str,
         store_folder: Path | None,
+        initial_blocks: int = INITIAL_BLOCKS,
     ) -> None:
         self._block_m = BLOCK_VOXELS * voxel_size_m
         self._most_blocks = most_blocks
         self._when_full = when_full
-        self._blocks = VoxelBlocks(voxel_size_m, fields, most_blocks)
+        self._blocks = VoxelBlocks(voxel_size_m, fields, most_blocks, initial_blocks)
         self._store = BlockStore(fields, store_folder)
         self.near_surface = self._blocks.near_surface
 
