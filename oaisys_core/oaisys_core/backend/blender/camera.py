@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import isclose
 from typing import Any
 
 import bpy
@@ -100,12 +101,24 @@ def set_intrinsics(camera: Any, intrinsics: PinholeIntrinsics) -> None:
     ``shift`` beside its centre. Its pixel centres are at +0.5, OpenCV's at integers.
     """
     render = bpy.context.scene.render
-    render.resolution_x, render.resolution_y = intrinsics.width_px, intrinsics.height_px
-    render.resolution_percentage = 100
     aspect = intrinsics.fx_px / intrinsics.fy_px
-    render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / aspect), max(1.0, aspect)
     width = intrinsics.width_px
+    _set(
+        render,
+        resolution_x=width,
+        resolution_y=intrinsics.height_px,
+        resolution_percentage=100,
+        pixel_aspect_x=max(1.0, 1.0 / aspect),
+        pixel_aspect_y=max(1.0, aspect),
+    )
     data = camera.data
     data.lens = intrinsics.fx_px * SENSOR_WIDTH_MM / width
     data.shift_x = (width / 2 - intrinsics.cx_px - 0.5) / width
     data.shift_y = (intrinsics.cy_px + 0.5 - intrinsics.height_px / 2) * aspect / width
+
+
+def _set(owner: Any, **values: float) -> None:
+    """Set what differs: else the scene counts as changed, and Cycles looks at all of it again."""
+    for name, value in values.items():
+        if not isclose(getattr(owner, name), value, rel_tol=1e-7):
+            setattr(owner, name, value)

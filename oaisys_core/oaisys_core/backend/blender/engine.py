@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 _SAMPLE = re.compile(r"Sample (\d+)/\d+")
 
+READ_ALWAYS = {"samples", "time_limit"}
+"""Settings that Cycles reads before each render, whatever changed."""
+
 
 @dataclass
 class Rendered:
@@ -60,8 +63,10 @@ def _intercepted(settings: Mapping[str, Any], rendered: Rendered) -> Iterator[No
     update, render = CyclesRender.update, CyclesRender.render
 
     def update_with_settings(engine: Any, data: Any, depsgraph: Any) -> None:
-        for name, value in settings.items():
-            setattr(depsgraph.scene_eval.cycles, name, value)
+        if not _write(settings, depsgraph.scene_eval.cycles) and _only_camera_moved(depsgraph):
+            # Takes the marks of change away. Cycles looks at the camera in any case, and else at
+            # every object and instance: 5 µs each, 0.6 s at 100,000 rocks.
+            depsgraph.update()
         update(engine, data, depsgraph)
 
     def render_and_read(engine: Any, depsgraph: Any) -> None:
@@ -75,6 +80,24 @@ def _intercepted(settings: Mapping[str, Any], rendered: Rendered) -> Iterator[No
         yield
     finally:
         CyclesRender.update, CyclesRender.render = update, render
+
+
+def _write(settings: Mapping[str, Any], cycles: Any) -> bool:
+    """Set what differs, and return whether Cycles must look at its settings again."""
+    changed = [name for name, value in settings.items() if getattr(cycles, name) != value]
+    for name in changed:
+        setattr(cycles, name, settings[name])
+    return bool(set(changed) - READ_ALWAYS)
+
+
+def _only_camera_moved(depsgraph: Any) -> bool:
+    """Return whether nothing but the camera and its lens are marked as changed."""
+    scene = depsgraph.scene_eval
+    if scene.render.use_motion_blur:
+        return False
+    camera = scene.camera
+    known = {camera.original, camera.data.original}
+    return all(update.id.original in known for update in depsgraph.updates)
 
 
 def _passes_of(result: Any) -> dict[str, NDArray[np.float32]]:

@@ -143,7 +143,9 @@ class Objects:
                     break
             else:
                 solids.append((primitive, _solid(primitive)))
-        bpy.data.batch_remove([thing for _, thing in left.values()])
+        # To remove nothing, too, has Blender look at the whole scene again.
+        if left:
+            bpy.data.batch_remove([thing for _, thing in left.values()])
         self._solids = solids
 
     def _mesh(self, prototype: MeshPrototype) -> Any:
