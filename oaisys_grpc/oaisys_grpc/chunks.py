@@ -5,6 +5,7 @@ What comes back of a sample's parts is `oaisys_grpc.sample_stream`.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable, Iterator
 from typing import Any
 
@@ -15,6 +16,7 @@ from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
 from oaisys_core.types import (
     Frame,
     FrameName,
+    PinholeIntrinsics,
     Provenance,
     Sample,
     SampleOutline,
@@ -110,7 +112,7 @@ def sample_header_part(outline: SampleOutline, render_time_s: float = 0.0) -> pb
         sample_id=outline.sample_id,
         rig_pose=conversions.pose_to_proto(outline.rig_pose),
         render_time_s=render_time_s,
-        provenance=conversions.provenance_to_proto(outline.provenance),
+        provenance=_provenance(outline.provenance),
         frame_count=len(outline.frames),
         from_cache=outline.from_cache,
         frames=[pb.FrameName(sensor=n.sensor, modality=n.modality) for n in outline.frames],
@@ -198,10 +200,9 @@ def _group(parts: list[SinglePart]) -> Iterator[Part]:
 
 def sample_end_part(sample: Sample) -> pb.SamplePart:
     """Return what says that all frames of a sample were sent."""
-    provenance = conversions.provenance_to_proto(sample.provenance)
     end = pb.SampleEnd(
         render_time_s=sample.render_time_s,
-        provenance=provenance,
+        provenance=_provenance(sample.provenance),
         finished_monotonic_ns=sample.finished_ns,
     )
     return pb.SamplePart(end=end)
@@ -249,16 +250,29 @@ def mesh_from_parts(
     return TriangleMesh(**arrays)
 
 
-def _frame_header(frame: Frame, index: int, provenance: Provenance) -> pb.FrameHeader:
+_provenance = functools.lru_cache(maxsize=64)(conversions.provenance_to_proto)
+"""All frames of a sample have the same, and many samples; what is returned is not to be changed."""
+
+
+@functools.lru_cache(maxsize=64)
+def _camera(intrinsics: PinholeIntrinsics) -> pb.FrameHeader:
+    """Return what headers of all frames of a camera have in common; it is not to be changed."""
     return pb.FrameHeader(
+        intrinsics=conversions.intrinsics_to_proto(intrinsics),
+        k=conversions.matrix_to_proto(intrinsics.K),
+    )
+
+
+def _frame_header(frame: Frame, index: int, provenance: Provenance) -> pb.FrameHeader:
+    header = pb.FrameHeader(
         sensor=frame.sensor,
         modality=frame.modality,
-        intrinsics=conversions.intrinsics_to_proto(frame.intrinsics),
         t_map_camera=conversions.matrix_to_proto(frame.T_map_camera),
-        k=conversions.matrix_to_proto(frame.intrinsics.K),
-        provenance=conversions.provenance_to_proto(provenance),
+        provenance=_provenance(provenance),
         index=index,
     )
+    header.MergeFrom(_camera(frame.intrinsics))
+    return header
 
 
 def frame_from_header(header: pb.FrameHeader, data: AnyArray) -> Frame:

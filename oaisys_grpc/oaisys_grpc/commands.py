@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -93,6 +94,7 @@ def serve(
     of them, unless a second signal comes.
     """
     keep_freed_memory()
+    gc.freeze()  # what has been imported is not looked through again and again
     chosen = load_config(config) if config else SimulationConfig()
     tls = ServerTls.of(tls_cert, tls_key, tls_client_ca)
     check_address(address, insecure=insecure, encrypted=tls is not None)

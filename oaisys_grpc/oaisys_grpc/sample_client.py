@@ -20,8 +20,6 @@ from oaisys_grpc.sample_stream import SampleStream
 from oaisys_grpc.shared_memory import SHARED_FROM_BYTES
 from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError, found_token
 from oaisys_grpc.transfer import (
-    MAX_GROUP_BYTES,
-    MAX_MESSAGE_BYTES,
     Transfer,
     place_from_proto,
     transfer_to_proto,
@@ -36,6 +34,10 @@ MAX_FRAME_BYTES = 1 << 30
 
 _INLINE_BYTES = 64 << 10
 """Larger ones are faster in chunks."""
+
+_MESSAGE_BYTES = 1 << 20
+"""Of array data. gRPC copies each message three times on its way in: of larger ones, what was
+copied first has left the processor's cache when it is copied again."""
 
 _ASK_AGAIN_S = 10.0
 _ASK_TIMEOUT_S = 2.0
@@ -57,10 +59,10 @@ class SampleClient:
         self._wanted = Transfer(
             encodings=encodings,
             inline_bytes=_INLINE_BYTES,
-            chunk_bytes=MAX_MESSAGE_BYTES,
+            chunk_bytes=_MESSAGE_BYTES,
             frame_bytes=max_frame_bytes,
             grouped=True,
-            group_bytes=MAX_GROUP_BYTES,
+            group_bytes=_MESSAGE_BYTES,
         )
         self._token = b""
         self._ask_from_s = 0.0 if shared_memory and is_this_machine(channel.address) else None

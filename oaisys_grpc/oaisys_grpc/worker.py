@@ -7,8 +7,10 @@ socket pair, and never outlives its server. Must not import gRPC.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import ctypes
 import faulthandler
+import gc
 import logging
 import os
 import queue
@@ -36,6 +38,7 @@ from oaisys_grpc.worker_limits import limit_worker
 _LOG = logging.getLogger(__name__)
 _PR_SET_PDEATHSIG = 1
 _PROGRESS_PERIOD_S = 0.05
+_REST_S = 0.01
 
 
 class Worker:
@@ -60,10 +63,21 @@ class Worker:
     def run(self) -> None:
         """Work until told to end."""
         threading.Thread(target=self._listen, name="listener", daemon=True).start()
-        while (call := self._calls.get())["type"] != "end":
+        while (call := self._next())["type"] != "end":
             self._answer(call)
         if self._simulation is not None:
             self._simulation.close()
+
+    def _next(self) -> Message:
+        """Return the next call; find memory for its frames first, once nobody needs the processor.
+
+        Who got the last answer has work with it for a moment.
+        """
+        call: Message | None = None
+        with contextlib.suppress(queue.Empty):
+            call = self._calls.get(timeout=_REST_S)
+        self._placement.prepare()
+        return self._calls.get() if call is None else call
 
     def _listen(self) -> None:
         """Take messages in while the main thread works; end with the server."""
@@ -94,7 +108,7 @@ class Worker:
         if self._simulation is not None:
             answer |= {"state": self._simulation.state(), "info": self._simulation.info()}
         self._connection.send({"type": "answer", **answer})
-        self._placement.prepare()
+        gc.enable()
 
     def _start(self, arguments: Message, report: _Reporter) -> None:
         config = config_from_mapping(arguments["config"])
@@ -160,6 +174,7 @@ class _Reporter:
         self._told += len(frames)
         if self._told == len(outline.frames):
             self.last_frames = frames
+            gc.disable()  # until the answer is out: somebody waits
             return
         message = {"type": "frames", "id": self._call, "outline": outline, "frames": frames}
         self._connection.send(message)

@@ -16,7 +16,7 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import DEPTH, RGB, Frame, ModuleMetadata, merged
 from oaisys_mapping.blocks import BLOCK_VOXELS, INITIAL_BLOCKS
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_ros_bridge.memory import keep_freed_memory
+from oaisys_grpc.memory import keep_freed_memory
 from tools.bench.jobs.processes import SMALL_WORLD, camera
 from tools.bench.settings import Say, Settings
 

@@ -9,6 +9,7 @@ from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, Pose, merged
 from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.memory import keep_freed_memory
 from tools.bench.jobs.memory import peak_memory_mb
 from tools.bench.jobs.processes import SERVER, SMALL_WORLD, WORKER, camera, child, server
 from tools.bench.settings import Say, Settings
@@ -45,6 +46,7 @@ def samples(
         ``overhead_ms``: the whole call, less what the worker says it rendered. ``call_ms``: the
         whole call. ``stored_ms``: `GetSample` of the same.
     """
+    keep_freed_memory()
     world = merged(SMALL_WORLD, camera(*size_px))
     found: dict[str, list[float]] = {
         name: [] for name in ("transfer_ms", "overhead_ms", "call_ms", "stored_ms")
