@@ -106,6 +106,11 @@ class LabelCells:
         self.fill = self._working.fill
 
     @property
+    def blocks_in_memory(self) -> int:
+        """How many blocks of cells are in memory."""
+        return self._working.in_memory
+
+    @property
     def all_blocks(self) -> Coordinates:
         """The (N, 3) blocks of cells in memory and on disk, in `block_order`."""
         return self._working.all_blocks

@@ -103,6 +103,11 @@ class TsdfVolume:
         return self._working.in_memory
 
     @property
+    def cell_blocks_in_memory(self) -> int:
+        """How many blocks of `LabelCells` are in memory."""
+        return self._cells.blocks_in_memory if self._cells is not None else 0
+
+    @property
     def blocks_stored(self) -> int:
         """How many blocks are on disk."""
         return self._working.stored

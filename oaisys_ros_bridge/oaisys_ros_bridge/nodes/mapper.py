@@ -251,7 +251,11 @@ class MapperNode(ParameterNode, Node):
                     self._config.voxel_size_m,
                     self._config.max_range_m,
                     np.random.default_rng(EVALUATION_SEED),
-                    Extras(volume=volume, labels=self._class_names),
+                    Extras(
+                        volume=volume,
+                        labels=self._class_names,
+                        classes=volume if self._config.semantic else None,
+                    ),
                 )
         except OaisysError as error:
             response.message = str(error)
