@@ -40,6 +40,8 @@ class Cycles:
         render.threads_mode = "AUTO"
         cycles = scene.cycles
         cycles.use_adaptive_sampling = False
+        # To choose between a sun and nothing else takes no tree.
+        cycles.use_light_tree = False
         # Automatic patterns keep the length of an earlier render: pictures would depend on it.
         cycles.sampling_pattern = "TABULATED_SOBOL"
         cycles.sample_clamp_indirect = 10.0

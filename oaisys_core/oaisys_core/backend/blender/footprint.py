@@ -23,11 +23,16 @@ ANGLE = "angle"
 STEPS = 4
 """Angles are told apart by this share of an octave: similar cameras are one to the materials."""
 
+PIXELS = 2.0
+"""Of the camera's, that count as one here: texels are then one to two pixels large. Smaller ones
+(Nyquist) a light sample per pixel sees by chance, which is two decibels of noise on sunlit gravel.
+"""
+
 
 def set_pixel_angle(angle_rad: float) -> None:
     """Set the angle that a pixel of the camera spans; nothing happens for a similar one."""
     angle = _group().nodes[ANGLE].inputs[1]
-    wanted = 2.0 ** (floor(STEPS * log2(angle_rad) + 1e-6) / STEPS)
+    wanted = PIXELS * 2.0 ** (floor(STEPS * log2(angle_rad) + 1e-6) / STEPS)
     if abs(angle.default_value - wanted) > 1e-6 * wanted:
         angle.default_value = wanted
 

@@ -20,8 +20,8 @@ from oaisys_core.backend.blender.gloss import glossed, is_glossy
 from oaisys_core.backend.blender.haze import through_haze
 from oaisys_core.backend.blender.images import ImageStore
 from oaisys_core.backend.blender.masks import layer_shares, mask_images
-from oaisys_core.backend.blender.materials import diffuse, new_material, show
-from oaisys_core.backend.blender.nodes import NodeTree, Socket, grouped
+from oaisys_core.backend.blender.materials import diffuse, new_material, show, without_detail
+from oaisys_core.backend.blender.nodes import MIX_RESULT, NodeTree, Socket, grouped
 from oaisys_core.backend.blender.tiling import Look, TilingNodes
 from oaisys_core.backend.shading import mean_color
 from oaisys_core.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
@@ -259,8 +259,26 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
         grouped(tree, "ground_level", partial(level_surface, level=level)) for level in levels
     ]
     _, veil = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
-    show(tree, by_footprint(tree, footprints_m[1:], surfaces), veil)
+    surface = by_footprint(tree, footprints_m[1:], surfaces)
+    # An image of the whole ground has no colour that goes for all of it.
+    if not any(layer.label_image is not None for layer in material.layers):
+        mean = grouped(tree, "ground_mean", partial(_mean_surface, level=levels[-1]))
+        surface = without_detail(tree, surface, mean)
+    show(tree, surface, veil)
     return result
+
+
+def _mean_surface(tree: NodeTree, level: Level) -> Socket:
+    """Return the ground with layers of one colour each."""
+    position = tree.add("NewGeometry").outputs["Position"]
+    shares = layer_shares(tree, level.material, level.tables.masks, position)
+    maps = [layer.maps for layer in level.material.layers]
+    first, *others = ((*mean_color(level.images.levels(each)[-1]), 1.0) for each in maps)
+    color: Socket = first
+    for other, share in zip(others, shares, strict=True):
+        color = tree.color_mix(share, color, other).outputs[MIX_RESULT]
+    roughness = float(np.mean([each.roughness.mean() for each in maps])) / 255
+    return tree.add("BsdfDiffuse", {"Color": color, "Roughness": roughness}).outputs[0]
 
 
 def _footprints_m(material: TerrainMaterial) -> list[float]:

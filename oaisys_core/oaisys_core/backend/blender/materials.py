@@ -12,7 +12,7 @@ from oaisys_core.backend.blender.haze import through_haze, without_light_samplin
 from oaisys_core.backend.blender.images import ImageStore
 from oaisys_core.backend.blender.instances import SIZE
 from oaisys_core.backend.blender.nodes import NodeTree, Socket
-from oaisys_core.backend.shading import linear
+from oaisys_core.backend.shading import linear, mean_color
 from oaisys_core.scene import PbrMaps
 
 BOX_BLEND = 0.25
@@ -55,8 +55,20 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
         surfaces.append(surface)
     texel_m = maps.tile_m / len(maps.color_srgb)
     bounds_m = [texel_m * 2**step for step in range(1, len(levels))]
-    show(tree, by_footprint(tree, bounds_m, surfaces), veil)
+    seen = by_footprint(tree, bounds_m, surfaces)
+    red, green, blue = mean_color(levels[-1])
+    color = tree.scaled((red, green, blue), brightness)
+    mean = tree.add("BsdfDiffuse", {"Color": color, "Roughness": roughness}).outputs[0]
+    show(tree, without_detail(tree, seen, mean), veil)
     return result
+
+
+def without_detail(tree: NodeTree, seen: Socket, mean: Socket) -> Socket:
+    """Return a surface that is ``mean`` to light on its way from it to something dull.
+
+    Nobody can tell by such light what detail it came from, and to look it up takes time.
+    """
+    return tree.mixed(tree.add("LightPath").outputs["Is Diffuse Ray"], seen, mean)
 
 
 def plain_material(color_srgb: tuple[float, float, float]) -> Any:
