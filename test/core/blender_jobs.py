@@ -9,6 +9,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from cycles import CyclesRender
 from numpy.typing import NDArray
 from synthetic_worlds import BOX, SUNNY, camera, rocky_world, settings
 
@@ -88,6 +89,50 @@ def life() -> dict[str, Any]:
     backend.build(scene, ignore)
     found["after cancelling"] = blocks()
     backend.close()
+    return found
+
+
+def moves() -> dict[str, tuple[int, NDArray[Any], NDArray[Any]]]:
+    """Colour after each of several changes, beside that of a session that knows of nothing else.
+
+    First the number of things that Cycles was told to look at again.
+    """
+    marks: list[int] = []
+    before = CyclesRender.update
+
+    def update(engine: Any, data: Any, depsgraph: Any) -> None:
+        marks.append(len(depsgraph.updates))
+        before(engine, data, depsgraph)
+
+    CyclesRender.update = update
+    scene = replace(rocky_world(), primitives=(replace(BOX, instance_id=900),))
+    box = replace(BOX, instance_id=900, T_map_object=BOX.T_map_object @ np.diag([1, 1, 2, 1.0]))
+    first = camera(pose_looking_down(0, 0, 9), modalities=(RGB,))
+    aside = camera(pose_looking_down(1.5, 0, 9), modalities=(RGB,))
+    wide = replace(first, intrinsics=replace(first.intrinsics, fx_px=40.0, fy_px=40.0))
+    evening = replace(SUNNY, sun_elevation_rad=0.2)
+    steps = {
+        "begins": (scene, first, settings(4)),
+        "moved": (scene, aside, settings(4)),
+        "more samples": (scene, first, settings(16)),
+        "other lens": (scene, wide, settings(4)),
+        "fewer bounces": (scene, aside, replace(settings(4), max_bounces=0)),
+        "denoised": (scene, first, replace(settings(4), denoise=True)),
+        "other light": (replace(scene, sky=evening), aside, settings(4)),
+        "moved box": (replace(scene, primitives=(box,)), first, settings(4)),
+    }
+    backend = BlenderBackend()
+    backend.build(scene, ignore)
+    found = {}
+    for name, (now, view, wanted) in steps.items():
+        backend.update(now)
+        image = backend.render([view], wanted, ignore)[0].data
+        count = marks[-1]
+        backend._cycles.forget()
+        alone = backend.render([view], wanted, ignore)[0].data
+        found[name] = (count, image, alone)
+        # The next change shall meet a session that has rendered this one.
+        backend.render([view], wanted, ignore)
     return found
 
 

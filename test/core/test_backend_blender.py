@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -91,6 +92,17 @@ def test_an_unchanged_ground_stays(life: dict[str, Any]) -> None:
 def test_light_and_exposure_change_the_colour(life: dict[str, Any]) -> None:
     assert life["brighter"].mean() > life["sunny"].mean() + 10
     assert life["night"].mean() < 0.3 * life["sunny"].mean()
+
+
+def test_cycles_looks_at_all_that_changed_and_at_nothing_for_a_moved_camera() -> None:
+    found = in_blender("moves")
+    for name, (marks, image, alone) in found.items():
+        difference = np.abs(image.astype(int) - alone)
+        assert difference.mean() < 0.1, name
+        assert (marks == 0) == (name in ("moved", "more samples")), (name, marks)
+    images = [image for _, image, _ in found.values()]
+    for one, other in pairwise(images):
+        assert np.abs(one.astype(int) - other).mean() > 0.2
 
 
 def test_the_version_is_blenders(life: dict[str, Any]) -> None:

@@ -24,6 +24,9 @@ DEPTH_TOLERANCE = 2e-5
 """Relative, beside what the jitter does."""
 STEP = 0.1
 """Relative difference of depth between neighbours that is an edge."""
+BEND = 0.01
+"""Relative difference of inverse depth from the mean of its neighbours' on two sides that is an
+edge: it is none on a plane, however steep, so that low crests and rims are found, too."""
 FAR_M = 1e6
 
 Images = dict[str, NDArray[np.generic]]
@@ -71,9 +74,9 @@ def _equal(fast: Images, cycles: Images) -> NDArray[np.bool_]:
 
 
 def _off_edges(images: Images) -> NDArray[np.bool_]:
-    """Return the (H, W) pixels whose neighbours are of the same thing, without a step."""
+    """Return the (H, W) pixels whose neighbours are of the same thing, without a step or bend."""
     depth_m = _reached(images[DEPTH])
-    inside = _spread(depth_m) < STEP * depth_m
+    inside = (_spread(depth_m) < STEP * depth_m) & (_bend(depth_m) < BEND)
     for modality in MODALITIES[1:]:
         inside &= _spread(images[modality].astype(np.float64)) == 0
     return np.asarray(inside, bool)
@@ -81,6 +84,15 @@ def _off_edges(images: Images) -> NDArray[np.bool_]:
 
 def _reached(depth_m: NDArray[np.generic]) -> NDArray[np.float64]:
     return np.where(np.isfinite(depth_m), depth_m, FAR_M).astype(np.float64)
+
+
+def _bend(depth_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far each pixel lies off a line through its neighbours, along rows or columns."""
+    inverse = np.pad(1 / depth_m, 1, mode="reflect", reflect_type="odd")
+    middle = inverse[1:-1, 1:-1]
+    along = inverse[1:-1, :-2] + inverse[1:-1, 2:] - 2 * middle
+    across = inverse[:-2, 1:-1] + inverse[2:, 1:-1] - 2 * middle
+    return np.asarray(np.maximum(np.abs(along), np.abs(across)) / (2 * middle))
 
 
 def _spread(image: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -53,7 +53,8 @@ class Plain:
 
     def show(self, is_shown: bool) -> None:
         """Let it be seen or not."""
-        if self._thing is not None:
+        # To set what is set already has Blender look at the whole scene again.
+        if self._thing is not None and self._thing.hide_render == is_shown:
             self._thing.hide_render = not is_shown
 
 
