@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from google.protobuf.struct_pb2 import Struct, Value
 
 from oaisys_core import geometry
 from oaisys_core.errors import InvalidInputError
@@ -22,6 +21,11 @@ from oaisys_core.types import (
     SimulatorInfo,
 )
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.structs import struct_from_proto, struct_to_proto
+from oaisys_grpc.typed_metadata import fill, joined, values_of
+
+_TYPED = ("environment", "asset", "render")
+"""Parts of metadata that come in a message of their own, in a Struct, or in both."""
 
 
 def pose_to_proto(pose: Pose) -> pb.Pose:
@@ -40,7 +44,9 @@ def pose_from_proto(message: pb.Pose) -> Pose:
 
 
 def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:
-    """Return the message of a step's metadata; inverse: `metadata_from_proto`.
+    """Return the message of a step's metadata, typed as far as it goes.
+
+    Inverse: `metadata_from_proto`.
 
     Raises:
         InvalidInputError: A value is neither JSON nor, in the part ``sensor``, a pose.
@@ -54,12 +60,17 @@ def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:
         if not isinstance(pose, Pose):
             raise InvalidInputError("metadata.sensor.pose", pose, "a Pose")
         message.sensor.pose.CopyFrom(pose_to_proto(pose))
+    settings = fill(message.sensor, settings, ["cameras"]) if settings else settings
     if settings:
         message.sensor.settings.CopyFrom(struct_to_proto(settings, "metadata.sensor"))
-    for name in ("environment", "asset", "render"):
+    for name in _TYPED:
         part = metadata.part(name)
-        if part is not None:
-            getattr(message, name).CopyFrom(struct_to_proto(part, f"metadata.{name}"))
+        if part is None:
+            continue
+        typed = getattr(message, f"typed_{name}")
+        rest = fill(typed, part, typed.DESCRIPTOR.fields_by_name)
+        if rest or not part:
+            getattr(message, name).CopyFrom(struct_to_proto(rest, f"metadata.{name}"))
     if metadata.custom:
         message.custom.CopyFrom(struct_to_proto(metadata.custom, "metadata.custom"))
     return message
@@ -70,11 +81,13 @@ def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
 
     Raises:
         InvalidInputError: The pose has a number that is not finite, or no unit quaternion; or it
-            is among the other settings.
+            is among the other settings; or a key came both typed and in a Struct.
     """
     parts: dict[str, Any] = {}
     if message.HasField("sensor"):
-        parts["sensor"] = struct_from_proto(message.sensor.settings)
+        typed = values_of(pb.SensorMetadata(cameras=message.sensor.cameras))
+        settings = struct_from_proto(message.sensor.settings)
+        parts["sensor"] = joined("metadata.sensor", settings, typed)
         if "pose" in parts["sensor"]:
             received = parts["sensor"]["pose"]
             raise InvalidInputError("metadata.sensor.settings.pose", received, "the field pose")
@@ -82,37 +95,15 @@ def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
             pose = pose_from_proto(message.sensor.pose)
             geometry.checked_pose(pose.position_m, pose.quat_xyzw, "metadata.sensor.pose")
             parts["sensor"]["pose"] = pose
-    for name in ("environment", "asset", "render", "custom"):
-        if message.HasField(name):
-            parts[name] = struct_from_proto(getattr(message, name))
+    present = {field.name for field, _ in message.ListFields()}
+    for name in _TYPED:
+        if present & {name, f"typed_{name}"}:
+            typed = values_of(getattr(message, f"typed_{name}"))
+            open_ended = struct_from_proto(getattr(message, name))
+            parts[name] = joined(f"metadata.{name}", open_ended, typed)
+    if message.HasField("custom"):
+        parts["custom"] = struct_from_proto(message.custom)
     return ModuleMetadata(**parts)
-
-
-def struct_to_proto(values: Mapping[str, Any], field: str) -> Struct:
-    """Return JSON-able values as a message; inverse: `struct_from_proto`."""
-    message = Struct()
-    try:
-        message.update(dict(values))
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(field, repr(dict(values)), "values as in JSON") from error
-    return message
-
-
-def struct_from_proto(message: Struct) -> dict[str, Any]:
-    """Return a message's values; numbers that are whole become int again."""
-    return {key: _value_from_proto(value) for key, value in message.fields.items()}
-
-
-def _value_from_proto(message: Value) -> Any:
-    kind = message.WhichOneof("kind")
-    if kind == "struct_value":
-        return struct_from_proto(message.struct_value)
-    if kind == "list_value":
-        return [_value_from_proto(value) for value in message.list_value.values]
-    if kind == "number_value":
-        number = message.number_value
-        return int(number) if number.is_integer() else number
-    return None if kind in (None, "null_value") else getattr(message, kind)
 
 
 def intrinsics_to_proto(intrinsics: PinholeIntrinsics) -> pb.Intrinsics:
@@ -167,7 +158,7 @@ def progress_from_proto(message: pb.Progress) -> Progress:
 
 def matrix_from_proto(values: Sequence[float]) -> FloatArray:
     """Return the (4, 4) float64 transform of 16 row-major values; inverse: `matrix_to_proto`."""
-    return np.array(values, dtype=np.float64).reshape(4, 4)
+    return np.array(values[:], dtype=np.float64).reshape(4, 4)
 
 
 def matrix_to_proto(T: FloatArray) -> list[float]:
