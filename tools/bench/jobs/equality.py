@@ -24,7 +24,7 @@ DEPTH_TOLERANCE = 2e-5
 """Relative, beside what the jitter does."""
 STEP = 0.1
 """Relative difference of depth between neighbours that is an edge."""
-BEND = 0.01
+BEND = 0.005
 """Relative difference of inverse depth from the mean of its neighbours' on two sides that is an
 edge: it is none on a plane, however steep, so that low crests and rims are found, too."""
 FAR_M = 1e6
