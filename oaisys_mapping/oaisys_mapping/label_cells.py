@@ -99,7 +99,7 @@ class LabelCells:
             most_blocks=BLOCK_SHARE * most_blocks,
             when_full="refuse",
             store_folder=store_folder,
-            initial_blocks=BLOCK_SHARE * INITIAL_BLOCKS,
+            initial_blocks=2 * INITIAL_BLOCKS,
         )
         self.values = self._working.values
         self.rows = self._working.rows

@@ -181,10 +181,11 @@ def _most_views(options: ExploreOptions, name: str) -> int:
 
 
 def _note_integration(found: Exploration, system: System[ExplorerClient]) -> None:
-    """Complete the views with what fusing each of them took."""
+    """Complete the views with what transfer and fusing of each of them took."""
     seconds = system.client.wait_for_map(len(found.views), MAP_TIMEOUT_S)
     found.views[:] = [
-        replace(view, integration_s=each) for view, each in zip(found.views, seconds, strict=True)
+        replace(view, integration_s=each, transfer_s=system.client.transfer_s(view))
+        for view, each in zip(found.views, seconds, strict=True)
     ]
 
 

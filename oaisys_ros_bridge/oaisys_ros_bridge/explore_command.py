@@ -11,6 +11,7 @@ import typer
 from oaisys_ros_bridge.experiment_options import (
     BackendOption,
     BagOption,
+    KeyOption,
     NamespaceOption,
     QualityOption,
     SeedOption,
@@ -91,6 +92,7 @@ def explore(
     start_height: Annotated[float, typer.Option(help="Metres over the ground at the start.")] = 3.0,
     backend: BackendOption = None,
     quality: QualityOption = None,
+    key: KeyOption = None,
     bag: BagOption = True,
     namespace: NamespaceOption = "",
     worker_python: WorkerPythonOption = None,
@@ -101,6 +103,7 @@ def explore(
     the report shows coverage against views and against the path flown, and what each of them
     needed for 90 %; after the first exploration only depth is rendered.
     """
+    from oaisys_mapping.signature import read_private_key
     from oaisys_ros_bridge.explore import run_explore
     from oaisys_ros_bridge.explore_plan import (
         FIRST_SEED,
@@ -142,6 +145,7 @@ def explore(
         vehicle_radius_m=radius,
         camera_range_m=camera_range,
         start_height_m=start_height,
+        key=None if key is None else read_private_key(key),
     )
     interrupt_on_signals()
     if not run_explore(options, Reporter()):

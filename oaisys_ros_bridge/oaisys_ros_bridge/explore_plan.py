@@ -15,6 +15,7 @@ from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.planner import Vehicle, level_pose
 from oaisys_mapping.exploration.planners import OWN
 from oaisys_mapping.exploration.voxel_map import Bounds
+from oaisys_mapping.signature import PrivateKey
 from oaisys_ros_bridge.system import SystemOptions
 
 PACKAGE = "oaisys_ros_bridge"
@@ -51,6 +52,7 @@ class ExploreOptions(SystemOptions):
         vehicle_radius_m: The ball around the vehicle that must be free.
         camera_range_m: How far depth is used.
         start_height_m: Above the ground, of the first view.
+        key: Signs the certificate; None: nobody does.
     """
 
     planners: Sequence[str]
@@ -64,6 +66,7 @@ class ExploreOptions(SystemOptions):
     vehicle_radius_m: float
     camera_range_m: float
     start_height_m: float
+    key: PrivateKey | None = None
 
 
 def planners_of(text: str, *, compare: bool) -> tuple[str, ...]:

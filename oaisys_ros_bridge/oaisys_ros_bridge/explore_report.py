@@ -57,7 +57,7 @@ def write_explore_report(
         views,
         [],
         thresholds,
-        None,
+        options.key,
         reporter,
         world_seed=records[0].seed,
     )

@@ -31,9 +31,10 @@ from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_msgs.msg import SampleInfo
 from oaisys_msgs.srv import StepBatch
 from oaisys_ros_bridge.conversions import pose_to_msg
-from oaisys_ros_bridge.frame_assembly import FrameAssembler, nanoseconds
+from oaisys_ros_bridge.frame_assembly import FrameAssembler
 from oaisys_ros_bridge.fusion import DepthFrame
 from oaisys_ros_bridge.qos import SENSOR_QOS, TF_QOS, TF_STATIC_QOS
+from oaisys_ros_bridge.stamps import nanoseconds
 from oaisys_ros_bridge.survey_client import ReceivedView, SurveyClient
 
 FRAME_TIMEOUT_S = 20.0

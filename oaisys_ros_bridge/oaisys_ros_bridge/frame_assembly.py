@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from builtin_interfaces.msg import Time
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
@@ -23,6 +22,7 @@ from oaisys_ros_bridge.conversions import (
 )
 from oaisys_ros_bridge.frames import FrameBuffer
 from oaisys_ros_bridge.fusion import DepthFrame
+from oaisys_ros_bridge.stamps import nanoseconds
 from oaisys_ros_bridge.synchronizer import ExactSynchronizer
 
 COLOR_WAIT_S = 2.0
@@ -30,11 +30,6 @@ COLOR_WAIT_S = 2.0
 
 MOST_WITHOUT_POSE = 32
 """Frames that may wait for their transform; the oldest are given up first."""
-
-
-def nanoseconds(stamp: Time) -> int:
-    """Return a stamp as one number."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 class FrameAssembler:

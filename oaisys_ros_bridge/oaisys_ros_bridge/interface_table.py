@@ -159,7 +159,8 @@ _STATE = (
         Kind.PUBLISHED,
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
-        "State, restarts, queue, memory, last render, drops; at 1 Hz and at each change.",
+        "State, restarts, queue, memory, drops; what rendering, transfer and publishing of the "
+        "last sample took. At 1 Hz, at each change, after each sample.",
         PLAIN,
     ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -16,6 +17,7 @@ from oaisys_ros_bridge.pending_metadata import PendingMetadata
 from oaisys_ros_bridge.publication import Publication
 from oaisys_ros_bridge.requests import checked_modalities, rig_pose
 from oaisys_ros_bridge.simulator_link import SimulatorLink
+from oaisys_ros_bridge.stamps import nanoseconds
 from oaisys_ros_bridge.turns import Turns
 
 STOP_TIMEOUT_S = 3.0
@@ -45,12 +47,18 @@ class Counts:
     Attributes:
         rendered: Samples that were published.
         failed: Requests that were refused or failed.
-        last_render_s: Of the newest sample.
+        last_stamp_ns: Of the newest sample.
+        last_render_s: What the simulator took to render it.
+        last_transfer_s: What the bridge waited for it besides.
+        last_publish_s: What conversion and publishing took.
     """
 
     rendered: int = 0
     failed: int = 0
+    last_stamp_ns: int = 0
     last_render_s: float = float("nan")
+    last_transfer_s: float = float("nan")
+    last_publish_s: float = float("nan")
 
 
 def _set_event() -> threading.Event:
@@ -71,6 +79,7 @@ class Renderer:
         ready_link: Returns the link of a bridge that may render now; raises `NotReadyError`.
         begin: Begins to publish a sample.
         map_frame: Returns the frame of the world.
+        on_sample: Told after each sample.
         paused_reason: Why only steps of the simulation are rendered; empty: all is.
         rig_pose: Where the rig was last put; None: that is not known.
         metadata: What goes with the next sample; the simulator keeps it from then on.
@@ -80,6 +89,7 @@ class Renderer:
     ready_link: Callable[[], tuple[SimulatorLink, SimulatorInfo]]
     begin: Callable[[SampleOutline], Publication]
     map_frame: Callable[[], str]
+    on_sample: Callable[[], None] = lambda: None
     paused_reason: str = ""
     rig_pose: Pose | None = None
     metadata: PendingMetadata = field(default_factory=PendingMetadata)
@@ -155,6 +165,7 @@ class Renderer:
                 begun.append(self.begin(outline))
             begun[0].add(frames)
 
+        asked_s = time.monotonic()
         with self.metadata.sent() as metadata:
             sample = link.render(
                 pose,
@@ -164,13 +175,20 @@ class Renderer:
                 on_frames=publish,
                 cancellation=cancellation,
             )
+        waited_s = time.monotonic() - asked_s - (begun[0].seconds if begun else 0.0)
         publication = begun[0] if begun else self.begin(sample.outline)
         publication.finish(sample)
-        self._note(sample)
+        self._note(sample, publication, waited_s)
         return sample, publication.stamp
 
-    def _note(self, sample: Sample) -> None:
+    def _note(self, sample: Sample, publication: Publication, waited_s: float) -> None:
         self.counts.rendered += 1
+        self.counts.last_stamp_ns = nanoseconds(publication.stamp)
         self.counts.last_render_s = sample.render_time_s
+        # A sample from the cache was rendered when it was first asked for.
+        rendered_s = 0.0 if sample.from_cache else sample.render_time_s
+        self.counts.last_transfer_s = max(waited_s - rendered_s, 0.0)
+        self.counts.last_publish_s = publication.seconds
         self.rig_pose = sample.rig_pose
         self._seed = (sample.batch_id, sample.provenance.batch_seed)
+        self.on_sample()

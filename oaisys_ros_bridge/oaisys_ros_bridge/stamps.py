@@ -101,3 +101,8 @@ class Stamps:
 def _stamp(nanoseconds: int) -> TimeMsg:
     stamp: TimeMsg = Time(nanoseconds=nanoseconds).to_msg()
     return stamp
+
+
+def nanoseconds(stamp: TimeMsg) -> int:
+    """Return a stamp as one number."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)

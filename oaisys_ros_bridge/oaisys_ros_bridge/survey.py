@@ -92,7 +92,7 @@ def _visit(
         reporter.step(f"rendered in {view.render_s:.2f} s, answered in {view.service_s:.2f} s")
     integration_s = system.client.wait_for_map(len(poses), MAP_TIMEOUT_S)
     return [
-        replace(view, integration_s=seconds)
+        replace(view, integration_s=seconds, transfer_s=system.client.transfer_s(view))
         for view, seconds in zip(received, integration_s, strict=True)
     ]
 

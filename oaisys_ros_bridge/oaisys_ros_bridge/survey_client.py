@@ -27,6 +27,7 @@ from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.namespaces import placing_arguments
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 from oaisys_ros_bridge.sensor_topics import TOPIC_BY_MODALITY
+from oaisys_ros_bridge.stamps import nanoseconds
 from oaisys_ros_bridge.transport import prepare_transport
 
 DISCOVERY_TIMEOUT_S = 30.0
@@ -47,12 +48,16 @@ class ReceivedView:
         images: By modality.
         render_s: What the simulator says that rendering took.
         service_s: From the call to the answer.
+        stamp_ns: Of the sample.
+        transfer_s: What the bridge waited for it besides; 0 until that is known.
         integration_s: What the mapper says that fusing it took; 0 until that is known.
     """
 
     images: Images
     render_s: float
     service_s: float
+    stamp_ns: int = 0
+    transfer_s: float = 0.0
     integration_s: float = 0.0
 
 
@@ -86,6 +91,7 @@ class SurveyClient:
             MapStatus, "oaisys_mapper/metrics", self._on_map_status, LATCHED_QOS
         )
         self._matched: dict[str, int] = {}
+        self._transfer_s: dict[int, float] = {}
         self._node.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_diagnostics, DIAGNOSTICS_DEPTH
         )
@@ -175,7 +181,13 @@ class SurveyClient:
             images = self._images.pop(key)
             # What came earlier belongs to samples that never got complete.
             self._images = {k: v for k, v in self._images.items() if k > key}
-        return ReceivedView(images, answer.render_time, service_s)
+        stamp_ns = nanoseconds(answer.stamp)
+        return ReceivedView(images, answer.render_time, service_s, stamp_ns)
+
+    def transfer_s(self, view: ReceivedView) -> float:
+        """Return what the bridge waited for a view besides its rendering; 0: it did not tell."""
+        with self._changed:
+            return self._transfer_s.get(view.stamp_ns, 0.0)
 
     def wait_for_map(self, frames: int, timeout_s: float) -> list[float]:
         """Wait until the map holds ``frames`` frames; return what each took, in seconds.
@@ -250,9 +262,12 @@ class SurveyClient:
             self._changed.notify_all()
 
     def _on_diagnostics(self, msg: DiagnosticArray) -> None:
-        found = {v.key: v.value for s in msg.status for v in s.values if SUBSCRIBERS in v.key}
+        said = {value.key: value.value for status in msg.status for value in status.values}
+        matched = {k.removeprefix(SUBSCRIBERS): int(v) for k, v in said.items() if SUBSCRIBERS in k}
         with self._changed:
-            self._matched.update((k.removeprefix(SUBSCRIBERS), int(v)) for k, v in found.items())
+            self._matched.update(matched)
+            if "last_transfer_s" in said:
+                self._transfer_s[int(said["last_stamp_ns"])] = float(said["last_transfer_s"])
             self._changed.notify_all()
 
     def _on_map_status(self, msg: MapStatus) -> None:

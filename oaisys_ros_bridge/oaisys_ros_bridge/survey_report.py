@@ -82,7 +82,8 @@ def view_record(view: ReceivedView) -> ViewRecord:
         instance_ids=images.get(INSTANCE),
         seconds={
             "render": view.render_s,
-            "transfer and publish": max(view.service_s - view.render_s, 0.0),
+            "transfer": view.transfer_s,
+            "publish": max(view.service_s - view.render_s - view.transfer_s, 0.0),
             "integrate": view.integration_s,
         },
     )

@@ -25,9 +25,10 @@ from oaisys_mapping.live_view import SeenView
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
 from oaisys_ros_bridge.clouds import mesh_from_marker
-from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler, nanoseconds
+from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler
 from oaisys_ros_bridge.fusion import DepthFrame
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TF_STATIC_QOS
+from oaisys_ros_bridge.stamps import nanoseconds
 from oaisys_ros_bridge.transport import prepare_transport
 from oaisys_ros_bridge.view_source import News, ViewSource, seen_view
 

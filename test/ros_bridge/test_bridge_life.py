@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import signal
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from ros_peer import Stage
+from ros_peer import Stage, nanoseconds
 from served_simulator import FLAT_WORLD
 from std_srvs.srv import Trigger
 
@@ -23,6 +24,11 @@ pytestmark = pytest.mark.ros
 def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
     with Stage(tmp_path) as stage:
         yield stage
+
+
+def said(diagnostics: DiagnosticArray) -> dict[str, str]:
+    """Return what a bridge's status holds, by name."""
+    return {value.key: value.value for value in diagnostics.status[0].values}
 
 
 def test_the_bridge_waits_for_a_server_and_outlives_it(stage: Stage) -> None:
@@ -45,8 +51,17 @@ def test_the_bridge_waits_for_a_server_and_outlives_it(stage: Stage) -> None:
     stage.start_world(FLAT_WORLD, "--address", address)
     user.wait_until_ready()
 
-    assert user.set_pose(pose_looking_down(0, 0, 5)).success
+    asked_s = time.monotonic()
+    answer = user.set_pose(pose_looking_down(0, 0, 5))
+    answered_s = time.monotonic() - asked_s
+    assert answer.success
+    stamp_ns = str(nanoseconds(answer.stamp))
+    user.wait_until(lambda: said(diagnostics[-1]).get("last_stamp_ns") == stamp_ns)
     user.wait_until(lambda: diagnostics[-1].status[0].level == b"\x00")
+    spent = said(diagnostics[-1])
+    parts_s = [float(spent[f"last_{part}_s"]) for part in ("render", "transfer", "publish")]
+    assert min(parts_s) >= 0
+    assert 0 < sum(parts_s) <= answered_s + 1e-3
     ended = user.call(Trigger, "end_simulation", Trigger.Request())
     assert ended.success, ended.message
     user.wait_until_ready(False)

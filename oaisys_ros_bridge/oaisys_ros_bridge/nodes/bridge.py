@@ -74,6 +74,7 @@ class BridgeNode(ParameterNode, ManagedNode):
             ready_link=self._ready_link,
             begin=self._begin,
             map_frame=lambda: str(self.parameters["map_frame"]),
+            on_sample=self._publish_diagnostics,
         )
         self._commands = CommandQueue(
             self._turns,
@@ -358,7 +359,10 @@ class BridgeNode(ParameterNode, ManagedNode):
             "rendered": counts.rendered,
             "failed": counts.failed,
             "dropped_commands": self._commands.dropped,
+            "last_stamp_ns": counts.last_stamp_ns,
             "last_render_s": counts.last_render_s,
+            "last_transfer_s": counts.last_transfer_s,
+            "last_publish_s": counts.last_publish_s,
             "memory_mb": resident_mb(),
             **simulator_values(None if link is None else link.state.info),
         }

@@ -36,12 +36,13 @@ from oaisys_mapping.truth_io import read_truth
 from oaisys_msgs.msg import MapStatus, SampleInfo, SemanticLabels
 from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
-from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler, nanoseconds
+from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler
 from oaisys_ros_bridge.fusion import DepthFrame, Fusion, FusionState
 from oaisys_ros_bridge.mapper_parameters import MAPPER, tsdf_config
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TF_STATIC_QOS
+from oaisys_ros_bridge.stamps import nanoseconds
 from oaisys_ros_bridge.surface import at_most
 
 BATCH_TOPIC = "oaisys_bridge/batch"
