@@ -23,6 +23,7 @@ class Machine:
     preparing_s: float = 0.05
     sample_s: float = 0.25
     finishing_s: float = 0.2
+    thorough_s: float = 0.9
 
     def render(self, plan: Plan) -> Cost:
         """Return what a view costs; at full size, each sample takes ``sample_s``."""
@@ -31,8 +32,8 @@ class Machine:
         samples = 1
         while samples < MOST_SAMPLES and (not plan.sampling_s or samples * one_s < plan.sampling_s):
             samples += 1
-        finishing_s = self.finishing_s * plan.scale**2
-        return Cost(pixels, samples, self.preparing_s, samples * one_s, finishing_s)
+        finishing_s = (self.thorough_s if plan.thorough else self.finishing_s) * plan.scale**2
+        return Cost(pixels, samples, self.preparing_s, samples * one_s, finishing_s, plan.thorough)
 
 
 def taken_s(cost: Cost) -> float:
@@ -97,10 +98,25 @@ def test_the_first_view_has_one_sample() -> None:
 
 
 def test_no_budget_is_no_limit() -> None:
-    assert taught(Machine()).plan(PIXELS, inf) == Plan(scale=1.0, sampling_s=0.0)
+    assert taught(Machine()).plan(PIXELS, inf) == Plan(scale=1.0, sampling_s=0.0, thorough=True)
     assert Machine().render(Plan(1.0, 0.0)).samples == MOST_SAMPLES
 
 
 def test_time_that_is_over_already_gives_the_smallest_image() -> None:
     plan = taught(Machine()).plan(PIXELS, -1.0)
     assert plan.scale == pytest.approx(0.25)
+
+
+def test_denoising_is_thorough_where_eight_samples_fit_beside_it() -> None:
+    budget = taught(Machine(sample_s=0.25))
+    assert not budget.plan(PIXELS, 2.0).thorough
+    assert budget.plan(PIXELS, 4.0).thorough
+    assert budget.plan(PIXELS, inf).thorough
+
+
+@pytest.mark.parametrize("thorough_s", [0.5, 2.0])
+def test_what_thorough_denoising_takes_is_learned(thorough_s: float) -> None:
+    machine = Machine(thorough_s=thorough_s)
+    budget = taught(machine)
+    budget.learn(machine.render(budget.plan(PIXELS, 6.0)))
+    assert taken_s(machine.render(budget.plan(PIXELS, 6.0))) == pytest.approx(6.0, rel=0.05)

@@ -1,0 +1,118 @@
+"""Open Image Denoise, called in the library that comes with Blender.
+
+Cycles calls the same library, but within its last light sample, whose time then says nothing, and
+it gives guides the same effort as the picture.
+"""
+
+from __future__ import annotations
+
+from ctypes import CDLL, POINTER, byref, c_bool, c_char_p, c_int, c_size_t, c_void_p
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import RenderError
+
+Image = NDArray[np.float32]
+
+LIBRARY = "libOpenImageDenoise.so.2"
+"""By this name alone it is the one that is loaded already, with Blender."""
+
+CPU_DEVICE, FLOAT3 = 1, 3
+QUALITY_FAST, QUALITY_HIGH = 4, 6
+"""Values of ``OIDNDeviceType``, ``OIDNFormat`` and ``OIDNQuality``."""
+
+_SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
+    "oidnNewDevice": (c_void_p, [c_int]),
+    "oidnSetDeviceBool": (None, [c_void_p, c_char_p, c_bool]),
+    "oidnCommitDevice": (None, [c_void_p]),
+    "oidnGetDeviceError": (c_int, [c_void_p, POINTER(c_char_p)]),
+    "oidnNewFilter": (c_void_p, [c_void_p, c_char_p]),
+    "oidnSetSharedFilterImage": (
+        None,
+        [c_void_p, c_char_p, c_void_p, c_int, *[c_size_t] * 5],
+    ),
+    "oidnSetFilterBool": (None, [c_void_p, c_char_p, c_bool]),
+    "oidnSetFilterInt": (None, [c_void_p, c_char_p, c_int]),
+    "oidnCommitFilter": (None, [c_void_p]),
+    "oidnExecuteFilter": (None, [c_void_p]),
+    "oidnReleaseFilter": (None, [c_void_p]),
+}
+
+
+class Denoiser:
+    """Takes noise out of pictures, on the processor."""
+
+    def __init__(self, library: CDLL) -> None:
+        self._library = library
+        for name, (result, arguments) in _SIGNATURES.items():
+            function = getattr(library, name)
+            function.restype, function.argtypes = result, arguments
+        self._device = library.oidnNewDevice(CPU_DEVICE)
+        # Else it binds this process's threads to cores, and Cycles' are among them.
+        library.oidnSetDeviceBool(self._device, b"setAffinity", False)
+        library.oidnCommitDevice(self._device)
+        self._check()
+
+    def denoised(self, color: Image, albedo: Image, normal: Image, *, thorough: bool) -> Image:
+        """Return a picture without its noise.
+
+        Args:
+            color: (H, W, 3) or (H, W, 4) radiance, of which the first three channels count.
+            albedo, normal: (H, W, 3), as noisy as they come with it.
+            thorough: Take noise out of these first, and let the picture follow them: better where
+                it took many light samples, at five times the time.
+
+        Raises:
+            RenderError: The library failed.
+            ValueError: A guide is of another size.
+        """
+        for name, image in (("albedo", albedo), ("normal", normal)):
+            if image.shape != (*color.shape[:2], 3):
+                raise ValueError(f"{name}: received {image.shape} beside color {color.shape}")
+        images = {b"color": color, b"albedo": albedo, b"normal": normal}
+        if thorough:
+            for guide in (b"albedo", b"normal"):
+                images[guide] = self._filtered({guide: images[guide]}, QUALITY_FAST)
+        quality = QUALITY_HIGH if thorough else QUALITY_FAST
+        return self._filtered(images, quality, hdr=True, cleanAux=thorough)
+
+    def _filtered(self, images: dict[bytes, Image], quality: int, **flags: bool) -> Image:
+        library = self._library
+        handle = library.oidnNewFilter(self._device, b"RT")
+        kept = {
+            name: np.ascontiguousarray(image[..., :3], np.float32) for name, image in images.items()
+        }
+        height, width = next(iter(kept.values())).shape[:2]
+        kept[b"output"] = np.empty((height, width, 3), np.float32)
+        try:
+            for name, image in kept.items():
+                library.oidnSetSharedFilterImage(
+                    handle, name, image.ctypes.data, FLOAT3, width, height, 0, 0, 0
+                )
+            for flag, value in flags.items():
+                library.oidnSetFilterBool(handle, flag.encode(), value)
+            library.oidnSetFilterInt(handle, b"quality", quality)
+            library.oidnCommitFilter(handle)
+            library.oidnExecuteFilter(handle)
+            self._check()
+        finally:
+            library.oidnReleaseFilter(handle)
+        return kept[b"output"]
+
+    def _check(self) -> None:
+        message = c_char_p()
+        if self._library.oidnGetDeviceError(self._device, byref(message)):
+            text = (message.value or b"no reason given").decode(errors="replace")
+            raise RenderError(f"Open Image Denoise failed: {text}")
+
+
+@cache
+def blenders_denoiser() -> Denoiser | None:
+    """Return the denoiser of the library that Blender has loaded; None where it has another."""
+    try:
+        return Denoiser(CDLL(LIBRARY))
+    except OSError:
+        return None

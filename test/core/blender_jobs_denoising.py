@@ -1,0 +1,58 @@
+"""What tests of denoising have done in Blender's own process, see `blender_process.in_blender`."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import bpy  # noqa: F401 - brings the library
+import numpy as np
+from numpy.typing import NDArray
+from synthetic_worlds import camera, rocky_world, settings
+
+from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.backend.blender import cycles as cycles_module
+from oaisys_core.backend.blender.denoiser import blenders_denoiser
+from oaisys_core.geometry import pose_looking_at
+from oaisys_core.types import RGB
+
+Image = NDArray[np.float32]
+
+
+def denoised(color: Image, albedo: Image, normal: Image) -> dict[str, Any]:
+    """A picture by both efforts, and what is said about guides of another."""
+    denoiser = blenders_denoiser()
+    if denoiser is None:
+        raise AssertionError("Blender came without its denoiser")
+    found: dict[str, Any] = {
+        name: denoiser.denoised(color, albedo, normal, thorough=thorough)
+        for name, thorough in (("fast", False), ("thorough", True))
+    }
+    try:
+        denoiser.denoised(color, albedo[1:], normal, thorough=True)
+    except ValueError as error:
+        found["error"] = str(error)
+    return found
+
+
+def pictures() -> dict[str, NDArray[np.uint8]]:
+    """One view with few samples: noisy, denoised by either library's user; and with many."""
+    scene = rocky_world()
+    view = camera(pose_looking_at((-6, -5, 3), (2, 1, 0)), modalities=(RGB,))
+    few = replace(settings(4), denoise=True)
+    backend = BlenderBackend()
+    backend.build(scene, lambda _: None)
+
+    def picture(wanted: Any) -> NDArray[np.uint8]:
+        return np.asarray(backend.render([view], wanted, lambda _: None)[0].data)
+
+    found = {
+        "noisy": picture(settings(4)),
+        "denoised": picture(few),
+        "again": picture(few),
+        "thorough": picture(replace(few, samples=16)),
+        "converged": picture(settings(256)),
+    }
+    cycles_module.blenders_denoiser = lambda: None
+    found["by cycles"] = picture(few)
+    return found
