@@ -37,6 +37,8 @@ class Lights:
         lamp.energy = sky.lamp_w_m2
         lamp.angle = sky.sun_angular_diameter_rad
         lamp.color = sun_color(sky)
+        # Else each light sample would ask how bright a dark lamp is.
+        self._sun.hide_render = sky.lamp_w_m2 <= 0
         self._background.set(sky)
         set_haze(sky)
         return True
