@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +14,7 @@ import open3d as o3d
 from oaisys_core.config import config_from_mapping
 from oaisys_core.geometry import invert, pose_looking_down
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import DEPTH, RGB, Frame, ModuleMetadata, merged
+from oaisys_core.types import DEPTH, RGB, SEMANTIC_0, Frame, ModuleMetadata, merged
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_mapping.blocks import BLOCK_VOXELS, INITIAL_BLOCKS
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
@@ -26,7 +27,8 @@ ALTITUDE_M = 25.0
 """From where thirty 640x480 images see all of the ground, and each a tenth of the next one's."""
 LEAST_WEIGHT = 0.5
 
-Pair = tuple[Frame, Frame]
+Images = tuple[Frame, Frame, Frame]
+"""Depth, colour and labels of one view."""
 
 
 def fusing(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
@@ -35,38 +37,39 @@ def fusing(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
     Ours keeps what did not change; Open3D makes all of its mesh anew, so only a few are waited for.
     """
     keep_freed_memory()  # as the mapper does
-    pairs = _views(settings, say)
+    views = _views(settings, say)
     config = TsdfConfig()
     found: dict[str, dict[str, list[float]]] = {"ours": {}, "open3d": {}}
     volume, plain = TsdfVolume(config), _Plain(config)
-    ways: dict[str, tuple[Callable[[Pair], object], Callable[[], object]]] = {
+    ways: dict[str, tuple[Callable[[Images], object], Callable[[], object]]] = {
         "ours": (partial(_integrate, volume), volume.extract_mesh),
         "open3d": (plain.integrate, plain.mesh),
     }
     # One view of another volume each: libraries load and allocate on their first call.
-    _integrate(TsdfVolume(config), pairs[0])
-    _Plain(config).integrate(pairs[0])
-    for index, pair in enumerate(pairs):
-        say(0.5 + 0.4 * index / len(pairs), f"fusing {len(pairs)} views")
+    _integrate(TsdfVolume(config), views[0])
+    _Plain(config).integrate(views[0])
+    for index, view in enumerate(views):
+        say(0.5 + 0.4 * index / len(views), f"fusing {len(views)} views")
         for name, (integrate, mesh) in ways.items():
-            found[name].setdefault("integrate_ms", []).append(_ms(partial(integrate, pair)))
+            found[name].setdefault("integrate_ms", []).append(_ms(partial(integrate, view)))
             if name == "ours":
                 found[name].setdefault("mesh_ms", []).append(_ms(mesh))
+    found["ours"]["integrate_classes_ms"] = _with_classes(config, views)
     for run in range(settings.runs):
         say(0.9 + 0.1 * run / settings.runs, "meshes")
         found["open3d"].setdefault("mesh_ms", []).append(_ms(plain.mesh))
-    found["ours"]["last_mesh_ms"] = [_ms_after(volume, pair) for pair in pairs[-settings.runs :]]
+    found["ours"]["last_mesh_ms"] = [_ms_after(volume, view) for view in views[-settings.runs :]]
     found["ours"]["whole_mesh_ms"] = [_ms_anew(volume) for _ in range(settings.runs)]
     return found
 
 
-def _views(settings: Settings, say: Say) -> list[Pair]:
-    """Return depth and colour of a grid of views of uneven ground, exact and without Blender."""
+def _views(settings: Settings, say: Say) -> list[Images]:
+    """Return images of a grid of views of uneven ground, exact and without Blender."""
     changes = {"seed": 1, "stage": {"extent_m": EXTENT_M, "resolution_px": 801}}
     sized = merged(SMALL_WORLD, camera(settings.width_px, settings.height_px))
     simulation = Simulation(config_from_mapping(merged(sized, changes)))
     simulation.step_batch()
-    pairs = []
+    views = []
     for index in range(COLUMNS * ROWS):
         say(0.5 * index / (COLUMNS * ROWS), "views of 100 m x 100 m")
         x_m = EXTENT_M * ((index % COLUMNS + 0.5) / COLUMNS - 0.5)
@@ -74,19 +77,33 @@ def _views(settings: Settings, say: Say) -> list[Pair]:
         z_m = float(simulation.query_height([(x_m, y_m, 0.0)]).surface_height_m[0])
         pose = pose_looking_down(x_m, y_m, z_m + ALTITUDE_M, np.pi / 2)
         sample = simulation.step_sample(ModuleMetadata(sensor={"pose": pose}))
-        pairs.append((sample.frame("camera", DEPTH), sample.frame("camera", RGB)))
+        depth, color, labels = (sample.frame("camera", name) for name in (DEPTH, RGB, SEMANTIC_0))
+        views.append((depth, color, labels))
     simulation.close()
-    return pairs
+    return views
 
 
-def _integrate(volume: TsdfVolume, pair: Pair) -> None:
-    depth, color = pair
-    volume.integrate(depth.data, color.data, depth.intrinsics, depth.T_map_camera)
+def _with_classes(config: TsdfConfig, views: list[Images]) -> list[float]:
+    """Return what each view takes where the volume keeps classes, too."""
+    volume = TsdfVolume(replace(config, semantic=True))
+    _integrate(volume, views[0])
+    return [_ms(partial(_integrate, volume, view)) for view in views]
 
 
-def _ms_after(volume: TsdfVolume, pair: Pair) -> float:
+def _integrate(volume: TsdfVolume, view: Images) -> None:
+    depth, color, labels = view
+    volume.integrate(
+        depth.data,
+        color.data,
+        depth.intrinsics,
+        depth.T_map_camera,
+        labels.data if volume.config.semantic else None,
+    )
+
+
+def _ms_after(volume: TsdfVolume, view: Images) -> float:
     """Return what the mesh of all views takes after one of them was seen once more."""
-    _integrate(volume, pair)
+    _integrate(volume, view)
     return _ms(volume.extract_mesh)
 
 
@@ -112,9 +129,9 @@ class _Plain:
             o3d.core.Device("CPU:0"),
         )
 
-    def integrate(self, pair: Pair) -> None:
+    def integrate(self, view: Images) -> None:
         """Fuse a view."""
-        depth, color = pair
+        depth, color, _ = view
         shown = o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(depth.data)))
         colored = o3d.t.geometry.Image(o3d.core.Tensor(color.data.astype(np.float32) / 255))
         K = o3d.core.Tensor(depth.intrinsics.K)

@@ -6,9 +6,15 @@ from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings
 
-LIMITS_MS = {"integrate_ms": 60.0, "mesh_ms": 300.0, "last_mesh_ms": 300.0}
+LIMITS_MS = {
+    "integrate_ms": 60.0,
+    "integrate_classes_ms": 60.0,
+    "mesh_ms": 300.0,
+    "last_mesh_ms": 300.0,
+}
 NOTES = {
     "integrate_ms": "one view, 10 cm voxels",
+    "integrate_classes_ms": "the same with classes of voxels and cells",
     "mesh_ms": "after each of 30 views over 100 m x 100 m, all of the mesh so far",
     "last_mesh_ms": "the same when all 30 are in it",
     "whole_mesh_ms": "all 30 views, nothing kept of earlier meshes",
