@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 import bpy  # noqa: F401 - brings the library
 import numpy as np
 from numpy.typing import NDArray
 from synthetic_worlds import camera, rocky_world, settings
 
-from oaisys_core.backend.blender import BlenderBackend
-from oaisys_core.backend.blender import cycles as cycles_module
+from oaisys_core.backend.blender import BlenderBackend, cycles
 from oaisys_core.backend.blender.denoiser import blenders_denoiser
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.types import RGB
@@ -53,6 +53,6 @@ def pictures() -> dict[str, NDArray[np.uint8]]:
         "thorough": picture(replace(few, samples=16)),
         "converged": picture(settings(256)),
     }
-    cycles_module.blenders_denoiser = lambda: None
-    found["by cycles"] = picture(few)
+    with mock.patch.object(cycles, "blenders_denoiser", return_value=None):
+        found["by cycles"] = picture(few)
     return found

@@ -28,7 +28,7 @@ def denoised() -> dict[str, Any]:
     rng = np.random.default_rng(1)
     truth = two_halves()
     noisy = (truth * rng.gamma(1 / NOISE**2, NOISE**2, SHAPE)).astype(np.float32)
-    normal = np.broadcast_to(np.float32([0, 0, 1]), SHAPE)
+    normal = np.broadcast_to(np.array([0, 0, 1], np.float32), SHAPE)
     found: dict[str, Any] = in_blender("blender_jobs_denoising.denoised", noisy, truth, normal)
     return found | {"noisy": noisy}
 

@@ -69,7 +69,7 @@ def test_a_saved_volume_tells_the_same_classes(tmp_path: Path) -> None:
     for found, expected in zip(
         loaded.classes_at(points_m), volume.classes_at(points_m), strict=True
     ):
-        assert np.array_equal(found, expected)
+        np.testing.assert_array_equal(found, expected)
     with np.load(tmp_path / "volume.npz") as arrays:
         blocks = len(arrays["cell_blocks"])
         assert arrays["cell_class_id"].shape == (blocks, 8, 8, 8, 2)
