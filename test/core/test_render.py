@@ -61,7 +61,7 @@ def test_presets_may_be_overridden_field_by_field() -> None:
     wanted = backend.settings
     assert (wanted.samples, wanted.max_bounces, wanted.denoise) == (7, 1, False)
     of_sample(sim, samples=None, max_bounces=None)
-    assert (backend.settings.samples, backend.settings.max_bounces) == (9, 3)
+    assert (backend.settings.samples, backend.settings.max_bounces) == (8, 3)
 
 
 def test_quality_geometry_renders_no_colour() -> None:

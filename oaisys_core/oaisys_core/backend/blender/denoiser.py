@@ -21,7 +21,7 @@ LIBRARY = "libOpenImageDenoise.so.2"
 """By this name alone it is the one that is loaded already, with Blender."""
 
 CPU_DEVICE, FLOAT3 = 1, 3
-QUALITY_FAST, QUALITY_HIGH = 4, 6
+QUALITY_FAST, QUALITY_BALANCED = 4, 5
 """Values of ``OIDNDeviceType``, ``OIDNFormat`` and ``OIDNQuality``."""
 
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
@@ -76,7 +76,8 @@ class Denoiser:
         if thorough:
             for guide in (b"albedo", b"normal"):
                 images[guide] = self._filtered({guide: images[guide]}, QUALITY_FAST)
-        quality = QUALITY_HIGH if thorough else QUALITY_FAST
+        # The highest quality is worth a tenth of a decibel more, and half a second.
+        quality = QUALITY_BALANCED if thorough else QUALITY_FAST
         return self._filtered(images, quality, hdr=True, cleanAux=thorough)
 
     def _filtered(self, images: dict[bytes, Image], quality: int, **flags: bool) -> Image:
