@@ -10,7 +10,7 @@ from statistics import median
 REMEMBERED = 8
 """Views whose cost is remembered."""
 
-OVER = 0.1
+OVER = 0.12
 """Share of its time by which a view may be late, so as not to be early by a whole light sample."""
 
 THOROUGH_SAMPLES = 8
