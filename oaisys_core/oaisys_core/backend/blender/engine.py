@@ -47,10 +47,7 @@ def render_scene(settings: Mapping[str, Any]) -> Rendered:
     Raises:
         RuntimeError: Blender failed.
     """
-    cycles = bpy.context.scene.cycles
-    for name, value in settings.items():
-        if getattr(cycles, name) != value:
-            setattr(cycles, name, value)
+    _write(settings, bpy.context.scene.cycles)
     rendered = Rendered()
     with _intercepted(settings, rendered), _counted(rendered):
         bpy.ops.render.render()
