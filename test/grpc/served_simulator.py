@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -105,3 +106,15 @@ def wait_until(condition: Callable[[], Any]) -> Any:
         assert time.monotonic() < end_s, "waited in vain"
         time.sleep(0.01)
     return value
+
+
+@contextlib.contextmanager
+def stepped_server(folder: Path, config: dict[str, Any]) -> Iterator[Server]:
+    """Run a server that has made its first batch."""
+    server = Server(folder, config, [], {})
+    try:
+        with server.client() as client:
+            client.step_batch(seed=3)
+        yield server
+    finally:
+        server.end()

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from itertools import count
 
 import pytest
-from served_simulator import FLAT_WORLD, Server
+from served_simulator import FLAT_WORLD, Server, stepped_server
 
 from oaisys_core.errors import CancelledError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down
@@ -20,11 +20,8 @@ ROUNDS = 5
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    server = Server(tmp_path_factory.mktemp("streams") / "flat", FLAT_WORLD, [], {})
-    with server.client() as client:
-        client.step_batch(seed=3)
-    yield server
-    server.end()
+    with stepped_server(tmp_path_factory.mktemp("streams") / "flat", FLAT_WORLD) as server:
+        yield server
 
 
 def calls_kept() -> int:

@@ -17,7 +17,7 @@ import pytest
 from google.protobuf.message import DecodeError
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, wait_until
+from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, stepped_server, wait_until
 from test_conversions import assert_same, make_sample
 
 from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
@@ -48,11 +48,8 @@ TRANSFERS = st.builds(
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    server = Server(tmp_path_factory.mktemp("transfer") / "rocky", WORLD, [], {})
-    with server.client() as client:
-        client.step_batch(seed=3)
-    yield server
-    server.end()
+    with stepped_server(tmp_path_factory.mktemp("transfer") / "rocky", WORLD) as server:
+        yield server
 
 
 def clients(server: Server) -> dict[str, SimulatorClient]:

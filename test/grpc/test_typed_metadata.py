@@ -12,7 +12,7 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from served_simulator import FLAT_WORLD, Server
+from served_simulator import FLAT_WORLD, Server, stepped_server
 
 from oaisys_core.config.environment import EnvironmentConfig, HazeConfig, SkyConfig
 from oaisys_core.config.environment import SunFromTimeConfig as SunFromTime
@@ -187,11 +187,8 @@ def test_a_key_that_comes_both_ways_is_refused(path: str) -> None:
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    server = Server(tmp_path_factory.mktemp("typed") / "flat", FLAT_WORLD, [], {})
-    with server.client() as client:
-        client.step_batch(seed=3)
-    yield server
-    server.end()
+    with stepped_server(tmp_path_factory.mktemp("typed") / "flat", FLAT_WORLD) as server:
+        yield server
 
 
 def rendered(stub: Any, metadata: pb.ModuleMetadata) -> list[bytes]:
