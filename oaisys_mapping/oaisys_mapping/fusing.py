@@ -181,6 +181,4 @@ def _describe(
     if seen.labels is not None and closeness is not None and "class_id" in arrays:
         class_id = arrays["class_id"].reshape(-1, arrays["class_id"].shape[-1])
         class_weight = arrays["class_weight"].reshape(class_id.shape)
-        some_id, some_weight = class_id[voxels], class_weight[voxels]
-        fuse_classes(some_id, some_weight, seen.labels[pixels], told * closeness)
-        class_id[voxels], class_weight[voxels] = some_id, some_weight
+        fuse_classes(class_id, class_weight, voxels, seen.labels.take(pixels), told * closeness)

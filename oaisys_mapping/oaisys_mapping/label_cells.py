@@ -4,7 +4,8 @@ A voxel asks the pixel that it projects to, and near a step or a small thing tha
 lies beside or below: classes of voxels are right to about a voxel. Here each pixel tells the one
 cell in which the point lies that it shows, and counts as much as it covers of the cell's surface,
 so that the steep side of a rock, which few pixels show, is not outvoted by the ground. Cells are a
-refinement: where no pixel fell, far away, or there was no room, voxels tell.
+refinement: where no pixel fell, there was no room, or pixels are as far apart as cells (beyond 19 m
+at 10 cm voxels and 640 pixels), voxels tell.
 
 On the demo's worlds, rocks seen from 10 m above, the IoU of rock grows from 0.90 to 0.94.
 """
@@ -156,7 +157,9 @@ class LabelCells:
             slots: (B,) of the blocks; -1: none.
             shown: What the pixels say.
         """
-        rows = [_as_rows(self._working.arrays[field.name]) for field in CELL_FIELDS]
+        ids, weights = (
+            self._working.arrays[field.name].reshape(-1, field.channels) for field in CELL_FIELDS
+        )
         is_shown = np.zeros(len(slots) * VOXELS, bool)
         is_shown[place] = True
         cells = np.flatnonzero(is_shown)
@@ -171,19 +174,8 @@ class LabelCells:
             is_so = np.flatnonzero(shown.labels == label)
             weight = np.bincount(number[is_so], shown.weights[is_so], len(cells))
             told = np.flatnonzero((weight > 0) & (slot >= 0))
-            some = at[told]
-            class_id, class_weight = (
-                each.take(some).view(field.dtype).reshape(-1, field.channels)
-                for each, field in zip(rows, CELL_FIELDS, strict=True)
-            )
             labels = np.full(len(told), label)
-            fuse_classes(class_id, class_weight, labels, weight[told].astype(np.float32))
-            rows[0][some], rows[1][some] = _as_rows(class_id), _as_rows(class_weight)
-
-
-def _as_rows(values: NDArray[Any]) -> NDArray[Any]:
-    """Return (..., 2) numbers two by two, as one number each, which are faster to move."""
-    return values.reshape(-1).view(np.dtype(f"u{2 * values.itemsize}"))
+            fuse_classes(ids, weights, at[told], labels, weight[told].astype(np.float32))
 
 
 def _shown(seen: Observation, cell_m: float) -> _Shown | None:
@@ -192,7 +184,8 @@ def _shown(seen: Observation, cell_m: float) -> _Shown | None:
     # Counted from near the camera: float32 is exact enough for what its range covers.
     base = np.floor(camera_m / (cell_m * BLOCK_VOXELS)).astype(np.int32)
     offset = camera_m / cell_m - BLOCK_VOXELS * base.astype(np.float64)
-    parts = [_shown_by(_Lattice(seen, *first), matrix, offset, cell_m) for first in ASKED]
+    far_m = _farthest_m(matrix, cell_m)
+    parts = [_shown_by(_Lattice(seen, *first), matrix, offset, cell_m, far_m) for first in ASKED]
     cell, labels, weights = (np.concatenate(each, axis=-1) for each in zip(*parts, strict=True))
     return _Shown(cell, base, labels, weights) if len(labels) else None
 
@@ -218,7 +211,7 @@ class _Lattice:
 
 
 def _shown_by(
-    pixels: _Lattice, matrix: FloatArray, offset: FloatArray, cell_m: float
+    pixels: _Lattice, matrix: FloatArray, offset: FloatArray, cell_m: float, far_m: float
 ) -> tuple[NDArray[np.int32], NDArray[np.uint16], NDArray[np.float32]]:
     """Return the (3, N) cells of those pixels that tell some, their labels and weights.
 
@@ -227,18 +220,21 @@ def _shown_by(
         matrix: (3, 3) that gives a point of z times (column, row, 1).
         offset: (3,) the camera, in cells.
         cell_m: Edge length of a cell.
+        far_m: Depth beyond which no pixel tells anything.
     """
     seen = pixels.seen
     assert seen.labels is not None
     depth_m, labels = pixels.of(seen.depth_m), pixels.of(seen.labels)
-    is_told = (depth_m > 0) & (depth_m < np.inf) & (labels != UNLABELLED)
+    is_told = (depth_m > 0) & (depth_m < far_m) & (labels != UNLABELLED)
+    told = np.flatnonzero(is_told)
+    cell = np.empty((3, len(told)), np.int32)
+    if not len(told):
+        return cell, labels[is_told], depth_m[is_told]
     depth_m = np.where(is_told, depth_m, np.float32(0))
     along_u, along_v, ahead = (matrix / cell_m).T[:, :, None]
     rows = along_v * (pixels.row + 2 * np.arange(depth_m.shape[0])) + ahead
     columns = along_u * (pixels.column + 2 * np.arange(depth_m.shape[1]))
     rows, columns = rows.astype(np.float32), columns.astype(np.float32)
-    told = np.flatnonzero(is_told)
-    cell = np.empty((3, len(told)), np.int32)
     for axis in range(3):
         place = rows[axis, :, None] + columns[axis]
         place *= depth_m
@@ -250,6 +246,12 @@ def _shown_by(
     if seen.weight is not None:
         weight *= pixels.of(seen.weight)
     return cell, _at(labels, told), _at(weight, told)
+
+
+def _farthest_m(matrix: FloatArray, cell_m: float) -> float:
+    """Return the depth at which pixels that are asked are as far apart as cells."""
+    size_u, size_v = (float(np.linalg.norm(matrix[:, axis])) for axis in (0, 1))
+    return float(cell_m * np.sqrt(len(ASKED) / 4 / (size_u * size_v)))
 
 
 def _at(image: NDArray[Any], pixels: NDArray[np.intp]) -> NDArray[Any]:

@@ -30,24 +30,46 @@ _GOLDEN_RATIO = 0.618034
 def fuse_classes(
     class_id: NDArray[np.uint16],
     class_weight: NDArray[np.float32],
+    voxels: NDArray[np.int64],
     labels: NDArray[np.uint16],
     weights: NDArray[np.float32],
 ) -> None:
-    """Add one observation to each of N voxels, in place.
+    """Add one observation to each of N different voxels, in place.
+
+    Most voxels know one class, and see it again: only the others are asked for all that they know.
 
     Args:
-        class_id, class_weight: (N, `CLASSES_KEPT`) of the voxels.
+        class_id, class_weight: (M, kept) of all voxels, contiguous.
+        voxels: (N,) rows of those that were seen.
         labels: (N,) what was seen; 0 (unlabelled) tells nothing.
-        weights: (N,) above 0.
+        weights: (N,) at least 0.
     """
-    told = np.flatnonzero(labels != UNLABELLED)
-    if not len(told):
+    ids, counted = class_id.reshape(-1), class_weight.reshape(-1)
+    first = voxels * class_id.shape[1]
+    first_id, first_weight = ids.take(first), counted.take(first)
+    is_told = labels != UNLABELLED
+    is_first = ((first_id == labels) | (first_weight == 0)) & is_told
+    if is_first.all():
+        ids[first], counted[first] = labels, first_weight + weights
         return
-    label, weight = labels[told], class_weight[told]
-    is_known = (class_id[told] == label[:, None]) & (weight > 0)
+    simple, rest = np.flatnonzero(is_first), np.flatnonzero(is_told & ~is_first)
+    ids[first[simple]], counted[first[simple]] = labels[simple], (first_weight + weights)[simple]
+    _fuse_among_all(class_id, class_weight, voxels[rest], labels[rest], weights[rest])
+
+
+def _fuse_among_all(
+    class_id: NDArray[np.uint16],
+    class_weight: NDArray[np.float32],
+    voxels: NDArray[np.int64],
+    labels: NDArray[np.uint16],
+    weights: NDArray[np.float32],
+) -> None:
+    """Do what `fuse_classes` does where a voxel's first class may be another one."""
+    weight = class_weight[voxels]
+    is_known = (class_id[voxels] == labels[:, None]) & (weight > 0)
     place = np.where(is_known.any(axis=1), is_known.argmax(axis=1), weight.argmin(axis=1))
-    class_id[told, place] = label
-    class_weight[told, place] += weights[told]
+    class_id[voxels, place] = labels
+    class_weight[voxels, place] += weights
 
 
 def most_likely(

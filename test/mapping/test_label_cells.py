@@ -127,3 +127,15 @@ def test_different_blocks_are_found_near_and_far_apart(spread: int) -> None:
     found, number = distinct_blocks(blocks)
     assert np.array_equal(found, expected)
     assert np.array_equal(number, place.ravel())
+
+
+def test_pixels_wider_than_cells_leave_classes_to_voxels() -> None:
+    """Every second pixel is asked; they lie sqrt(2) pixels apart, cells half a voxel."""
+    pixel_m = CONFIG.voxel_size_m / 2 / np.sqrt(2)
+    for share, has_cells in ((0.9, True), (1.1, False)):
+        height_m = share * pixel_m * CAMERA.fx_px
+        volume, T = TsdfVolume(CONFIG), camera_at((0, 0, height_m), (0, 0.01, 0))
+        look(volume, T)
+        assert (volume.cell_blocks_in_memory > 0) == has_cells
+        top, _ = volume.classes_at(on_rock(0.3))
+        assert (top == ROCK).mean() > 0.95

@@ -361,7 +361,8 @@ def test_the_heaviest_class_is_found_among_more_than_are_kept() -> None:
     counts = np.zeros((voxels, 20))
     for _ in range(rounds):
         labels = np.where(rng.uniform(size=voxels) < 0.5, 7, rng.integers(1, 20, voxels))
-        fuse_classes(ids, weights, labels.astype(np.uint16), np.ones(voxels, np.float32))
+        ones = np.ones(voxels, np.float32)
+        fuse_classes(ids, weights, np.arange(voxels), labels.astype(np.uint16), ones)
         counts[np.arange(voxels), labels] += 1
     found, share = most_likely(ids, weights)
     assert np.array_equal(found, counts.argmax(axis=1))
