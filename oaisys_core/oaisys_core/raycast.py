@@ -159,11 +159,7 @@ class RayCaster:
         """Replace Embree's float32 distances by those to the triangles' planes."""
         corners, normals = self._planes(triangle_ids[hit])
         origins = local_m if local_m.ndim == 1 else local_m[hit]
-        coarse = distances[hit]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            to_plane = _dot(normals, corners - origins) / _dot(normals, directions[hit])
-            trusted = np.abs(to_plane - coarse) <= PLANE_TOLERANCE * coarse
-        distances[hit] = np.where(trusted, to_plane, coarse)
+        distances[hit] = refined(distances[hit], corners, normals, origins, directions[hit])
 
 
 class Caster(Protocol):
@@ -192,6 +188,26 @@ def surface_height_m(caster: Caster, xy_m: ArrayLike) -> FloatArray:
     down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)
     distance_m, _ = caster.intersect(origins, down)
     return np.where(np.isfinite(distance_m), above_m - distance_m, np.nan)
+
+
+def refined(
+    coarse: FloatArray,
+    corners: FloatArray,
+    normals: FloatArray,
+    origins: FloatArray,
+    directions: FloatArray,
+) -> FloatArray:
+    """Return (N,) distances to triangles' planes instead of Embree's, which are float32.
+
+    Args:
+        coarse: (N,) Embree's distances.
+        corners, normals: (N, 3) a corner and the normal, of any length, of each triangle.
+        origins, directions: (N, 3) rays, in the same frame; origins may be (3,).
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        to_plane = _dot(normals, corners - origins) / _dot(normals, directions)
+        trusted = np.abs(to_plane - coarse) <= PLANE_TOLERANCE * coarse
+    return np.where(trusted, to_plane, coarse)
 
 
 def unit(vectors: FloatArray) -> FloatArray:

@@ -1,20 +1,30 @@
 """Rays at instances against rays at copies of them, and instances in Blender."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from blender_process import in_blender
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.backend import objects
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.instances import InstanceCaster, LocalCasters, Standing
+from oaisys_core.backend.crowd import Shapes, Standing
+from oaisys_core.backend.instances import InstanceCaster
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
 from oaisys_core.raycast import NO_TRIANGLE, RayCaster
 from oaisys_core.scene import MeshPrototype, Placement, Scene
-from oaisys_core.types import DEPTH, INSTANCE, NORMAL, SEMANTIC_0, PinholeIntrinsics
+from oaisys_core.types import (
+    DEPTH,
+    INSTANCE,
+    NORMAL,
+    SEMANTIC_0,
+    FloatArray,
+    PinholeIntrinsics,
+)
 
 WIDE = PinholeIntrinsics(160, 120, 90.0, 90.0, 79.5, 59.5)
 VIEWS = (
@@ -47,7 +57,7 @@ def _standing(
 @pytest.mark.parametrize("view", range(3))
 def test_instances_are_hit_as_copies_of_them_are(view: int) -> None:
     standing = crowd()
-    instances = InstanceCaster(standing, LocalCasters())
+    instances = InstanceCaster(standing, Shapes())
     copies = RayCaster([each.mesh() for each in standing])
     directions = pixel_rays(WIDE) @ VIEWS[view].T_map_camera[:3, :3].T
     origin_m = VIEWS[view].T_map_camera[:3, 3]
@@ -68,8 +78,64 @@ def test_instances_are_hit_as_copies_of_them_are(view: int) -> None:
     )
 
 
+def rays(view: int) -> tuple[FloatArray, FloatArray]:
+    T_map_camera = VIEWS[view].T_map_camera
+    return T_map_camera[:3, 3], pixel_rays(WIDE) @ T_map_camera[:3, :3].T
+
+
+@pytest.mark.blender
+def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
+    """Also far from the map's origin, where a float32 step is 6 cm."""
+    away_m = np.array((5e5, -4e5, 300.0))
+    standing = [moved(each, away_m) for each in crowd()]
+    copies = RayCaster([each.mesh() for each in standing])
+    views = [(o + away_m, d, None) for o, d in map(rays, range(3))]
+    limits = np.full(views[1][1].shape[:-1], 6.0)
+    xy_m = np.random.default_rng(2).uniform(-10, 10, (3001, 2)) + away_m[:2]
+    many = [*views, (*views[1][:2], limits), (views[0][0], views[0][1][60, 80], None)]
+    seen = in_blender("blender_jobs_instances.casts", standing, many, xy_m)
+    for index, (origin_m, directions, _) in enumerate(views):
+        expected_m, expected = copies.intersect(origin_m, directions)
+        depth_m, triangles = seen["found"][index]
+        same, hit = triangles == expected, expected != NO_TRIANGLE
+        assert hit.mean() > 0.2
+        assert same.mean() > 0.999
+        np.testing.assert_allclose(depth_m[same & hit], expected_m[same & hit], rtol=1e-7)
+        assert np.isposinf(depth_m[~hit & same]).all()
+        assert (seen["ids"][index] == copies.instance_ids_of(expected)).mean() > 0.9999
+        of_same = same[triangles != NO_TRIANGLE]
+        expected_normals = copies.normals_of(triangles[same & hit])
+        np.testing.assert_allclose(seen["normals"][index][of_same], expected_normals, atol=1e-7)
+        for one, other in zip(seen["found"][index], seen["again"][index], strict=True):
+            assert one.tobytes() == other.tobytes()
+    (all_m, all_triangles), (near_m, near) = seen["found"][1], seen["found"][3]
+    within = all_m < 6.0
+    assert 0.02 < within.mean() < 0.9
+    assert (near == np.where(within, all_triangles, NO_TRIANGLE)).all()
+    assert (near_m == np.where(within, all_m, np.inf)).all()
+    assert seen["found"][4][1] == seen["found"][0][1][60, 80]
+    heights_m, expected_m = seen["heights_m"], copies.surface_height_m(xy_m)
+    assert 0.1 < np.isfinite(expected_m).mean() < 0.95
+    assert (np.isfinite(heights_m) == np.isfinite(expected_m)).mean() > 0.999
+    both = np.isfinite(heights_m) & np.isfinite(expected_m)
+    assert np.quantile(np.abs(heights_m - expected_m)[both], 0.999) < 1e-6
+
+
+@pytest.mark.blender
+def test_embrees_structures_are_given_back() -> None:
+    """Twenty that are not take 100 MB."""
+    resident = in_blender("blender_jobs_instances.resident_mb", crowd(20_000), 22)
+    assert resident[-1] - resident[2] < 30
+
+
+def moved(standing: Standing, by_m: FloatArray) -> Standing:
+    T = standing.placement.T_map_object.copy()
+    T[:, :3, 3] += by_m
+    return replace(standing, placement=replace(standing.placement, T_map_object=T))
+
+
 def test_what_lies_beyond_the_limits_is_left_out() -> None:
-    instances = InstanceCaster(crowd(), LocalCasters())
+    instances = InstanceCaster(crowd(), Shapes())
     directions = pixel_rays(WIDE) @ VIEWS[1].T_map_camera[:3, :3].T
     origin_m = VIEWS[1].T_map_camera[:3, 3]
     depth_m, triangles = instances.intersect(origin_m, directions)
@@ -85,7 +151,7 @@ def test_what_lies_beyond_the_limits_is_left_out() -> None:
 def test_heights_over_instances_are_those_over_copies() -> None:
     standing = crowd()
     xy_m = np.random.default_rng(2).uniform(-10, 10, (3000, 2))
-    heights_m = InstanceCaster(standing, LocalCasters()).surface_height_m(xy_m)
+    heights_m = InstanceCaster(standing, Shapes()).surface_height_m(xy_m)
     expected_m = RayCaster([each.mesh() for each in standing]).surface_height_m(xy_m)
     assert 0.1 < np.isfinite(expected_m).mean() < 0.95
     assert (np.isfinite(heights_m) == np.isfinite(expected_m)).mean() > 0.999
@@ -94,7 +160,7 @@ def test_heights_over_instances_are_those_over_copies() -> None:
 
 
 def test_no_instances_are_no_error() -> None:
-    nothing = InstanceCaster([], LocalCasters())
+    nothing = InstanceCaster([], Shapes())
     distances, triangles = nothing.intersect(np.zeros(3), np.ones((4, 3)))
     assert np.isposinf(distances).all()
     assert (triangles == NO_TRIANGLE).all()
@@ -113,7 +179,7 @@ def test_one_large_mesh_many_times_is_seen_without_copies() -> None:
     T = np.tile(np.eye(4), (20, 1, 1))
     T[:, 0, 3] = 2.5 * np.arange(20)
     placement = Placement(0, (4,), T, np.arange(1, 21, dtype=np.uint32))
-    caster = InstanceCaster([Standing(cloth, placement)], LocalCasters())
+    caster = InstanceCaster([Standing(cloth, placement)], Shapes())
     xy_m = np.random.default_rng(3).uniform((-1, -1), (48.5, 1), (2000, 2))
     local_x = (xy_m[:, 0] + 1.25) % 2.5 - 1.25
     on = np.abs(local_x) < 0.99
@@ -125,7 +191,7 @@ def test_both_ways_show_the_same_world(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = rocky_world()
     views = [replace(v, modalities=(DEPTH, INSTANCE, SEMANTIC_0, NORMAL)) for v in VIEWS]
 
-    def seen() -> list[np.ndarray]:
+    def seen() -> list[NDArray[Any]]:
         backend = AnalyticBackend()
         backend.build(scene, lambda _: None)
         return [frame.data for frame in backend.render(views, settings(), lambda _: None)]

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from oaisys_core.backend.instances import (
-    MERGED_TRIANGLES,
-    InstanceCaster,
-    LocalCasters,
-    Standing,
-)
+from oaisys_core.backend.crowd import Shapes, Standing
+from oaisys_core.backend.embree import blenders_embree
+from oaisys_core.backend.instances import InstanceCaster
 from oaisys_core.backend.parts import InstancePart, Part, TrianglePart
 from oaisys_core.raycast import RayCaster
 from oaisys_core.scene import Scene
 from oaisys_core.types import TriangleMesh
+
+MERGED_TRIANGLES = 12_000_000
+"""Triangles up to which one structure over copies of all instances is taken, where there is no
+Embree that knows instances.
+
+It is ten times as fast to cast at as boxes and more, but takes 0.7 s and 0.1 GB per million
+triangles to build (two cores): 100,000 pebbles of 80 triangles take 6 s and 0.8 GB, as boxes 0.6 s
+and 0.1 GB.
+"""
 
 
 class Objects:
@@ -23,7 +29,8 @@ class Objects:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._casters = LocalCasters()
+        self._embree = blenders_embree()
+        self._shapes = Shapes()
         self._still: list[Standing] = []
         self._still_parts: list[Part] = []
         self._unprepared: RayCaster | None = None
@@ -59,8 +66,8 @@ class Objects:
         others = [each for each in standing if not any(each.is_same(kept) for kept in still)]
         if not _are_same(others, self._others):
             self._others = others
-            self._other_parts = [InstancePart(InstanceCaster(others, self._casters))]
-        self._casters.keep_only(scene.prototypes)
+            self._other_parts = [self._instances(others)]
+        self._shapes.keep_only(scene.prototypes)
 
     def meshes(self) -> list[TriangleMesh]:
         """Return the triangles of all placements, with ids."""
@@ -70,10 +77,14 @@ class Objects:
         self._unprepared = None
         if not standing:
             return []
-        if sum(each.triangle_count for each in standing) <= MERGED_TRIANGLES:
+        triangles = sum(each.triangle_count for each in standing)
+        if self._embree is None and triangles <= MERGED_TRIANGLES:
             self._unprepared = RayCaster([each.mesh() for each in standing])
             return [TrianglePart(self._unprepared)]
-        return [InstancePart(InstanceCaster(standing, self._casters))]
+        return [self._instances(standing)]
+
+    def _instances(self, standing: Sequence[Standing]) -> Part:
+        return InstancePart(InstanceCaster(standing, self._shapes, self._embree))
 
 
 def _are_same(some: Sequence[Standing], others: Sequence[Standing]) -> bool:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.bands import bands
+from oaisys_core.backend.crowd import placed
 from oaisys_core.backend.id_table import IdTable, table_of
-from oaisys_core.backend.instances import placed
 from oaisys_core.backend.objects import Objects
 from oaisys_core.backend.parts import Part, SolidPart, TrianglePart
 from oaisys_core.backend.solids import flat_ground, solid_of, tessellated

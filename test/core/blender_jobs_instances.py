@@ -1,0 +1,55 @@
+"""Casts rays at instances in a process that has Blender's Embree."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+# Must come before anything that loads Open3D, see oaisys_core.raycast.
+import bpy  # noqa: F401
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.backend.crowd import Shapes, Standing
+from oaisys_core.backend.embree import blenders_embree
+from oaisys_core.backend.instances import InstanceCaster
+from oaisys_core.types import FloatArray
+
+Rays = tuple[FloatArray, FloatArray, FloatArray | None]
+
+
+def casts(standing: Sequence[Standing], views: Sequence[Rays], xy_m: FloatArray) -> dict[str, Any]:
+    """Return what rays find by Embree's own instances, and heights.
+
+    Args:
+        standing: The instances.
+        views: Origins, directions and limits of `InstanceCaster.intersect`.
+        xy_m: (N, 2) where heights are asked for.
+    """
+    embree = blenders_embree()
+    assert embree is not None
+    caster = InstanceCaster(standing, Shapes(), embree)
+    found = [caster.intersect(*view) for view in views]
+    return {
+        "found": found,
+        "again": [caster.intersect(*view) for view in views],
+        "ids": [caster.instance_ids_of(triangles) for _, triangles in found],
+        "normals": [_normals(caster, triangles) for _, triangles in found],
+        "heights_m": caster.surface_height_m(xy_m),
+    }
+
+
+def resident_mb(standing: Sequence[Standing], times: int) -> list[float]:
+    """Return the memory in use after each of some structures was made and dropped."""
+    embree = blenders_embree()
+    found = []
+    for _ in range(times):
+        InstanceCaster(standing, Shapes(), embree)
+        pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
+        found.append(int(pages) * 4096 / 1e6)
+    return found
+
+
+def _normals(caster: InstanceCaster, triangles: NDArray[np.int64]) -> FloatArray:
+    return caster.normals_of(triangles[triangles >= 0])
