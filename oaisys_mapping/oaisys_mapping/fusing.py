@@ -25,6 +25,13 @@ from oaisys_mapping.semantic_fusion import fuse_classes
 PART_BLOCKS = 192
 """Blocks that are worked on at a time: an intermediate result has 400 kB."""
 
+FADING_VOXELS = 1.0
+"""Depth of the layer before the truncation behind the surface in which an observation counts less
+and less (all of what is behind fades in Oleynikova et al., "Voxblox", IROS 2017): what lies far
+behind a rim is another view's to say. On the demo's worlds it closes most spots in the overlap that
+lay more than a voxel from the map, and the RMSE shrinks from 5.2 to 5.0 mm; fading over two voxels
+does little more for them, and eats spheres by 2 % of their volume."""
+
 CLOSE_VOXELS = 0.3
 """Distance in front of the surface at which a label counts half."""
 
@@ -96,7 +103,8 @@ def _fuse_part(
             is_told &= (z_m <= seen.max_range_m) | (depth_m < np.inf)
         if least_m <= 0:
             is_told &= z_m > 0
-    told = is_told.astype(np.float32)
+    told = _sureness(ahead_m, rules)
+    told *= is_told
     if seen.weight is not None:
         told *= seen.weight.take(pixels)
     is_near = ahead_m < rules.described_m
@@ -111,6 +119,14 @@ def _fuse_part(
     voxels = slots[near // VOXELS].astype(np.int64) * VOXELS + near % VOXELS
     _describe(arrays, voxels, pixels.ravel()[near], told.ravel()[near], seen, closeness)
     return np.asarray(is_told.view(np.uint64).any(axis=1))
+
+
+def _sureness(ahead_m: NDArray[np.float32], rules: FusionRules) -> NDArray[np.float32]:
+    """Return what an observation counts in voxels that lie so far in front of what the ray hit."""
+    fading_m = FADING_VOXELS * rules.voxel_size_m
+    sure = ahead_m * np.float32(1 / fading_m)
+    sure += np.float32(rules.truncation_m / fading_m)
+    return np.clip(sure, 0, 1, out=sure)
 
 
 def _closeness(voxels_ahead: NDArray[np.float32]) -> NDArray[np.float32]:
