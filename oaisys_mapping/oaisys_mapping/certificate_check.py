@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,12 @@ from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.metrics import Extras, evaluate_reconstruction
 from oaisys_mapping.semantics import ClassField
 from oaisys_mapping.signature import is_signature_of
-from oaisys_mapping.thresholds import Criterion
+from oaisys_mapping.thresholds import (
+    Criterion,
+    Thresholds,
+    exploration_thresholds,
+    survey_thresholds,
+)
 from oaisys_mapping.view_files import views_from_json
 
 COMPARED = (
@@ -39,6 +44,15 @@ COMPARED = (
 
 NEEDED = ("rmse_m", "completion_ratio", "f_score")
 """Figures without a limit on which a verdict says nothing."""
+
+
+SURVEY, EXPLORATION = "a survey", "an exploration"
+
+USUAL: Mapping[str, Callable[[float], Thresholds]] = {
+    SURVEY: survey_thresholds,
+    EXPLORATION: exploration_thresholds,
+}
+"""The limits of each kind of experiment, for a voxel's size."""
 
 
 @dataclass(frozen=True)
@@ -92,13 +106,7 @@ def _signature(certificate: Mapping[str, Any], public_key: str | None) -> Findin
 def _verdict(content: Mapping[str, Any]) -> list[Finding]:
     """Check that criteria are of the figures, and the verdict of the criteria."""
     figures = _part(content, "figures")
-    try:
-        criteria = [
-            Criterion(one["name"], float(one["value"]), float(one["limit"]), one["is_upper"])
-            for one in content["criteria"]
-        ]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInputError("FILE: criteria", str(error), "name, value, limit") from error
+    criteria = _criteria(content)
     missing = set(NEEDED) - {one.name for one in criteria}
     findings = [Finding(f"a limit on {name}", False) for name in sorted(missing)]
     for one in criteria:
@@ -112,6 +120,61 @@ def _verdict(content: Mapping[str, Any]) -> list[Finding]:
         word = "rejected" if record["rejected"] else "not rejected"
         findings.append(Finding(f"fault {record['name']}: {word}", is_right))
     return findings
+
+
+def _criteria(content: Mapping[str, Any]) -> list[Criterion]:
+    try:
+        return [
+            Criterion(one["name"], float(one["value"]), float(one["limit"]), one["is_upper"])
+            for one in content["criteria"]
+        ]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError("FILE: criteria", str(error), "name, value, limit") from error
+
+
+def check_limits(content: Mapping[str, Any], *, allow_loosened: bool = False) -> list[Finding]:
+    """Compare a certificate's limits with those that `oaisys` asks for.
+
+    A limit that is missing, as in certificates from before it was asked for, is one that was
+    loosened only where the figure does not keep the usual one.
+
+    Args:
+        content: Of the certificate.
+        allow_loosened: Show what was loosened, but do not hold it against the certificate.
+
+    Raises:
+        InvalidInputError: Something is missing from it.
+    """
+    figures = _part(content, "figures")
+    experiment = _experiment(content)
+    try:
+        usual = USUAL[experiment](float(figures["voxel_size_m"])).asked_of(figures)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError("FILE: figures", str(error), "figures and voxel_size_m") from error
+    given = {one.name: one for one in _criteria(content)}
+    findings = []
+    for one in usual:
+        own = given.get(one.name)
+        if own is not None and own.is_looser_than(one):
+            what = (
+                f"LOOSENED: {own.asked} is asked of {one.name}; usual for {experiment}: {one.asked}"
+            )
+        elif own is None and not one.holds:
+            what = f"LOOSENED: nothing is asked of {one.name}; usual for {experiment}: {one}"
+        else:
+            continue
+        findings.append(Finding(what, None if allow_loosened else False))
+    if not findings:
+        findings.append(
+            Finding(f"the limits are at least as tight as usual for {experiment}", True)
+        )
+    return findings
+
+
+def _experiment(content: Mapping[str, Any]) -> str:
+    """Return which of `USUAL` a certificate is of, by the command that it says it came from."""
+    words = str(_part(content, "facts").get("command", "")).split()[:2]
+    return EXPLORATION if "explore" in words else SURVEY
 
 
 def check_file(content: Mapping[str, Any], what: str, path: Path) -> Finding:

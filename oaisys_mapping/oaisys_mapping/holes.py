@@ -1,10 +1,9 @@
 """Where a reconstruction has no surface although some view saw the truth there.
 
 A line along the truth's normal finds the border of a hole where it is; distances alone would
-shrink a hole by their tolerance all around. But a voxel grid cannot show every slit: where one
-corner of a cube is hidden, at the edge of a rock's shadow for instance, the whole cube has no
-surface. A gap is a hole only if more than that is missing: some truth in it is further than a
-voxel's diagonal from all of the reconstruction.
+shrink a hole by their tolerance all around. A gap is a hole if a voxel's worth is missing: some
+truth in it, of which each point stands for a voxel's square, is further than a voxel from all of
+the reconstruction. What is nearer is counted as gap only: a slit that rounding closes.
 """
 
 from __future__ import annotations
@@ -27,8 +26,8 @@ HOLE_VOXELS = 2
 """How far from the truth, along its normal, a surface may lie and still close a hole; and the width
 of the surveyed area's rim, where a missing surface is none."""
 
-CORE_VOXELS = 3**0.5
-"""How far from all of the reconstruction a hole's truth is, at least somewhere: the diagonal."""
+CORE_VOXELS = 1.0
+"""How far from all of the reconstruction a hole's truth is, at least somewhere."""
 
 
 @dataclass(frozen=True)

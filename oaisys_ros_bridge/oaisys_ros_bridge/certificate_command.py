@@ -34,20 +34,24 @@ def check(
     render_again: Annotated[
         bool, typer.Option("--render-again", help="Make the world, views and map again, too.")
     ] = False,
+    allow_loosened: Annotated[
+        bool, typer.Option("--allow-loosened", help="Accept limits looser than the usual ones.")
+    ] = False,
     worker_python: WorkerPythonOption = None,
 ) -> None:
-    """Check a certificate: hash, signature, files, and the figures measured again.
+    """Check a certificate: hash, signature, limits, files, and the figures measured again.
 
     Exit 0 if all of it holds and the loop is closed, 1 if not, 2 if it is no certificate.
     """
     from oaisys_mapping.certificate import read_certificate
-    from oaisys_mapping.certificate_check import check_content
+    from oaisys_mapping.certificate_check import check_content, check_limits
     from oaisys_mapping.signature import read_public_key
 
     certificate = read_certificate(file)
     signer = None if public_key is None else read_public_key(public_key)
     findings = check_content(certificate, signer)
     content = certificate["content"]
+    findings += check_limits(content, allow_loosened=allow_loosened)
     findings += _measured_again(content, file.parent, mesh, truth)
     if render_again:
         from oaisys_ros_bridge.certificate_render import render_and_compare

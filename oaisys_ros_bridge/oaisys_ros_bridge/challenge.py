@@ -16,12 +16,13 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.certificate import CERTIFICATE_FILE, read_certificate
 from oaisys_mapping.faults import FaultRecord, PosedDepth
 from oaisys_mapping.faults import challenge as challenged
+from oaisys_mapping.thresholds import survey_thresholds
 from oaisys_mapping.true_surface import true_surface
 from oaisys_mapping.truth_io import read_truth
 from oaisys_mapping.tsdf import TsdfConfig
 from oaisys_mapping.view_files import views_from_json
 from oaisys_ros_bridge.bag_info import mcap_file
-from oaisys_ros_bridge.closure import TRUTH_FILE, thresholds_for
+from oaisys_ros_bridge.closure import TRUTH_FILE
 from oaisys_ros_bridge.frame_assembly import FrameAssembler
 from oaisys_ros_bridge.progress import Reporter
 
@@ -55,7 +56,7 @@ def challenge_bag(folder: Path, reporter: Reporter) -> list[FaultRecord]:
     )
     config = TsdfConfig(voxel_size_m=voxel_size_m, max_range_m=range_m)
     records = []
-    for record in challenged(frames, surface, thresholds_for(voxel_size_m), config, seed):
+    for record in challenged(frames, surface, survey_thresholds(voxel_size_m), config, seed):
         reporter.say(f"{record.what}: {'rejected' if record.rejected else 'accepted'}")
         records.append(record)
     return records

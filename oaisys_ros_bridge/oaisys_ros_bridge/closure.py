@@ -55,23 +55,6 @@ class Closure:
     certificate: dict[str, Any]
 
 
-def thresholds_for(voxel_size_m: float) -> Thresholds:
-    """Return what counts as closed: nearly nothing missing, no bias, errors of a third of a voxel.
-
-    Median and offset are held ten times tighter than 2 cm at 10 cm voxels would need: with right
-    intrinsics and poses they are below 2 mm and 0.5 mm.
-    """
-    return Thresholds(
-        max_rmse_m=0.3 * voxel_size_m,
-        min_completion=0.98,
-        min_f_score=0.98,
-        max_holes=0.01,
-        max_median_m=0.05 * voxel_size_m,
-        max_offset_m=0.05 * voxel_size_m,
-        max_overlap_holes=0,
-    )
-
-
 def measure_and_certify(
     options: SystemOptions,
     info: SimulatorInfo,

@@ -14,7 +14,7 @@ from oaisys_mapping.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import GOAL, SurveyReport, write_report
-from oaisys_mapping.thresholds import Thresholds
+from oaisys_mapping.thresholds import exploration_thresholds
 from oaisys_mapping.visibility import View
 from oaisys_ros_bridge.closure import measure_and_certify
 from oaisys_ros_bridge.closure_sections import sections_of
@@ -49,7 +49,7 @@ def write_explore_report(
         View(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera)
         for pose in measured.found.poses
     ]
-    thresholds = _thresholds(options.voxel_size_m)
+    thresholds = exploration_thresholds(options.voxel_size_m)
     closure = measure_and_certify(
         options,
         info,
@@ -80,15 +80,6 @@ def write_explore_report(
     write_report(report, options.out)
     say_result(report, options, reporter)
     return not report.missed
-
-
-def _thresholds(voxel_size_m: float) -> Thresholds:
-    """Return what counts as closed.
-
-    A camera that looks ahead sees ground far away at grazing angles, a few pixels to a voxel: what
-    it saw of that may miss, but what is there must be right.
-    """
-    return Thresholds(max_rmse_m=voxel_size_m / 2, min_completion=0.9, min_f_score=0.9)
 
 
 def _facts(records: Sequence[CoverageRecord]) -> dict[str, Any]:

@@ -20,12 +20,12 @@ from oaisys_grpc.client import SimulatorClient
 from oaisys_mapping.faults import PosedDepth
 from oaisys_mapping.rectification import rectified_camera
 from oaisys_mapping.report import write_report
+from oaisys_mapping.thresholds import survey_thresholds
 from oaisys_mapping.visibility import View
 from oaisys_ros_bridge.closure import (
     MESH_FILE,
     VOLUME_FILE,
     measure_and_certify,
-    thresholds_for,
 )
 from oaisys_ros_bridge.interruption import raise_if_interrupted
 from oaisys_ros_bridge.progress import Reporter
@@ -61,7 +61,7 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
         truth,
         views,
         _frames(system.sensor, views, received) if options.faults else [],
-        thresholds_for(options.voxel_size_m),
+        survey_thresholds(options.voxel_size_m),
         options.key,
         reporter,
     )

@@ -9,8 +9,9 @@ from typing import Any
 
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SimulatorInfo
 from oaisys_mapping.report import SurveyReport, ViewRecord
+from oaisys_mapping.thresholds import survey_thresholds
 from oaisys_mapping.visibility import View
-from oaisys_ros_bridge.closure import Closure, thresholds_for
+from oaisys_ros_bridge.closure import Closure
 from oaisys_ros_bridge.closure_sections import sections_of
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.survey_client import ReceivedView
@@ -33,7 +34,7 @@ def survey_report(
         | {"altitude_m": options.altitude_m, "overlap": options.overlap}
         | closure_facts(closure),
         evaluation=closure.evaluation,
-        thresholds=thresholds_for(options.voxel_size_m),
+        thresholds=survey_thresholds(options.voxel_size_m),
         mesh=closure.mesh,
         views=[view_record(view) for view in received],
         columns=survey_columns(options.views),

@@ -24,13 +24,14 @@ from oaisys_mapping.certificate_check import (
     Finding,
     check_content,
     check_file,
+    check_limits,
     measure_again,
 )
 from oaisys_mapping.faults import FaultRecord
 from oaisys_mapping.mesh_io import read_ply, write_ply
 from oaisys_mapping.metrics import evaluate_reconstruction
 from oaisys_mapping.signature import read_private_key, read_public_key
-from oaisys_mapping.thresholds import Thresholds
+from oaisys_mapping.thresholds import Thresholds, survey_thresholds
 from oaisys_mapping.truth_io import as_stored, read_truth, write_truth
 
 VOXEL_M, RANGE_M, SEED = 0.1, 60.0, 5
@@ -149,6 +150,62 @@ def test_a_loop_that_does_not_close_is_said_to_be_open(tmp_path: Path) -> None:
     assert certificate["content"]["verdict"] == "open"
     (missed,) = failed(check_content(certificate))
     assert "rmse_m" in missed
+
+
+def limits_of(**criteria: tuple[float | None, float, bool]) -> dict[str, Any]:
+    """Return a content with figures, each with its limit, or None for no limit."""
+    figures = {name: value for name, (_, value, _) in criteria.items()}
+    asked = [
+        {"name": name, "value": value, "limit": limit, "is_upper": is_upper}
+        for name, (limit, value, is_upper) in criteria.items()
+        if limit is not None
+    ]
+    facts = {"command": "oaisys survey --out here"}
+    return {"figures": {**figures, "voxel_size_m": 0.1}, "criteria": asked, "facts": facts}
+
+
+@pytest.mark.parametrize(
+    ("name", "criterion", "is_loosened"),
+    [
+        ("rmse_m", (0.03, 0.01, True), False),
+        ("rmse_m", (0.02, 0.01, True), False),
+        ("rmse_m", (0.031, 0.01, True), True),
+        ("rmse_m", (0.02, 0.01, False), True),
+        ("completion_ratio", (0.97, 0.99, False), True),
+        ("completion_ratio", (0.98, 0.99, False), False),
+        ("overlap_hole_count", (1.0, 0.0, True), True),
+        ("least_iou", (0.5, 0.95, False), True),
+        ("least_iou", (None, 0.95, False), False),
+        ("least_iou", (None, 0.85, False), True),
+        ("least_iou", (None, None, False), False),
+        ("offset_m", (float("nan"), 0.0, True), True),
+    ],
+)
+def test_loosened_limits_are_shown_and_refused(
+    name: str, criterion: tuple[float | None, float, bool], is_loosened: bool
+) -> None:
+    content = limits_of(**{name: criterion})
+    (found,) = check_limits(content)
+    assert found.holds is not is_loosened
+    assert ("LOOSENED" in found.what) == is_loosened
+    (allowed,) = check_limits(content, allow_loosened=True)
+    assert allowed.what == found.what
+    assert allowed.holds is (None if is_loosened else True)
+
+
+def test_an_exploration_has_limits_of_its_own() -> None:
+    content = limits_of(rmse_m=(0.05, 0.04, True))
+    assert check_limits(content)[0].holds is False
+    content["facts"]["command"] = "oaisys explore --out there"
+    assert check_limits(content)[0].holds
+
+
+def test_a_map_that_confuses_classes_does_not_close() -> None:
+    figures = {"rmse_m": 0.005, "completion_ratio": 1.0, "least_iou": 0.89}
+    missed = [one.name for one in survey_thresholds(0.1).asked_of(figures) if not one.holds]
+    assert missed == ["least_iou"]
+    unlabelled = {**figures, "least_iou": None}
+    assert all(one.holds for one in survey_thresholds(0.1).asked_of(unlabelled))
 
 
 def test_signatures_are_those_of_openssl(issued: Path, tmp_path: Path) -> None:
