@@ -179,6 +179,19 @@ def test_near_pixels_count_more_by_the_inverse_square() -> None:
     assert found_m["inverse_square"] == pytest.approx(expected_m, abs=0.01)
 
 
+@pytest.mark.parametrize(("height_m", "counts"), [(0.15, 1.0), (0.25, 0.5), (0.28, 0.2)])
+def test_what_lies_far_behind_a_surface_counts_less(height_m: float, counts: float) -> None:
+    """Ground seen once where it is, and once higher: truncated at 0.3 m, fading over the last 0.1.
+
+    The voxel at the origin is 0 m in front of one surface, and ``height_m`` behind the other.
+    """
+    volume = TsdfVolume(TsdfConfig())
+    for offset_m in (0.0, height_m):
+        volume.integrate(plane_depth_m(ABOVE, UP, offset_m), None, CAMERA, ABOVE)
+    expected_m = -height_m * counts / (1 + counts)
+    assert volume.distance_at(np.zeros((1, 3)))[0] == pytest.approx(expected_m, abs=1e-4)
+
+
 def test_slanting_rays_count_less_by_incidence() -> None:
     """A plane seen 0.1 m too high from straight above, and 0.1 m too low at 60 degrees."""
     volume = TsdfVolume(TsdfConfig(weigh_incidence=True, truncation_voxels=6.0))
