@@ -39,6 +39,8 @@ THREADS = min(8, os.cpu_count() or 1)
 
 POOL = ThreadPoolExecutor(THREADS, thread_name_prefix="voxels")
 
+VOXEL_BITS = VOXELS.bit_length() - 1
+
 _TINY = np.float32(1e-30)
 _FOUR = np.complex128
 """Moves four float32 at a time."""
@@ -103,8 +105,8 @@ def _fuse_part(
             is_told &= (z_m <= seen.max_range_m) | (depth_m < np.inf)
         if least_m <= 0:
             is_told &= z_m > 0
-    told = _sureness(ahead_m, rules)
-    told *= is_told
+    told = is_told.astype(np.float32)
+    _fade(told, is_told, ahead_m, rules)
     if seen.weight is not None:
         told *= seen.weight.take(pixels)
     is_near = ahead_m < rules.described_m
@@ -112,21 +114,26 @@ def _fuse_part(
     near = np.flatnonzero(is_near)
     closeness = None
     if seen.labels is not None:
-        closeness = _closeness(ahead_m.ravel()[near] / rules.voxel_size_m)
+        closeness = _closeness(ahead_m.take(near) / rules.voxel_size_m)
     distance = np.minimum(ahead_m, np.float32(rules.truncation_m), out=ahead_m)
     distance *= np.float32(1 / rules.truncation_m)
     _average(arrays, slots, distance, told, rules)
-    voxels = slots[near // VOXELS].astype(np.int64) * VOXELS + near % VOXELS
-    _describe(arrays, voxels, pixels.ravel()[near], told.ravel()[near], seen, closeness)
+    voxels = slots.astype(np.int64).take(near >> VOXEL_BITS) << VOXEL_BITS
+    voxels += near & (VOXELS - 1)
+    _describe(arrays, voxels, pixels.take(near), told.take(near), seen, closeness)
     return np.asarray(is_told.view(np.uint64).any(axis=1))
 
 
-def _sureness(ahead_m: NDArray[np.float32], rules: FusionRules) -> NDArray[np.float32]:
-    """Return what an observation counts in voxels that lie so far in front of what the ray hit."""
+def _fade(
+    told: NDArray[np.float32],
+    is_told: NDArray[np.bool_],
+    ahead_m: NDArray[np.float32],
+    rules: FusionRules,
+) -> None:
+    """Let an observation count less in voxels far behind what the ray hit, in place."""
     fading_m = FADING_VOXELS * rules.voxel_size_m
-    sure = ahead_m * np.float32(1 / fading_m)
-    sure += np.float32(rules.truncation_m / fading_m)
-    return np.clip(sure, 0, 1, out=sure)
+    behind = np.flatnonzero((ahead_m < fading_m - rules.truncation_m) & is_told)
+    told.ravel()[behind] = (ahead_m.take(behind) + np.float32(rules.truncation_m)) / fading_m
 
 
 def _closeness(voxels_ahead: NDArray[np.float32]) -> NDArray[np.float32]:

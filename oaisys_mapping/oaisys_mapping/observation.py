@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -161,7 +162,10 @@ class FreeSpace:
         self._edge_m = BLOCK_VOXELS * voxel_size_m
         self._matrix, self._offset = seen.to_pixel
         self._far = _pyramid(free_m, np.maximum, 0.0)
-        self._near = _pyramid(free_m, np.minimum, np.inf)
+
+    @cached_property
+    def _near(self) -> list[NDArray[Any]]:
+        return _pyramid(self._far[0], np.minimum, np.inf)
 
     def touched(self, blocks: Coordinates, scale: int = 1) -> NDArray[np.bool_]:
         """Return (N,) whether rays may reach into each of (N, 3) blocks.
