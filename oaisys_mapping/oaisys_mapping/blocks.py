@@ -24,6 +24,9 @@ BLOCK_VOXELS = 8
 VOXELS = BLOCK_VOXELS**3
 """Voxels of a block."""
 
+PART_BLOCKS = 256
+"""Blocks that are moved at a time."""
+
 INITIAL_BLOCKS = 10_000
 """Blocks reserved at first, 12 kB each: 30 nadir views at 0.1 m use 5,500. More come by
 themselves, by doubling, and the surface does not depend on when."""
@@ -90,18 +93,9 @@ class VoxelBlocks:
         self.fields = fields
         self._most_blocks = most_blocks
         self.arrays: dict[str, NDArray[Any]] = {}
-        self._grid = o3d.t.geometry.VoxelBlockGrid(
-            tuple(field.name for field in fields),
-            tuple(getattr(o3d.core, field.dtype) for field in fields),
-            tuple((field.channels) for field in fields),
-            voxel_size_m,
-            BLOCK_VOXELS,
-            min(initial_blocks, most_blocks),
-            _CPU,
-        )
-        self._map = self._grid.hashmap()
+        self._voxel_size_m = voxel_size_m
+        self._make_grid(min(initial_blocks, most_blocks))
         self._known: tuple[Coordinates, Slots] = (np.zeros((0, 3), np.int32), np.zeros(0, np.int32))
-        self._view_buffers()
 
     def __len__(self) -> int:
         """Return how many blocks there are."""
@@ -120,10 +114,7 @@ class VoxelBlocks:
         if len(missing):
             needed, room = len(self) + len(missing), int(self._map.capacity())
             if needed > room:
-                self._map.reserve(max(needed, min(2 * room, self._most_blocks)))
-                self._view_buffers()
-                # Open3D moves its content where it grows.
-                self._known = (self._known[0], self.find(self._known[0]))
+                self._grow(max(needed, min(2 * room, self._most_blocks)))
             self._map.activate(_tensor(missing))
             new = self.find(missing)
             for array in self.arrays.values():
@@ -168,11 +159,35 @@ class VoxelBlocks:
         )
         return np.asarray(found.numpy())
 
-    def _view_buffers(self) -> None:
+    def _make_grid(self, capacity: int) -> None:
+        self._grid = o3d.t.geometry.VoxelBlockGrid(
+            tuple(field.name for field in self.fields),
+            tuple(getattr(o3d.core, field.dtype) for field in self.fields),
+            tuple((field.channels) for field in self.fields),
+            self._voxel_size_m,
+            BLOCK_VOXELS,
+            capacity,
+            _CPU,
+        )
+        self._map = self._grid.hashmap()
         for index, field in enumerate(self.fields):
             shape = (VOXELS,) if field.channels == 1 else (VOXELS, field.channels)
             buffer = self._map.value_tensor(index).numpy()
             self.arrays[field.name] = buffer.reshape(len(buffer), *shape)
+
+    def _grow(self, capacity: int) -> None:
+        """Move to a larger grid. Open3D's own way takes seconds: it copies number by number."""
+        (coordinates, slots), old, arrays = self._known, self._grid, dict(self.arrays)
+        self._make_grid(capacity)
+        if len(coordinates):
+            self._map.activate(_tensor(coordinates))
+        found = self.find(coordinates)
+        for name, array in arrays.items():
+            for first in range(0, len(slots), PART_BLOCKS):
+                part = slice(first, first + PART_BLOCKS)
+                self.arrays[name][found[part]] = array[slots[part]]
+        self._known = (coordinates, found)
+        del old  # only now: its memory was read
 
 
 def block_order(coordinates: Coordinates) -> NDArray[np.intp]:
