@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import threading
 import time
@@ -40,11 +41,19 @@ _HEALTH_POLL_S = 0.1
 class Stream:
     """A call that brings messages; iterated over by one thread at a time, cancelled by any.
 
-    To be closed: grpcio keeps a call that was not heard out, 18 KB, as long as its channel.
+    A context manager, whose end is that of the call. grpcio keeps a call that was not heard out,
+    18 KB, as long as its channel: what it still has to say is heard when the next stream begins, as
+    who has what it wanted should not wait for that.
     """
 
-    def __init__(self, call: Any) -> None:
+    def __init__(self, call: Any, left: collections.deque[Stream]) -> None:
+        """Take a call over.
+
+        Args:
+            left: Streams that are still to be heard out; this one goes there at its end.
+        """
         self._call = call
+        self._left = left
         self._reading = threading.Lock()
 
     def __iter__(self) -> Iterator[Any]:
@@ -58,15 +67,15 @@ class Stream:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self._call.cancel()
+        self._left.append(self)
 
     def cancel(self) -> None:
         """End the call; who iterates over it gets an error."""
         self._call.cancel()
 
-    def close(self) -> None:
-        """End the call and let go of it."""
-        self._call.cancel()
+    def hear_out(self) -> None:
+        """Let go of the call, which has ended."""
         with self._reading:
             # grpcio 1.85 has no public way to hear what a cancelled call still has to say.
             while self._call._state.due:  # noqa: SLF001
@@ -94,6 +103,7 @@ class Channel:
             self._channel = grpc.insecure_channel(address, options=_OPTIONS)
         else:
             self._channel = grpc.secure_channel(address, tls.credentials(), options=_OPTIONS)
+        self._left: collections.deque[Stream] = collections.deque()
         self.stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
         self._health = health_pb2_grpc.HealthStub(self._channel)
         self.render_sample = self._stream("RenderSample", parser(pb.RenderSampleResponse))
@@ -109,7 +119,17 @@ class Channel:
             request_serializer=lambda request: request.SerializeToString(),
             response_deserializer=parsed,
         )
-        return lambda request, timeout: Stream(begin(request, timeout=timeout))
+
+        def stream(request: Any, timeout: float) -> Stream:
+            self._hear_out()
+            return Stream(begin(request, timeout=timeout), self._left)
+
+        return stream
+
+    def _hear_out(self) -> None:
+        with contextlib.suppress(IndexError):
+            while True:
+                self._left.popleft().hear_out()
 
     def wait_ready(self, timeout_s: float) -> None:
         """Wait until the simulator serves.
@@ -136,6 +156,7 @@ class Channel:
 
     def close(self) -> None:
         """Close the connection."""
+        self._hear_out()
         self._channel.close()
 
 

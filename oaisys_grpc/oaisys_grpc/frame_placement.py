@@ -49,9 +49,16 @@ class FramePlacement:
         return tuple(placed)
 
     def prepare(self) -> None:
-        """Find memory for the frames that come next, and give back where these came from.
+        """Find memory for the frames that come next.
 
-        Either takes the kernel as long as copying an image: call when nobody waits.
+        It takes the kernel as long as copying an image: call when nobody waits.
+        """
+        self._writer.prepare()
+
+    def tidy(self) -> None:
+        """Give back the memory that all frames so far came from; as `prepare`.
+
+        Not before the sample's end, when it takes just as long but somebody waits: the backend
+        holds all of them until then.
         """
         self._left.clear()
-        self._writer.prepare()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 from collections.abc import Callable, Iterable, Iterator
 
@@ -59,7 +60,7 @@ class SampleStream:
         self._sample: Sample | None = None
         self.largest_copied_bytes = 0
 
-    @property
+    @functools.cached_property
     def outline(self) -> SampleOutline:
         """What the sample will be; there from its first frame on.
 

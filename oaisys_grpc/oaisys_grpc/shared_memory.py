@@ -85,7 +85,7 @@ class SegmentWriter:
     """
 
     def __init__(self) -> None:
-        self._spare: int | None = None
+        self._spare: _File | None = None
         self._last_bytes = 0
         self._next_bytes: dict[int, int] = {}
 
@@ -96,12 +96,11 @@ class SegmentWriter:
             The descriptor, where each array begins, and the size of all.
         """
         begins, size = layout([raw.size for raw in raws], TOKEN_BYTES)
-        descriptor, self._spare = self._spare, None
-        if descriptor is None:
-            descriptor = _new_file()
+        file, self._spare = self._spare or _new_file(), None
+        descriptor = file.descriptor
         try:
-            os.ftruncate(descriptor, size)
-            _write(descriptor, secrets.token_bytes(TOKEN_BYTES), 0)
+            if file.size != size:
+                os.ftruncate(descriptor, size)
             for begin, raw in zip(begins, raws, strict=True):
                 _write(descriptor, raw, begin)
             _seal(descriptor)
@@ -115,18 +114,18 @@ class SegmentWriter:
         """Find memory for the next file; call when nobody waits."""
         expected_bytes = self._next_bytes.get(self._last_bytes, self._last_bytes)
         if self._spare is None and 0 < expected_bytes <= _LARGEST_SPARE_BYTES:
-            descriptor = _new_file()
+            file = _new_file()
             try:
-                os.posix_fallocate(descriptor, 0, expected_bytes)
+                os.posix_fallocate(file.descriptor, 0, expected_bytes)
             except OSError:  # no memory: the next file takes what there is then
-                os.close(descriptor)
+                os.close(file.descriptor)
             else:
-                self._spare = descriptor
+                self._spare = file._replace(size=expected_bytes)
 
     def close(self) -> None:
         """Give the memory back."""
         if self._spare is not None:
-            os.close(self._spare)
+            os.close(self._spare.descriptor)
             self._spare = None
 
     def _learn(self, size: int) -> None:
@@ -179,8 +178,21 @@ def segment_of(array: AnyArray) -> Segment | None:
     return base if isinstance(base, Segment) and array.flags.c_contiguous else None
 
 
-def _new_file() -> int:
-    return os.memfd_create(NAME, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+class _File(NamedTuple):
+    """A file that is still to be written and sealed; its token is in it."""
+
+    descriptor: int
+    size: int
+
+
+def _new_file() -> _File:
+    descriptor = os.memfd_create(NAME, os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+    try:
+        _write(descriptor, secrets.token_bytes(TOKEN_BYTES), 0)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return _File(descriptor, TOKEN_BYTES)
 
 
 def _write(descriptor: int, data: bytes | AnyArray, offset: int) -> None:

@@ -8,6 +8,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from oaisys_core.config import SimulationConfig
@@ -81,7 +82,7 @@ class Supervisor:
         self.log = WorkerLog()
         self._worker: WorkerProcess | None = None
         self._needed_bytes = 0
-        self._state: Message | None = None
+        self._state: str | None = None
         self._info: SimulatorInfo | None = None
         self._crashes_s: collections.deque[float] = collections.deque(maxlen=CRASHES_ALLOWED)
         self._broken: OaisysError | None = None
@@ -258,7 +259,9 @@ class Supervisor:
     def _take(self, answer: Message) -> None:
         """Keep what the answer says of the world; raise the error that it brings."""
         if "state" in answer:
-            self._state, self._info = answer["state"], answer["info"]
+            self._state = answer["state"]
+            info: SimulatorInfo = answer.get("info") or self.info
+            self._info = replace(info, batch_id=answer["batch_id"], sample_id=answer["sample_id"])
         if "fault" in answer:
             raise error_from_fault(Fault(**answer["fault"]))
 

@@ -11,6 +11,7 @@ import contextlib
 import ctypes
 import faulthandler
 import gc
+import json
 import logging
 import os
 import queue
@@ -28,7 +29,7 @@ from oaisys_core.config import config_from_mapping
 from oaisys_core.config.paths import AssetRoots, confined
 from oaisys_core.errors import CancelledError, NotReadyError, OaisysError, RenderError
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import Frame, Progress, Sample, SampleOutline
+from oaisys_core.types import Frame, Progress, Sample, SampleOutline, SimulatorInfo
 from oaisys_grpc import fault_injection
 from oaisys_grpc.faults import fault_from_error
 from oaisys_grpc.frame_placement import FramePlacement
@@ -49,6 +50,7 @@ class Worker:
         self._calls: queue.SimpleQueue[Message] = queue.SimpleQueue()
         self._cancelled: set[int] = set()
         self._simulation: Simulation | None = None
+        self._told: SimulatorInfo | None = None
         self._roots: AssetRoots | None = None
         self._placement = FramePlacement()
         self._methods: dict[str, Callable[[Message, _Reporter], Any]] = {
@@ -76,6 +78,7 @@ class Worker:
         call: Message | None = None
         with contextlib.suppress(queue.Empty):
             call = self._calls.get(timeout=_REST_S)
+        self._placement.tidy()
         self._placement.prepare()
         return self._calls.get() if call is None else call
 
@@ -106,9 +109,23 @@ class Worker:
             answer["fault"] = vars(fault_from_error(failure))
         self._cancelled.discard(number)
         if self._simulation is not None:
-            answer |= {"state": self._simulation.state(), "info": self._simulation.info()}
+            answer |= self._standing(self._simulation)
         self._connection.send({"type": "answer", **answer})
         gc.enable()
+
+    def _standing(self, simulation: Simulation) -> Message:
+        """Return how the world stands: what another worker goes on from, and what is news of it.
+
+        Somebody waits for the sample that it goes with: the server keeps the state as the text
+        that it is, and hears of cameras and labels only where they changed.
+        """
+        info = simulation.info()
+        standing: Message = {"batch_id": info.batch_id, "sample_id": info.sample_id}
+        standing["state"] = json.dumps(simulation.state())
+        lasting = replace(info, batch_id=0, sample_id=0)
+        if self._told is None or _differs(lasting, self._told):
+            self._told = standing["info"] = lasting
+        return standing
 
     def _start(self, arguments: Message, report: _Reporter) -> None:
         config = config_from_mapping(arguments["config"])
@@ -118,7 +135,7 @@ class Worker:
         self._roots = AssetRoots.of(map(Path, arguments["asset_roots"]), config)
         if arguments["state"] is not None:
             with confined(self._roots):
-                simulation.restore(arguments["state"], report)
+                simulation.restore(json.loads(arguments["state"]), report)
         self._simulation = simulation
 
     def _step_batch(self, arguments: Message, report: _Reporter) -> int:
@@ -186,6 +203,13 @@ class _Reporter:
     def _stop_if_cancelled(self) -> None:
         if self._call in self._cancelled:
             raise CancelledError("cancelled by the caller")
+
+
+def _differs(info: SimulatorInfo, told: SimulatorInfo) -> bool:
+    """Return whether they may tell of different things."""
+    if info.sensors is not told.sensors:  # they hold arrays
+        return True
+    return replace(info, sensors=()) != replace(told, sensors=())
 
 
 def die_with_parent(parent_pid: int) -> None:

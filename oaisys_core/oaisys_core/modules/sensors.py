@@ -67,14 +67,13 @@ class SensorsModule(Module):
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Begin a batch above the ground's centre, or where the metadata says."""
         self.rig_pose = None
-        self._cameras = self._config.all_cameras
+        self._use(self._config.all_cameras)
         self._motion = self._chosen_motion(metadata)
         self.step_sample(world, metadata, rng)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Move the rig where the metadata says, and change its cameras."""
-        self._cameras = self._changed(self._cameras, metadata)
-        self.sensors = self._described(self._cameras)
+        self._use(self._changed(self._cameras, metadata))
         pose = (metadata or {}).get("pose")
         if pose is not None:
             self.rig_pose = geometry.checked_pose(pose.position_m, pose.quat_xyzw)
@@ -213,6 +212,11 @@ class SensorsModule(Module):
         return changed(
             cameras, (metadata or {}).get("cameras", {}), f"{self.metadata_part}.cameras"
         )
+
+    def _use(self, cameras: tuple[CameraConfig, ...]) -> None:
+        """Go on with these; where nothing changed, `sensors` stays the very same object."""
+        if cameras != self._cameras:
+            self._cameras, self.sensors = cameras, self._described(cameras)
 
     def _described(self, cameras: Sequence[CameraConfig]) -> tuple[SensorInfo, ...]:
         return tuple(
