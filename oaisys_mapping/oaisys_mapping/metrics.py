@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, TriangleMesh
+from oaisys_mapping.distance_figures import Completeness, FScore, distance_figures, f_score_at
 from oaisys_mapping.field_metrics import DistanceField, FieldMetrics, field_metrics
 from oaisys_mapping.holes import Holes, find_holes, gaps, off_the_rim
 from oaisys_mapping.mesh import ColoredMesh, SurfacePoints, sample_surface
@@ -36,18 +37,6 @@ from oaisys_mapping.visibility import View, raycasting_scene
 
 OFFSET_VOXELS = 3
 """Points of a reconstruction further from the truth than this do not tell of its offset."""
-
-
-@dataclass(frozen=True)
-class FScore:
-    """Precision, completion and their harmonic mean at one tolerance; see the module."""
-
-    tau_m: float
-    precision: float
-    completion: float
-    f_score: float
-    completion_all: float
-    f_score_all: float
 
 
 @dataclass(frozen=True)
@@ -217,13 +206,13 @@ def evaluate_against(
     points = sample_surface(mesh.vertices_m, mesh.triangles, voxel_size_m, MOST_POINTS, rng)
     to_truth_m = _distances(points.points_m, surface.scene)
     to_mesh_m = _distances(surface.visible.points_m, mesh_scene)
-    visible = _Completeness(((to_mesh_m, surface.visible.area_m2),))
+    visible = Completeness(((to_mesh_m, surface.visible.area_m2),))
     unseen = [(_distances(p.points_m, mesh_scene), p.area_m2) for p in surface.unseen]
-    everything = _Completeness((*visible.parts, *unseen))
+    everything = Completeness((*visible.parts, *unseen))
     offset_m = offset_to_truth(points.points_m, surface.scene, OFFSET_VOXELS * voxel_size_m)
     metrics = ReconstructionMetrics(
         voxel_size_m=voxel_size_m,
-        **_distance_figures(to_truth_m, visible, everything, voxel_size_m),
+        **distance_figures(to_truth_m, visible, everything, voxel_size_m),
         **_hole_figures(surface, mesh_scene, to_mesh_m, voxel_size_m),
         offset_m=float(np.linalg.norm(offset_m)),
         offset_xyz_m=(float(offset_m[0]), float(offset_m[1]), float(offset_m[2])),
@@ -237,71 +226,6 @@ def evaluate_against(
         field=field_metrics(surface, extras.volume, voxel_size_m) if extras.volume else None,
     )
     return Evaluation(metrics, points, to_truth_m, surface.visible, to_mesh_m)
-
-
-@dataclass(frozen=True)
-class _Completeness:
-    """Distances from parts of the truth to the reconstruction, and each point's area."""
-
-    parts: tuple[tuple[FloatArray, float], ...]
-
-    def mean(self, value_of: Any) -> float:
-        """Return the mean over the area of what ``value_of`` makes of distances."""
-        areas_m2 = np.array([len(distance_m) * area_m2 for distance_m, area_m2 in self.parts])
-        means = [value_of(distance_m).mean() for distance_m, _ in self.parts if len(distance_m)]
-        return float(np.average(means, weights=areas_m2[areas_m2 > 0]))
-
-    def within(self, tau_m: float) -> float:
-        """Return the share that is no further away than ``tau_m``."""
-        return self.mean(lambda distance_m: distance_m <= tau_m)
-
-    @property
-    def mean_m(self) -> float:
-        """The mean distance."""
-        return self.mean(lambda distance_m: distance_m)
-
-
-def f_score_at(
-    tau_m: float, to_truth_m: FloatArray, visible: _Completeness, everything: _Completeness
-) -> FScore:
-    """Return precision, completion and F-score at a tolerance."""
-    precision = float((to_truth_m <= tau_m).mean())
-    completion, completion_all = visible.within(tau_m), everything.within(tau_m)
-    return FScore(
-        tau_m,
-        precision,
-        completion,
-        _harmonic_mean(precision, completion),
-        completion_all,
-        _harmonic_mean(precision, completion_all),
-    )
-
-
-def _distance_figures(
-    to_truth_m: FloatArray, visible: _Completeness, everything: _Completeness, voxel_size_m: float
-) -> dict[str, Any]:
-    one, two = (f_score_at(n * voxel_size_m, to_truth_m, visible, everything) for n in (1, 2))
-    mean_m = float(to_truth_m.mean())
-    return {
-        "accuracy_mean_m": mean_m,
-        "accuracy_median_m": float(np.median(to_truth_m)),
-        "rmse_m": float(np.sqrt(np.square(to_truth_m).mean())),
-        "accuracy_max_m": float(to_truth_m.max()),
-        "completion_mean_m": visible.mean_m,
-        "completion_ratio": one.completion,
-        "completion_ratio_2": two.completion,
-        "precision": one.precision,
-        "precision_2": two.precision,
-        "f_score": one.f_score,
-        "f_score_2": two.f_score,
-        "chamfer_m": (mean_m + visible.mean_m) / 2,
-        "completion_mean_all_m": everything.mean_m,
-        "completion_ratio_all": one.completion_all,
-        "completion_ratio_2_all": two.completion_all,
-        "f_score_all": one.f_score_all,
-        "f_score_2_all": two.f_score_all,
-        "chamfer_all_m": (mean_m + everything.mean_m) / 2,
-    }
 
 
 def _hole_figures(
@@ -327,7 +251,7 @@ def _hole_figures(
         "hole_area_m2": all_holes.area_m2,
         "largest_hole_m2": all_holes.largest_m2,
         "gap_ratio": float(is_gap[inside].mean()),
-        "gap_ratio_all": _Completeness(tuple(gap_parts)).mean_m,
+        "gap_ratio_all": Completeness(tuple(gap_parts)).mean_m,
         "overlap_area_m2": float(overlap.sum()) * visible.area_m2,
         "overlap_hole_ratio": overlap_holes.ratio,
         "overlap_hole_count": overlap_holes.count,
@@ -358,10 +282,6 @@ def _classes(
 def _check_surface(mesh: ColoredMesh) -> None:
     if not len(mesh.triangles):
         raise InvalidInputError("mesh", "0 triangles", "a reconstruction with a surface")
-
-
-def _harmonic_mean(a: float, b: float) -> float:
-    return 0.0 if a + b == 0 else 2 * a * b / (a + b)
 
 
 def _area_from_above_m2(points: SurfacePoints) -> float:
