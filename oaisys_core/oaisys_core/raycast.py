@@ -1,8 +1,8 @@
 """Exact views of triangle meshes: which triangle each ray meets first, and where.
 
-Embree (through Open3D) finds the triangle in float32; where the ray meets that triangle's plane
-is then computed in float64, so that accuracy does not depend on how far away, or in which
-bounding volumes, a triangle lies.
+Embree (through Open3D, unless another is given) finds the triangle in float32; where the ray meets
+that triangle's plane is then computed in float64, so that accuracy does not depend on how far
+away, or in which bounding volumes, a triangle lies.
 
 Where ``bpy`` is used in the same process it must have been imported first: both bring a library
 of the same name, and Blender's is the newer one. Open3D is imported when it is first needed.
@@ -48,6 +48,29 @@ class CameraHits:
     points_m: FloatArray
 
 
+class Tree(Protocol):
+    """A structure over triangles."""
+
+    def first(
+        self, origins: FloatArray, directions: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+        """Return the (R,) distances and triangles that (R, 3) rays meet first.
+
+        ``origins`` may be (3,) for all rays. Distances are in units of the directions' lengths,
+        ``+inf`` for none.
+        """
+
+    def prepare(self) -> None:
+        """Build it now, if that is still to be done."""
+
+
+class TreeMaker(Protocol):
+    """Something that makes trees."""
+
+    def mesh(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Tree:
+        """Return a tree over (V, 3) vertices and (T, 3) triangles."""
+
+
 class RayCaster:
     """Casts rays at a fixed set of triangle meshes.
 
@@ -55,13 +78,16 @@ class RayCaster:
         low_m, high_m: (3,) corners of the box around them; infinite and reversed around nothing.
     """
 
-    def __init__(self, meshes: Sequence[TriangleMesh]) -> None:
-        """Build the search structure over ``meshes``; ids that a mesh lacks count as 0."""
+    def __init__(self, meshes: Sequence[TriangleMesh], maker: TreeMaker | None = None) -> None:
+        """Build the search structure over ``meshes``; ids that a mesh lacks count as 0.
+
+        ``maker`` makes it; None takes Open3D.
+        """
         meshes = [mesh for mesh in meshes if len(mesh.triangles)]
         counts = [len(mesh.triangles) for mesh in meshes]
         self._semantic_ids = _ids([m.semantic_ids for m in meshes], counts, np.uint16)
         self._instance_ids = _ids([m.instance_ids for m in meshes], counts, np.uint32)
-        self._embree: Any = None
+        self._tree: Tree | None = None
         self.low_m: FloatArray = np.full(3, np.inf)
         self.high_m: FloatArray = np.full(3, -np.inf)
         if not meshes:
@@ -71,14 +97,12 @@ class RayCaster:
         self._origin_m: FloatArray = (self.low_m + self.high_m) / 2
         self._local_m = soup.vertices_m - self._origin_m
         self._triangles = soup.triangles
-        self._embree = embree_scene(self._local_m, self._triangles)
+        self._tree = (maker or Open3DTrees()).mesh(self._local_m, self._triangles)
 
     def prepare(self) -> None:
         """Build the search structure now; else the first ray that is cast waits for it."""
-        if self._embree is not None:
-            import open3d as o3d
-
-            self._embree.cast_rays(o3d.core.Tensor(np.zeros((1, 6), np.float32)))
+        if self._tree is not None:
+            self._tree.prepare()
 
     def cast(self, T_map_camera: FloatArray, intrinsics: PinholeIntrinsics) -> CameraHits:
         """Return what a camera with its optical frame at ``T_map_camera`` sees."""
@@ -112,19 +136,15 @@ class RayCaster:
             (...) float64 distances in units of the directions' lengths, ``+inf`` for none, and
             (...) int64 triangle ids, `NO_TRIANGLE` for none.
         """
-        if self._embree is None:
-            shape = directions.shape[:-1]
+        shape = directions.shape[:-1]
+        if self._tree is None:
             return np.full(shape, np.inf), np.full(shape, NO_TRIANGLE, dtype=np.int64)
-        import open3d as o3d
-
         local_m = np.asarray(origins_m, dtype=np.float64) - self._origin_m
-        rays = np.empty((*directions.shape[:-1], 6), dtype=np.float32)
-        rays[..., :3] = local_m
-        rays[..., 3:] = directions
-        found = self._embree.cast_rays(o3d.core.Tensor(rays))
-        distances = found["t_hit"].numpy().astype(np.float64)
+        of_rays = local_m if local_m.ndim == 1 else local_m.reshape(-1, 3)
+        coarse, triangles = self._tree.first(of_rays, directions.reshape(-1, 3))
+        distances = coarse.astype(np.float64).reshape(shape)
         hit = np.isfinite(distances)
-        triangle_ids = np.where(hit, found["primitive_ids"].numpy().astype(np.int64), NO_TRIANGLE)
+        triangle_ids = np.where(hit, triangles.astype(np.int64).reshape(shape), NO_TRIANGLE)
         self._refine(distances, triangle_ids, hit, local_m, directions)
         return distances, triangle_ids
 
@@ -214,6 +234,36 @@ def unit(vectors: FloatArray) -> FloatArray:
     """Return (N, 3) vectors at length 1; those of no length stay so."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(lengths > 0, lengths, 1.0))
+
+
+class Open3DTree:
+    """See `Tree`; it is built when the first ray is cast."""
+
+    def __init__(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> None:
+        self._scene = embree_scene(vertices_m, triangles)
+
+    def first(
+        self, origins: FloatArray, directions: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+        """See `Tree.first`."""
+        import open3d as o3d
+
+        rays = np.empty((len(directions), 6), dtype=np.float32)
+        rays[:, :3], rays[:, 3:] = origins, directions
+        found = self._scene.cast_rays(o3d.core.Tensor(rays))
+        return found["t_hit"].numpy(), found["primitive_ids"].numpy()
+
+    def prepare(self) -> None:
+        """See `Tree.prepare`."""
+        self.first(np.zeros(3), np.zeros((1, 3)))
+
+
+class Open3DTrees:
+    """See `TreeMaker`."""
+
+    def mesh(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Open3DTree:
+        """See `TreeMaker.mesh`."""
+        return Open3DTree(vertices_m, triangles)
 
 
 def embree_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from oaisys_core.backend.crowd import Shapes, Standing
 from oaisys_core.backend.embree import blenders_embree
 from oaisys_core.backend.instances import InstanceCaster
-from oaisys_core.types import FloatArray
+from oaisys_core.raycast import RayCaster
+from oaisys_core.types import FloatArray, TriangleMesh
 
 Rays = tuple[FloatArray, FloatArray, FloatArray | None]
 
@@ -38,6 +39,13 @@ def casts(standing: Sequence[Standing], views: Sequence[Rays], xy_m: FloatArray)
         "normals": [_normals(caster, triangles) for _, triangles in found],
         "heights_m": caster.surface_height_m(xy_m),
     }
+
+
+def mesh_casts(mesh: TriangleMesh, views: Sequence[Rays]) -> list[Any]:
+    """Return what rays find of a mesh by Blender's Embree."""
+    caster = RayCaster([mesh], blenders_embree())
+    caster.prepare()
+    return [caster.intersect(origins_m, directions) for origins_m, directions, _ in views]
 
 
 def resident_mb(standing: Sequence[Standing], times: int) -> list[float]:

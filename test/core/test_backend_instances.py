@@ -16,7 +16,7 @@ from oaisys_core.backend.crowd import Shapes, Standing
 from oaisys_core.backend.instances import InstanceCaster
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
 from oaisys_core.raycast import NO_TRIANGLE, RayCaster
-from oaisys_core.scene import MeshPrototype, Placement, Scene
+from oaisys_core.scene import MeshPrototype, Placement, Scene, merge_meshes
 from oaisys_core.types import (
     DEPTH,
     INSTANCE,
@@ -119,6 +119,21 @@ def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
     assert (np.isfinite(heights_m) == np.isfinite(expected_m)).mean() > 0.999
     both = np.isfinite(heights_m) & np.isfinite(expected_m)
     assert np.quantile(np.abs(heights_m - expected_m)[both], 0.999) < 1e-6
+
+
+@pytest.mark.blender
+def test_blenders_embree_and_open3ds_see_the_same_of_a_mesh() -> None:
+    mesh = merge_meshes([each.mesh() for each in crowd()])
+    views: list[tuple[Any, ...]] = [(*rays(view), None) for view in range(3)]
+    views.append((views[1][0] + np.zeros((7, 3)), views[1][1][60:67, 80], None))
+    found = in_blender("blender_jobs_instances.mesh_casts", mesh, views)
+    copies = RayCaster([mesh])
+    for (origins_m, directions, _), (depth_m, triangles) in zip(views, found, strict=True):
+        expected_m, expected = copies.intersect(origins_m, directions)
+        same = triangles == expected
+        assert same.mean() > 0.999
+        np.testing.assert_array_equal(depth_m[same], expected_m[same])
+    assert np.isfinite(found[0][0]).mean() > 0.2
 
 
 @pytest.mark.blender

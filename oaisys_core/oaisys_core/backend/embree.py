@@ -153,7 +153,7 @@ class EmbreeScene:
     def nearest(
         self, origins: FloatArray, directions: FloatArray, limits: FloatArray
     ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """Return what each ray meets first, of a structure of instances.
+        """Return what each ray meets first.
 
         Args:
             origins: (R, 3), or (3,) for all rays.
@@ -161,8 +161,9 @@ class EmbreeScene:
             limits: (R,) distances, in units of the directions' lengths, where rays end.
 
         Returns:
-            (R,) distances in these units, and (3, R) which mesh, which of its instances, and which
-            triangle of it, all `NOTHING` for none.
+            (R,) distances in these units, the limit for none, and (3, R) which mesh, which of its
+            instances, and which triangle of it, all `NOTHING` for none; of a structure that is
+            itself a mesh, the triangle alone.
         """
         count = len(directions)
         packets = _packets(-(-count // PACKET))
@@ -178,6 +179,16 @@ class EmbreeScene:
         places = (INSTANCE, INSTANCE_PRIMITIVE, PRIMITIVE)
         found = np.stack([ids[:, place].ravel()[:count] for place in places])
         return packets[:, FAR].ravel()[:count], found
+
+    def first(
+        self, origins: FloatArray, directions: FloatArray
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+        """See `Tree.first`, of a structure of triangles."""
+        distances, ids = self.nearest(origins, directions, np.full(len(directions), np.inf))
+        return distances, ids[-1]
+
+    def prepare(self) -> None:
+        """See `Tree.prepare`; there is nothing left to do."""
 
     def _cast(self, packets: NDArray[np.float32]) -> None:
         """Fill in what rays meet; Embree has no call for many packets."""

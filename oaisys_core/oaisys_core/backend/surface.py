@@ -11,17 +11,24 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.bands import bands
 from oaisys_core.backend.crowd import placed
+from oaisys_core.backend.embree import blenders_embree
 from oaisys_core.backend.id_table import IdTable, table_of
 from oaisys_core.backend.objects import Objects
 from oaisys_core.backend.parts import Part, SolidPart, TrianglePart
 from oaisys_core.backend.solids import flat_ground, solid_of, tessellated
 from oaisys_core.geometry import pixel_rays
-from oaisys_core.raycast import RayCaster
+from oaisys_core.raycast import RayCaster, TreeMaker
 from oaisys_core.scene import PlacedCamera, Scene, id_of_level, merge_meshes
 from oaisys_core.types import FloatArray, TriangleMesh
 
 NO_PART = -1
 """Part of a pixel that sees none."""
+
+LARGE_TRIANGLES = 6_000_000
+"""Triangles of a ground from which on Blender's Embree is used, where there is one.
+
+Open3D's casts half as fast again, with the same results, but it is built by one thread: 6 s at 8
+million triangles, 28 s at 16 million, where Blender's takes 4.5 and 8 s (two cores)."""
 
 
 @dataclass(frozen=True)
@@ -88,7 +95,7 @@ class Surface:
             self._ground_part = SolidPart(flat, 0, flat.height_m)
         else:
             self._ground = ground or ground_mesh(scene)
-            caster = RayCaster([self._ground])
+            caster = RayCaster([self._ground], _tree_maker(self._ground))
             # Half a second per million triangles, which the first view need not wait for.
             caster.prepare()
             self._ground_part = TrianglePart(caster)
@@ -209,3 +216,7 @@ class Surface:
 def ground_mesh(scene: Scene) -> TriangleMesh:
     """Return the ground's triangles, without ids."""
     return TriangleMesh(scene.ground.vertices_m().astype(np.float64), scene.ground.triangles())
+
+
+def _tree_maker(ground: TriangleMesh) -> TreeMaker | None:
+    return blenders_embree() if len(ground.triangles) >= LARGE_TRIANGLES else None
