@@ -15,6 +15,7 @@ from oaisys_core.backend.blender.denoiser import Denoiser, blenders_denoiser
 from oaisys_core.backend.blender.devices import use_device
 from oaisys_core.backend.blender.engine import Rendered, render_scene
 from oaisys_core.backend.blender.view_transform import VIEW_TRANSFORMS, to_pixels
+from oaisys_core.backend.pixel_filter import CYCLES_WIDTH_PX, SAMPLED_WIDTH_PX, shared
 from oaisys_core.color import encoded
 from oaisys_core.errors import RenderError
 
@@ -80,9 +81,11 @@ class Cycles:
         self._show_as(settings, exposure_ev)
         rendered = self._render(settings, seconds, denoise=settings.denoise)
         light = _pass(rendered, COMBINED)
-        if settings.denoise and (denoiser := self._own_denoiser()):
-            guides = (_pass(rendered, name) for name in GUIDES)
-            light = denoiser.denoised(light, *guides, thorough=thorough)
+        if settings.denoise:
+            if denoiser := self._own_denoiser():
+                guides = (_pass(rendered, name) for name in GUIDES)
+                light = denoiser.denoised(light, *guides, thorough=thorough)
+            light = shared(light[..., :3], rendered.samples or settings.samples)
         return to_pixels(light, settings.view_transform, exposure_ev)
 
     def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:
@@ -121,6 +124,8 @@ class Cycles:
             "time_limit": seconds,
             "seed": settings.seed,
             "use_denoising": denoise and not is_own,
+            # Reflectance comes through the filter of its colours: to change it marks the scene.
+            "filter_width": SAMPLED_WIDTH_PX if settings.denoise else CYCLES_WIDTH_PX,
         }
         for kind in ("max", "diffuse", "glossy", "transmission", "transparent_max"):
             wanted[f"{kind}_bounces"] = settings.max_bounces

@@ -1,0 +1,59 @@
+"""The filter of denoised pictures: known pictures, and moments of the filters in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oaisys_core.backend.pixel_filter import CYCLES_WIDTH_PX, SAMPLED_WIDTH_PX, shared
+
+SIZE_PX = 9
+MIDDLE = SIZE_PX // 2
+MANY = 10**6
+BLACKMAN_HARRIS = (0.35875, -0.48829, 0.14128, -0.01168)
+
+
+def spread_px2(width_px: float) -> float:
+    """The variance of Cycles' filter (Harris 1978, four terms) along one axis."""
+    share = (np.arange(10_000) + 0.5) / 10_000
+    weight = sum(term * np.cos(2 * np.pi * k * share) for k, term in enumerate(BLACKMAN_HARRIS))
+    return float(np.average((2 * width_px * (share - 0.5)) ** 2, weights=weight))
+
+
+def point() -> np.ndarray:
+    light = np.zeros((SIZE_PX, SIZE_PX, 3), np.float32)
+    light[MIDDLE, MIDDLE] = (1.0, 2.0, 4.0)
+    return light
+
+
+def test_even_light_stays_as_it_is_up_to_the_border() -> None:
+    light = np.full((4, 5, 3), 0.7, np.float32)
+    np.testing.assert_allclose(shared(light, 1), light, rtol=1e-6)
+
+
+@pytest.mark.parametrize("samples", [1, 4, 64])
+def test_light_is_shared_and_none_is_lost(samples: int) -> None:
+    image = shared(point(), samples)
+    np.testing.assert_allclose(image.sum((0, 1)), (1.0, 2.0, 4.0), rtol=1e-5)
+    np.testing.assert_array_equal(image[..., 0], image[..., 0].T)
+    np.testing.assert_array_equal(image, image[::-1])
+
+
+def test_the_fewer_samples_the_more_is_shared() -> None:
+    kept = [shared(point(), samples)[MIDDLE, MIDDLE, 0] for samples in (1, 4, 8, 16, 128)]
+    assert kept == sorted(kept)
+    assert kept[0] < 0.75
+    assert kept[-1] > 0.8
+
+
+def test_of_many_samples_the_two_steps_filter_as_widely_as_cycles_alone() -> None:
+    image = shared(point(), MANY)[..., 0]
+    place_px = np.arange(SIZE_PX) - MIDDLE
+    shared_px2 = np.average(place_px**2, weights=image.sum(axis=0))
+    steps_px2 = spread_px2(SAMPLED_WIDTH_PX) + shared_px2
+    assert steps_px2 == pytest.approx(spread_px2(CYCLES_WIDTH_PX), rel=0.05)
+
+
+def test_rows_may_come_from_the_last_to_the_first() -> None:
+    light = np.random.default_rng(1).random((6, 7, 3), np.float32)
+    np.testing.assert_allclose(shared(light[::-1], 1), shared(light, 1)[::-1], rtol=1e-5)
