@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,30 +14,18 @@ from numpy.typing import ArrayLike
 
 from oaisys_core import randomness
 from oaisys_core.backend import make_backend
-from oaisys_core.backend.base import Backend, FramesCallback, ProgressCallback, RenderSettings
+from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
 from oaisys_core.batch import Batch
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
-from oaisys_core.extension_modules import make_modules
-from oaisys_core.module import Module, World, drawn
-from oaisys_core.modules import (
-    AssetsModule,
-    EnvironmentModule,
-    MaterialsModule,
-    RenderModule,
-    SensorsModule,
-    StageModule,
-)
+from oaisys_core.module import drawn
+from oaisys_core.module_set import DRAW_SHARE, ModuleSet
 from oaisys_core.modules.sensors import select
-from oaisys_core.pose_cache import PoseCache, View
-from oaisys_core.reuse import OF_STAGE, Origin, origin_of, same_stage, section_sha256
+from oaisys_core.reuse import Origin, origin_of, section_sha256
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.stage_store import StageRecord
 from oaisys_core.types import (
-    OWN_PARTS,
-    RGB,
     FloatArray,
-    Frame,
     FrameName,
     HeightQuery,
     ModuleMetadata,
@@ -48,31 +36,14 @@ from oaisys_core.types import (
     SampleOutline,
     SimulatorInfo,
     TriangleMesh,
-    early_first,
     ignore_sample_frames,
 )
 from oaisys_core.undo import Undo
-
-DRAW_SHARE = 0.5
-"""Share of a batch's progress until the backend begins to build."""
-
-
-FramesPlacement = Callable[[tuple[Frame, ...]], tuple[Frame, ...]]
-
-
-def leave_frames(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
-    """Return frames where they are."""
-    return frames
+from oaisys_core.view_source import FramesPlacement, ViewSource, leave_frames
 
 
 def ignore_progress(progress: Progress) -> None:
     """Do nothing with it."""
-
-
-def _seed_of(module: Module, origin: Origin) -> int:
-    if module.name in OF_STAGE:
-        return origin.stage_seed
-    return origin.asset_seed if isinstance(module, AssetsModule) else origin.seed
 
 
 class Simulation:
@@ -102,26 +73,14 @@ class Simulation:
         self._config = config
         self._config_sha256 = config_sha256(config)
         self._assets_sha256 = section_sha256(config.assets)
-        self._stage = StageModule(config.stage)
-        self._sensors = SensorsModule(config.sensors)
-        materials = config.materials
-        self._modules: tuple[Module, ...] = (
-            self._stage,
-            MaterialsModule(materials),
-            AssetsModule(config.assets, materials.texture_size_px, materials.texture_seed),
-            EnvironmentModule(config.environment),
-            self._sensors,
-            RenderModule(config.render),
-            *make_modules(config.extensions),
-        )
+        self._modules = ModuleSet.of(config)
+        self._stage, self._sensors = self._modules.stage, self._modules.sensors
         self._backend = backend if backend is not None else make_backend(config.backend)
-        self._views = PoseCache(pose_cache_bytes)
-        self._place_frames = place_frames
+        self._views = ViewSource(self._backend, pose_cache_bytes, place_frames)
         self._undo: Undo | None = None
         self._batch: Batch | None = None
         self._last_batch_id = 0
-        for module in self._modules:
-            module.setup()
+        self._modules.setup()
 
     def step_batch(
         self,
@@ -152,7 +111,7 @@ class Simulation:
         if not 0 <= seed < 2**63:
             raise InvalidInputError("seed", seed, "a whole number from 0 to 2**63 - 1")
         standing = self._current() if reuse_stage else self._batch
-        self._check(metadata, is_batch=True)
+        self._modules.check(metadata, is_batch=True)
         origin, drawn_with = origin_of(
             self._stage, self._assets_sha256, metadata, seed, standing, reuse_stage
         )
@@ -190,7 +149,7 @@ class Simulation:
         started_s = time.perf_counter()
         batch = self._current()
         metadata = metadata or ModuleMetadata()
-        self._check(metadata, is_batch=False)
+        self._modules.check(metadata, is_batch=False)
         select(batch.world.cameras, modalities, sensors)
         metadata = self._with_admitted_pose(batch, metadata)
         with self._undone_on_failure(batch):
@@ -199,33 +158,23 @@ class Simulation:
             settings = drawn(batch.world.render)
             cameras = settings.allowed(cameras)
             outline = self._outline(batch, cameras, settings)
-            key = self._views.key(outline.provenance, batch.world.scene(), cameras, settings)
-            view = self._views.get(key)
-            outline = replace(outline, from_cache=view is not None)
-            if view is not None:
-                finished_ns = time.monotonic_ns()
-                on_frames(outline, early_first(view.frames))
-                self._backend.revisited(cameras)
-            else:
-                view, finished_ns = self._rendered(
-                    cameras, settings, progress, lambda frames: on_frames(outline, frames)
-                )
-                self._views.add(key, view)
+            scene = batch.world.scene()
+            seen = self._views.see(outline, scene, cameras, settings, progress, on_frames)
         batch.sample_id += 1
         batch.last_rig_poses.update((camera.name, outline.rig_pose) for camera in cameras)
         return Sample(
             batch_id=outline.batch_id,
             sample_id=outline.sample_id,
             rig_pose=outline.rig_pose,
-            frames=view.frames,
+            frames=seen.view.frames,
             render_time_s=time.perf_counter() - started_s,
             provenance=replace(
                 outline.provenance,
-                render_samples=view.render_samples,
+                render_samples=seen.view.render_samples,
                 device=self._backend.device,  # may have been chosen by this very render
             ),
-            from_cache=outline.from_cache,
-            finished_ns=finished_ns,
+            from_cache=seen.from_cache,
+            finished_ns=seen.finished_ns,
         )
 
     def withdraw_sample(self) -> None:
@@ -329,16 +278,6 @@ class Simulation:
             raise NotReadyError("there is no world yet: step a batch first (StepBatch)")
         return self._batch
 
-    def _check(self, metadata: ModuleMetadata, *, is_batch: bool) -> None:
-        known = {module.metadata_part for module in self._modules} - OWN_PARTS
-        for name, value in metadata.custom.items():
-            if name not in known or not isinstance(value, Mapping):
-                expected = f"a mapping for one of the modules {', '.join(sorted(known))}"
-                raise InvalidInputError(f"metadata.custom.{name}", value, expected)
-        for module in self._modules:
-            check = module.check if is_batch else module.check_sample
-            check(metadata.part(module.metadata_part))
-
     def _build(
         self,
         batch_id: int,
@@ -349,14 +288,7 @@ class Simulation:
         """Draw a world and have the backend build it; on failure there is no world at all."""
         kept, self._batch, self._undo = self._batch, None, None
         self._views.forget_world()
-        world = World()
-        for index, module in enumerate(self._modules):
-            progress(Progress(module.name, DRAW_SHARE * index / len(self._modules)))
-            if module.name in OF_STAGE and kept and same_stage(origin, metadata, kept):
-                world.keep_stage(kept.world)
-                continue
-            rng = randomness.stream(_seed_of(module, origin), module.name)
-            module.step_batch(world, metadata.part(module.metadata_part), rng)
+        world = self._modules.draw(origin, metadata, kept, progress)
         self._backend.build(
             world.scene(),
             lambda p: progress(replace(p, fraction=DRAW_SHARE + (1 - DRAW_SHARE) * p.fraction)),
@@ -383,7 +315,7 @@ class Simulation:
     def _undone_on_failure(self, batch: Batch) -> Iterator[None]:
         """Have a sample that fails or is cancelled leave everything as it was before."""
         self._undo = None
-        undo = Undo(batch, self._modules, self._backend)
+        undo = Undo(batch, self._modules.all, self._backend)
         try:
             yield
         except BaseException:
@@ -402,10 +334,7 @@ class Simulation:
 
     def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:
         before = batch.world.scene()
-        batch.world.sample_id = batch.sample_id + 1
-        for module in self._modules:
-            rng = randomness.stream(batch.seed, module.name, batch.sample_id + 1)
-            module.step_sample(batch.world, metadata.part(module.metadata_part), rng)
+        self._modules.step_sample(batch, metadata)
         after = batch.world.scene()
         if after.differs_from(before):
             self._backend.update(after)
@@ -436,27 +365,3 @@ class Simulation:
                 device=self._backend.device,
             ),
         )
-
-    def _rendered(
-        self,
-        cameras: Sequence[PlacedCamera],
-        settings: RenderSettings,
-        progress: ProgressCallback,
-        on_frames: FramesCallback,
-    ) -> tuple[View, int]:
-        """Return what is seen, and when the last of it was there (`time.monotonic_ns`)."""
-        placed: dict[FrameName, Frame] = {}
-        finished_ns = 0
-
-        def hand_on(ready: tuple[Frame, ...]) -> None:
-            nonlocal finished_ns
-            finished_ns = time.monotonic_ns()
-            ready = self._place_frames(ready)
-            placed.update((FrameName(frame.sensor, frame.modality), frame) for frame in ready)
-            on_frames(ready)
-
-        rendered = self._backend.render(cameras, settings, progress, hand_on)
-        frames = tuple(placed[FrameName(frame.sensor, frame.modality)] for frame in rendered)
-        if not any(RGB in camera.modalities for camera in cameras):
-            return View(frames, render_samples=0), finished_ns
-        return View(frames, self._backend.light_samples or settings.samples), finished_ns
