@@ -23,6 +23,9 @@ from oaisys_grpc.client import SimulatorClient
 PATIENCE_S = 60.0
 """For what should take a second: a busy machine must not fail a test."""
 
+START_PATIENCE_S = 240.0
+"""For a server to start, which loads all libraries twice: 70 s were seen on a starved machine."""
+
 FLAT_WORLD: dict[str, Any] = {
     "backend": "analytic",
     "stage": {"preset": "plane", "extent_m": 40, "resolution_px": 33},
@@ -59,7 +62,10 @@ class Server:
 
     @property
     def address(self) -> str:
-        wait_until(lambda: "\n" in self.stdout.read_text() or self.process.poll() is not None)
+        wait_until(
+            lambda: "\n" in self.stdout.read_text() or self.process.poll() is not None,
+            START_PATIENCE_S,
+        )
         line = self.stdout.read_text()
         assert line.startswith("ready: "), self.stderr.read_text()
         return line.removeprefix("ready: ").strip()
@@ -99,9 +105,9 @@ def _is_worker(process: psutil.Process) -> bool:
         return False
 
 
-def wait_until(condition: Callable[[], Any]) -> Any:
+def wait_until(condition: Callable[[], Any], patience_s: float = PATIENCE_S) -> Any:
     """Return what the condition returns as soon as that is true."""
-    end_s = time.monotonic() + PATIENCE_S
+    end_s = time.monotonic() + patience_s
     while not (value := condition()):
         assert time.monotonic() < end_s, "waited in vain"
         time.sleep(0.01)
