@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import product
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.reference import reference_images
+from oaisys_core.backend.flow import PoseMemory
+from oaisys_core.backend.passes import geometry_frames
+from oaisys_core.backend.surface import Surface, ground_mesh
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.simulation import Simulation
@@ -22,11 +28,9 @@ JITTER_PX = 0.006
 """Greatest distance of Cycles' rays from their pixels' centres, and a bit."""
 DEPTH_TOLERANCE = 2e-5
 """Relative, beside what the jitter does."""
-STEP = 0.1
-"""Relative difference of depth between neighbours that is an edge."""
-BEND = 0.005
-"""Relative difference of inverse depth from the mean of its neighbours' on two sides that is an
-edge: it is none on a plane, however steep, so that low crests and rims are found, too."""
+STEP_SHARE = 0.05
+"""Of what depth differs by among a pixel's neighbours: more than that, within the jitter, is a
+step; on a smooth surface it would be a hundredth."""
 FAR_M = 1e6
 
 Images = dict[str, NDArray[np.generic]]
@@ -44,23 +48,29 @@ def shares(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
             extent_m = simulation.info().stage_extent_m
             assert extent_m is not None
             poses = random_poses(VIEWS, extent_m, observer.heights_m, seed=index)
-            pairs = [_both(simulation, observer, pose) for pose in poses]
+            surface = Surface(simulation.scene, ground_mesh(simulation.scene))
+            pairs, unequal_off_edges = [], []
+            for pose in poses:
+                camera, *pair = _both(simulation, observer, pose)
+                off_edges = _off_edges(surface, camera, pair[0])
+                pairs.append(pair)
+                unequal_off_edges.append(float((~_equal(*pair) & off_edges).sum()))
             found[preset] = {
                 "equal_percent": [100 * float(_equal(*pair).mean()) for pair in pairs],
-                "unequal_off_edges": [
-                    float((~_equal(*pair) & _off_edges(pair[0])).sum()) for pair in pairs
-                ],
+                "unequal_off_edges": unequal_off_edges,
             }
     return found
 
 
-def _both(simulation: Simulation, observer: Observer, pose: Pose) -> tuple[Images, Images]:
-    """Return a view as a sample gives it, and as Cycles' passes show it."""
+def _both(
+    simulation: Simulation, observer: Observer, pose: Pose
+) -> tuple[PlacedCamera, Images, Images]:
+    """Return a camera, what it sees as a sample gives it, and as Cycles' passes show it."""
     _, sample = observer.sample(pose, {"quality": "geometry"}, modalities=MODALITIES)
     fast = {frame.modality: frame.data for frame in sample.frames}
     T_map_camera = pose_to_matrix(pose) @ T_LINK_OPTICAL
     camera = PlacedCamera("camera", sample.frames[0].intrinsics, T_map_camera, MODALITIES)
-    return fast, reference_images(simulation.scene, camera, MODALITIES)
+    return camera, fast, reference_images(simulation.scene, camera, MODALITIES)
 
 
 def _equal(fast: Images, cycles: Images) -> NDArray[np.bool_]:
@@ -73,26 +83,28 @@ def _equal(fast: Images, cycles: Images) -> NDArray[np.bool_]:
     return np.asarray(equal, bool)
 
 
-def _off_edges(images: Images) -> NDArray[np.bool_]:
-    """Return the (H, W) pixels whose neighbours are of the same thing, without a step or bend."""
-    depth_m = _reached(images[DEPTH])
-    inside = (_spread(depth_m) < STEP * depth_m) & (_bend(depth_m) < BEND)
-    for modality in MODALITIES[1:]:
-        inside &= _spread(images[modality].astype(np.float64)) == 0
-    return np.asarray(inside, bool)
+def _off_edges(surface: Surface, camera: PlacedCamera, seen: Images) -> NDArray[np.bool_]:
+    """Return the (H, W) pixels that see the same wherever within the jitter they look.
+
+    The others have an edge at their centre, where no two ways of casting rays need agree.
+    """
+    depth_m = _reached(seen[DEPTH])
+    step_m = DEPTH_TOLERANCE * depth_m + STEP_SHARE * _spread(depth_m)
+    same = np.ones(depth_m.shape, bool)
+    for x, y in product((-1, 0, 1), repeat=2):
+        centre = camera.intrinsics
+        aside = replace(
+            centre, cx_px=centre.cx_px + x * JITTER_PX, cy_px=centre.cy_px + y * JITTER_PX
+        )
+        frames = geometry_frames(surface, replace(camera, intrinsics=aside), PoseMemory())
+        same &= np.abs(_reached(frames[DEPTH].data) - depth_m) <= step_m
+        for modality in MODALITIES[1:]:
+            same &= frames[modality].data == seen[modality]
+    return np.asarray(same, bool)
 
 
 def _reached(depth_m: NDArray[np.generic]) -> NDArray[np.float64]:
     return np.where(np.isfinite(depth_m), depth_m, FAR_M).astype(np.float64)
-
-
-def _bend(depth_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far each pixel lies off a line through its neighbours, along rows or columns."""
-    inverse = np.pad(1 / depth_m, 1, mode="reflect", reflect_type="odd")
-    middle = inverse[1:-1, 1:-1]
-    along = inverse[1:-1, :-2] + inverse[1:-1, 2:] - 2 * middle
-    across = inverse[:-2, 1:-1] + inverse[2:, 1:-1] - 2 * middle
-    return np.asarray(np.maximum(np.abs(along), np.abs(across)) / (2 * middle))
 
 
 def _spread(image: NDArray[np.float64]) -> NDArray[np.float64]:
