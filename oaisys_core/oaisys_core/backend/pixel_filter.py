@@ -24,7 +24,7 @@ MANY_SHARE = 0.048
 """Part of its light that a pixel gives to each neighbour where samples are many: with it, the two
 steps filter as widely as Cycles alone does at its own width."""
 
-FEW_SHARE, FEW_SAMPLES = 0.08, 4
+FEW_SHARE, FEW_SAMPLES = 0.08, 6
 """Part that it gives up to so many samples: the best one, against pictures of 512."""
 
 
