@@ -28,9 +28,9 @@ PART_BLOCKS = 192
 FADING_VOXELS = 1.0
 """Depth of the layer before the truncation behind the surface in which an observation counts less
 and less (all of what is behind fades in Oleynikova et al., "Voxblox", IROS 2017): what lies far
-behind a rim is another view's to say. On the demo's worlds it closes most spots in the overlap that
-lay more than a voxel from the map, and the RMSE shrinks from 5.2 to 5.0 mm; fading over two voxels
-does little more for them, and eats spheres by 2 % of their volume."""
+behind a rim is another view's to say. On a world of the demo's the farthest gap in the overlap
+shrinks from 15 to 12 cm so, and the RMSE from 5.2 to 5.0 mm; fading from one voxel behind the
+surface on does little more."""
 
 CLOSE_VOXELS = 0.3
 """Distance in front of the surface at which a label counts half."""

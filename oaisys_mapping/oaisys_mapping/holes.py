@@ -1,9 +1,9 @@
 """Where a reconstruction has no surface although some view saw the truth there.
 
 A line along the truth's normal finds the border of a hole where it is; distances alone would
-shrink a hole by their tolerance all around. A gap is a hole if a voxel's worth is missing: some
-truth in it, of which each point stands for a voxel's square, is further than a voxel from all of
-the reconstruction. What is nearer is counted as gap only: a slit that rounding closes.
+shrink a hole by their tolerance all around. A gap is a hole if a voxel is missing in it: a voxel's
+square of its truth is further than a voxel from all of the reconstruction. What is less is counted
+as gap only: a slit that a grid cannot show.
 """
 
 from __future__ import annotations
@@ -26,8 +26,10 @@ HOLE_VOXELS = 2
 """How far from the truth, along its normal, a surface may lie and still close a hole; and the width
 of the surveyed area's rim, where a missing surface is none."""
 
-CORE_VOXELS = 1.0
-"""How far from all of the reconstruction a hole's truth is, at least somewhere."""
+CORE_VOXELS = 1 + np.pi**-0.5
+"""How far from all of the reconstruction a hole's truth is, at least somewhere: in the middle of a
+round gap with a voxel's square of truth that is further than a voxel away. Areas that small cannot
+be counted in points, of which each stands for as much."""
 
 
 @dataclass(frozen=True)

@@ -109,18 +109,18 @@ def test_a_shift_that_changes_nothing_is_none() -> None:
 
 
 def test_holes_are_counted_and_slits_are_none() -> None:
-    """Two square holes, and a slit of 16 cm: its middle is within a voxel."""
+    """Two square holes, and a slit of 28 cm: no voxel's square of it is a voxel away."""
     vertices_m, triangles = grid_mesh((-4, 4), (-4, 4), 0.0, 0.02)
     x, y = vertices_m[triangles].mean(axis=1)[:, :2].T
     holes = ((np.abs(x - 2) < 0.5) & (np.abs(y) < 0.5)) | ((np.abs(x + 2) < 1) & (np.abs(y) < 1))
-    slit = (np.abs(x) < 3) & (np.abs(y - 3) < 0.08)
+    slit = (np.abs(x) < 3) & (np.abs(y - 3) < 0.13)
     truth = TriangleMesh(vertices_m, triangles)
     figures = measure(colored(vertices_m, triangles[~(holes | slit)]), truth)
     assert figures.hole_count == figures.overlap_hole_count == 2
     assert figures.hole_area_m2 == pytest.approx(5.0, rel=0.02)
     assert figures.largest_hole_m2 == pytest.approx(4.0, rel=0.02)
     assert figures.hole_ratio == pytest.approx(5.0 / 7.6**2, rel=0.02)
-    assert figures.gap_ratio == pytest.approx((5.0 + 6 * 0.16) / 7.6**2, rel=0.02)
+    assert figures.gap_ratio == pytest.approx((5.0 + 6 * 0.28) / 7.6**2, rel=0.02)
 
 
 def test_a_hole_beside_the_overlap_is_not_in_it() -> None:
