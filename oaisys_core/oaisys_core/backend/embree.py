@@ -5,11 +5,9 @@ It knows instances, which Open3D, that has a copy of it inside, does not hand on
 
 from __future__ import annotations
 
-import os
 import weakref
 from collections import deque
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from ctypes import CDLL, c_char_p, c_int, c_size_t, c_ssize_t, c_uint, c_void_p
 from functools import cache
 from itertools import repeat
@@ -45,9 +43,6 @@ NOTHING = 0xFFFFFFFF
 """Id of what was not met."""
 
 ALIGNMENT = 64
-
-THREADED_RAYS = 4096
-"""From so many on, rays are shared among threads."""
 
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "rtcNewDevice": (c_void_p, [c_char_p]),
@@ -191,25 +186,23 @@ class EmbreeScene:
         """See `Tree.prepare`; there is nothing left to do."""
 
     def _cast(self, packets: NDArray[np.float32]) -> None:
-        """Fill in what rays meet; Embree has no call for many packets."""
+        """Fill in what rays meet; Embree has no call for many packets.
+
+        Callers share their rays among threads: each call lets the others go on.
+        """
         valid = _aligned((PACKET,), np.int32)
         valid[:] = -1
         start, size = packets.ctypes.data, packets.strides[0]
-        call, handle = self._library.rtcIntersect16, self.handle
-
-        def cast(first: int, end: int) -> None:
-            addresses = range(start + first * size, start + end * size, size)
-            # A loop without a line of Python in it.
-            calls = map(call, repeat(valid.ctypes.data), repeat(handle), addresses, repeat(None))
-            deque(calls, maxlen=0)
-
-        if len(packets) * PACKET < THREADED_RAYS:
-            cast(0, len(packets))
-            return
-        threads = len(os.sched_getaffinity(0))
-        parts = np.linspace(0, len(packets), threads + 1).astype(int).tolist()
-        with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(cast, parts[:-1], parts[1:]))
+        addresses = range(start, start + packets.nbytes, size)
+        # A loop without a line of Python in it.
+        calls = map(
+            self._library.rtcIntersect16,
+            repeat(valid.ctypes.data),
+            repeat(self.handle),
+            addresses,
+            repeat(None),
+        )
+        deque(calls, maxlen=0)
 
 
 @cache
