@@ -13,6 +13,7 @@ from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.backend.blender import BlenderBackend, cycles
 from oaisys_core.backend.blender.denoiser import blenders_denoiser
+from oaisys_core.backend.budget import EFFORTS
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.types import RGB
 
@@ -20,16 +21,15 @@ Image = NDArray[np.float32]
 
 
 def denoised(color: Image, albedo: Image, normal: Image) -> dict[str, Any]:
-    """A picture by both efforts, and what is said about guides of another."""
+    """A picture by each effort, and what is said about guides of another."""
     denoiser = blenders_denoiser()
     if denoiser is None:
         raise AssertionError("Blender came without its denoiser")
     found: dict[str, Any] = {
-        name: denoiser.denoised(color, albedo, normal, thorough=thorough)
-        for name, thorough in (("fast", False), ("thorough", True))
+        effort: denoiser.denoised(color, albedo, normal, effort) for effort in EFFORTS
     }
     try:
-        denoiser.denoised(color, albedo[1:], normal, thorough=True)
+        denoiser.denoised(color, albedo[1:], normal, "thorough")
     except ValueError as error:
         found["error"] = str(error)
     return found

@@ -33,7 +33,7 @@ def denoised() -> dict[str, Any]:
     return found | {"noisy": noisy}
 
 
-@pytest.mark.parametrize("effort", ["fast", "thorough"])
+@pytest.mark.parametrize("effort", ["fast", "balanced", "thorough"])
 def test_noise_goes_and_edges_stay(denoised: dict[str, Any], effort: str) -> None:
     truth, image = two_halves(), denoised[effort]
     assert image.shape == SHAPE

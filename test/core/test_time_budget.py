@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from oaisys_core.backend.budget import Cost, Plan, TimeBudget
+from oaisys_core.backend.budget import Cost, Effort, Plan, TimeBudget, effort_for
 
 PIXELS = 640 * 480
 MOST_SAMPLES = 128
@@ -23,6 +23,7 @@ class Machine:
     preparing_s: float = 0.05
     sample_s: float = 0.25
     finishing_s: float = 0.2
+    balanced_s: float = 0.4
     thorough_s: float = 0.9
 
     def render(self, plan: Plan) -> Cost:
@@ -32,8 +33,9 @@ class Machine:
         samples = 1
         while samples < MOST_SAMPLES and (not plan.sampling_s or samples * one_s < plan.sampling_s):
             samples += 1
-        finishing_s = (self.thorough_s if plan.thorough else self.finishing_s) * plan.scale**2
-        return Cost(pixels, samples, self.preparing_s, samples * one_s, finishing_s, plan.thorough)
+        taken_s = {"fast": self.finishing_s, "balanced": self.balanced_s}
+        finishing_s = taken_s.get(plan.effort, self.thorough_s) * plan.scale**2
+        return Cost(pixels, samples, self.preparing_s, samples * one_s, finishing_s, plan.effort)
 
 
 def taken_s(cost: Cost) -> float:
@@ -98,7 +100,7 @@ def test_the_first_view_has_one_sample() -> None:
 
 
 def test_no_budget_is_no_limit() -> None:
-    assert taught(Machine()).plan(PIXELS, inf) == Plan(scale=1.0, sampling_s=0.0, thorough=True)
+    assert taught(Machine()).plan(PIXELS, inf) == Plan(scale=1.0, sampling_s=0.0, effort="thorough")
     assert Machine().render(Plan(1.0, 0.0)).samples == MOST_SAMPLES
 
 
@@ -107,11 +109,12 @@ def test_time_that_is_over_already_gives_the_smallest_image() -> None:
     assert plan.scale == pytest.approx(0.25)
 
 
-def test_denoising_is_thorough_where_eight_samples_fit_beside_it() -> None:
+def test_the_more_samples_fit_the_more_goes_into_denoising() -> None:
     budget = taught(Machine(sample_s=0.25))
-    assert not budget.plan(PIXELS, 2.0).thorough
-    assert budget.plan(PIXELS, 4.0).thorough
-    assert budget.plan(PIXELS, inf).thorough
+    assert budget.plan(PIXELS, 0.8).effort == "fast"
+    assert budget.plan(PIXELS, 2.0).effort == "balanced"
+    assert budget.plan(PIXELS, 4.0).effort == "thorough"
+    assert budget.plan(PIXELS, inf).effort == "thorough"
 
 
 @pytest.mark.parametrize("thorough_s", [0.5, 2.0])
@@ -120,3 +123,17 @@ def test_what_thorough_denoising_takes_is_learned(thorough_s: float) -> None:
     budget = taught(machine)
     budget.learn(machine.render(budget.plan(PIXELS, 6.0)))
     assert taken_s(machine.render(budget.plan(PIXELS, 6.0))) == pytest.approx(6.0, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("samples", "most", "effort"),
+    [
+        (1, "thorough", "fast"),
+        (3, "thorough", "balanced"),
+        (8, "thorough", "thorough"),
+        (128, "balanced", "balanced"),
+        (128, "fast", "fast"),
+    ],
+)
+def test_few_samples_are_not_worth_much_denoising(samples: int, most: Effort, effort: str) -> None:
+    assert effort_for(samples, most) == effort

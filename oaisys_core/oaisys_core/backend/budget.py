@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass
 from math import inf, sqrt
 from statistics import median
+from typing import Literal, NamedTuple
 
 REMEMBERED = 8
 """Views whose cost is remembered."""
@@ -13,11 +14,28 @@ REMEMBERED = 8
 OVER = 0.12
 """Share of its time by which a view may be late, so as not to be early by a whole light sample."""
 
-THOROUGH_SAMPLES = 8
-"""Light samples from which on thorough denoising is worth more than the samples it costs."""
+Effort = Literal["fast", "balanced", "thorough"]
+"""How a picture is denoised, see `Denoiser.denoised`."""
 
-THOROUGH_TIMES = 5.0
-"""What thorough denoising takes, in times of the fast one, as long as that is not known."""
+
+class EffortCost(NamedTuple):
+    """When an effort pays.
+
+    Attributes:
+        least_samples: Light samples from which on it is worth more than those it takes the time of.
+        times: What it takes, in times of the fast one, as long as that is not known.
+    """
+
+    least_samples: int
+    times: float
+
+
+EFFORTS: dict[Effort, EffortCost] = {
+    "fast": EffortCost(0, 1.0),
+    "balanced": EffortCost(3, 1.8),
+    "thorough": EffortCost(8, 5.0),
+}
+"""From the least on."""
 
 LEAST_AREA = 1 / 16
 """Of an image: it is not rendered any smaller, however little time there is."""
@@ -33,12 +51,12 @@ class Plan:
     Attributes:
         scale: Factor on the image's sides; below 1 where one sample of each pixel takes too long.
         sampling_s: Light samples are begun for that long, the last one ends later; 0: no limit.
-        thorough: Whether there is time for thorough denoising.
+        effort: The most there is time for in denoising.
     """
 
     scale: float
     sampling_s: float
-    thorough: bool = False
+    effort: Effort = "fast"
 
 
 @dataclass(frozen=True)
@@ -51,7 +69,7 @@ class Cost:
         preparing_s: Until the first light sample began.
         sampling_s: Until the last one ended.
         finishing_s: What came after that: denoising, mostly.
-        thorough: How it was denoised.
+        effort: How it was denoised.
     """
 
     pixels: int
@@ -59,7 +77,7 @@ class Cost:
     preparing_s: float
     sampling_s: float
     finishing_s: float
-    thorough: bool = False
+    effort: Effort = "fast"
 
 
 class TimeBudget:
@@ -74,7 +92,7 @@ class TimeBudget:
     def __init__(self) -> None:
         self._preparing_s = {changed: _history() for changed in (False, True)}
         self._pixel_sample_s = _history()
-        self._pixel_finish_s = {thorough: _history() for thorough in (False, True)}
+        self._pixel_finish_s = {effort: _history() for effort in EFFORTS}
         self._has_changed = True
 
     def world_changed(self) -> None:
@@ -86,7 +104,7 @@ class TimeBudget:
         self._preparing_s[self._has_changed].append(cost.preparing_s)
         self._has_changed = False
         self._pixel_sample_s.append(cost.sampling_s / (cost.samples * cost.pixels))
-        self._pixel_finish_s[cost.thorough].append(cost.finishing_s / cost.pixels)
+        self._pixel_finish_s[cost.effort].append(cost.finishing_s / cost.pixels)
 
     def plan(self, pixels: int, seconds: float) -> Plan:
         """Return how a view of so many pixels fits into the time: one sample if none was timed.
@@ -94,28 +112,36 @@ class TimeBudget:
         All the time there is (``inf``) is no limit.
         """
         if seconds == inf:
-            return Plan(1.0, 0.0, thorough=True)
+            return Plan(1.0, 0.0, "thorough")
         if not self._pixel_sample_s:
             return Plan(1.0, AT_ONCE_S)
         # A world never changed before: what it takes then is not known, and nothing can be saved.
         known = self._preparing_s[self._has_changed] or self._preparing_s[not self._has_changed]
         left_s = seconds - median(known)
         sample_s = median(self._pixel_sample_s) * pixels
-        samples_s = left_s - self._finish_s(pixels, thorough=True)
-        thorough = samples_s >= THOROUGH_SAMPLES * sample_s
-        finish_s = self._finish_s(pixels, thorough=thorough)
+        for effort, cost in reversed(EFFORTS.items()):
+            finish_s = self._finish_s(pixels, effort)
+            if left_s - finish_s >= cost.least_samples * sample_s:
+                break
         area = left_s / (sample_s + finish_s)
         if area < 1 - OVER:
             return Plan(sqrt(max(area, LEAST_AREA)), AT_ONCE_S)
         # A sample that begins in time may end one sample late: on average half of one.
         late_s = min(sample_s / 2, OVER * seconds)
-        return Plan(1.0, max(left_s - finish_s - sample_s + late_s, AT_ONCE_S), thorough)
+        return Plan(1.0, max(left_s - finish_s - sample_s + late_s, AT_ONCE_S), effort)
 
-    def _finish_s(self, pixels: int, *, thorough: bool) -> float:
-        if known := self._pixel_finish_s[thorough]:
-            return median(known) * pixels
-        other = median(self._pixel_finish_s[not thorough]) * pixels
-        return other * THOROUGH_TIMES if thorough else other / THOROUGH_TIMES
+    def _finish_s(self, pixels: int, effort: Effort) -> float:
+        if own := self._pixel_finish_s[effort]:
+            return median(own) * pixels
+        known, costs = next((each, costs) for each, costs in self._pixel_finish_s.items() if costs)
+        return median(costs) * pixels * EFFORTS[effort].times / EFFORTS[known].times
+
+
+def effort_for(samples: int, most: Effort) -> Effort:
+    """Return how a picture of so many light samples is denoised, with ``most`` at most."""
+    efforts = list(EFFORTS)
+    pays = [each for each in efforts if EFFORTS[each].least_samples <= samples]
+    return min(pays[-1], most, key=efforts.index)
 
 
 def _history() -> deque[float]:

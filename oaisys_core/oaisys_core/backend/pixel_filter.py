@@ -17,15 +17,18 @@ CYCLES_WIDTH_PX = 1.5
 """Of the filter that noisy pictures go through, as Blender counts and by its default: the
 Blackman-Harris window is twice as wide."""
 
-SAMPLED_WIDTH_PX = 1.0
+SAMPLED_WIDTH_PX = 0.75
 """Of the filter that samples of denoised pictures are taken by."""
 
-MANY_SHARE = 0.048
+MANY_SHARE = 0.065
 """Part of its light that a pixel gives to each neighbour where samples are many: with it, the two
 steps filter as widely as Cycles alone does at its own width."""
 
-FEW_SHARE, FEW_SAMPLES = 0.08, 6
+FEW_SHARE, FEW_SAMPLES = 0.095, 8
 """Part that it gives up to so many samples: the best one, against pictures of 512."""
+
+GUIDE_SHARE = 0.06
+"""Part of what guides the denoiser. It is worth a tenth of a decibel, and more does harm."""
 
 
 def shared(light: NDArray[np.float32], samples: int) -> NDArray[np.float32]:
@@ -36,8 +39,16 @@ def shared(light: NDArray[np.float32], samples: int) -> NDArray[np.float32]:
         samples: Per pixel, that it was made of.
     """
     few = min(1.0, FEW_SAMPLES / max(samples, 1))
-    share = MANY_SHARE + (FEW_SHARE - MANY_SHARE) * few
+    return _mixed(light, MANY_SHARE + (FEW_SHARE - MANY_SHARE) * few)
+
+
+def shared_guide(guide: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the (H, W, 3) albedo or normals of few samples, as neighbours share them."""
+    return _mixed(guide, GUIDE_SHARE)
+
+
+def _mixed(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
     kernel = np.array([share, 1 - 2 * share, share], np.float32)
-    whole = np.ascontiguousarray(light)
+    whole = np.ascontiguousarray(image)
     filtered = cv2.sepFilter2D(whole, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(filtered, dtype=np.float32)

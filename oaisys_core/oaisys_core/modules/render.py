@@ -36,7 +36,7 @@ class Preset(NamedTuple):
 PRESETS = {
     "geometry": Preset(samples=1, max_bounces=0, passes=GEOMETRY),
     "preview": Preset(samples=1, max_bounces=2),
-    "standard": Preset(samples=4, max_bounces=2),
+    "standard": Preset(samples=3, max_bounces=2),
     "high": Preset(samples=8, max_bounces=3),
     "final": Preset(samples=128, max_bounces=4),
 }

@@ -15,7 +15,13 @@ from oaisys_core.backend.blender.denoiser import Denoiser, blenders_denoiser
 from oaisys_core.backend.blender.devices import use_device
 from oaisys_core.backend.blender.engine import Rendered, render_scene
 from oaisys_core.backend.blender.view_transform import VIEW_TRANSFORMS, to_pixels
-from oaisys_core.backend.pixel_filter import CYCLES_WIDTH_PX, SAMPLED_WIDTH_PX, shared
+from oaisys_core.backend.budget import Effort
+from oaisys_core.backend.pixel_filter import (
+    CYCLES_WIDTH_PX,
+    SAMPLED_WIDTH_PX,
+    shared,
+    shared_guide,
+)
 from oaisys_core.color import encoded
 from oaisys_core.errors import RenderError
 
@@ -65,14 +71,14 @@ class Cycles:
         render.use_persistent_data = True
 
     def render(
-        self, settings: RenderSettings, seconds: float = 0.0, *, thorough: bool = False
+        self, settings: RenderSettings, seconds: float = 0.0, effort: Effort = "fast"
     ) -> NDArray[np.uint8]:
         """Return the (H, W, 3) sRGB image of the scene's camera.
 
         Args:
             settings: Quality, exposure and seed.
             seconds: Light samples are taken for that long, but one at least; 0: all of them.
-            thorough: How to denoise, see `Denoiser.denoised`.
+            effort: How to denoise.
 
         Raises:
             RenderError: Blender failed.
@@ -83,8 +89,7 @@ class Cycles:
         light = _pass(rendered, COMBINED)
         if settings.denoise:
             if denoiser := self._own_denoiser():
-                guides = (_pass(rendered, name) for name in GUIDES)
-                light = denoiser.denoised(light, *guides, thorough=thorough)
+                light = denoiser.denoised(light, *_guides(rendered, effort), effort)
             light = shared(light[..., :3], rendered.samples or settings.samples)
         return to_pixels(light, settings.view_transform, exposure_ev)
 
@@ -137,6 +142,14 @@ class Cycles:
 
     def _own_denoiser(self) -> Denoiser | None:
         return blenders_denoiser() if self.device == "cpu" else None
+
+
+def _guides(rendered: Rendered, effort: Effort) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return what guides the denoiser, which makes them smooth itself where it is thorough."""
+    albedo, normal = (_pass(rendered, name) for name in GUIDES)
+    if effort == "thorough":
+        return albedo, normal
+    return shared_guide(albedo), shared_guide(normal)
 
 
 def _pass(rendered: Rendered, name: str) -> NDArray[np.float32]:

@@ -28,7 +28,7 @@ from oaisys_core.backend.blender.distortion import covering_pinhole, distorted_i
 from oaisys_core.backend.blender.footprint import set_pixel_angle
 from oaisys_core.backend.blender.lights import Lights
 from oaisys_core.backend.blender.world import World
-from oaisys_core.backend.budget import THOROUGH_SAMPLES, Cost, TimeBudget
+from oaisys_core.backend.budget import Cost, Effort, TimeBudget, effort_for
 from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.passes import frame_of, geometry_frames
 from oaisys_core.backend.surface import Surface
@@ -176,11 +176,11 @@ class BlenderBackend(Backend):
         plan = self._budget.plan(_pixels(pinhole), seconds)
         rendered = scaled_pinhole(pinhole, plan.scale)
         self._aim(camera, rendered, camera.lens)
-        thorough = plan.thorough and settings.samples >= THOROUGH_SAMPLES
+        effort = effort_for(settings.samples, plan.effort)
         started_s = time.perf_counter()
         with moving(self._camera, camera.T_map_previous, camera.shutter_share):
-            image = self._cycles.render(settings, plan.sampling_s, thorough=thorough)
-        self._learn(rendered, started_s, thorough)
+            image = self._cycles.render(settings, plan.sampling_s, effort)
+        self._learn(rendered, started_s, effort)
         if settings.time_budget_s is not None:
             samples = self._cycles.last.samples
             self.light_samples = min(samples, self.light_samples or samples)
@@ -214,7 +214,7 @@ class BlenderBackend(Backend):
         # Not the pinhole's: where time is short, nothing is spent on other levels of textures.
         set_pixel_angle(1 / max(camera.intrinsics.fx_px, camera.intrinsics.fy_px))
 
-    def _learn(self, pinhole: PinholeIntrinsics, started_s: float, thorough: bool) -> None:
+    def _learn(self, pinhole: PinholeIntrinsics, started_s: float, effort: Effort) -> None:
         """Remember what the last view took since it was started."""
         last = self._cycles.last
         if last.samples:
@@ -225,7 +225,7 @@ class BlenderBackend(Backend):
                     preparing_s=last.began_s - started_s,
                     sampling_s=last.sampled_s - last.began_s,
                     finishing_s=time.perf_counter() - last.sampled_s,
-                    thorough=thorough,
+                    effort=effort,
                 )
             )
 
