@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,8 @@ BOUNDED = settings(
 def digest(data: Json, *extra: Module) -> str:
     """Return the hash of the exact images of two samples of a batch."""
     simulation = Simulation(config_from_mapping(data))
-    simulation._modules = (*simulation._modules, *extra)
+    modules = simulation._modules
+    simulation._modules = replace(modules, all=(*modules.all, *extra))
     found = hashlib.sha256()
     simulation.step_batch()
     for _ in range(2):
