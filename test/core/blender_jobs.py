@@ -6,6 +6,7 @@ import importlib
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 import bpy
 import numpy as np
@@ -13,7 +14,8 @@ from cycles import CyclesRender
 from numpy.typing import NDArray
 from synthetic_worlds import BOX, SUNNY, camera, rocky_world, settings
 
-from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.backend.blender import BlenderBackend, cycles
+from oaisys_core.backend.blender.reference import FILTER_WIDTH_PX
 from oaisys_core.errors import CancelledError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.scene import PlacedCamera, Primitive, Scene
@@ -44,15 +46,15 @@ def passes(
     for thing in blender_scene.objects:
         if thing.name.startswith("instance_"):
             thing.pass_index = int(thing.name.removeprefix("instance_"))
-    blender_scene.cycles.filter_width = 0.01
     layer = blender_scene.view_layers[0]
     layer.use_pass_z = layer.use_pass_object_index = True
     seen = _record_passes()
     result = []
-    for each in cameras:
-        frames = backend.render([each], settings(samples=1), ignore)
-        index = next(image for name, image in seen.items() if name in ("IndexOB", "Object Index"))
-        result.append((frames, seen["Depth"], np.rint(index).astype(np.uint32)))
+    with mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX):
+        for each in cameras:
+            frames = backend.render([each], settings(samples=1), ignore)
+            index = next(seen[name] for name in ("IndexOB", "Object Index") if name in seen)
+            result.append((frames, seen["Depth"], np.rint(index).astype(np.uint32)))
     return result
 
 

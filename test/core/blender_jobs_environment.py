@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from unittest import mock
 
-import bpy
 import numpy as np
 from numpy.typing import NDArray
 from synthetic_worlds import settings
 
-from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.backend.blender import BlenderBackend, cycles
 from oaisys_core.backend.blender.cycles import BASE_EXPOSURE_EV
+from oaisys_core.backend.blender.reference import FILTER_WIDTH_PX
 from oaisys_core.scene import PlacedCamera, Scene, Sky
 from oaisys_core.types import RGB, Progress
 
@@ -30,14 +30,13 @@ def linear_views(
     """
     backend = BlenderBackend()
     backend.build(replace(scene, sky=skies[0]), ignore)
-    blender_scene: Any = bpy.context.scene
-    blender_scene.cycles.filter_width = 0.01
     wanted = replace(settings(samples, exposure_ev=-BASE_EXPOSURE_EV), view_transform="raw")
     seen = []
-    for sky in skies:
-        backend.update(replace(scene, sky=sky))
-        for camera in cameras:
-            only_rgb = replace(camera, modalities=(RGB,))
-            (frame,) = backend.render([only_rgb], wanted, ignore)
-            seen.append(frame.data / 255.0)
+    with mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX):
+        for sky in skies:
+            backend.update(replace(scene, sky=sky))
+            for camera in cameras:
+                only_rgb = replace(camera, modalities=(RGB,))
+                (frame,) = backend.render([only_rgb], wanted, ignore)
+                seen.append(frame.data / 255.0)
     return seen
