@@ -10,7 +10,7 @@ of the same name, and Blender's is the newer one. Open3D is imported when it is 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -64,11 +64,8 @@ class Tree(Protocol):
         """Build it now, if that is still to be done."""
 
 
-class TreeMaker(Protocol):
-    """Something that makes trees."""
-
-    def mesh(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Tree:
-        """Return a tree over (V, 3) vertices and (T, 3) triangles."""
+TreeMaker = Callable[[FloatArray, NDArray[np.int32]], Tree]
+"""Makes a tree over (V, 3) vertices and (T, 3) triangles."""
 
 
 class RayCaster:
@@ -97,7 +94,7 @@ class RayCaster:
         self._origin_m: FloatArray = (self.low_m + self.high_m) / 2
         self._local_m = soup.vertices_m - self._origin_m
         self._triangles = soup.triangles
-        self._tree = (maker or Open3DTrees()).mesh(self._local_m, self._triangles)
+        self._tree = (maker or Open3DTree)(self._local_m, self._triangles)
 
     def prepare(self) -> None:
         """Build the search structure now; else the first ray that is cast waits for it."""
@@ -256,14 +253,6 @@ class Open3DTree:
     def prepare(self) -> None:
         """See `Tree.prepare`."""
         self.first(np.zeros(3), np.zeros((1, 3)))
-
-
-class Open3DTrees:
-    """See `TreeMaker`."""
-
-    def mesh(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Open3DTree:
-        """See `TreeMaker.mesh`."""
-        return Open3DTree(vertices_m, triangles)
 
 
 def embree_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:

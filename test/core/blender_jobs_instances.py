@@ -43,7 +43,10 @@ def casts(standing: Sequence[Standing], views: Sequence[Rays], xy_m: FloatArray)
 
 def mesh_casts(mesh: TriangleMesh, views: Sequence[Rays]) -> list[Any]:
     """Return what rays find of a mesh by Blender's Embree."""
-    caster = RayCaster([mesh], blenders_embree())
+    embree = blenders_embree()
+    if embree is None:
+        raise AssertionError("Blender came without its Embree")
+    caster = RayCaster([mesh], embree.mesh)
     caster.prepare()
     return [caster.intersect(origins_m, directions) for origins_m, directions, _ in views]
 

@@ -179,6 +179,22 @@ class Finder(Protocol):
         """
 
 
+def keep_nearer(
+    best: FloatArray,
+    found: NDArray[np.int64],
+    rays: NDArray[np.int64],
+    distances: FloatArray,
+    triangle_ids: NDArray[np.int64],
+) -> None:
+    """Lower (R,) distances, and their triangles, where (N,) rays met something nearer, in place.
+
+    Of a ray that comes more than once, the last one counts.
+    """
+    nearer = distances < best[rays]
+    best[rays[nearer]] = distances[nearer]
+    found[rays[nearer]] = triangle_ids[nearer]
+
+
 def _inverse(T: FloatArray) -> FloatArray:
     """Return the inverses of (N, 4, 4) affine poses, whose parts may be scaled and sheared.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.crowd import BOX_CORNERS, Crowd, turned
+from oaisys_core.backend.crowd import BOX_CORNERS, Crowd, keep_nearer, turned
 from oaisys_core.raycast import NO_TRIANGLE, embree_scene
 from oaisys_core.types import FloatArray
 
@@ -117,7 +117,5 @@ class BoxFinder:
         rays, distances = rays[hit], (enters + distances)[hit]
         triangle_ids = triangle_ids[hit] + crowd.first[instances[hit]]
         farthest_first = np.argsort(-distances, kind="stable")
-        rays, distances = rays[farthest_first], distances[farthest_first]
-        nearer = distances < best[rays]
-        best[rays[nearer]] = distances[nearer]
-        found[rays[nearer]] = triangle_ids[farthest_first][nearer]
+        of_hits = (each[farthest_first] for each in (rays, distances, triangle_ids))
+        keep_nearer(best, found, *of_hits)

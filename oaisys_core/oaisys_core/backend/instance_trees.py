@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.crowd import Crowd, turned
+from oaisys_core.backend.crowd import Crowd, keep_nearer, turned
 from oaisys_core.backend.embree import NOTHING, Embree
 from oaisys_core.raycast import refined
 from oaisys_core.types import FloatArray
@@ -56,6 +56,4 @@ class TreeFinder:
             turned(T[:, :3, :3], origins) + T[:, :3, 3],
             turned(T[:, :3, :3], directions[rays]),
         )
-        nearer = distances < best[rays]
-        best[rays[nearer]] = distances[nearer]
-        found[rays[nearer]] = (self._crowd.first[instances] + triangles)[nearer]
+        keep_nearer(best, found, rays, distances, self._crowd.first[instances] + triangles)

@@ -219,4 +219,5 @@ def ground_mesh(scene: Scene) -> TriangleMesh:
 
 
 def _tree_maker(ground: TriangleMesh) -> TreeMaker | None:
-    return blenders_embree() if len(ground.triangles) >= LARGE_TRIANGLES else None
+    embree = blenders_embree() if len(ground.triangles) >= LARGE_TRIANGLES else None
+    return None if embree is None else embree.mesh
