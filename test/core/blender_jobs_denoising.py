@@ -21,13 +21,18 @@ Image = NDArray[np.float32]
 
 
 def denoised(color: Image, albedo: Image, normal: Image) -> dict[str, Any]:
-    """A picture by each effort, and what is said about guides of another."""
+    """A picture by each effort, again after others, and what is said about guides of another."""
     denoiser = blenders_denoiser()
     if denoiser is None:
         raise AssertionError("Blender came without its denoiser")
     found: dict[str, Any] = {
         effort: denoiser.denoised(color, albedo, normal, effort) for effort in EFFORTS
     }
+    dark = denoiser.denoised(0.5 * color, albedo, normal, "fast")
+    found["after another"] = denoiser.denoised(color, albedo, normal, "fast")
+    denoiser.denoised(color[1:], albedo[1:], normal[1:], "fast")
+    found["after another size"] = denoiser.denoised(color, albedo, normal, "fast")
+    found["dark"] = dark
     try:
         denoiser.denoised(color, albedo[1:], normal, "thorough")
     except ValueError as error:
