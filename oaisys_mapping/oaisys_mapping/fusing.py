@@ -25,12 +25,23 @@ from oaisys_mapping.semantic_fusion import fuse_classes
 PART_BLOCKS = 192
 """Blocks that are worked on at a time: an intermediate result has 400 kB."""
 
-FADING_VOXELS = 1.0
-"""Depth of the layer before the truncation behind the surface in which an observation counts less
-and less (all of what is behind fades in Oleynikova et al., "Voxblox", IROS 2017): what lies far
-behind a rim is another view's to say. On a world of the demo's the farthest gap in the overlap
-shrinks from 15 to 12 cm so, and the RMSE from 5.2 to 5.0 mm; fading from one voxel behind the
-surface on does little more."""
+FULL_SHARE, FADED_SHARE = 1 / 3, 1 / 2
+"""Depths behind the surface, in truncations, up to which an observation counts in full, and from
+which on it is only `ASSUMED`: what a view cannot see is another's to say. (In Oleynikova et al.,
+"Voxblox", IROS 2017, what is behind fades from a voxel on to the truncation.) Where it did not,
+views that see a rock's top outvoted those that see its foot: on ten worlds of the demo's, in all
+16 spots of truth that two views saw were 10 to 12 cm from the map; three are left so, and one with
+what is taken for solid."""
+
+ASSUMED = 1e-3
+"""What an observation counts in voxels that are hidden behind what the ray hit: they are taken for
+solid until a view tells otherwise, so that a face at grazing rays has two sides. As in hole
+filling by Curless and Levoy, but only close behind a surface."""
+
+FREE_COUNTS = 1 / 3
+"""What an observation counts a truncation and more in front of what the ray hit; in full up to
+`FULL_SHARE` of it. Beside an edge, rays pass on their way to what lies far behind: together with
+truncation that would outweigh those that meet the surface. A single free ray still clears."""
 
 CLOSE_VOXELS = 0.3
 """Distance in front of the surface at which a label counts half."""
@@ -55,12 +66,14 @@ class FusionRules:
         described_m: Distance in front of the surface up to which colour and classes are kept: only
             voxels beside the surface are asked for them.
         max_weight: Weight beyond which a voxel's does not grow.
+        reach_m: Distance behind the surface up to which voxels are told about.
     """
 
     voxel_size_m: float
     truncation_m: float
     described_m: float
     max_weight: float
+    reach_m: float
 
 
 def voxel_offsets() -> NDArray[np.int64]:
@@ -100,23 +113,23 @@ def _fuse_part(
         )
         depth_m = seen.depth_m.take(pixels)
         ahead_m = depth_m - z_m
-        is_told = ahead_m > -rules.truncation_m
+        is_told = ahead_m > -rules.reach_m
         if most_m > seen.max_range_m:
             is_told &= (z_m <= seen.max_range_m) | (depth_m < np.inf)
         if least_m <= 0:
             is_told &= z_m > 0
-    told = is_told.astype(np.float32)
-    _fade(told, is_told, ahead_m, rules)
+    distance = ahead_m * np.float32(1 / rules.truncation_m)
+    told = _counts(distance, is_told)
+    np.clip(distance, -1, 1, out=distance)
     if seen.weight is not None:
         told *= seen.weight.take(pixels)
     is_near = ahead_m < rules.described_m
+    is_near &= ahead_m > -rules.truncation_m
     is_near &= is_told
     near = np.flatnonzero(is_near)
     closeness = None
     if seen.labels is not None:
         closeness = _closeness(ahead_m.take(near) / rules.voxel_size_m)
-    distance = np.minimum(ahead_m, np.float32(rules.truncation_m), out=ahead_m)
-    distance *= np.float32(1 / rules.truncation_m)
     _average(arrays, slots, distance, told, rules)
     voxels = slots.astype(np.int64).take(near >> VOXEL_BITS) << VOXEL_BITS
     voxels += near & (VOXELS - 1)
@@ -124,16 +137,18 @@ def _fuse_part(
     return np.asarray(is_told.view(np.uint64).any(axis=1))
 
 
-def _fade(
-    told: NDArray[np.float32],
-    is_told: NDArray[np.bool_],
-    ahead_m: NDArray[np.float32],
-    rules: FusionRules,
-) -> None:
-    """Let an observation count less in voxels far behind what the ray hit, in place."""
-    fading_m = FADING_VOXELS * rules.voxel_size_m
-    behind = np.flatnonzero((ahead_m < fading_m - rules.truncation_m) & is_told)
-    told.ravel()[behind] = (ahead_m.take(behind) + np.float32(rules.truncation_m)) / fading_m
+def _counts(distance: NDArray[np.float32], is_told: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return what an observation counts in voxels so many truncations in front of a surface."""
+    behind = distance * np.float32(1 / (FADED_SHARE - FULL_SHARE))
+    behind += np.float32(FADED_SHARE / (FADED_SHARE - FULL_SHARE))
+    np.maximum(behind, np.float32(ASSUMED), out=behind)
+    slope = (1 - FREE_COUNTS) / (1 - FULL_SHARE)
+    ahead = distance * np.float32(-slope)
+    ahead += np.float32(1 + slope * FULL_SHARE)
+    np.clip(ahead, np.float32(FREE_COUNTS), 1, out=ahead)
+    counts = np.minimum(behind, ahead, out=behind)
+    counts *= is_told
+    return counts
 
 
 def _closeness(voxels_ahead: NDArray[np.float32]) -> NDArray[np.float32]:

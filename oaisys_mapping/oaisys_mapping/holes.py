@@ -1,9 +1,8 @@
 """Where a reconstruction has no surface although some view saw the truth there.
 
 A line along the truth's normal finds the border of a hole where it is; distances alone would
-shrink a hole by their tolerance all around. A gap is a hole if a voxel is missing in it: a voxel's
-square of its truth is further than a voxel from all of the reconstruction. What is less is counted
-as gap only: a slit that a grid cannot show.
+shrink a hole by their tolerance all around. A gap is a hole if any of its truth is further than
+`FAR_VOXELS` from all of the reconstruction; what is that far is a hole, whatever the line meets.
 """
 
 from __future__ import annotations
@@ -26,10 +25,8 @@ HOLE_VOXELS = 2
 """How far from the truth, along its normal, a surface may lie and still close a hole; and the width
 of the surveyed area's rim, where a missing surface is none."""
 
-CORE_VOXELS = 1 + np.pi**-0.5
-"""How far from all of the reconstruction a hole's truth is, at least somewhere: in the middle of a
-round gap with a voxel's square of truth that is further than a voxel away. Areas that small cannot
-be counted in points, of which each stands for as much."""
+FAR_VOXELS = 1
+"""Truth that is further than this from all of the reconstruction lies in a hole."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class Holes:
     """Holes in some part of the visible truth.
 
     Attributes:
-        count: Connected gaps in which some truth is further than `CORE_VOXELS` from the
+        count: Connected gaps in which some truth is further than `FAR_VOXELS` from the
             reconstruction.
         area_m2, largest_m2: Of the truth in all of them, and in the largest.
         ratio: That area as a share of the part.
@@ -71,7 +68,7 @@ def find_holes(
     to_mesh_m: FloatArray,
     voxel_size_m: float,
 ) -> Holes:
-    """Join gaps to holes.
+    """Join gaps, and what is further than `FAR_VOXELS` away, to holes.
 
     Args:
         points: All (N) points of the part.
@@ -79,12 +76,13 @@ def find_holes(
         to_mesh_m: (N,) distance to the reconstruction.
         voxel_size_m: Size of a voxel.
     """
-    chosen = np.flatnonzero(is_gap)
+    is_far = to_mesh_m > FAR_VOXELS * voxel_size_m
+    chosen = np.flatnonzero(is_gap | is_far)
     if not len(chosen):
         return Holes(0, 0.0, 0.0, 0.0)
     group = _groups(points.points_m[chosen], 2 * float(np.sqrt(points.area_m2)))
     is_hole = np.zeros(group.max() + 1, bool)
-    is_hole[group[to_mesh_m[chosen] > CORE_VOXELS * voxel_size_m]] = True
+    is_hole[group[is_far[chosen]]] = True
     areas_m2 = np.bincount(group)[is_hole] * points.area_m2
     area_m2 = float(areas_m2.sum())
     whole_m2 = len(points.points_m) * points.area_m2

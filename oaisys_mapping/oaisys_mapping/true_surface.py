@@ -14,8 +14,11 @@ from oaisys_core.types import TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints, sample_surface, triangle_areas_m2
 from oaisys_mapping.visibility import View, raycasting_scene, views_seeing, within_reach
 
-MOST_POINTS = 1_000_000
-"""Points spread over a surface, one per square of a voxel's size, or fewer where it is larger."""
+SPACING_VOXELS = 0.5
+"""Edge of the square of truth that a point stands for: so dense that no hole falls between."""
+
+MOST_POINTS = 2_000_000
+"""Points spread over a surface; where it is larger, each stands for more of it."""
 
 MOST_POINTS_BEYOND = 200_000
 """Points spread over the part of the truth that no view can reach."""
@@ -57,7 +60,7 @@ def _area_m2(points: SurfacePoints) -> float:
 def true_surface(
     truth: TriangleMesh,
     views: Sequence[View] | None,
-    spacing_m: float,
+    voxel_size_m: float,
     max_range_m: float,
     rng: np.random.Generator,
 ) -> TrueSurface:
@@ -66,7 +69,7 @@ def true_surface(
     Args:
         truth: Its triangles wound counter-clockwise from outside.
         views: The cameras; None: everything is visible, from everywhere.
-        spacing_m: A point stands for the square of this.
+        voxel_size_m: A point stands for the square of `SPACING_VOXELS` of them.
         max_range_m: Depth beyond which nothing is seen.
         rng: Gives the points.
 
@@ -75,6 +78,7 @@ def true_surface(
     """
     if not len(truth.triangles):
         raise InvalidInputError("truth", "0 triangles", "a mesh with a surface")
+    spacing_m = SPACING_VOXELS * voxel_size_m
     scene = raycasting_scene(truth.vertices_m, truth.triangles)
     if views is None:
         points = _spread(truth, np.arange(len(truth.triangles)), spacing_m, MOST_POINTS, rng)

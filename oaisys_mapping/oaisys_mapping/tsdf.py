@@ -37,6 +37,7 @@ from oaisys_mapping.voxel_queries import (
     ObservedVoxels,
     classes_at,
     distances_at,
+    is_seen,
     observed_voxels,
 )
 from oaisys_mapping.working_set import Readied, VolumeFullError, WorkingSet, check_room
@@ -68,6 +69,7 @@ class TsdfVolume:
             self.config.truncation_m,
             described_m,
             self.config.max_weight,
+            self.config.truncation_m + self.config.solid_voxels * self.config.voxel_size_m,
         )
         self.reset()
 
@@ -201,7 +203,8 @@ class TsdfVolume:
         """Return the (N,) signed projective distances in metres at (N, 3) points.
 
         Below 0 behind the surface, clipped to the truncation, NaN where a voxel around the point
-        was not seen. For distances beyond the truncation see `oaisys_mapping.distance_field`.
+        was neither seen nor lies so close behind a surface that it is taken for solid. For
+        distances beyond the truncation see `oaisys_mapping.distance_field`.
         """
         size_m, truncation_m = self.config.voxel_size_m, self.config.truncation_m
         return distances_at(points_m, size_m, truncation_m, self._working.values)
@@ -211,7 +214,8 @@ class TsdfVolume:
         """Volume of the voxels that some view told something about, and of recorded free blocks."""
         voxels, blocks = 0, self._working.all_blocks
         for first in range(0, len(blocks), 4096):
-            voxels += int((self._working.rows(blocks[first : first + 4096])["weight"] > 0).sum())
+            rows = self._working.rows(blocks[first : first + 4096])
+            voxels += int(is_seen(rows["tsdf"], rows["weight"]).sum())
         only_free = np.setdiff1d(self._free, packed(blocks))
         return voxels * self.config.voxel_size_m**3 + len(only_free) * self.config.block_size_m**3
 

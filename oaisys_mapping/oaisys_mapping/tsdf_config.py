@@ -25,6 +25,8 @@ class TsdfConfig:
         truncation_voxels: Distance from the surface, in voxels, up to which distances are kept. On
             rocky ground seen from 10 m at 0.1 m, 2 / 3 / 4 / 6 gave an RMSE of 4.5 / 5.6 / 7.2 /
             10.3 mm and holes of 1.0 / 0.5 / 0.4 / 0.3 %.
+        solid_voxels: How much further behind the surface voxels are taken for solid until a view
+            tells otherwise: without, a face that rays graze has none behind it, and no surface.
         max_range_m: Depth beyond which nothing is integrated, and up to which a ray that hit
             nothing, or something further away, clears. No more than the camera's own range.
         max_blocks: Blocks of 8 x 8 x 8 voxels that may be in memory: 400,000 take 4.9 GB; see
@@ -46,6 +48,7 @@ class TsdfConfig:
 
     voxel_size_m: float = 0.10
     truncation_voxels: float = 3.0
+    solid_voxels: float = 2.0
     max_range_m: float = 60.0
     max_blocks: int = 400_000
     when_full: str = "refuse"
@@ -63,6 +66,10 @@ class TsdfConfig:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
                 raise InvalidInputError(name, value, "a finite number above 0")
+        if not (np.isfinite(self.solid_voxels) and self.solid_voxels >= 0):
+            raise InvalidInputError(
+                "solid_voxels", self.solid_voxels, "a finite number, at least 0"
+            )
         if not self.max_weight > 0:
             raise InvalidInputError("max_weight", self.max_weight, "a number above 0")
         for name, choices in (("weighting", WEIGHTINGS), ("when_full", WHEN_FULL)):

@@ -31,12 +31,18 @@ class ObservedVoxels:
     Attributes:
         low: (3,) the first voxel; its sample lies at this times the voxel's size.
         distance_m: (X, Y, Z) float32 projective distance to the surface, below 0 behind it.
-        is_known: (X, Y, Z) whether something was seen there; elsewhere the distance is 0.
+        is_known: (X, Y, Z) whether something was seen there, see `is_seen`; elsewhere the distance
+            is 0.
     """
 
     low: NDArray[np.int64]
     distance_m: NDArray[np.float32]
     is_known: NDArray[np.bool_]
+
+
+def is_seen(tsdf: NDArray[Any], weight: NDArray[Any]) -> NDArray[np.bool_]:
+    """Return which voxels some view told about, not only took for solid: see `fusing.ASSUMED`."""
+    return np.asarray((weight > 0) & (tsdf > -1))
 
 
 def observed_voxels(
@@ -65,7 +71,7 @@ def observed_voxels(
     is_known = np.zeros((len(blocks), VOXELS), bool)
     there = slots >= 0
     distance[there] = arrays["tsdf"][slots[there]] * np.float32(truncation_m)
-    is_known[there] = arrays["weight"][slots[there]] > 0
+    is_known[there] = is_seen(arrays["tsdf"][slots[there]], arrays["weight"][slots[there]])
     is_free = np.isin(packed(blocks), free)
     distance[is_free[:, None] & ~is_known] = truncation_m
     is_known[is_free] = True
@@ -121,7 +127,7 @@ def distances_at(
 
 
 def _distances(places: FloatArray, source: Source) -> FloatArray:
-    """Return the trilinear mean of the eight voxels around; NaN where one of them is unknown."""
+    """Return the trilinear mean of the eight voxels around; NaN where one of them has no value."""
     distance = np.zeros(len(places))
     for share, within, arrays, slots in _corners(places, source):
         value = arrays["tsdf"][slots, within].astype(np.float64)

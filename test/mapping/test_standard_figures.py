@@ -108,19 +108,31 @@ def test_a_shift_that_changes_nothing_is_none() -> None:
     assert figures.offset_xyz_m == pytest.approx((0, 0, 0.01), abs=1e-5)
 
 
-def test_holes_are_counted_and_slits_are_none() -> None:
-    """Two square holes, and a slit of 28 cm: no voxel's square of it is a voxel away."""
+def test_holes_are_counted_and_what_a_voxel_spans_is_none() -> None:
+    """Two square holes, a slit of 24 cm, which is one, too, and one of 16 cm, which is none."""
     vertices_m, triangles = grid_mesh((-4, 4), (-4, 4), 0.0, 0.02)
     x, y = vertices_m[triangles].mean(axis=1)[:, :2].T
     holes = ((np.abs(x - 2) < 0.5) & (np.abs(y) < 0.5)) | ((np.abs(x + 2) < 1) & (np.abs(y) < 1))
-    slit = (np.abs(x) < 3) & (np.abs(y - 3) < 0.13)
+    wide = (np.abs(x) < 3) & (np.abs(y - 3) < 0.12)
+    narrow = (np.abs(x) < 3) & (np.abs(y + 3) < 0.08)
     truth = TriangleMesh(vertices_m, triangles)
-    figures = measure(colored(vertices_m, triangles[~(holes | slit)]), truth)
-    assert figures.hole_count == figures.overlap_hole_count == 2
-    assert figures.hole_area_m2 == pytest.approx(5.0, rel=0.02)
+    figures = measure(colored(vertices_m, triangles[~(holes | wide | narrow)]), truth)
+    assert figures.hole_count == figures.overlap_hole_count == 3
+    assert figures.hole_area_m2 == pytest.approx(5.0 + 6 * 0.24, rel=0.02)
     assert figures.largest_hole_m2 == pytest.approx(4.0, rel=0.02)
-    assert figures.hole_ratio == pytest.approx(5.0 / 7.6**2, rel=0.02)
-    assert figures.gap_ratio == pytest.approx((5.0 + 6 * 0.28) / 7.6**2, rel=0.02)
+    assert figures.hole_ratio == pytest.approx((5.0 + 6 * 0.24) / 7.6**2, rel=0.02)
+    assert figures.gap_ratio == pytest.approx((5.0 + 6 * 0.4) / 7.6**2, rel=0.02)
+
+
+def test_truth_further_than_a_voxel_is_in_a_hole_whatever_its_normal_meets() -> None:
+    """A plane rebuilt 15 cm too high in one place: no gap, but nothing is there, either."""
+    vertices_m, triangles = grid_mesh((-4, 4), (-4, 4), 0.0, 0.05)
+    raised_m = vertices_m.copy()
+    raised_m[np.abs(vertices_m[:, :2]).max(axis=1) < 0.9, 2] = 0.15
+    figures = measure(colored(raised_m, triangles), TriangleMesh(vertices_m, triangles))
+    assert figures.gap_ratio == 0
+    assert figures.overlap_hole_count == 1
+    assert figures.overlap_farthest_m == pytest.approx(0.15, abs=1e-6)
 
 
 def test_a_hole_beside_the_overlap_is_not_in_it() -> None:

@@ -56,8 +56,12 @@ def as_triangle_set(mesh: ColoredMesh) -> set[bytes]:
 # Agreement with other implementations
 
 
-def test_geometry_is_that_of_open3d_on_the_same_views() -> None:
-    config = TsdfConfig(clear_free_space=False)
+@pytest.mark.parametrize(("views", "usual_m", "mean_m"), [(1, 1e-4, 2e-3), (6, 2e-3, 1e-2)])
+def test_geometry_is_that_of_open3d_on_the_same_views(
+    views: int, usual_m: float, mean_m: float
+) -> None:
+    """To a hair of one view; of several, theirs means all alike, ours by what each could see."""
+    config = TsdfConfig(clear_free_space=False, solid_voxels=0)
     volume = TsdfVolume(config)
     kind = o3d.core.float32
     grid = o3d.t.geometry.VoxelBlockGrid(
@@ -65,7 +69,7 @@ def test_geometry_is_that_of_open3d_on_the_same_views() -> None:
     )
     K = CAMERA.K
     K[:2, 2] += 0.5  # Open3D cuts the fraction of a pixel off
-    for azimuth_rad in np.linspace(0, 2 * np.pi, 6, endpoint=False):
+    for azimuth_rad in np.linspace(0, 2 * np.pi, views, endpoint=False):
         eye_m = (5 * np.cos(azimuth_rad), 5 * np.sin(azimuth_rad), 2.0)
         T = camera_at(eye_m, (0, 0, 0))
         depth_m = sphere_depth_m(T, 1.5)
@@ -83,8 +87,8 @@ def test_geometry_is_that_of_open3d_on_the_same_views() -> None:
     assert len(ours) == pytest.approx(len(theirs), rel=0.01)
     for a, b in ((ours, theirs), (theirs, ours)):
         away_m, _ = cKDTree(a).query(b)
-        assert np.median(away_m) < 1e-4
-        assert away_m.mean() < 0.002
+        assert np.median(away_m) < usual_m
+        assert away_m.mean() < mean_m
 
 
 def test_meshes_are_closed_and_face_outwards() -> None:
@@ -100,7 +104,9 @@ def test_meshes_are_closed_and_face_outwards() -> None:
     assert theirs.is_watertight
     assert theirs.is_winding_consistent
     # Positive where triangles face outwards, and the sphere's own.
-    assert theirs.volume == pytest.approx(4 / 3 * np.pi * 1.5**3, rel=0.01)
+    assert theirs.volume == pytest.approx(4 / 3 * np.pi * 1.5**3, rel=0.03)
+    away_m = np.linalg.norm(mesh.vertices_m, axis=1) - 1.5
+    assert np.sqrt(np.square(away_m).mean()) < 0.02
 
 
 def test_the_table_has_every_crossed_edge_and_no_other() -> None:
@@ -177,19 +183,6 @@ def test_near_pixels_count_more_by_the_inverse_square() -> None:
     assert found_m["constant"] == pytest.approx(0.0, abs=0.01)
     expected_m = 0.1 * (near - far) / (near + far)
     assert found_m["inverse_square"] == pytest.approx(expected_m, abs=0.01)
-
-
-@pytest.mark.parametrize(("height_m", "counts"), [(0.15, 1.0), (0.25, 0.5), (0.28, 0.2)])
-def test_what_lies_far_behind_a_surface_counts_less(height_m: float, counts: float) -> None:
-    """Ground seen once where it is, and once higher: truncated at 0.3 m, fading over the last 0.1.
-
-    The voxel at the origin is 0 m in front of one surface, and ``height_m`` behind the other.
-    """
-    volume = TsdfVolume(TsdfConfig())
-    for offset_m in (0.0, height_m):
-        volume.integrate(plane_depth_m(ABOVE, UP, offset_m), None, CAMERA, ABOVE)
-    expected_m = -height_m * counts / (1 + counts)
-    assert volume.distance_at(np.zeros((1, 3)))[0] == pytest.approx(expected_m, abs=1e-4)
 
 
 def test_slanting_rays_count_less_by_incidence() -> None:

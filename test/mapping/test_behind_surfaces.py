@@ -1,0 +1,69 @@
+"""What a view says of what is hidden behind the surface that it shows."""
+
+import numpy as np
+import open3d as o3d
+import pytest
+from surfaces import depth_seen, grid_mesh
+from test_tsdf import CAMERA, camera_at, plane_depth_m
+
+from oaisys_core.types import TriangleMesh
+from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_mapping.visibility import View, raycasting_scene
+
+UP = np.array([0.0, 0.0, 1.0])
+ABOVE = camera_at((0.01, 0, 6), (0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("height_m", "counts"), [(0.1, 1.0), (0.12, 0.6), (0.14, 0.2), (0.2, 1e-3), (0.28, 1e-3)]
+)
+def test_what_is_hidden_behind_a_surface_is_for_other_views_to_say(
+    height_m: float, counts: float
+) -> None:
+    """Ground seen once where it is, and once higher: truncated at 0.3 m, fading from 0.1 to 0.15.
+
+    The voxel at the origin is 0 m in front of one surface, and ``height_m`` behind the other.
+    """
+    volume = TsdfVolume(TsdfConfig())
+    for offset_m in (0.0, height_m):
+        volume.integrate(plane_depth_m(ABOVE, UP, offset_m), None, CAMERA, ABOVE)
+    expected_m = -height_m * counts / (1 + counts)
+    assert volume.distance_at(np.zeros((1, 3)))[0] == pytest.approx(expected_m, abs=1e-4)
+
+
+def test_close_behind_a_surface_all_is_solid_until_it_is_seen() -> None:
+    """Truncated at 0.3 m, taken for solid down to 0.5 m, and not called observed there."""
+    volume = TsdfVolume(TsdfConfig())
+    volume.integrate(plane_depth_m(ABOVE, UP, 0.001), None, CAMERA, ABOVE)
+    heights_m = np.array((-0.2, -0.3, -0.4, -0.5))
+    points_m = np.column_stack((np.zeros((4, 2)), heights_m))
+    expected_m = (-0.201, -0.3, -0.3, np.nan)
+    assert volume.distance_at(points_m) == pytest.approx(expected_m, abs=1e-4, nan_ok=True)
+    column = volume.observed((0, 0, -6), (1, 1, 0))
+    assert column.is_known.ravel().tolist() == [False, False, False, False, True, True]
+    low_m = plane_depth_m(ABOVE, UP, -0.6)
+    volume.integrate(low_m, None, CAMERA, ABOVE)
+    assert volume.distance_at(points_m[1:3])[1] == pytest.approx(0.2, abs=1e-3)
+
+
+def test_a_face_that_rays_graze_has_no_hole() -> None:
+    """A step of 0.45 m beside a camera 6 m above: its face is as wide as three pixels."""
+    face_m = 0.71
+    low, high = (
+        grid_mesh((-2, face_m), (-2, 2), 0.0),
+        grid_mesh((face_m, 2), (-2, 2), 0.45),
+    )
+    corners_m = [(face_m, -2, 0), (face_m, -2, 0.45), (face_m, 2, 0.45), (face_m, 2, 0)]
+    parts = (low, high, (np.array(corners_m), np.array([(0, 2, 1), (0, 3, 2)], np.int32)))
+    first = np.cumsum([0, *(len(vertices_m) for vertices_m, _ in parts)])
+    vertices_m = np.concatenate([one for one, _ in parts])
+    triangles = np.concatenate([one + f for (_, one), f in zip(parts, first, strict=False)])
+    truth = TriangleMesh(vertices_m, triangles.astype(np.int32))
+    volume = TsdfVolume()
+    volume.integrate(depth_seen(truth, View(CAMERA, ABOVE)), None, CAMERA, ABOVE)
+    mesh = volume.extract_mesh()
+    scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
+    y_m, z_m = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(0, 0.45, 19))
+    points_m = np.column_stack((np.full(y_m.size, face_m), y_m.ravel(), z_m.ravel()))
+    away_m = scene.compute_distance(o3d.core.Tensor(points_m.astype(np.float32))).numpy()
+    assert away_m.max() < 0.08
