@@ -108,11 +108,12 @@ def off_the_rim(visible: SurfacePoints, voxel_size_m: float) -> NDArray[np.bool_
     The area is made of square cells with visible points in them, from above; gaps inside it (the
     blind side of a rock) do not make a rim. Where it is all rim, all of it counts.
     """
-    cell_m = max(HOLE_VOXELS * voxel_size_m, 2 * float(np.sqrt(visible.area_m2)))
+    cell_m = max(voxel_size_m, 2 * float(np.sqrt(visible.area_m2)))
+    rim = int(np.ceil(HOLE_VOXELS * voxel_size_m / cell_m))
     xy_m = visible.points_m[:, :2]
-    cells = np.floor((xy_m - xy_m.min(axis=0)) / cell_m).astype(np.intp) + 2
-    seen = np.zeros(cells.max(axis=0) + 3, bool)
+    cells = np.floor((xy_m - xy_m.min(axis=0)) / cell_m).astype(np.intp) + rim + 1
+    seen = np.zeros(cells.max(axis=0) + rim + 2, bool)
     seen[tuple(cells.T)] = True
     area = ndimage.binary_fill_holes(ndimage.binary_closing(seen, np.ones((3, 3))))
-    inside = ndimage.binary_erosion(area, np.ones((3, 3)))[tuple(cells.T)]
+    inside = ndimage.binary_erosion(area, np.ones((3, 3)), iterations=rim)[tuple(cells.T)]
     return np.asarray(inside if inside.any() else np.ones_like(inside))

@@ -135,6 +135,14 @@ def test_truth_further_than_a_voxel_is_in_a_hole_whatever_its_normal_meets() -> 
     assert figures.overlap_farthest_m == pytest.approx(0.15, abs=1e-6)
 
 
+@pytest.mark.parametrize("across_m", [7.9, 8.0, 8.1, 8.2])
+def test_the_rim_is_two_voxels_wide_however_large_the_area(across_m: float) -> None:
+    plane = grid_mesh((0, across_m), (0, across_m), 0.0)
+    figures = measure(colored(*plane), TriangleMesh(*plane))
+    inner_m = across_m - 4 * VOXEL_M
+    assert figures.overlap_area_m2 == pytest.approx(inner_m**2, rel=0.015)
+
+
 def test_a_hole_beside_the_overlap_is_not_in_it() -> None:
     """Two views side by side share a strip; the hole is where only one of them looks."""
     vertices_m, triangles = grid_mesh((-8, 8), (-8, 8), 0.0)
