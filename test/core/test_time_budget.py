@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 pytest.importorskip("bpy")
 
-from oaisys_core.backend.budget import Cost, Effort, Plan, TimeBudget, effort_for
+from oaisys_core.backend.budget import Cost, Effort, Plan, TimeBudget, effort_for, least_effort
 
 PIXELS = 640 * 480
 MOST_SAMPLES = 128
@@ -26,16 +27,21 @@ class Machine:
     balanced_s: float = 0.4
     thorough_s: float = 0.9
 
-    def render(self, plan: Plan) -> Cost:
-        """Return what a view costs; at full size, each sample takes ``sample_s``."""
+    def render(self, plan: Plan, denoise_as: Callable[[int, float], Effort] | None = None) -> Cost:
+        """Return what a view costs; at full size, each sample takes ``sample_s``.
+
+        ``denoise_as`` decides of the samples and the seconds until then; None: as planned.
+        """
         pixels = round(PIXELS * plan.scale**2)
         one_s = self.sample_s * plan.scale**2
         samples = 1
         while samples < MOST_SAMPLES and (not plan.sampling_s or samples * one_s < plan.sampling_s):
             samples += 1
+        until_s = self.preparing_s + samples * one_s
+        effort = plan.effort if denoise_as is None else denoise_as(samples, until_s)
         taken_s = {"fast": self.finishing_s, "balanced": self.balanced_s}
-        finishing_s = taken_s.get(plan.effort, self.thorough_s) * plan.scale**2
-        return Cost(pixels, samples, self.preparing_s, samples * one_s, finishing_s, plan.effort)
+        finishing_s = taken_s.get(effort, self.thorough_s) * plan.scale**2
+        return Cost(pixels, samples, self.preparing_s, samples * one_s, finishing_s, effort)
 
 
 def taken_s(cost: Cost) -> float:
@@ -126,14 +132,52 @@ def test_what_thorough_denoising_takes_is_learned(thorough_s: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("samples", "most", "effort"),
+    ("samples", "effort"), [(1, "fast"), (3, "balanced"), (8, "thorough"), (128, "thorough")]
+)
+def test_few_samples_are_not_worth_much_denoising(samples: int, effort: Effort) -> None:
+    assert effort_for(samples) == effort
+
+
+def test_the_least_of_two_efforts() -> None:
+    assert least_effort("thorough", "balanced") == least_effort("balanced", "thorough")
+    assert least_effort("fast", "balanced") == "fast"
+
+
+@pytest.mark.parametrize(
+    ("samples", "left_s", "effort"),
     [
-        (1, "thorough", "fast"),
-        (3, "thorough", "balanced"),
-        (8, "thorough", "thorough"),
-        (128, "balanced", "balanced"),
-        (128, "fast", "fast"),
+        (2, 0.2, "fast"),
+        (2, 0.4, "balanced"),
+        (2, 5.0, "balanced"),
+        (9, 5.0, "thorough"),
+        (9, 0.75, "thorough"),
+        (9, -1.0, "fast"),
     ],
 )
-def test_few_samples_are_not_worth_much_denoising(samples: int, most: Effort, effort: str) -> None:
-    assert effort_for(samples, most) == effort
+def test_denoising_takes_the_time_that_light_samples_leave(
+    samples: int, left_s: float, effort: Effort
+) -> None:
+    budget = taught(Machine())
+    for each in (2.0, 6.0):
+        budget.learn(Machine().render(budget.plan(PIXELS, each)))
+    assert budget.effort(PIXELS, samples, left_s, 4.0) == effort
+
+
+def test_the_first_view_is_denoised_quickly() -> None:
+    assert TimeBudget().effort(PIXELS, 9, 100.0, 100.0) == "fast"
+
+
+def test_light_samples_of_a_third_of_the_budget_come_within_15_percent() -> None:
+    rng = np.random.default_rng(4)
+    seconds = 2.0
+    machine = Machine(sample_s=0.6, finishing_s=0.2, balanced_s=0.4, thorough_s=1.2)
+    budget = taught(machine)
+
+    def denoise_as(samples: int, until_s: float) -> Effort:
+        return budget.effort(PIXELS, samples, seconds - until_s, seconds)
+
+    for sample_s in rng.uniform(0.5, 0.7, 60).tolist():
+        view = replace(machine, sample_s=sample_s)
+        cost = view.render(budget.plan(PIXELS, seconds), denoise_as)
+        budget.learn(cost)
+        assert taken_s(cost) == pytest.approx(seconds, rel=0.15)

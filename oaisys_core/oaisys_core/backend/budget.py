@@ -23,17 +23,19 @@ class EffortCost(NamedTuple):
 
     Attributes:
         least_samples: Light samples from which on it is worth more than those it takes the time of.
+        least_spare: From how many on it does good where it takes the time of nothing else.
         times: What it takes, in times of the fast one, as long as that is not known.
     """
 
     least_samples: int
+    least_spare: int
     times: float
 
 
 EFFORTS: dict[Effort, EffortCost] = {
-    "fast": EffortCost(0, 1.0),
-    "balanced": EffortCost(3, 1.8),
-    "thorough": EffortCost(8, 5.0),
+    "fast": EffortCost(0, 0, 1.0),
+    "balanced": EffortCost(3, 1, 1.8),
+    "thorough": EffortCost(8, 8, 5.0),
 }
 """From the least on."""
 
@@ -51,7 +53,7 @@ class Plan:
     Attributes:
         scale: Factor on the image's sides; below 1 where one sample of each pixel takes too long.
         sampling_s: Light samples are begun for that long, the last one ends later; 0: no limit.
-        effort: The most there is time for in denoising.
+        effort: Of denoising, that time is kept for.
     """
 
     scale: float
@@ -119,16 +121,40 @@ class TimeBudget:
         known = self._preparing_s[self._has_changed] or self._preparing_s[not self._has_changed]
         left_s = seconds - median(known)
         sample_s = median(self._pixel_sample_s) * pixels
-        for effort, cost in reversed(EFFORTS.items()):
-            finish_s = self._finish_s(pixels, effort)
-            if left_s - finish_s >= cost.least_samples * sample_s:
-                break
-        area = left_s / (sample_s + finish_s)
+        finish_s = {effort: self._finish_s(pixels, effort) for effort in EFFORTS}
+        pay: list[Effort] = [
+            each
+            for each, cost in EFFORTS.items()
+            if left_s - finish_s[each] >= cost.least_samples * sample_s
+        ]
+        effort: Effort = pay[-1] if pay else "fast"
+        area = left_s / (sample_s + finish_s[effort])
         if area < 1 - OVER:
             return Plan(sqrt(max(area, LEAST_AREA)), AT_ONCE_S)
-        # A sample that begins in time may end one sample late: on average half of one.
-        late_s = min(sample_s / 2, OVER * seconds)
-        return Plan(1.0, max(left_s - finish_s - sample_s + late_s, AT_ONCE_S), effort)
+        # A sample that begins in time may end one sample late, and what comes after it may be what
+        # takes least or most of what `effort` will choose from: both ends are to be equally far.
+        least_s, most_s = finish_s[effort], finish_s[effort]
+        if effort != "thorough":
+            least_s, most_s = finish_s["fast"], max(finish_s["fast"], finish_s["balanced"])
+        begun_s = left_s - (sample_s + least_s + most_s) / 2
+        latest_s = left_s - sample_s - least_s + OVER * seconds
+        return Plan(1.0, max(min(begun_s, latest_s), AT_ONCE_S), effort)
+
+    def effort(self, pixels: int, samples: int, left_s: float, seconds: float) -> Effort:
+        """Return how a view of so many pixels is denoised, now that its light samples are taken.
+
+        Of all that do good it is the one that takes nearest to the time left of its ``seconds``:
+        what light samples, of which one may be a third of them, leave too early or too late.
+        """
+        if not self._pixel_sample_s:
+            return "fast"
+        over_s = {effort: self._finish_s(pixels, effort) - left_s for effort in EFFORTS}
+        fit: list[Effort] = [
+            effort
+            for effort, cost in EFFORTS.items()
+            if samples >= cost.least_spare and over_s[effort] <= OVER * seconds
+        ]
+        return min(fit, key=lambda effort: abs(over_s[effort]), default="fast")
 
     def _finish_s(self, pixels: int, effort: Effort) -> float:
         if own := self._pixel_finish_s[effort]:
@@ -137,11 +163,14 @@ class TimeBudget:
         return median(costs) * pixels * EFFORTS[effort].times / EFFORTS[known].times
 
 
-def effort_for(samples: int, most: Effort) -> Effort:
-    """Return how a picture of so many light samples is denoised, with ``most`` at most."""
-    efforts = list(EFFORTS)
-    pays = [each for each in efforts if EFFORTS[each].least_samples <= samples]
-    return min(pays[-1], most, key=efforts.index)
+def effort_for(samples: int) -> Effort:
+    """Return how a picture of so many light samples is denoised where time has no limit."""
+    return [each for each, cost in EFFORTS.items() if cost.least_samples <= samples][-1]
+
+
+def least_effort(*efforts: Effort) -> Effort:
+    """Return the least of some."""
+    return min(efforts, key=list(EFFORTS).index)
 
 
 def _history() -> deque[float]:

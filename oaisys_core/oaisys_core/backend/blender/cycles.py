@@ -41,8 +41,6 @@ class Cycles:
     def __init__(self) -> None:
         self._wanted: Device | None = None
         self.device: Device = "cpu"
-        self.last = Rendered()
-        """The last image, as it came."""
         scene = bpy.context.scene
         render = scene.render
         render.engine = "CYCLES"
@@ -70,34 +68,39 @@ class Cycles:
         render.use_persistent_data = False
         render.use_persistent_data = True
 
-    def render(
-        self, settings: RenderSettings, seconds: float = 0.0, effort: Effort = "fast"
-    ) -> NDArray[np.uint8]:
-        """Return the (H, W, 3) sRGB image of the scene's camera.
+    def sample(self, settings: RenderSettings, seconds: float = 0.0) -> Rendered:
+        """Return the light that the scene's camera sees.
 
         Args:
             settings: Quality, exposure and seed.
             seconds: Light samples are taken for that long, but one at least; 0: all of them.
-            effort: How to denoise.
 
         Raises:
             RenderError: Blender failed.
         """
-        exposure_ev = BASE_EXPOSURE_EV + settings.exposure_ev
-        self._show_as(settings, exposure_ev)
-        rendered = self._render(settings, seconds, denoise=settings.denoise)
+        self._show_as(settings, BASE_EXPOSURE_EV + settings.exposure_ev)
+        return self._render(settings, seconds, denoise=settings.denoise)
+
+    def developed(
+        self, rendered: Rendered, settings: RenderSettings, effort: Effort
+    ) -> NDArray[np.uint8]:
+        """Return the (H, W, 3) sRGB image of what `sample` gave with the same settings.
+
+        Raises:
+            RenderError: There is no such light, or it could not be denoised.
+        """
         light = _pass(rendered, COMBINED)
         if settings.denoise:
             if denoiser := self._own_denoiser():
                 light = denoiser.denoised(light, *_guides(rendered, effort), effort)
             light = shared(light[..., :3], rendered.samples or settings.samples)
-        return to_pixels(light, settings.view_transform, exposure_ev)
+        return to_pixels(light, settings.view_transform, BASE_EXPOSURE_EV + settings.exposure_ev)
 
     def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:
         """Return the (H, W, 3) sRGB-encoded reflectance that the scene's camera sees.
 
         Raises:
-            RenderError: See `render`.
+            RenderError: See `sample`.
         """
         layer = bpy.context.view_layer
         layer.use_pass_diffuse_color = True
@@ -135,10 +138,9 @@ class Cycles:
         for kind in ("max", "diffuse", "glossy", "transmission", "transparent_max"):
             wanted[f"{kind}_bounces"] = settings.max_bounces
         try:
-            self.last = render_scene(wanted)
+            return render_scene(wanted)
         except RuntimeError as error:
             raise RenderError(f"Blender could not render: {error}") from error
-        return self.last
 
     def _own_denoiser(self) -> Denoiser | None:
         return blenders_denoiser() if self.device == "cpu" else None

@@ -25,10 +25,11 @@ from oaisys_core.backend.base import (
 from oaisys_core.backend.blender.camera import moving, new_camera, place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.cycles import Cycles
 from oaisys_core.backend.blender.distortion import covering_pinhole, distorted_image, scaled_pinhole
+from oaisys_core.backend.blender.engine import Rendered
 from oaisys_core.backend.blender.footprint import set_pixel_angle
 from oaisys_core.backend.blender.lights import Lights
 from oaisys_core.backend.blender.world import World
-from oaisys_core.backend.budget import Cost, Effort, TimeBudget, effort_for
+from oaisys_core.backend.budget import Cost, Effort, TimeBudget, effort_for, least_effort
 from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.passes import frame_of, geometry_frames
 from oaisys_core.backend.surface import Surface
@@ -172,18 +173,22 @@ class BlenderBackend(Backend):
         self, camera: PlacedCamera, settings: RenderSettings, seconds: float
     ) -> NDArray[np.uint8]:
         """Return the colour image of a camera, in the seconds that are left for it."""
+        began_s = time.perf_counter()
         pinhole = _pinhole_of(camera)
         plan = self._budget.plan(_pixels(pinhole), seconds)
         rendered = scaled_pinhole(pinhole, plan.scale)
         self._aim(camera, rendered, camera.lens)
-        effort = effort_for(settings.samples, plan.effort)
         started_s = time.perf_counter()
         with moving(self._camera, camera.T_map_previous, camera.shutter_share):
-            image = self._cycles.render(settings, plan.sampling_s, effort)
-        self._learn(rendered, started_s, effort)
+            light = self._cycles.sample(settings, plan.sampling_s)
+        effort = effort_for(settings.samples)
         if settings.time_budget_s is not None:
-            samples = self._cycles.last.samples
-            self.light_samples = min(samples, self.light_samples or samples)
+            left_s = began_s + seconds - time.perf_counter()
+            spare = self._budget.effort(_pixels(rendered), light.samples, left_s, seconds)
+            effort = least_effort(effort, spare)
+            self.light_samples = min(light.samples, self.light_samples or light.samples)
+        image = self._cycles.developed(light, settings, effort)
+        self._learn(rendered, light, started_s, effort)
         image = _as_seen(image, pinhole, camera)
         rng = randomness.stream(settings.noise_seed, camera.name)
         return with_effects(image, settings.effects, camera.intrinsics, rng)
@@ -214,17 +219,18 @@ class BlenderBackend(Backend):
         # Not the pinhole's: where time is short, nothing is spent on other levels of textures.
         set_pixel_angle(1 / max(camera.intrinsics.fx_px, camera.intrinsics.fy_px))
 
-    def _learn(self, pinhole: PinholeIntrinsics, started_s: float, effort: Effort) -> None:
+    def _learn(
+        self, pinhole: PinholeIntrinsics, light: Rendered, started_s: float, effort: Effort
+    ) -> None:
         """Remember what the last view took since it was started."""
-        last = self._cycles.last
-        if last.samples:
+        if light.samples:
             self._budget.learn(
                 Cost(
                     pixels=_pixels(pinhole),
-                    samples=last.samples,
-                    preparing_s=last.began_s - started_s,
-                    sampling_s=last.sampled_s - last.began_s,
-                    finishing_s=time.perf_counter() - last.sampled_s,
+                    samples=light.samples,
+                    preparing_s=light.began_s - started_s,
+                    sampling_s=light.sampled_s - light.began_s,
+                    finishing_s=time.perf_counter() - light.sampled_s,
                     effort=effort,
                 )
             )
