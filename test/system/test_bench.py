@@ -113,17 +113,17 @@ def test_references_are_reused_for_the_same_key_alone(tmp_path: Path) -> None:
     assert sha256(picture) != sha256(picture[::-1])
 
 
-def test_rocks_twice_as_many_are_compared_with_half_as_many() -> None:
-    curve = [
-        Figure(f"rocks_{count}_{quality}_s", "s", values, curve="rocks", x=count)
-        for count, values in ((1000, (1.0, 2.0, 3.0)), (2000, (2.1, 2.2)))
-        for quality in ("geometry", "preview")
+def test_rocks_twice_as_many_are_compared_turn_by_turn() -> None:
+    turns = [
+        {"geometry": [0.2, 0.21], "preview": [1.0, 1.0]},
+        {"geometry": [0.4, 0.44], "preview": [2.0, 2.5]},
     ]
-    slower = growth.doublings(curve)
+    slower = growth.slower(1000, 2000, turns)
     assert [each.name for each in slower] == [
         f"rocks_1000_to_2000_{quality}_slower" for quality in ("geometry", "preview")
     ]
     assert slower[0].values == pytest.approx((5.0, 10.0))
+    assert slower[1].values == pytest.approx((0.0, 25.0))
 
 
 def colour(preset: str, seconds: float, psnr: tuple[float, ...]) -> list[Figure]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from statistics import median
 from typing import Any
 
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0
@@ -13,6 +14,10 @@ from tools.bench.views import VIEWS
 
 ASIDE_M = 0.15
 CAMERA_FX_SHARE = 541.14 / 640
+
+TURN_QUALITIES = ("geometry", "preview")
+TURN_VIEWS = 5
+"""That the median of a world's turn is taken of."""
 
 
 def point(
@@ -41,6 +46,38 @@ def point(
             say(share, quality)
             found[quality] = observer.seconds(poses, quality)
     return {**found, "memory": [peak_memory_mb()]}
+
+
+def in_turns(
+    settings: Settings, say: Say, worlds: list[dict[str, Any]]
+) -> list[dict[str, list[float]]]:
+    """Return, for each turn, what samples of some worlds take, in their order, by quality.
+
+    The worlds take turns: where each is measured minutes after the other, the machine's hour
+    counts for more than what they differ by.
+
+    Args:
+        settings: Of the run.
+        say: Told how far it is.
+        worlds: Changes of the demo's configuration.
+    """
+    turns = []
+    for turn in range(settings.runs):
+        say(turn / settings.runs, f"turn {turn + 1}")
+        # Every other turn backwards: what drifts evenly then favours none.
+        order = list(enumerate(worlds))[:: 1 if turn % 2 == 0 else -1]
+        took = {index: _steady_s(settings, world) for index, world in order}
+        turns.append({q: [took[index][q] for index in range(len(worlds))] for q in TURN_QUALITIES})
+    return turns
+
+
+def _steady_s(settings: Settings, changes: dict[str, Any]) -> dict[str, float]:
+    """Return, by quality, what a sample of a world takes."""
+    with simulation_of(world_config(settings, changes)) as simulation:
+        simulation.step_batch()
+        observer = Observer(simulation)
+        poses = [VIEWS[1].pose(observer.heights_m, ASIDE_M * i) for i in range(TURN_VIEWS)]
+        return {quality: median(observer.seconds(poses, quality)) for quality in TURN_QUALITIES}
 
 
 def _camera(index: int, width_px: int) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import sqrt
-from statistics import median
 from typing import Any, NamedTuple
 
 from tools.bench.child import run_job
@@ -40,22 +39,48 @@ def run(settings: Settings, say: Say) -> list[Figure]:
     """Return the points of all curves, each measured in a process of its own."""
     figures: list[Figure] = []
     points = [point for point in _points() if not settings.quick or point.x in QUICK[point.curve]]
+    pairs = DOUBLINGS[:1] if settings.quick else DOUBLINGS
+    jobs = len(points) + len(pairs)
+
+    def teller(index: int, name: str) -> Say:
+        return lambda share, text: say((index + share) / jobs, f"{name}: {text}")
+
     for index, point in enumerate(points):
-        name = f"{point.curve} {point.x:,}"
-
-        def tell(share: float, text: str, index: int = index, name: str = name) -> None:
-            say((index + share) / len(points), f"{name}: {text}")
-
         found = run_job(
             "growth.point",
             settings,
-            tell,
+            teller(index, f"{point.curve} {point.x:,}"),
             changes=point.changes,
             cameras=point.cameras,
             width_px=point.width_px,
         )
         figures += _figures(point, found)
-    return figures + doublings(figures)
+    for index, (few, many) in enumerate(pairs, len(points)):
+        turns = run_job(
+            "growth.in_turns",
+            settings,
+            teller(index, f"rocks {few:,} and {many:,}"),
+            worlds=[{"assets": {"rocks": _rocks(count)}} for count in (few, many)],
+        )
+        figures += slower(few, many, turns)
+    return figures
+
+
+def slower(few: int, many: int, turns: Sequence[Mapping[str, Sequence[float]]]) -> list[Figure]:
+    """Return by how many percent many rocks slow a sample down, turn by turn.
+
+    Args:
+        few, many: Rocks.
+        turns: Seconds with few and with many, by quality.
+    """
+    by_quality = {
+        quality: [100 * (turn[quality][1] / turn[quality][0] - 1) for turn in turns]
+        for quality in turns[0]
+    }
+    return [
+        figure(f"rocks_{few}_to_{many}_{quality}_slower", "%", values, Goal(DOUBLED))
+        for quality, values in by_quality.items()
+    ]
 
 
 def _points() -> list[Point]:
@@ -84,19 +109,3 @@ def _figures(point: Point, found: dict[str, list[float]]) -> list[Figure]:
         name, unit = (f"{stem}_memory", "MB") if kind == "memory" else (f"{stem}_{kind}_s", "s")
         figures.append(Figure(name, unit, tuple(values), curve=point.curve, x=point.x))
     return figures
-
-
-def doublings(figures: Sequence[Figure]) -> list[Figure]:
-    """Return by how much twice as many rocks slow a sample down, in percent."""
-    by_name = {each.name: each for each in figures}
-    found = []
-    for few, many in DOUBLINGS:
-        for quality in ("geometry", "preview"):
-            pair = [by_name.get(f"rocks_{count}_{quality}_s") for count in (few, many)]
-            if pair[0] is None or pair[1] is None:
-                continue
-            base_s = median(pair[0].values)
-            slower = [100 * (value / base_s - 1) for value in pair[1].values]
-            name = f"rocks_{few}_to_{many}_{quality}_slower"
-            found.append(figure(name, "%", slower, Goal(DOUBLED)))
-    return found
