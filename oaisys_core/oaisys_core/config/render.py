@@ -80,10 +80,11 @@ class RenderConfig(Section):
         max_bounces: Bounces of light; None: the preset's.
         time_budget_s: Seconds that a sample may take, all its cameras together. Light samples are
             taken until it is over, at most those of ``quality`` or ``samples``: with ``final`` the
-            time is used up. Where one sample of each pixel takes too long, colour is rendered with
-            fewer pixels and enlarged. What comes before and after is judged by recent views; the
-            first view has one light sample. Such colour depends on the machine; depth and labels
-            never do. None: as long as it takes.
+            time is used up, and denoised as thoroughly as the time that they leave allows. Where
+            one sample of each pixel takes too long, colour is rendered with fewer pixels and
+            enlarged. What comes before and after is judged by recent views; the first view has one
+            light sample. Such colour depends on the machine; depth and labels never do. None: as
+            long as it takes.
         device: What Blender renders on. ``auto`` takes a GPU where there is one; a kind that is not
             there is replaced by the CPU, with a warning in the log. The provenance of a sample
             names what was used. The analytic backend always renders on the CPU.
