@@ -127,7 +127,8 @@ def test_the_more_samples_fit_the_more_goes_into_denoising() -> None:
 def test_what_thorough_denoising_takes_is_learned(thorough_s: float) -> None:
     machine = Machine(thorough_s=thorough_s)
     budget = taught(machine)
-    budget.learn(machine.render(budget.plan(PIXELS, 6.0)))
+    for _ in range(3):
+        budget.learn(machine.render(budget.plan(PIXELS, 6.0)))
     assert taken_s(machine.render(budget.plan(PIXELS, 6.0))) == pytest.approx(6.0, rel=0.05)
 
 
@@ -161,6 +162,20 @@ def test_denoising_takes_the_time_that_light_samples_leave(
     for each in (2.0, 6.0):
         budget.learn(Machine().render(budget.plan(PIXELS, each)))
     assert budget.effort(PIXELS, samples, left_s, 4.0) == effort
+
+
+@pytest.mark.parametrize("pixels", [PIXELS, PIXELS // 16])
+def test_an_effort_that_took_long_once_is_tried_again(pixels: int) -> None:
+    """It loads what it needs the first time, in a small picture, too."""
+    budget = taught(Machine())
+    budget.learn(Cost(pixels, 1, 0.05, 0.25 * pixels / PIXELS, 2.0 * pixels / PIXELS, "balanced"))
+    assert budget.effort(PIXELS, 2, 0.45, 2.0) == "balanced"
+
+
+def test_the_second_view_does_not_wait_for_a_world_as_the_first_did() -> None:
+    budget = TimeBudget()
+    budget.learn(Machine(preparing_s=2.0).render(budget.plan(PIXELS, 2.0)))
+    assert taken_s(Machine().render(budget.plan(PIXELS, 2.0))) == pytest.approx(2.0, rel=0.15)
 
 
 def test_the_first_view_is_denoised_quickly() -> None:

@@ -11,6 +11,16 @@ from typing import Literal, NamedTuple
 REMEMBERED = 8
 """Views whose cost is remembered."""
 
+TRUSTED = 3
+"""Views from which on what an effort took is believed: the first one loads what it needs."""
+
+MOST_TIMES = 2.0
+"""How many times what the others let expect an effort is believed to take, at most."""
+
+COMPARABLE = 0.25
+"""Share of a picture's pixels that another had at least, whose denoising tells of it: what does not
+grow with the picture is most of what a small one takes."""
+
 OVER = 0.12
 """Share of its time by which a view may be late, so as not to be early by a whole light sample."""
 
@@ -94,7 +104,7 @@ class TimeBudget:
     def __init__(self) -> None:
         self._preparing_s = {changed: _history() for changed in (False, True)}
         self._pixel_sample_s = _history()
-        self._pixel_finish_s = {effort: _history() for effort in EFFORTS}
+        self._finished = {effort: _costs() for effort in EFFORTS}
         self._has_changed = True
 
     def world_changed(self) -> None:
@@ -106,7 +116,7 @@ class TimeBudget:
         self._preparing_s[self._has_changed].append(cost.preparing_s)
         self._has_changed = False
         self._pixel_sample_s.append(cost.sampling_s / (cost.samples * cost.pixels))
-        self._pixel_finish_s[cost.effort].append(cost.finishing_s / cost.pixels)
+        self._finished[cost.effort].append(cost)
 
     def plan(self, pixels: int, seconds: float) -> Plan:
         """Return how a view of so many pixels fits into the time: one sample if none was timed.
@@ -117,9 +127,8 @@ class TimeBudget:
             return Plan(1.0, 0.0, "thorough")
         if not self._pixel_sample_s:
             return Plan(1.0, AT_ONCE_S)
-        # A world never changed before: what it takes then is not known, and nothing can be saved.
-        known = self._preparing_s[self._has_changed] or self._preparing_s[not self._has_changed]
-        left_s = seconds - median(known)
+        # A world that stays takes next to nothing, also before one was seen to.
+        left_s = seconds - median(self._preparing_s[self._has_changed] or (0.0,))
         sample_s = median(self._pixel_sample_s) * pixels
         finish_s = {effort: self._finish_s(pixels, effort) for effort in EFFORTS}
         pay: list[Effort] = [
@@ -157,10 +166,24 @@ class TimeBudget:
         return min(fit, key=lambda effort: abs(over_s[effort]), default="fast")
 
     def _finish_s(self, pixels: int, effort: Effort) -> float:
-        if own := self._pixel_finish_s[effort]:
+        own = self._pixel_finish_s(pixels, effort)
+        of_others = [
+            value * EFFORTS[effort].times / EFFORTS[other].times
+            for other in EFFORTS
+            if other != effort
+            for value in self._pixel_finish_s(pixels, other)
+        ]
+        if not of_others:
             return median(own) * pixels
-        known, costs = next((each, costs) for each, costs in self._pixel_finish_s.items() if costs)
-        return median(costs) * pixels * EFFORTS[effort].times / EFFORTS[known].times
+        # Not much more than the others let expect: it would not be tried again.
+        most = median(of_others) * (MOST_TIMES if len(own) >= TRUSTED else 1.0)
+        return min(median(own or (inf,)), most) * pixels
+
+    def _pixel_finish_s(self, pixels: int, effort: Effort) -> list[float]:
+        """Return what an effort took per pixel of comparable pictures, or else of any."""
+        costs = self._finished[effort]
+        comparable = [each for each in costs if each.pixels >= COMPARABLE * pixels]
+        return [each.finishing_s / each.pixels for each in comparable or costs]
 
 
 def effort_for(samples: int) -> Effort:
@@ -174,4 +197,8 @@ def least_effort(*efforts: Effort) -> Effort:
 
 
 def _history() -> deque[float]:
+    return deque(maxlen=REMEMBERED)
+
+
+def _costs() -> deque[Cost]:
     return deque(maxlen=REMEMBERED)
