@@ -34,6 +34,15 @@ _VOLUME = (
         changeable=_START,
     ),
     ParameterRow(
+        "solid_voxels",
+        _USUAL.solid_voxels,
+        "How much further behind a surface, in voxels, is taken for solid until a view tells "
+        "otherwise; 0: nothing is.",
+        least=0.0,
+        most=100.0,
+        changeable=_START,
+    ),
+    ParameterRow(
         "max_range",
         _USUAL.max_range_m,
         "Depth beyond which nothing is mapped, and up to which rays that hit nothing clear; no "
@@ -195,6 +204,7 @@ def tsdf_config(values: Mapping[str, Any]) -> TsdfConfig:
     return TsdfConfig(
         voxel_size_m=values["voxel_size"],
         truncation_voxels=values["truncation_voxels"],
+        solid_voxels=values["solid_voxels"],
         max_range_m=values["max_range"],
         max_blocks=max(1, int(values["max_memory_mb"] * _MEGABYTE / block_bytes)),
         when_full=values["when_full"],
