@@ -251,7 +251,8 @@ def _read_until(readline: Callable[[], str], wanted: str) -> str:
 @pytest.mark.usefixtures("no_process_left")
 def test_a_survey_with_blender(world: Path, tmp_path: Path, ros_domain_id: int) -> None:
     out = tmp_path / "out"
-    options = ("--views", "2", "--size", "160x120", "--altitude", "5", "--quality", "preview")
+    # Half as many pixels across show the few rocks too coarsely to be sure of their labels' IoU.
+    options = ("--views", "2", "--size", "320x240", "--altitude", "5", "--quality", "preview")
     result = survey(world, out, ros_domain_id, *options)
     assert result.returncode == 0, result.stderr
     figures = json.loads((out / "report.json").read_text(encoding="utf-8"))
