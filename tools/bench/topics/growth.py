@@ -36,7 +36,7 @@ class Point(NamedTuple):
 
 
 def run(settings: Settings, say: Say) -> list[Figure]:
-    """Return the points of all curves, each measured in a process of its own."""
+    """Return the points of all curves, each measured in a process of its own, and doublings."""
     figures: list[Figure] = []
     points = [point for point in _points() if not settings.quick or point.x in QUICK[point.curve]]
     pairs = DOUBLINGS[:1] if settings.quick else DOUBLINGS

@@ -78,7 +78,7 @@ class Cycles:
         Raises:
             RenderError: Blender failed.
         """
-        self._show_as(settings, BASE_EXPOSURE_EV + settings.exposure_ev)
+        self._show_as(settings)
         return self._render(settings, seconds, denoise=settings.denoise)
 
     def developed(
@@ -94,7 +94,7 @@ class Cycles:
             if denoiser := self._own_denoiser():
                 light = denoiser.denoised(light, *_guides(rendered, effort), effort)
             light = shared(light[..., :3], rendered.samples or settings.samples)
-        return to_pixels(light, settings.view_transform, BASE_EXPOSURE_EV + settings.exposure_ev)
+        return to_pixels(light, settings.view_transform, _exposure_ev(settings))
 
     def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:
         """Return the (H, W, 3) sRGB-encoded reflectance that the scene's camera sees.
@@ -110,8 +110,9 @@ class Cycles:
             layer.use_pass_diffuse_color = False
         return encoded(np.ascontiguousarray(_pass(rendered, DIFFUSE_COLOR)))
 
-    def _show_as(self, settings: RenderSettings, exposure_ev: float) -> None:
+    def _show_as(self, settings: RenderSettings) -> None:
         """Have a saved scene look as our images do."""
+        exposure_ev = _exposure_ev(settings)
         view = bpy.context.scene.view_settings
         view_transform = VIEW_TRANSFORMS[settings.view_transform]
         if view.view_transform != view_transform:
@@ -144,6 +145,10 @@ class Cycles:
 
     def _own_denoiser(self) -> Denoiser | None:
         return blenders_denoiser() if self.device == "cpu" else None
+
+
+def _exposure_ev(settings: RenderSettings) -> float:
+    return BASE_EXPOSURE_EV + settings.exposure_ev
 
 
 def _guides(rendered: Rendered, effort: Effort) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
