@@ -29,21 +29,17 @@ from oaisys_core.types import (
     FrameName,
     HeightQuery,
     ModuleMetadata,
-    Progress,
     Provenance,
     Sample,
     SampleFramesCallback,
     SampleOutline,
     SimulatorInfo,
     TriangleMesh,
+    ignore_progress,
     ignore_sample_frames,
 )
 from oaisys_core.undo import Undo
 from oaisys_core.view_source import FramesPlacement, ViewSource, leave_frames
-
-
-def ignore_progress(progress: Progress) -> None:
-    """Do nothing with it."""
 
 
 class Simulation:

@@ -383,3 +383,7 @@ class Progress:
     stage: str
     fraction: float
     seconds_left: float | None = None
+
+
+def ignore_progress(progress: Progress) -> None:
+    """Do nothing with it."""

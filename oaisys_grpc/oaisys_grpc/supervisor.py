@@ -23,6 +23,7 @@ from oaisys_core.types import (
     Progress,
     SampleFramesCallback,
     SimulatorInfo,
+    ignore_progress,
     ignore_sample_frames,
 )
 from oaisys_grpc.call_limit import Limit
@@ -51,10 +52,6 @@ CRASH_WINDOW_S = 60.0
 
 SAMPLE_METHOD = "step_sample"
 """What the worker calls rendering; the only call that is worth a new worker to stop."""
-
-
-def ignore_progress(progress: Progress) -> None:
-    """Do nothing with it."""
 
 
 class Supervisor:

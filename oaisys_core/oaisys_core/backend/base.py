@@ -121,7 +121,8 @@ class Backend(ABC):
 
         Args:
             on_frames: Told each frame once, as soon as it is ready: first what needs no light, of
-                all cameras together, then one colour after the other.
+                all cameras together, then one colour after the other. It may be called by another
+                thread, though never while ``progress`` is.
         """
 
     @abstractmethod

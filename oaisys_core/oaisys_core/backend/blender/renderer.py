@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from math import inf
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
+from oaisys_core.backend.aside import computed_aside
 from oaisys_core.backend.base import (
     Backend,
     FramesCallback,
@@ -44,10 +46,8 @@ from oaisys_core.types import (
     PinholeIntrinsics,
     Progress,
     TriangleMesh,
+    ignore_progress,
 )
-
-GEOMETRY_SHARE = 0.1
-"""Of a sample's progress, until its colours begin."""
 
 
 class BlenderBackend(Backend):
@@ -125,22 +125,24 @@ class BlenderBackend(Backend):
         surface = self._built()
         ends_s = time.perf_counter() + (settings.time_budget_s or inf)
         self.light_samples = None
-        frames: list[Frame] = []
-        for index, camera in enumerate(cameras):
-            progress(Progress("geometry", GEOMETRY_SHARE * index / len(cameras)))
-            frames.extend(geometry_frames(surface, camera, self._memory).values())
-        if frames:
-            on_frames(tuple(frames))
         views = [(c, m) for c in cameras for m in (RGB, ALBEDO) if m in c.modalities]
-        for index, (camera, modality) in enumerate(views):
-            share = index / len(views)
-            progress(Progress("color", GEOMETRY_SHARE + (1 - GEOMETRY_SHARE) * share))
-            left_s = (ends_s - time.perf_counter()) / (len(views) - index)
-            show = self._color if modality == RGB else self._albedo
-            frames.append(frame_of(camera, modality, show(camera, settings, left_s)))
-            on_frames((frames[-1],))
+        if not views:
+            frames = self._geometry(cameras, progress)
+            if frames:
+                on_frames(frames)
+            self._memory.remember(cameras, surface.scene)
+            return in_order(cameras, frames)
+        colors: list[Frame] = []
+        with computed_aside(partial(self._geometry, cameras), on_frames) as aside:
+            for index, (camera, modality) in enumerate(views):
+                aside.tell(progress, Progress("color", index / len(views)))
+                left_s = (ends_s - time.perf_counter()) / (len(views) - index)
+                show = self._color if modality == RGB else self._albedo
+                colors.append(frame_of(camera, modality, show(camera, settings, left_s)))
+                geometry = aside.frames()
+                on_frames((colors[-1],))
         self._memory.remember(cameras, surface.scene)
-        return in_order(cameras, frames)
+        return in_order(cameras, [*geometry, *colors])
 
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.revisited`."""
@@ -168,6 +170,17 @@ class BlenderBackend(Backend):
         """Empty Blender."""
         self._surface = None
         bpy.ops.wm.read_factory_settings(use_empty=True)
+
+    def _geometry(
+        self, cameras: Sequence[PlacedCamera], progress: ProgressCallback = ignore_progress
+    ) -> tuple[Frame, ...]:
+        """Return all cameras' frames but their colours; nothing of Blender's is touched."""
+        surface = self._built()
+        frames: list[Frame] = []
+        for index, camera in enumerate(cameras):
+            progress(Progress("geometry", index / len(cameras)))
+            frames.extend(geometry_frames(surface, camera, self._memory).values())
+        return tuple(frames)
 
     def _color(
         self, camera: PlacedCamera, settings: RenderSettings, seconds: float

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,9 @@ from oaisys_core.backend.base import ViewTransform
 VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
 """Blender's names of ours. All end in sRGB, but for raw, whose values are linear."""
 
+BANDS = len(os.sched_getaffinity(0))
+"""Parts of a picture that are transformed at once: OpenColorIO takes one thread for each."""
+
 
 def to_pixels(
     light: NDArray[np.float32], view_transform: ViewTransform, exposure_ev: float
@@ -24,7 +29,9 @@ def to_pixels(
     image = np.ascontiguousarray(light[..., :3])
     if exposure_ev:
         image = image * np.float32(2.0**exposure_ev)
-    _processor(view_transform).applyRGB(image)
+    processor = _processor(view_transform)
+    with ThreadPoolExecutor(BANDS) as pool:
+        list(pool.map(processor.applyRGB, np.array_split(image, BANDS)))
     np.clip(image, 0.0, 1.0, out=image)
     # As Blender rounds.
     return np.asarray(image * np.float32(255) + np.float32(0.5), dtype=np.uint8)
