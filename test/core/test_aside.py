@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import threading
+import time
 from contextvars import ContextVar
 from typing import Any
 
 import numpy as np
 import pytest
 
-from oaisys_core.backend.aside import computed_aside
+from oaisys_core.backend.aside import CORES, computed_aside
 from oaisys_core.errors import CancelledError, RenderError
 from oaisys_core.types import Frame, PinholeIntrinsics, Progress
 
@@ -84,10 +85,30 @@ def test_a_block_that_fails_waits_for_its_thread() -> None:
         assert go_on.wait(PATIENCE_S)
         return FRAMES
 
-    with pytest.raises(RenderError, match="no colour"), computed_aside(compute, told.append):
-        threading.Timer(0.05, go_on.set).start()
-        raise RenderError("no colour")
+    def fail() -> None:
+        with computed_aside(compute, told.append):
+            threading.Timer(0.05, go_on.set).start()
+            raise RenderError("no colour")
+
+    with pytest.raises(RenderError, match="no colour"):
+        fail()
     assert told == [FRAMES]
+
+
+def test_it_costs_other_work_at_most_its_own_share_of_the_cores() -> None:
+    finished = threading.Event()
+
+    def compute() -> tuple[Frame, ...]:
+        until_s = time.thread_time() + 0.1
+        while time.thread_time() < until_s:
+            pass
+        return FRAMES
+
+    with computed_aside(compute, lambda _: finished.set()) as aside:
+        assert aside.cost_s(0.0) == 0
+        assert finished.wait(PATIENCE_S)
+        assert aside.cost_s(0.003) == pytest.approx(0.003 / (CORES + 1))
+        assert 0.1 / CORES <= aside.cost_s(1000.0) < 1000 / (CORES + 1)
 
 
 def test_the_callers_context_holds() -> None:

@@ -196,3 +196,16 @@ def test_light_samples_of_a_third_of_the_budget_come_within_15_percent() -> None
         cost = view.render(budget.plan(PIXELS, seconds), denoise_as)
         budget.learn(cost)
         assert taken_s(cost) == pytest.approx(seconds, rel=0.15)
+
+
+def test_what_was_computed_beside_one_sample_is_not_expected_of_each() -> None:
+    alone, beside = TimeBudget(), TimeBudget()
+    cost = Machine(sample_s=0.6).render(Plan(1.0, 1e-3))
+    longer = replace(cost, sampling_s=cost.sampling_s + 0.1, beside_s=0.1)
+    for _ in range(3):
+        alone.learn(cost)
+        beside.learn(longer)
+    expected, plan = alone.plan(PIXELS, 5.0), beside.plan(PIXELS, 5.0)
+    # It ends as early as without, and the clock of light samples runs while it is computed.
+    assert plan == replace(expected, sampling_s=pytest.approx(expected.sampling_s, abs=1e-9))
+    assert beside.plan(PIXELS, 0.9).scale < alone.plan(PIXELS, 0.9).scale

@@ -24,6 +24,13 @@ grow with the picture is most of what a small one takes."""
 OVER = 0.12
 """Share of its time by which a view may be late, so as not to be early by a whole light sample."""
 
+EARLY = 0.03
+"""Share of its time by which a view of one light sample aims to be early, as fewer pixels allow:
+what takes longer than expected is late by more than what takes less is early."""
+
+SLOW = 1.1
+"""Times of what denoising is expected to take that are kept for it, once nothing can follow it."""
+
 Effort = Literal["fast", "balanced", "thorough"]
 """How a picture is denoised, see `Denoiser.denoised`."""
 
@@ -80,6 +87,7 @@ class Cost:
         samples: Light samples of each.
         preparing_s: Until the first light sample began.
         sampling_s: Until the last one ended.
+        beside_s: By how much that was longer because something else was computed beside it.
         finishing_s: What came after that: denoising, mostly.
         effort: How it was denoised.
     """
@@ -90,6 +98,7 @@ class Cost:
     sampling_s: float
     finishing_s: float
     effort: Effort = "fast"
+    beside_s: float = 0.0
 
 
 class TimeBudget:
@@ -103,6 +112,7 @@ class TimeBudget:
 
     def __init__(self) -> None:
         self._preparing_s = {changed: _history() for changed in (False, True)}
+        self._beside_s = _history()
         self._pixel_sample_s = _history()
         self._finished = {effort: _costs() for effort in EFFORTS}
         self._has_changed = True
@@ -115,7 +125,9 @@ class TimeBudget:
         """Remember what a view took."""
         self._preparing_s[self._has_changed].append(cost.preparing_s)
         self._has_changed = False
-        self._pixel_sample_s.append(cost.sampling_s / (cost.samples * cost.pixels))
+        self._beside_s.append(cost.beside_s)
+        alone_s = cost.sampling_s - cost.beside_s
+        self._pixel_sample_s.append(alone_s / (cost.samples * cost.pixels))
         self._finished[cost.effort].append(cost)
 
     def plan(self, pixels: int, seconds: float) -> Plan:
@@ -128,7 +140,8 @@ class TimeBudget:
         if not self._pixel_sample_s:
             return Plan(1.0, AT_ONCE_S)
         # A world that stays takes next to nothing, also before one was seen to.
-        left_s = seconds - median(self._preparing_s[self._has_changed] or (0.0,))
+        beside_s = median(self._beside_s)
+        left_s = seconds - median(self._preparing_s[self._has_changed] or (0.0,)) - beside_s
         sample_s = median(self._pixel_sample_s) * pixels
         finish_s = {effort: self._finish_s(pixels, effort) for effort in EFFORTS}
         pay: list[Effort] = [
@@ -137,8 +150,8 @@ class TimeBudget:
             if left_s - finish_s[each] >= cost.least_samples * sample_s
         ]
         effort: Effort = pay[-1] if pay else "fast"
-        area = left_s / (sample_s + finish_s[effort])
-        if area < 1 - OVER:
+        area = (left_s - EARLY * seconds) / (sample_s + finish_s[effort])
+        if area < 1:
             return Plan(sqrt(max(area, LEAST_AREA)), AT_ONCE_S)
         # A sample that begins in time may end one sample late, and what comes after it may be what
         # takes least or most of what `effort` will choose from: both ends are to be equally far.
@@ -147,7 +160,7 @@ class TimeBudget:
             least_s, most_s = finish_s["fast"], max(finish_s["fast"], finish_s["balanced"])
         begun_s = left_s - (sample_s + least_s + most_s) / 2
         latest_s = left_s - sample_s - least_s + OVER * seconds
-        return Plan(1.0, max(min(begun_s, latest_s), AT_ONCE_S), effort)
+        return Plan(1.0, max(min(begun_s, latest_s) + beside_s, AT_ONCE_S), effort)
 
     def effort(self, pixels: int, samples: int, left_s: float, seconds: float) -> Effort:
         """Return how a view of so many pixels is denoised, now that its light samples are taken.
@@ -157,13 +170,13 @@ class TimeBudget:
         """
         if not self._pixel_sample_s:
             return "fast"
-        over_s = {effort: self._finish_s(pixels, effort) - left_s for effort in EFFORTS}
+        late_s = {effort: SLOW * self._finish_s(pixels, effort) - left_s for effort in EFFORTS}
         fit: list[Effort] = [
             effort
             for effort, cost in EFFORTS.items()
-            if samples >= cost.least_spare and over_s[effort] <= OVER * seconds
+            if samples >= cost.least_spare and late_s[effort] <= OVER * seconds
         ]
-        return min(fit, key=lambda effort: abs(over_s[effort]), default="fast")
+        return min(fit, key=lambda effort: abs(late_s[effort]), default="fast")
 
     def _finish_s(self, pixels: int, effort: Effort) -> float:
         own = self._pixel_finish_s(pixels, effort)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.backend.aside import computed_aside
+from oaisys_core.backend.aside import Aside, computed_aside
 from oaisys_core.backend.base import (
     Backend,
     FramesCallback,
@@ -137,8 +137,11 @@ class BlenderBackend(Backend):
             for index, (camera, modality) in enumerate(views):
                 aside.tell(progress, Progress("color", index / len(views)))
                 left_s = (ends_s - time.perf_counter()) / (len(views) - index)
-                show = self._color if modality == RGB else self._albedo
-                colors.append(frame_of(camera, modality, show(camera, settings, left_s)))
+                if modality == RGB:
+                    image = self._color(camera, settings, left_s, None if colors else aside)
+                else:
+                    image = self._albedo(camera, settings, left_s)
+                colors.append(frame_of(camera, modality, image))
                 geometry = aside.frames()
                 on_frames((colors[-1],))
         self._memory.remember(cameras, surface.scene)
@@ -183,9 +186,16 @@ class BlenderBackend(Backend):
         return tuple(frames)
 
     def _color(
-        self, camera: PlacedCamera, settings: RenderSettings, seconds: float
+        self,
+        camera: PlacedCamera,
+        settings: RenderSettings,
+        seconds: float,
+        aside: Aside | None,
     ) -> NDArray[np.uint8]:
-        """Return the colour image of a camera, in the seconds that are left for it."""
+        """Return the colour image of a camera, in the seconds that are left for it.
+
+        ``aside`` is what is computed beside it.
+        """
         began_s = time.perf_counter()
         pinhole = _pinhole_of(camera)
         plan = self._budget.plan(_pixels(pinhole), seconds)
@@ -201,7 +211,7 @@ class BlenderBackend(Backend):
             effort = least_effort(effort, spare)
             self.light_samples = min(light.samples, self.light_samples or light.samples)
         image = self._cycles.developed(light, settings, effort)
-        self._learn(rendered, light, started_s, effort)
+        self._learn(rendered, light, started_s, effort, aside)
         image = _as_seen(image, pinhole, camera)
         rng = randomness.stream(settings.noise_seed, camera.name)
         return with_effects(image, settings.effects, camera.intrinsics, rng)
@@ -233,18 +243,25 @@ class BlenderBackend(Backend):
         set_pixel_angle(1 / max(camera.intrinsics.fx_px, camera.intrinsics.fy_px))
 
     def _learn(
-        self, pinhole: PinholeIntrinsics, light: Rendered, started_s: float, effort: Effort
+        self,
+        pinhole: PinholeIntrinsics,
+        light: Rendered,
+        started_s: float,
+        effort: Effort,
+        aside: Aside | None,
     ) -> None:
         """Remember what the last view took since it was started."""
         if light.samples:
+            sampling_s = light.sampled_s - light.began_s
             self._budget.learn(
                 Cost(
                     pixels=_pixels(pinhole),
                     samples=light.samples,
                     preparing_s=light.began_s - started_s,
-                    sampling_s=light.sampled_s - light.began_s,
+                    sampling_s=sampling_s,
                     finishing_s=time.perf_counter() - light.sampled_s,
                     effort=effort,
+                    beside_s=aside.cost_s(sampling_s) if aside is not None else 0.0,
                 )
             )
 
