@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from synthetic_worlds import camera, rocky_world, settings
 
-from oaisys_core.backend import objects
+from oaisys_core.backend import objects, sight
 from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.backend.crowd import Shapes, Standing
 from oaisys_core.backend.instances import InstanceCaster
@@ -204,17 +204,39 @@ def test_one_large_mesh_many_times_is_seen_without_copies() -> None:
 
 def test_both_ways_show_the_same_world(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = rocky_world()
-    views = [replace(v, modalities=(DEPTH, INSTANCE, SEMANTIC_0, NORMAL)) for v in VIEWS]
-
-    def seen() -> list[NDArray[Any]]:
-        backend = AnalyticBackend()
-        backend.build(scene, lambda _: None)
-        return [frame.data for frame in backend.render(views, settings(), lambda _: None)]
-
-    merged = seen()
+    merged = images_of(scene)
     monkeypatch.setattr(objects, "MERGED_TRIANGLES", 0)
-    for one, other in zip(merged, seen(), strict=True):
+    for one, other in zip(merged, images_of(scene), strict=True):
         assert np.isclose(one, other, atol=1e-6).mean() > 0.9995
+
+
+def images_of(scene: Scene) -> list[NDArray[Any]]:
+    views = [replace(v, modalities=(DEPTH, INSTANCE, SEMANTIC_0, NORMAL)) for v in VIEWS]
+    backend = AnalyticBackend()
+    backend.build(scene, lambda _: None)
+    return [frame.data for frame in backend.render(views, settings(), lambda _: None)]
+
+
+def test_rays_that_are_not_cast_at_instances_miss_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(objects, "MERGED_TRIANGLES", 0)
+    some = images_of(rocky_world())
+    *_, from_among_them = in_sight_of_rocks()
+    assert 0.3 < from_among_them.mean() < 0.7
+    monkeypatch.setattr(sight, "MOST_BOXES", 0)
+    assert all(part is None for part in in_sight_of_rocks())
+    for one, other in zip(some, images_of(rocky_world()), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def in_sight_of_rocks() -> list[Any]:
+    (part,) = objects.Objects(rocky_world()).parts
+    return [part.in_sight(each) for each in VIEWS]
+
+
+def test_a_lens_that_distorts_may_see_instances_anywhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(objects, "MERGED_TRIANGLES", 0)
+    (part,) = objects.Objects(rocky_world()).parts
+    assert part.in_sight(replace(VIEWS[0], intrinsics=replace(WIDE, distortion=(0.1,) * 5))) is None
 
 
 def crowded(count: int) -> Scene:

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.embree import Embree, EmbreeScene
+from oaisys_core.backend.sight import BOX_CORNERS
 from oaisys_core.raycast import RayCaster
 from oaisys_core.scene import MeshPrototype, Placement, id_of_level
 from oaisys_core.types import FloatArray, TriangleMesh
-
-BOX_CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
 
 
 def placed(

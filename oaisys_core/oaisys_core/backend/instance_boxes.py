@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.crowd import BOX_CORNERS, Crowd, keep_nearer, turned
+from oaisys_core.backend.crowd import Crowd, keep_nearer, turned
+from oaisys_core.backend.sight import BOX_CORNERS
 from oaisys_core.raycast import NO_TRIANGLE, embree_scene
 from oaisys_core.types import FloatArray
 

@@ -11,8 +11,9 @@ from oaisys_core.backend.crowd import Crowd, Finder, Shapes, Standing, turned
 from oaisys_core.backend.embree import Embree
 from oaisys_core.backend.instance_boxes import BoxFinder
 from oaisys_core.backend.instance_trees import TreeFinder
+from oaisys_core.backend.sight import in_sight
 from oaisys_core.raycast import NO_TRIANGLE, surface_height_m, unit
-from oaisys_core.scene import merge_meshes
+from oaisys_core.scene import PlacedCamera, merge_meshes
 from oaisys_core.types import FloatArray, TriangleMesh
 
 
@@ -55,6 +56,13 @@ class InstanceCaster:
             self._finder.find(origins_m, directions.reshape(-1, 3), best, found)
         best[found == NO_TRIANGLE] = np.inf
         return best.reshape(shape), found.reshape(shape)
+
+    def in_sight(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
+        """Return (H, W) where a camera without distortion may see any of them; None: anywhere."""
+        if not self._standing:
+            pinhole = camera.intrinsics
+            return np.zeros((pinhole.height_px, pinhole.width_px), np.bool_)
+        return in_sight(camera, self._crowd.low_m, self._crowd.high_m)
 
     def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
         """Return the (N,) topmost heights at (N, 2) points, NaN where there is nothing."""

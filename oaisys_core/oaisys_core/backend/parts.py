@@ -11,14 +11,23 @@ from numpy.typing import NDArray
 from oaisys_core.backend.instances import InstanceCaster
 from oaisys_core.backend.solids import Solid
 from oaisys_core.raycast import NO_TRIANGLE, Caster
+from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray
 
 NO_ELEMENT = NO_TRIANGLE
 """Element of a ray that meets nothing."""
 
 
+MOST_IN_SIGHT = 0.7
+"""Share of a camera's pixels up to which it pays to cast only the rays of some of them."""
+
+
 class Part(ABC):
     """Some of a scene; it numbers its elements (triangles, or one for a whole solid) from 0."""
+
+    def in_sight(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
+        """Return (H, W) which rays are to be cast at it, as the others miss it; None: all."""
+        return None
 
     @abstractmethod
     def nearest(
@@ -86,6 +95,15 @@ class InstancePart(TrianglePart):
     def __init__(self, caster: InstanceCaster) -> None:
         super().__init__(caster)
         self._instances = caster
+
+    def in_sight(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
+        """See `Part`."""
+        if any(camera.intrinsics.distortion):
+            return None
+        found = self._instances.in_sight(camera)
+        if found is None or np.count_nonzero(found) > MOST_IN_SIGHT * found.size:
+            return None
+        return found
 
     def nearest(
         self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray

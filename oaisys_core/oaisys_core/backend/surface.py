@@ -136,25 +136,37 @@ class Surface:
             instance_ids=np.zeros(shape, dtype=np.uint32),
         )
 
+        in_sight = [part.in_sight(camera) for part in self._parts]
+        T_map_camera = camera.T_map_camera
         for rows in bands(*shape):
-            self._look(camera_rays[rows], camera.T_map_camera, view.rows(rows))
+            band = view.rows(rows)
+            np.matmul(camera_rays[rows], T_map_camera[:3, :3].T, out=band.directions)
+            for index, pixels in enumerate(in_sight):
+                of_band = None if pixels is None else pixels[rows]
+                self._look_at(index, T_map_camera[:3, 3], band, of_band)
+            with np.errstate(invalid="ignore"):
+                np.multiply(band.depth_m[..., None], band.directions, out=band.points_m)
+                band.points_m[...] += T_map_camera[:3, 3]
         return view
 
-    def _look(self, camera_rays: FloatArray, T_map_camera: FloatArray, view: View) -> None:
-        """Fill a part of a view."""
-        origin_m = T_map_camera[:3, 3]
-        np.matmul(camera_rays, T_map_camera[:3, :3].T, out=view.directions)
-        depth_m = view.depth_m
-        for index, part in enumerate(self._parts):
-            part_depth_m, part_elements = part.nearest(origin_m, view.directions, depth_m)
-            nearer = part_depth_m < depth_m
-            elements = part_elements[nearer]
-            depth_m[nearer], view.parts[nearer] = part_depth_m[nearer], index
-            view.elements[nearer] = elements
-            view.instance_ids[nearer] = part.instance_ids(elements)
-        with np.errstate(invalid="ignore"):
-            np.multiply(depth_m[..., None], view.directions, out=view.points_m)
-            view.points_m[...] += origin_m
+    def _look_at(
+        self, index: int, origin_m: FloatArray, view: View, pixels: NDArray[np.bool_] | None
+    ) -> None:
+        """Add to a band of a view what some of its pixels, or all, see of a part."""
+        if pixels is not None and not pixels.any():
+            return
+        part = self._parts[index]
+        rays: Any = slice(None) if pixels is None else np.flatnonzero(pixels)
+        depth_m = view.depth_m.reshape(-1)
+        limits = depth_m[rays]
+        found_m, elements = part.nearest(origin_m, view.directions.reshape(-1, 3)[rays], limits)
+        nearer = np.flatnonzero(found_m < limits)
+        elements = elements[nearer]
+        seen = nearer if pixels is None else rays[nearer]
+        depth_m[seen] = found_m[nearer]
+        view.parts.reshape(-1)[seen] = index
+        view.elements.reshape(-1)[seen] = elements
+        view.instance_ids.reshape(-1)[seen] = part.instance_ids(elements)
 
     def semantic_ids(self, view: View, level: int = 0) -> NDArray[np.uint16]:
         """Return the (H, W) labels of a view: on the ground those of the heaviest layers."""
