@@ -24,7 +24,7 @@ grow with the picture is most of what a small one takes."""
 OVER = 0.12
 """Share of its time by which a view may be late, so as not to be early by a whole light sample."""
 
-EARLY = 0.03
+EARLY = 0.05
 """Share of its time by which a view of one light sample aims to be early, as fewer pixels allow:
 what takes longer than expected is late by more than what takes less is early."""
 
