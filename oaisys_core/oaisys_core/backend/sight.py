@@ -34,8 +34,9 @@ def in_sight(
         return None
     pinhole, T = camera.intrinsics, camera.T_map_camera
     low_m, high_m = low_m - T[:3, 3], high_m - T[:3, 3]
-    near = np.flatnonzero(_reach_into(pinhole, (low_m + high_m) / 2 @ T[:3, :3], high_m - low_m))
-    low_m, size_m = low_m[near].astype(np.float32), (high_m - low_m)[near].astype(np.float32)
+    size_m = high_m - low_m
+    near = np.flatnonzero(_reach_into(pinhole, (low_m + high_m) / 2 @ T[:3, :3], size_m))
+    low_m, size_m = low_m[near].astype(np.float32), size_m[near].astype(np.float32)
     corners = low_m[:, None] + BOX_CORNERS.astype(np.float32) * size_m[:, None]
     corners = corners @ T[:3, :3].astype(np.float32)
     depth_m = corners[..., 2]

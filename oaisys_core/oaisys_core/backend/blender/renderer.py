@@ -123,29 +123,15 @@ class BlenderBackend(Backend):
     ) -> tuple[Frame, ...]:
         """See `Backend.render`."""
         surface = self._built()
-        ends_s = time.perf_counter() + (settings.time_budget_s or inf)
         self.light_samples = None
-        views = [(c, m) for c in cameras for m in (RGB, ALBEDO) if m in c.modalities]
-        if not views:
+        if any(m in camera.modalities for camera in cameras for m in (RGB, ALBEDO)):
+            frames = self._with_colors(cameras, settings, progress, on_frames)
+        else:
             frames = self._geometry(cameras, progress)
             if frames:
                 on_frames(frames)
-            self._memory.remember(cameras, surface.scene)
-            return in_order(cameras, frames)
-        colors: list[Frame] = []
-        with computed_aside(partial(self._geometry, cameras), on_frames) as aside:
-            for index, (camera, modality) in enumerate(views):
-                aside.tell(progress, Progress("color", index / len(views)))
-                left_s = (ends_s - time.perf_counter()) / (len(views) - index)
-                if modality == RGB:
-                    image = self._color(camera, settings, left_s, None if colors else aside)
-                else:
-                    image = self._albedo(camera, settings, left_s)
-                colors.append(frame_of(camera, modality, image))
-                geometry = aside.frames()
-                on_frames((colors[-1],))
         self._memory.remember(cameras, surface.scene)
-        return in_order(cameras, [*geometry, *colors])
+        return in_order(cameras, frames)
 
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.revisited`."""
@@ -173,6 +159,30 @@ class BlenderBackend(Backend):
         """Empty Blender."""
         self._surface = None
         bpy.ops.wm.read_factory_settings(use_empty=True)
+
+    def _with_colors(
+        self,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback,
+        on_frames: FramesCallback,
+    ) -> tuple[Frame, ...]:
+        """Return all frames of cameras of which one at least asks for a colour."""
+        ends_s = time.perf_counter() + (settings.time_budget_s or inf)
+        views = [(c, m) for c in cameras for m in (RGB, ALBEDO) if m in c.modalities]
+        colors: list[Frame] = []
+        with computed_aside(partial(self._geometry, cameras), on_frames) as aside:
+            for index, (camera, modality) in enumerate(views):
+                aside.tell(progress, Progress("color", index / len(views)))
+                left_s = (ends_s - time.perf_counter()) / (len(views) - index)
+                if modality == RGB:
+                    image = self._color(camera, settings, left_s, None if colors else aside)
+                else:
+                    image = self._albedo(camera, settings, left_s)
+                colors.append(frame_of(camera, modality, image))
+                geometry = aside.frames()
+                on_frames((colors[-1],))
+        return (*geometry, *colors)
 
     def _geometry(
         self, cameras: Sequence[PlacedCamera], progress: ProgressCallback = ignore_progress

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
@@ -13,13 +12,11 @@ import numpy as np
 import PyOpenColorIO
 from numpy.typing import NDArray
 
+from oaisys_core.backend.aside import CORES
 from oaisys_core.backend.base import ViewTransform
 
 VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
 """Blender's names of ours. All end in sRGB, but for raw, whose values are linear."""
-
-BANDS = len(os.sched_getaffinity(0))
-"""Parts of a picture that are transformed at once: OpenColorIO takes one thread for each."""
 
 
 def to_pixels(
@@ -30,8 +27,9 @@ def to_pixels(
     if exposure_ev:
         image = image * np.float32(2.0**exposure_ev)
     processor = _processor(view_transform)
-    with ThreadPoolExecutor(BANDS) as pool:
-        list(pool.map(processor.applyRGB, np.array_split(image, BANDS)))
+    # OpenColorIO takes one thread for each part that it is given.
+    with ThreadPoolExecutor(CORES) as pool:
+        list(pool.map(processor.applyRGB, np.array_split(image, CORES)))
     np.clip(image, 0.0, 1.0, out=image)
     # As Blender rounds.
     return np.asarray(image * np.float32(255) + np.float32(0.5), dtype=np.uint8)
