@@ -83,6 +83,39 @@ PLAYER = ParameterTable(
             most=1e3,
             changeable=Changeable.AT_START,
         ),
+        ParameterRow(
+            "wait_for_topics",
+            [""],
+            "Topics that must have a reader before the first message; none: those of topics.",
+            changeable=Changeable.AT_START,
+        ),
+        ParameterRow(
+            "wait_for_readers",
+            0,
+            "Readers that must be there before the first message, of all topics together.",
+            least=0,
+            most=10_000,
+            changeable=Changeable.AT_START,
+        ),
+        ParameterRow(
+            "wait_timeout_s",
+            10.0,
+            "How long readers may take to come; then it ends with an error. Where none are named, "
+            "it waits for one on each topic, and then plays to those that came.",
+            unit="s",
+            least=0.0,
+            most=86_400.0,
+            changeable=Changeable.AT_START,
+        ),
+        ParameterRow(
+            "delay_s",
+            0.0,
+            "When to begin, whoever is there by then; 0: when the readers are.",
+            unit="s",
+            least=0.0,
+            most=86_400.0,
+            changeable=Changeable.AT_START,
+        ),
     )
 )
 """The player's parameters."""

@@ -82,14 +82,34 @@ def bag_replay(
     remap: Annotated[
         list[str] | None, typer.Option(help="FROM:=TO, another name for a topic, repeatable.")
     ] = None,
+    wait_for: Annotated[
+        int, typer.Option(help="Begin when so many readers are there, of all topics.", min=0)
+    ] = 0,
+    wait_for_topic: Annotated[
+        list[str] | None, typer.Option(help="A topic that must have a reader first, repeatable.")
+    ] = None,
+    wait_timeout: Annotated[
+        float, typer.Option(help="Seconds that readers may take to come.", min=0, max=86_400)
+    ] = 10.0,
+    delay: Annotated[
+        float, typer.Option(help="Begin after so many seconds, whoever is there.", min=0)
+    ] = 0.0,
 ) -> None:
-    """Publish a bag again, with the quality of service that it was recorded with."""
+    """Publish a bag again, with the quality of service that it was recorded with.
+
+    It begins when each topic of --topics or --wait-for-topic has a reader and --wait-for readers
+    are there; without these options, when every topic has one, or with those that have come by
+    --wait-timeout. At the end it tells what was sent on each topic, and who read it; exit 1 where
+    the readers did not come.
+    """
     from oaisys_ros_bridge.nodes.player import main as play
 
     rules = [part for rule in remap or () for part in ("-r", rule)]
     arguments = ["replay", *(["--ros-args", *rules] if rules else [])]
-    given = {"path": str(bag), "rate": rate, "loop": loop, "clock_hz": clock}
-    raise typer.Exit(play(arguments, **given, topics=["", *(topics or [])]))
+    given = {"path": str(bag), "rate": rate, "loop": loop, "clock_hz": clock, "delay_s": delay}
+    given |= {"wait_for_readers": wait_for, "wait_timeout_s": wait_timeout}
+    given |= {"topics": ["", *(topics or [])], "wait_for_topics": ["", *(wait_for_topic or [])]}
+    raise typer.Exit(play(arguments, **given))
 
 
 @ros_app.callback()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,16 @@ from oaisys_ros_bridge.qos import LATCHED_QOS
 
 METRICS = "oaisys_mapper/metrics"
 PLACES = [(-3.0, -2.0), (0.0, -2.0), (3.0, -2.0), (3.0, 2.0), (0.0, 2.0)]
+MAPPER_READS = [
+    *(
+        f"/camera/{kind}/{what}"
+        for kind in ("color", "depth")
+        for what in ("image_raw", "camera_info")
+    ),
+    "/oaisys_bridge/sample_info",
+    "/tf",
+    "/tf_static",
+]
 RELIABLE_QOS = QoSProfile(depth=50)
 RELIABLE = qos_entry(depth=5, reliable=True, transient_local=False)
 LATCHED = qos_entry(depth=1, reliable=True, transient_local=True)
@@ -36,8 +47,17 @@ def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator
         yield stage
 
 
-def replay(bag: Path, *options: str) -> None:
-    subprocess.run(["oaisys", "bag", "replay", str(bag), *options], timeout=120, check=True)
+PATIENCE = ("--wait-timeout", "100")
+"""Of the replay, for a machine that is busy."""
+
+
+def replay(bag: Path, *options: str, status: int = 0) -> tuple[str, str]:
+    """Play a bag to its end; return what it printed and what it logged."""
+    command = ["oaisys", "bag", "replay", str(bag), *options]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
+    assert ended.returncode == status, ended.stderr
+    assert "Traceback" not in ended.stderr
+    return ended.stdout, ended.stderr
 
 
 def map_of(stage: Stage, file: Path) -> bytes:
@@ -74,8 +94,11 @@ def test_a_replayed_bag_gives_the_same_map_byte_for_byte(stage: Stage, tmp_path:
     stage.user.received[METRICS].clear()
     stage.start_node("mapper")
     stage.user.wait_until(lambda: stage.user.received[METRICS])
-    replay(bag)
+    awaited = [o for t in MAPPER_READS for o in ("--wait-for-topic", t)]
+    told, _ = replay(bag, *PATIENCE, *awaited)
 
+    assert f"/camera/depth/image_raw: {len(PLACES)} messages, 1 reader, acknowledged\n" in told
+    assert f"/camera/instance/image_raw: {len(PLACES)} messages, no reader\n" in told
     assert map_of(stage, tmp_path / "replayed.npz") == live
 
 
@@ -99,7 +122,8 @@ def test_messages_come_in_order_with_their_qos_and_the_clock(stage: Stage, small
     stage.user.listen(String, "/moved", RELIABLE_QOS)
     stage.user.listen(String, "/latched", LATCHED_QOS)
     stage.user.listen(Clock, "/clock", RELIABLE_QOS)
-    command = ["bag", "replay", str(small_bag), "--clock", "50", "--remap", "/plain:=/moved"]
+    command = ["bag", "replay", str(small_bag), *PATIENCE]
+    command += ["--clock", "50", "--remap", "/plain:=/moved"]
     with subprocess.Popen(["oaisys", *command], start_new_session=True) as player:
         stage.user.wait_until(lambda: len(stage.user.received["/moved"]) == 5)
         stage.user.wait_until(lambda: player.poll() is not None)
@@ -116,7 +140,7 @@ def test_messages_come_in_order_with_their_qos_and_the_clock(stage: Stage, small
 @pytest.mark.ros
 def test_a_part_of_a_bag_is_played_over_and_over(stage: Stage, small_bag: Path) -> None:
     stage.user.listen(String, "/plain", RELIABLE_QOS)
-    options = ["--loop", "--rate", "100", "--topics", "/plain"]
+    options = ["--loop", "--rate", "100", "--topics", "/plain", *PATIENCE]
     command = ["oaisys", "bag", "replay", str(small_bag), *options]
     with subprocess.Popen(command, start_new_session=True) as player:
         stage.user.wait_until(lambda: len(stage.user.received["/plain"]) > 12)
@@ -124,6 +148,66 @@ def test_a_part_of_a_bag_is_played_over_and_over(stage: Stage, small_bag: Path) 
         player.send_signal(2)
         assert player.wait(60) == 0
     assert [m.data for m in stage.user.received["/plain"][:12]] == [*"12345"] * 2 + [*"12"]
+
+
+@pytest.mark.ros
+def test_readers_that_come_late_are_waited_for(stage: Stage, small_bag: Path) -> None:
+    """They came seconds after the player; waiting for calm had begun without them."""
+    options = ["--wait-for", "2", "--rate", "100", *PATIENCE]
+    command = ["oaisys", "bag", "replay", str(small_bag), *options]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as player:
+        stage.user.wait_until(lambda: stage.user.node.count_publishers("/plain"))
+        stage.user.listen(String, "/plain", RELIABLE_QOS)
+        calm_s = time.monotonic() + 4.0
+        stage.user.wait_until(lambda: time.monotonic() > calm_s)
+        assert player.poll() is None
+        assert not stage.user.received["/plain"]
+        stage.user.listen(String, "/latched", RELIABLE_QOS)
+        stage.user.wait_until(lambda: player.poll() is not None)
+        told = player.communicate()[0]
+    assert player.returncode == 0
+    assert [m.data for m in stage.user.received["/plain"]] == list("12345")
+    assert [m.data for m in stage.user.received["/latched"]] == ["first"]
+    assert "/latched: 1 message, 1 reader, acknowledged\n" in told
+    assert "/plain: 5 messages, 1 reader, acknowledged\n" in told
+
+
+@pytest.mark.ros
+def test_topics_without_a_reader_are_named(stage: Stage, small_bag: Path) -> None:
+    stage.user.listen(String, "/plain", RELIABLE_QOS)
+    options = ["--rate", "100", "--wait-timeout", "5"]
+    command = ["oaisys", "bag", "replay", str(small_bag), *options]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as player:
+        stage.user.wait_until(lambda: player.poll() is not None)
+        told, logged = player.communicate()
+    assert player.returncode == 0
+    assert "nobody reads /latched" in logged
+    assert "nobody reads /plain" not in logged
+    assert "/latched: 1 message, no reader\n" in told
+    assert "/plain: 5 messages, 1 reader, acknowledged\n" in told
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ([], "waited 0.5 s for readers of /latched, /plain"),
+        (["--topics", "/plain"], "waited 0.5 s for readers of /plain"),
+        (["--wait-for-topic", "/latched"], "waited 0.5 s for readers of /latched"),
+        (["--wait-for", "3"], "waited 0.5 s for 3 readers, but there are 0"),
+        (["--delay", "0.5"], "was played to nobody: no topic had a reader"),
+    ],
+)
+def test_playing_to_nobody_is_no_success(
+    options: list[str], reason: str, small_bag: Path, ros_domain_id: int
+) -> None:
+    told, logged = replay(small_bag, "--rate", "100", "--wait-timeout", "0.5", *options, status=1)
+    assert reason in logged
+    if "--delay" in options:
+        assert "nobody reads /plain" in logged
+        assert "/plain: 5 messages, no reader\n" in told
 
 
 @pytest.mark.parametrize(

@@ -5,43 +5,37 @@ from __future__ import annotations
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
-from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_ros_bridge.bag import RecordedTopic
+from oaisys_core.errors import DeadlineExceededError, InvalidInputError, NotFoundError, OaisysError
 from oaisys_ros_bridge.bag_parameters import PLAYER
-from oaisys_ros_bridge.bag_reader import BagReader, RecordedMessage, offered_qos
-from oaisys_ros_bridge.message_definition import message_class
+from oaisys_ros_bridge.bag_reader import BagReader, RecordedMessage
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
+from oaisys_ros_bridge.played_topic import PlayedTopic
 
 CLOCK = "/clock"
-USUAL_DEPTH = 10
-"""Of a queue whose depth is not known."""
-LOOK_PERIOD_S = 0.1
-CALM_S = 3.0
-"""Subscribers count as complete when none has come for this long; on a busy machine discovery takes
-that long to tell of the first."""
-LONGEST_WAIT_S = 20.0
-"""For subscribers that are known of, but not matched."""
+LOOK_PERIOD_S = 0.05
+"""Between two looks at how many readers there are."""
 ACKNOWLEDGED_S = 10.0
-"""How long subscribers may take at the end to confirm what they got."""
+"""How long readers may take to confirm what they got."""
 
 
 class PlayerNode(ParameterNode, Node):
     """Publishes recorded messages as they are, in their pace and with their quality of service.
 
-    It waits for the subscribers that it can see, prints ``playing: PATH``, plays, and ends. Its
-    parameters are the table `PLAYER`.
+    It waits for readers as ``wait_for_topics``, ``wait_for_readers`` and ``delay_s`` say, prints
+    ``playing: PATH``, plays, and ends with a line for each topic: messages, readers,
+    acknowledgements. Its parameters are the table `PLAYER`.
+
+    Attributes:
+        failed: Whether nothing was played, or nobody read any of it.
     """
 
     def __init__(self, stop: threading.Event, **defaults: Any) -> None:
@@ -53,7 +47,7 @@ class PlayerNode(ParameterNode, Node):
 
         Raises:
             InvalidInputError: There is no such bag; a parameter is bad.
-            NotFoundError: A topic that is asked for is not in it.
+            NotFoundError: A topic that is asked for is not in it, or its type is not installed.
         """
         super().__init__("oaisys_player")
         values = self.declare_table(PLAYER, **defaults)
@@ -67,10 +61,13 @@ class PlayerNode(ParameterNode, Node):
         self._clock_period_s = 1 / values["clock_hz"] if values["clock_hz"] else 0.0
         self._next_tick_s = 0.0
         wanted = {name for name in values["topics"] if name}
-        self._bag.require(wanted)
-        self._publishers_by_topic = self._offer(wanted or self._bag.topics.keys())
+        awaited = {name for name in values["wait_for_topics"] if name}
+        self._bag.require(wanted | awaited)
+        self._topics = self._offer((wanted or self._bag.topics.keys()) | awaited, wanted | awaited)
+        demanded = awaited or wanted
+        self._demanded = [topic for name, topic in self._topics.items() if name in demanded]
         self._clock_publisher = self.create_publisher(Clock, CLOCK, 1) if self._ticks else None
-        self.count = 0
+        self.failed = False
         self._player = threading.Thread(target=self._run, name="player", daemon=True)
         self._player.start()
 
@@ -84,31 +81,35 @@ class PlayerNode(ParameterNode, Node):
         self._closing.set()
         self._player.join()
 
-    def _offer(self, topics: Any) -> Mapping[str, Publisher]:
-        """Return publishers of those topics whose types are installed."""
-        publishers = {}
-        for name in sorted(topics):
+    def _offer(self, names: Iterable[str], required: Collection[str]) -> dict[str, PlayedTopic]:
+        """Return the topics that are played, by their names in the bag.
+
+        Raises:
+            NotFoundError: The type of a required one is not installed.
+        """
+        played = {}
+        for name in sorted(names):
             if name == CLOCK and self._ticks:
                 continue  # it would tell another time
-            topic = self._bag.topics[name]
             try:
-                kind = message_class(topic.type_name)
+                played[name] = PlayedTopic(self, self._bag.topics[name], ACKNOWLEDGED_S)
             except NotFoundError as error:
+                if name in required:
+                    raise
                 self.get_logger().warning(f"{name} is not played: {error}")
-                continue
-            publishers[name] = self.create_publisher(kind, name, _profile(topic))
-        return publishers
+        return played
 
     def _run(self) -> None:
+        self.failed = True
         try:
-            self._wait_for_subscribers()
-            sys.stdout.write(f"playing: {self._path}\n")
-            sys.stdout.flush()
+            self._wait_for_readers()
+            _say(f"playing: {self._path}")
             self._play()
             while self.parameters["loop"] and not self._closing.is_set():
                 self._play()
-            self._wait_for_acknowledgements()
-            self.get_logger().info(f"{self.count} messages of {self._path} are played")
+            self._report()
+        except OaisysError as error:
+            self.get_logger().error(str(error))
         finally:
             self._stop.set()
 
@@ -116,13 +117,12 @@ class PlayerNode(ParameterNode, Node):
         first_ns = None
         start_s = time.monotonic()
         self._next_tick_s = start_s
-        for message in self._bag.messages(self._publishers_by_topic.keys()):
+        for message in self._bag.messages(self._topics.keys()):
             first_ns = message.received_ns if first_ns is None else first_ns
             since_s = (message.received_ns - first_ns) / 1e9 / self._rate
             if not self._wait_until(start_s + since_s, message):
                 return
-            self._publishers_by_topic[message.topic].publish(message.data)
-            self.count += 1
+            self._topics[message.topic].publish(message.data)
 
     def _wait_until(self, due_s: float, message: RecordedMessage) -> bool:
         """Wait for a message's time, telling it on the way; return whether to go on."""
@@ -135,43 +135,76 @@ class PlayerNode(ParameterNode, Node):
             self._next_tick_s += self._clock_period_s
         return not self._closing.wait(max(0.0, due_s - time.monotonic()))
 
-    def _wait_for_subscribers(self) -> None:
-        """Wait until every subscriber that discovery tells of is matched, and no more come."""
-        end_s = time.monotonic() + LONGEST_WAIT_S
-        calm_since_s, before = time.monotonic(), -1
-        while time.monotonic() < end_s and not self._closing.wait(LOOK_PERIOD_S):
-            publishers = self._publishers_by_topic
-            matched = {name: p.get_subscription_count() for name, p in publishers.items()}
-            known = {name: self.count_subscribers(p.topic_name) for name, p in publishers.items()}
-            total = sum(matched.values())
-            if matched != known or total != before:
-                calm_since_s, before = time.monotonic(), total
-            elif time.monotonic() > calm_since_s + CALM_S:
-                return
+    def _wait_for_readers(self) -> None:
+        """Wait for the readers that are asked for; warn of topics that nobody reads.
 
-    def _wait_for_acknowledgements(self) -> None:
-        """Let what is still on its way arrive before the publishers go."""
+        Raises:
+            DeadlineExceededError: They did not come in time.
+        """
+        end_s = time.monotonic() + self.parameters["wait_timeout_s"]
+        if self.parameters["delay_s"]:
+            self._closing.wait(self.parameters["delay_s"])
+        else:
+            if missing := self._missing():
+                self.get_logger().info(f"waiting for {missing}")
+            while self._missing() and time.monotonic() < end_s:
+                if self._closing.wait(LOOK_PERIOD_S):
+                    return
+            self._require_readers()
+        for topic in self._topics.values():
+            if not topic.readers:
+                self.get_logger().warning(f"nobody reads {topic.name}")
+
+    def _missing(self) -> str:
+        """Return what is still waited for; nothing where all is there."""
+        least = self.parameters["wait_for_readers"]
+        readers = sum(topic.readers for topic in self._topics.values())
+        if readers < least:
+            return f"{least} readers, but there are {readers}"
+        if least and not self._demanded:
+            return ""
+        topics = self._demanded or self._topics.values()
+        names = [topic.name for topic in topics if not topic.readers]
+        return f"readers of {', '.join(names)}" if names else ""
+
+    def _require_readers(self) -> None:
+        """Raise `DeadlineExceededError` where the readers asked for, or any at all, are missing."""
+        missing = self._missing()
+        is_optional = not self._demanded and not self.parameters["wait_for_readers"]
+        if missing and not (is_optional and any(t.readers for t in self._topics.values())):
+            waited_s = self.parameters["wait_timeout_s"]
+            hint = "--delay SECONDS plays without them"
+            raise DeadlineExceededError(f"waited {waited_s:g} s for {missing}: {hint}")
+
+    def _report(self) -> None:
+        """Let what is on its way arrive; say what was sent and who read it."""
         end_s = time.monotonic() + ACKNOWLEDGED_S
-        for publisher in self._publishers_by_topic.values():
-            left_s = max(0.0, end_s - time.monotonic())
-            if not self._closing.is_set():
-                publisher.wait_for_all_acked(Duration(seconds=left_s))
+        for topic in self._topics.values():
+            left_s = 0.0 if self._closing.is_set() else max(0.0, end_s - time.monotonic())
+            _say(topic.finish(left_s))
+        heard = sum(topic.heard for topic in self._topics.values())
+        sent = sum(topic.sent for topic in self._topics.values())
+        if sent and not heard:
+            raise NotFoundError(f"{self._path} was played to nobody: no topic had a reader")
+        self.failed = False
 
 
-def _profile(topic: RecordedTopic) -> QoSProfile:
-    offered = offered_qos(topic.qos_profiles)
-    reliable, latched = offered.reliable, offered.transient_local
-    return QoSProfile(
-        depth=offered.depth or USUAL_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-    )
+def _say(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 def main(arguments: Sequence[str] | None = None, **defaults: Any) -> int:
-    """Play a bag to its end, or until told to end."""
+    """Play a bag to its end, or until told to end; return 1 where nobody read any of it."""
     stop = threading.Event()
-    return run_node(lambda: PlayerNode(stop, **defaults), arguments, stop=stop)
+    made: list[PlayerNode] = []
+
+    def make_node() -> PlayerNode:
+        made.append(PlayerNode(stop, **defaults))
+        return made[0]
+
+    status = run_node(make_node, arguments, stop=stop)
+    return status or int(made[0].failed)
 
 
 if __name__ == "__main__":
