@@ -320,12 +320,14 @@ class Simulation:
         self._undo = undo
 
     def _with_admitted_pose(self, batch: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
+        """Return the metadata with the pose that is admitted, and without the policy for it."""
         sensor = dict(metadata.sensor or {})
+        policy = sensor.pop("pose_policy", None)
         if "pose" not in sensor and self._sensors.moves_itself:
-            return metadata
+            return metadata if policy is None else replace(metadata, sensor=sensor)
         pose = sensor.get("pose") or drawn(self._sensors.rig_pose)
         extent_m = drawn(batch.world.ground).extent_m
-        sensor["pose"] = self._sensors.admit(pose, self.query_height, extent_m)
+        sensor["pose"] = self._sensors.admit(pose, self.query_height, extent_m, policy)
         return replace(metadata, sensor=sensor)
 
     def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:

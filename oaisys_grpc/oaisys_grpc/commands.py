@@ -17,6 +17,7 @@ from oaisys_core.command_options import (
     SizeOption,
 )
 from oaisys_core.config import SimulationConfig, adjusted, load_config
+from oaisys_core.config.sensors import PosePolicy
 from oaisys_grpc.addresses import check_address
 from oaisys_grpc.client import DEFAULT_ADDRESS
 from oaisys_grpc.memory import keep_freed_memory
@@ -63,6 +64,13 @@ def serve(
         Path,
         typer.Option(help="Folder for the images that clients of the original's service read."),
     ] = LEGACY_FOLDER,
+    legacy_pose_policy: Annotated[
+        PosePolicy | None,
+        typer.Option(
+            help="What the original's service does with a pose under the ground or off the stage; "
+            "default: as sensors.pose_policy says, but clamp where that is reject.",
+        ),
+    ] = None,
     asset_root: Annotated[
         list[Path] | None,
         typer.Option(
@@ -108,6 +116,7 @@ def serve(
             pose_cache_bytes=pose_cache_mb * MEGABYTE,
             worker_log_folder=worker_log or state_folder(),
             legacy_folder=legacy_out,
+            legacy_pose_policy=legacy_pose_policy,
             asset_roots=_asset_roots(asset_root, config),
             shared_memory=shared_memory,
             tls=tls,

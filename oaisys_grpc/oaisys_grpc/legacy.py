@@ -14,8 +14,9 @@ from typing import Any
 import grpc
 
 from oaisys_core import geometry
+from oaisys_core.config.sensors import PosePolicy
 from oaisys_core.errors import OaisysError, QueueFullError
-from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo
+from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.operation import Kind, OperationStatus
 from oaisys_grpc.operations import Operations
@@ -31,6 +32,9 @@ _LOG = logging.getLogger(__name__)
 LEGACY_SERVICE = pb.DESCRIPTOR.services_by_name["Oaisys"].full_name
 ERROR_KEY = "oaisys-error"
 """Trailing metadata: why a step was refused or failed, for which the messages have no field."""
+
+T_BLENDER_BASE = geometry.invert(geometry.T_LINK_OPTICAL @ geometry.T_OPTICAL_BLENDER)
+"""Pose of ``base_link`` in the original's sensor base."""
 
 _LONGEST_ERROR = 1000
 _NOT_ADMITTED = ("queued", "started")
@@ -71,13 +75,21 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         samples: SampleStore,
         files: LegacyFiles,
         on_end: Callable[[], None],
+        pose_policy: PosePolicy,
     ) -> None:
-        """Args: on_end: Told that a client ended the simulation; must return at once."""
+        """Take what the service works with.
+
+        Args:
+            on_end: Told that a client ended the simulation; must return at once.
+            pose_policy: What happens to a pose under the ground or off the stage. The original
+                admits every pose, and its client polls for ever for a sample that was refused.
+        """
         self._supervisor = supervisor
         self._operations = operations
         self._samples = samples
         self._files = files
         self._on_end = on_end
+        self._pose_policy = pose_policy
         self._batch, self._sample = Step(), Step()
         self._lock = threading.Lock()
         self._follower = ThreadPoolExecutor(1, "legacy")
@@ -96,7 +108,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         """Enqueue a sample, unless a step is under way; answer once its pose was admitted."""
         try:
             arguments = {
-                "metadata": _metadata(request, self._supervisor.info),
+                "metadata": self._metadata(request),
                 "modalities": (),
                 "sensors": (),
             }
@@ -131,6 +143,12 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
     def close(self) -> None:
         """Wait for what is being written; call once no operation is open any more."""
         self._follower.shutdown()
+
+    def _metadata(self, request: pb.StepSampleRequest) -> ModuleMetadata:
+        sensor: dict[str, Any] = {"pose_policy": self._pose_policy}
+        if request.sensorModuleRequest.HasField("pose"):
+            sensor["pose"] = rig_pose_from_blender(request.sensorModuleRequest.pose)
+        return ModuleMetadata(sensor=sensor)
 
     def _begin(self, work: Work) -> tuple[Operation, Future[None]]:
         """Enqueue a step; return it and what is done once its end is known to every poll.
@@ -212,34 +230,24 @@ def _waits(status: OperationStatus) -> bool:
     return status.progress.stage in _NOT_ADMITTED
 
 
-def _metadata(request: pb.StepSampleRequest, info: SimulatorInfo) -> ModuleMetadata | None:
-    if not (
-        request.HasField("sensorModuleRequest") and request.sensorModuleRequest.HasField("pose")
-    ):
-        return None
-    first = info.sensors[0]
-    pose = rig_pose_from_blender(request.sensorModuleRequest.pose, first.T_base_camera)
-    return ModuleMetadata(sensor={"pose": pose})
+def rig_pose_from_blender(message: pb.SensorModuleRequest.PoseType) -> Pose:
+    """Return where the rig is when the original's sensor base is at a pose.
 
-
-def rig_pose_from_blender(message: pb.SensorModuleRequest.PoseType, T_base_camera: Any) -> Pose:
-    """Return where the rig must be for a camera to be where Blender would have put it.
+    The base has the axes of Blender's camera, so that a camera without a mount looks along the
+    base's -z with y up; ``base_link`` looks along its x with z up.
 
     Args:
-        message: Pose of the camera in Blender's axes.
-        T_base_camera: (4, 4) pose of the camera's optical frame on the rig.
+        message: Pose of the sensor base in Blender's world.
 
     Raises:
         InvalidInputError: A number is not finite, or it is no unit quaternion.
     """
-    camera = geometry.checked_pose(
+    base = geometry.checked_pose(
         (message.x, message.y, message.z),
         (message.q_x, message.q_y, message.q_z, message.q_w),
         "sensorModuleRequest.pose",
     )
-    T_map_blender = geometry.pose_to_matrix(camera)
-    T_map_camera = T_map_blender @ geometry.invert(geometry.T_OPTICAL_BLENDER)
-    return geometry.pose_from_matrix(T_map_camera @ geometry.invert(T_base_camera))
+    return geometry.pose_from_matrix(geometry.pose_to_matrix(base) @ T_BLENDER_BASE)
 
 
 def _tell(context: Context, error: OaisysError) -> None:

@@ -16,6 +16,7 @@ from grpc_health.v1 import health, health_pb2, health_pb2_grpc
 from grpc_reflection.v1alpha import reflection
 
 from oaisys_core.config import SimulationConfig
+from oaisys_core.config.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
 from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket
 from oaisys_grpc.legacy import LEGACY_SERVICE, LegacyServicer
@@ -73,7 +74,12 @@ class SimulatorServer:
         self._on_end = on_end
         files = LegacyFiles(options.legacy_folder, config)
         self._legacy = LegacyServicer(
-            self._supervisor, self._operations, self._samples, files, on_end
+            self._supervisor,
+            self._operations,
+            self._samples,
+            files,
+            on_end,
+            _legacy_pose_policy(config, options),
         )
         self._started: Future[None] = Future()
         self._runner = threading.Thread(target=self._run, name="runner")
@@ -162,6 +168,12 @@ class SimulatorServer:
         answer = health_pb2.HealthCheckResponse
         for name in HEALTH_NAMES:
             self._health.set(name, answer.SERVING if ready else answer.NOT_SERVING)
+
+
+def _legacy_pose_policy(config: SimulationConfig, options: ServerOptions) -> PosePolicy:
+    """Return what the original's service does with a pose; by default it refuses none."""
+    configured = config.sensors.pose_policy
+    return options.legacy_pose_policy or ("clamp" if configured == "reject" else configured)
 
 
 def serve(

@@ -6,6 +6,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from oaisys_core.config.sensors import PosePolicy
 from oaisys_grpc.tls import ServerTls
 from oaisys_grpc.worker_memory import MEGABYTE
 
@@ -35,6 +36,8 @@ class ServerOptions:
         pose_cache_bytes: Of images that the worker keeps for views that come again; 0: none.
         worker_log_folder: Where what workers print is kept; None: nowhere.
         legacy_folder: Where the original's service writes its files.
+        legacy_pose_policy: What the original's service does with a pose under the ground or off
+            the stage; None: as configured, but ``clamp`` where that is ``reject``.
         asset_roots: Folders whose files requests may name.
         shared_memory: Hand images to clients on this machine without copying them.
         tls: Encrypts the port, and says who may connect; None: neither.
@@ -47,6 +50,7 @@ class ServerOptions:
     pose_cache_bytes: int = POSE_CACHE_MB * MEGABYTE
     worker_log_folder: Path | None = None
     legacy_folder: Path = LEGACY_FOLDER
+    legacy_pose_policy: PosePolicy | None = None
     asset_roots: tuple[Path, ...] = ()
     shared_memory: bool = True
     tls: ServerTls | None = None

@@ -184,6 +184,24 @@ def test_clearance_is_told_and_clamped() -> None:
     assert simulation.query_height(position_m).clearance_m[0] == pytest.approx(0.5, abs=1e-4)
 
 
+def test_a_sample_may_bring_its_own_pose_policy() -> None:
+    simulation = Simulation(world())
+    simulation.step_batch()
+    outside = Pose((50, 3, -9), (0, 0, 0, 1))
+
+    def moved(**sensor: str) -> tuple[float, float, float]:
+        return simulation.step_sample(
+            ModuleMetadata(sensor={"pose": outside, **sensor})
+        ).rig_pose.position_m
+
+    assert moved(pose_policy="clamp")[0] == pytest.approx(12.0)
+    assert moved(pose_policy="allow") == outside.position_m
+    with pytest.raises(InvalidInputError, match=r"pose\.position"):  # for that sample only
+        moved()
+    with pytest.raises(InvalidInputError, match="metadata.sensor.pose_policy.*'lift'"):
+        moved(pose_policy="lift")
+
+
 def test_adding_rocks_does_not_change_the_ground() -> None:
     bare = Simulation(world(assets={"rocks": []}))
     bare.step_batch()

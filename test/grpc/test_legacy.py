@@ -22,6 +22,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, wait_until
 
+from oaisys_core.config.importing.frames import mount
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_grpc.client import SimulatorClient
 
@@ -189,15 +191,17 @@ def test_the_originals_client_reads_the_frames_that_ours_gets(
 
 
 @pytest.mark.parametrize("roll_deg", [0, 70])
-def test_a_pose_is_that_of_blenders_camera(
+def test_a_pose_is_that_of_the_sensor_base(
     start_server: StartServer,
     connect: Callable[[Server], OriginalClient],
     tmp_path: Path,
     roll_deg: float,
 ) -> None:
-    """The depth of the plane z = 0 follows from Blender's axes alone, wherever the camera is."""
-    mount = {"mount_position_m": [0.3, -0.2, 0.5], "mount_quat_xyzw": [0, 0.6, 0, 0.8]}
-    world = {**FLAT_WORLD, "sensors": {"cameras": [{**CAMERA, **mount}]}}
+    """The depth of the plane z = 0 follows from Blender's axes alone, the mount included."""
+    position_m, q_wxyz = (0.3, -0.2, 0.5), (0.96, 0.0, -0.28, 0.0)  # as an original file says it
+    link = mount([*position_m, *q_wxyz])
+    mounted = {"mount_position_m": link.position_m, "mount_quat_xyzw": link.quat_xyzw}
+    world = {**FLAT_WORLD, "sensors": {"cameras": [{**CAMERA, **mounted}]}}
     client = connect(start_server(world, "--legacy-out", str(tmp_path / "out")))
     client.new_batch()
     turn = Rotation.from_euler("ZYX", [30, roll_deg / 10, roll_deg], degrees=True)
@@ -209,8 +213,11 @@ def test_a_pose_is_that_of_blenders_camera(
     column, row = np.meshgrid(np.arange(64), np.arange(48))
     # Blender: x right, y up, looking along -z; the image's centre is at (31.5, 23.5).
     rays = np.stack([(column - 31.5) / 54.114, -(row - 23.5) / 54.114, -np.ones((48, 64))], axis=-1)
-    down = (rays @ turn.as_matrix().T)[..., 2]
-    expected = np.where(down < 0, -6.0 / np.where(down < 0, down, -1.0), np.inf)
+    w, *xyz = q_wxyz
+    camera = turn * Rotation.from_quat((*xyz, w))
+    height_m = 6.0 + turn.apply(position_m)[2]
+    down = camera.apply(rays.reshape(-1, 3)).reshape(48, 64, 3)[..., 2]
+    expected = np.where(down < 0, -height_m / np.where(down < 0, down, -1.0), np.inf)
     on_stage = expected < 12  # the plane ends 20 m from its centre
     assert on_stage.sum() > 500
     assert_allclose(channel.pixels[on_stage], expected[on_stage], rtol=1e-5)
@@ -279,8 +286,6 @@ def test_overlapping_steps_are_refused_and_touch_nothing(
         ((0, float("inf"), 5), LOOKING_DOWN, "pose.position"),
         ((0, 0, 5), (0, 0, 0, 0), "pose.orientation"),
         ((0, 0, 5), (1, 0, 0.2, 0), "pose.orientation"),
-        ((0, 0, -5), LOOKING_DOWN, "pose.position"),
-        ((90, 0, 5), LOOKING_DOWN, "pose.position"),
     ],
 )
 def test_a_bad_pose_is_refused_and_changes_nothing(
@@ -308,6 +313,38 @@ def test_a_bad_pose_is_refused_and_changes_nothing(
         pose_looking_down(1, 2, 7).position_m,
         atol=1e-6,
     )
+
+
+UNDER_AND_OFF = ((0, 0, -5), (90, 0, 5))
+
+
+def test_a_pose_off_the_stage_or_under_it_is_clamped(
+    flat_server: Server,
+    flat_client: SimulatorClient,
+    connect: Callable[[Server], OriginalClient],
+) -> None:
+    """The original's own client polls for ever for a sample that was refused."""
+    client = connect(flat_server)
+    client.new_batch()
+    for xyz, expected in zip(UNDER_AND_OFF, ((0, 0, 0.05), (20, 0, 5)), strict=True):
+        reply = client.step_sample(xyz)
+        assert reply.successRet, client.why
+        assert client.wait_for_files()
+        sample = flat_client.get_sample(reply.batchID, reply.sampleID)
+        assert_allclose(sample.rig_pose.position_m, expected, atol=1e-6)
+    with pytest.raises(InvalidInputError, match=r"pose\.position"):  # of our own service
+        flat_client.render_sample(pose_looking_down(90, 0, 5))
+
+
+def test_a_pose_off_the_stage_or_under_it_is_refused_on_request(
+    start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
+) -> None:
+    options = ("--legacy-out", str(tmp_path / "out"), "--legacy-pose-policy", "reject")
+    client = connect(start_server(FLAT_WORLD, *options))
+    client.new_batch()
+    for xyz in UNDER_AND_OFF:
+        assert not client.step_sample(xyz).successRet
+        assert "pose.position" in client.why
 
 
 def test_a_failed_step_is_not_finished(

@@ -179,6 +179,10 @@ class StereoConfig(CameraConfig):
 _NO_TURN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
+PosePolicy = Literal["reject", "clamp", "allow"]
+"""What happens to a pose under the ground or off the stage."""
+
+
 class SensorsConfig(Section):
     """The rig.
 
@@ -194,7 +198,7 @@ class SensorsConfig(Section):
     cameras: tuple[CameraConfig, ...] = (CameraConfig(),)
     stereo: tuple[StereoConfig, ...] = ()
     motion: AnyMotion = GivenMotion()
-    pose_policy: Literal["reject", "clamp", "allow"] = "reject"
+    pose_policy: PosePolicy = "reject"
     min_clearance_m: float = Field(default=0.05, ge=0)
 
     @property

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import get_args
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from oaisys_core import geometry, randomness
 from oaisys_core.config.motion import AnyMotion
-from oaisys_core.config.sensors import CameraConfig, SensorsConfig
+from oaisys_core.config.sensors import CameraConfig, PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.modules.clearance import Extent, HeightLookup, admitted
@@ -33,7 +34,8 @@ class SensorsModule(Module):
     """Holds the cameras, the rig's pose and its motion.
 
     Metadata understands ``pose`` (`Pose`), which goes before any motion; ``cameras``, a mapping
-    from a camera's name to what changes of its optics until the next batch; and, for a batch,
+    from a camera's name to what changes of its optics until the next batch; for a sample,
+    ``pose_policy``, which judges its pose instead of the configured one; and, for a batch,
     ``motion``, which takes the place of the configured one.
     """
 
@@ -61,7 +63,7 @@ class SensorsModule(Module):
 
     def check_sample(self, metadata: Metadata) -> None:
         """As `check`; a motion is chosen for a whole batch."""
-        self._check(metadata, ("pose", "cameras"))
+        self._check(metadata, ("pose", "pose_policy", "cameras"))
         self._changed(self._cameras, metadata)
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
@@ -105,9 +107,11 @@ class SensorsModule(Module):
         self.rig_pose = self._found(motion, step, heights, ground.extent_m)
         self._place(world)
 
-    def admit(self, pose: Pose, heights: HeightLookup, extent_m: Extent) -> Pose:
-        """Return the pose that the configured policy makes of ``pose``, see `admitted`."""
-        return self._admitted(pose, heights, extent_m, self._config.pose_policy)
+    def admit(
+        self, pose: Pose, heights: HeightLookup, extent_m: Extent, policy: PosePolicy | None = None
+    ) -> Pose:
+        """Return the pose that a policy, by default the configured one, makes of ``pose``."""
+        return self._admitted(pose, heights, extent_m, policy or self._config.pose_policy)
 
     def due(
         self,
@@ -193,6 +197,8 @@ class SensorsModule(Module):
                 if not isinstance(value, Pose):
                     raise InvalidInputError(path, value, "a Pose")
                 geometry.checked_pose(value.position_m, value.quat_xyzw, path)
+            if key == "pose_policy" and value not in get_args(PosePolicy):
+                raise InvalidInputError(path, value, f"one of {', '.join(get_args(PosePolicy))}")
 
     def _chosen_motion(self, metadata: Metadata) -> Motion | None:
         chosen = (metadata or {}).get("motion")
