@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import Progress as ProgressBar
 from rich.table import Table
 
-from oaisys_core.audit import Audited, audit_views, summed
 from oaisys_core.command_options import (
     BackendOption,
     ConfigOption,
@@ -20,10 +18,12 @@ from oaisys_core.command_options import (
     SeedOption,
     SizeOption,
 )
-from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_core.errors import OaisysError
-from oaisys_core.simulation import Simulation
 from oaisys_core.standard_output import own_stdout
+
+if TYPE_CHECKING:
+    from oaisys_core.audit import Audited
+    from oaisys_core.config import SimulationConfig
 
 LARGEST_WRONG_SHARE = 5e-4
 
@@ -49,6 +49,9 @@ def audit(
 
     Exit code 1 where more pixels off edges are wrong than the limit says.
     """
+    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    from oaisys_core.config import SimulationConfig, adjusted, load_config
+
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
     with own_stdout():
@@ -77,6 +80,11 @@ def audit(
 
 
 def _audited(config: SimulationConfig, batches: int, views: int) -> list[Audited]:
+    import numpy as np
+
+    from oaisys_core.audit import audit_views, summed
+    from oaisys_core.simulation import Simulation
+
     simulation = Simulation(config)
     console = Console(stderr=True)
     found: list[Audited] = []

@@ -7,6 +7,7 @@ typer annotations, or a `typer.Typer` with sub-commands of its own. A function e
 
 from __future__ import annotations
 
+import inspect
 import logging
 import sys
 from importlib.metadata import EntryPoint, entry_points, version
@@ -18,6 +19,9 @@ from typer.core import TyperGroup
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
 
 COMMAND_GROUP = "oaisys.commands"
+PLAIN_HELP = None
+"""No tables of rich: at 80 columns they leave options' help a column of a word or two."""
+
 EXIT_FAILED = 1
 EXIT_INVALID_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -44,9 +48,19 @@ def _load(entry: EntryPoint) -> Any:
         app = typer.Typer(add_completion=False)
         app.command(entry.name)(target)
         target = app
+    target.rich_markup_mode = PLAIN_HELP
     command = typer.main.get_command(target)
     command.name = entry.name
+    _summarise(command)
     return command
+
+
+def _summarise(command: Any) -> None:
+    """Let lists of commands show the first paragraph of each whole, not its first 50 letters."""
+    if not command.short_help and command.help:
+        command.short_help = " ".join(inspect.cleandoc(command.help).split("\n\n")[0].split())
+    for part in getattr(command, "commands", {}).values():
+        _summarise(part)
 
 
 def _unavailable(entry: EntryPoint, error: Exception) -> typer.Typer:
@@ -60,7 +74,7 @@ def _unavailable(entry: EntryPoint, error: Exception) -> typer.Typer:
     return app
 
 
-app = typer.Typer(cls=_InstalledCommands, add_completion=False)
+app = typer.Typer(cls=_InstalledCommands, add_completion=False, rich_markup_mode=PLAIN_HELP)
 
 
 def _show_version(wanted: bool) -> None:

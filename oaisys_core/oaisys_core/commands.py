@@ -1,4 +1,7 @@
-"""The core's shell commands: ``oaisys render`` and ``oaisys config``."""
+"""The core's shell commands: ``oaisys render`` and ``oaisys config``.
+
+``oaisys --help`` reads this module, too: what takes long to import waits until it is used.
+"""
 
 from __future__ import annotations
 
@@ -16,28 +19,22 @@ from oaisys_core.command_options import (
     SeedOption,
     SizeOption,
 )
-from oaisys_core.config import (
-    SimulationConfig,
-    adjusted,
-    config_from_mapping,
-    config_sha256,
-    load_config,
-)
-from oaisys_core.config.importing.importer import import_file
-from oaisys_core.config.reference import reference_text
-from oaisys_core.config.schema import schema_text
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.extension_modules import make_modules
 from oaisys_core.render_command import render
 
 __all__ = ["config_app", "render"]
 
-config_app = typer.Typer(help="Check configuration files.", no_args_is_help=True)
+config_app = typer.Typer(
+    help="Check configuration files.", no_args_is_help=True, add_completion=False
+)
 
 
 @config_app.command("check")
 def check(file: Annotated[Path, typer.Argument(help="YAML file to check.")]) -> None:
     """Validate FILE; every fault is told with its line, its path and what was expected."""
+    from oaisys_core.config import config_sha256, load_config
+    from oaisys_core.extension_modules import make_modules
+
     config = load_config(file)
     make_modules(config.extensions)
     typer.echo(f"{file}: valid, sha256 {config_sha256(config)}")
@@ -52,6 +49,8 @@ def show(
     size: SizeOption = None,
 ) -> None:
     """Print the whole configuration, defaults included, as JSON (which is also YAML)."""
+    from oaisys_core.config import SimulationConfig, adjusted, load_config
+
     loaded = load_config(config) if config else SimulationConfig()
     shown = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
     typer.echo(json.dumps(shown.model_dump(mode="json"), indent=2))
@@ -62,6 +61,8 @@ def schema(
     out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
 ) -> None:
     """Write the JSON Schema of configuration files, which editors and other programs understand."""
+    from oaisys_core.config.schema import schema_text
+
     _write_or_print(schema_text(), out)
 
 
@@ -70,6 +71,8 @@ def reference(
     out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
 ) -> None:
     """Write the page that lists every key with its type, range, default and meaning."""
+    from oaisys_core.config.reference import reference_text
+
     _write_or_print(reference_text(), out)
 
 
@@ -87,6 +90,9 @@ def import_(
     ] = False,
 ) -> None:
     """Turn an original OAISYS configuration into ours; tell what becomes of every key."""
+    from oaisys_core.config import config_from_mapping
+    from oaisys_core.config.importing.importer import import_file
+
     imported = import_file(file, assets, out, strict=strict)
     config_from_mapping(imported.config)
     _write_or_print(imported.text(file.name), out)

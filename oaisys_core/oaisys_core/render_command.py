@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -16,14 +16,15 @@ from oaisys_core.command_options import (
     SeedOption,
     SizeOption,
 )
-from oaisys_core.config import SimulationConfig, adjusted, load_config
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.metadata_file import SampleRequest, Steps, load_steps
-from oaisys_core.output.poses import read_poses
-from oaisys_core.output.writer import SampleWriter
-from oaisys_core.simulation import Simulation
 from oaisys_core.standard_output import own_stdout
-from oaisys_core.types import ModuleMetadata, Sample
+
+if TYPE_CHECKING:
+    from oaisys_core.config import SimulationConfig
+    from oaisys_core.metadata_file import SampleRequest, Steps
+    from oaisys_core.output.writer import SampleWriter
+    from oaisys_core.simulation import Simulation
+    from oaisys_core.types import Sample
 
 
 def render(
@@ -57,6 +58,11 @@ def render(
     Without --poses, --metadata and a motion in the configuration, the rig stays above the ground's
     centre, looking down.
     """
+    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_core.output.writer import SampleWriter
+    from oaisys_core.simulation import Simulation
+
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
     given = {"folder": out, "batches": batches, "samples": samples}
@@ -80,6 +86,10 @@ def render(
 
 
 def _steps(poses: Path | None, metadata: Path | None, samples: int) -> Steps:
+    from oaisys_core.metadata_file import SampleRequest, Steps, load_steps
+    from oaisys_core.output.poses import read_poses
+    from oaisys_core.types import ModuleMetadata
+
     if poses is not None and metadata is not None:
         raise InvalidInputError("metadata", str(metadata), "either --poses or --metadata")
     if metadata is not None:

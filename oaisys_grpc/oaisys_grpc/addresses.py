@@ -12,6 +12,8 @@ from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 
+DEFAULT_ADDRESS = "127.0.0.1:50051"
+
 UNIX = "unix:"
 LARGEST_PORT = 65535
 

@@ -22,6 +22,7 @@ from oaisys_core.types import (
     ignore_sample_frames,
 )
 from oaisys_grpc import chunks, conversions, requests
+from oaisys_grpc.addresses import DEFAULT_ADDRESS
 from oaisys_grpc.channel import SERVICE, Channel, translated
 from oaisys_grpc.encodings import encodings_from_names
 from oaisys_grpc.operation import OperationStatus, status_from_proto
@@ -40,7 +41,6 @@ __all__ = [
     "client_tls",
 ]
 
-DEFAULT_ADDRESS = "127.0.0.1:50051"
 DEFAULT_TIMEOUT_S = 120.0
 
 _HEIGHTS_PER_CALL = 50_000

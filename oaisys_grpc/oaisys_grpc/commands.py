@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -16,15 +16,8 @@ from oaisys_core.command_options import (
     SeedOption,
     SizeOption,
 )
-from oaisys_core.config import SimulationConfig, adjusted, load_config
-from oaisys_core.config.sensors import PosePolicy
-from oaisys_grpc.addresses import check_address
-from oaisys_grpc.client import DEFAULT_ADDRESS
-from oaisys_grpc.memory import keep_freed_memory
-from oaisys_grpc.server import serve as run_server
-from oaisys_grpc.server_options import GRACE_S, LEGACY_FOLDER, POSE_CACHE_MB, ServerOptions
-from oaisys_grpc.tls import ServerTls
-from oaisys_grpc.worker_log import state_folder
+from oaisys_grpc.addresses import DEFAULT_ADDRESS
+from oaisys_grpc.server_options import GRACE_S, LEGACY_FOLDER, POSE_CACHE_MB
 from oaisys_grpc.worker_memory import MEGABYTE
 
 
@@ -65,7 +58,7 @@ def serve(
         typer.Option(help="Folder for the images that clients of the original's service read."),
     ] = LEGACY_FOLDER,
     legacy_pose_policy: Annotated[
-        PosePolicy | None,
+        Literal["reject", "clamp", "allow"] | None,
         typer.Option(
             help="What the original's service does with a pose under the ground or off the stage; "
             "default: as sensors.pose_policy says, but clamp where that is reject.",
@@ -101,6 +94,15 @@ def serve(
     SIGINT, SIGTERM and EndSimulation end it within 5 s, with exit code 0: calls under way get 2 s
     of them, unless a second signal comes.
     """
+    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_grpc.addresses import check_address
+    from oaisys_grpc.memory import keep_freed_memory
+    from oaisys_grpc.server import serve as run_server
+    from oaisys_grpc.server_options import ServerOptions
+    from oaisys_grpc.tls import ServerTls
+    from oaisys_grpc.worker_log import state_folder
+
     keep_freed_memory()
     gc.freeze()  # what has been imported is not looked through again and again
     chosen = load_config(config) if config else SimulationConfig()

@@ -5,10 +5,13 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from oaisys_core.config.sensors import PosePolicy
-from oaisys_grpc.tls import ServerTls
 from oaisys_grpc.worker_memory import MEGABYTE
+
+if TYPE_CHECKING:  # they bring gRPC and pydantic, which the command line's help does without
+    from oaisys_core.config.sensors import PosePolicy
+    from oaisys_grpc.tls import ServerTls
 
 GRACE_S = 30.0
 """Between a call's deadline, when it is cancelled, and the end of a worker that hangs."""

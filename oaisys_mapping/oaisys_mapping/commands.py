@@ -5,18 +5,14 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_mapping.mesh_io import read_ply
-from oaisys_mapping.metrics import Extras, evaluate_reconstruction
-from oaisys_mapping.thresholds import Thresholds
-from oaisys_mapping.truth_io import read_truth
-from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_mapping.view_files import read_views
+
+if TYPE_CHECKING:
+    from oaisys_mapping.tsdf import TsdfVolume
 
 LengthOption = Annotated[float | None, typer.Option(help="Metres.", min=0)]
 MedianOption = Annotated[
@@ -74,6 +70,15 @@ def evaluate(
 
     Without --poses all of the truth counts as visible.
     """
+    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    import numpy as np
+
+    from oaisys_mapping.mesh_io import read_ply
+    from oaisys_mapping.metrics import Extras, evaluate_reconstruction
+    from oaisys_mapping.thresholds import Thresholds
+    from oaisys_mapping.truth_io import read_truth
+    from oaisys_mapping.view_files import read_views
+
     if json_path is not None and not json_path.parent.is_dir():
         raise InvalidInputError("--json", str(json_path), "a file in an existing folder")
     taus_m = tuple(tau or ())
@@ -118,6 +123,8 @@ def evaluate(
 
 
 def _volume(path: Path, voxel_size_m: float) -> TsdfVolume:
+    from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+
     found = TsdfVolume(TsdfConfig(voxel_size_m=voxel_size_m))
     found.load(path)
     return found

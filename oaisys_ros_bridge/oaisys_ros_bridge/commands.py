@@ -7,8 +7,14 @@ from typing import Annotated
 
 import typer
 
-ros_app = typer.Typer(help="Describe the ROS interface.", no_args_is_help=True)
-bag_app = typer.Typer(help="Look into bags, mend them, publish them again.", no_args_is_help=True)
+ros_app = typer.Typer(
+    help="Describe the ROS interface.", no_args_is_help=True, add_completion=False
+)
+bag_app = typer.Typer(
+    help="Look into bags, mend them, publish them again.",
+    no_args_is_help=True,
+    add_completion=False,
+)
 
 
 def record(

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from typer.main import get_command
+
+from oaisys_core.cli import app
 
 OAISYS = Path(sys.executable).with_name("oaisys")
 
@@ -88,7 +92,7 @@ def test_help_lists_every_command_and_says_which_is_not_available(third_party: P
     result = oaisys(third_party, "--help")
     assert result.returncode == 0
     for name in ("good", "refused", "group", "broken", "serve", "survey", "render", "config"):
-        assert f" {name} " in result.stdout
+        assert name in result.stdout.split()
     assert "Count sheep." in result.stdout
     assert "third_party_without_its_library" in " ".join(result.stdout.split())
 
@@ -125,3 +129,54 @@ def test_wrong_usage_exits_with_2(third_party: Path, arguments: tuple[str, ...])
 
 def test_verbose_shows_where_an_error_came_from(third_party: Path) -> None:
     assert "Traceback" in oaisys(third_party, "-vv", "failed").stderr
+
+
+HEAVY = ("bpy", "cv2", "google", "grpc", "numpy", "open3d", "pydantic", "rclpy", "scipy", "yaml")
+
+
+def test_help_imports_nothing_that_takes_long() -> None:
+    code = f"""
+import sys
+from oaisys_core.cli import main
+sys.argv = ["oaisys", "--help"]
+try:
+    main()
+finally:
+    print([name for name in {HEAVY} if name in sys.modules], file=sys.stderr)
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0
+    assert "  survey  " in result.stdout
+    assert result.stderr == "[]\n"
+
+
+def command_names() -> list[tuple[str, ...]]:
+    """Every command that is installed, and those inside of it."""
+    root = get_command(app)
+    names = []
+    for name in root.list_commands(None):
+        names.append((name,))
+        parts = getattr(root.get_command(None, name), "commands", {})
+        names += [(name, part) for part in parts]
+    return names
+
+
+@pytest.mark.parametrize("arguments", command_names(), ids=" ".join)
+def test_help_is_readable_at_80_columns(tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    result = subprocess.run(
+        [OAISYS, *arguments, "--help"],
+        env={**os.environ, "COLUMNS": "80"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert "…" not in result.stdout
+    assert not any(line.endswith("...") for line in lines[1:])  # the usage ends in ARGS...
+    # The column of help texts begins after an option, or stands alone below a long one.
+    rows = [re.match(r"  \S+(?: \S+)*  +(?=\S)|   +(?=\S)", line) for line in lines]
+    assert all(80 - row.end() >= 40 for row in rows if row), result.stdout
