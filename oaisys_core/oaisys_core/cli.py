@@ -111,5 +111,5 @@ def main() -> None:
 
 def _report(error: OaisysError, exit_code: int) -> int:
     logging.getLogger(__name__).debug("", exc_info=error)
-    typer.echo(f"oaisys: {error}", err=True)
+    typer.echo("\n".join([f"oaisys: {error}", *getattr(error, "__notes__", ())]), err=True)
     return exit_code

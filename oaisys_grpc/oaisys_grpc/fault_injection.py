@@ -3,8 +3,9 @@
 ``OAISYS_FAULT`` names them, separated by commas: ``crash``, ``hang``, ``slow:SECONDS``,
 ``nap:SECONDS``, ``leak:MEGABYTES``. Each strikes every sample, or with ``@NUMBER`` behind it that
 one of every worker. It strikes before anything is rendered; with ``late-`` before it once depth and
-labels have been sent; with ``last-`` when the sample is complete, but nobody was told. All only
-where ``OAISYS_TEST_BUILD=1`` says that this is a test.
+labels have been sent; with ``last-`` when the sample is complete, but nobody was told; with
+``batch-`` before it, whenever a batch begins. All only where ``OAISYS_TEST_BUILD=1`` says that this
+is a test.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.types import Progress
 
 _STEP_S = 0.02
-_LATE, _LAST = "late-", "last-"
+_LATE, _LAST, _BATCH = "late-", "last-", "batch-"
 _samples = 0
 _leaked: list[bytes] = []
 
@@ -28,8 +29,15 @@ def strike(progress: ProgressCallback) -> None:
     global _samples
     _samples += 1
     for fault in _wanted():
-        if not fault.startswith((_LATE, _LAST)):
+        if not fault.startswith((_LATE, _LAST, _BATCH)):
             _strike(*fault.partition(":")[::2], progress)
+
+
+def strike_batch(progress: ProgressCallback) -> None:
+    """Do what the environment asks for, before a batch is built."""
+    for fault in _wanted():
+        if fault.startswith(_BATCH):
+            _strike(*fault.removeprefix(_BATCH).partition(":")[::2], progress)
 
 
 def strike_late(progress: ProgressCallback) -> None:

@@ -50,6 +50,8 @@ CRASH_WINDOW_S = 60.0
 """So many crashes within so many seconds, and no new worker is started."""
 
 
+_ENDING = "the server was told to end"
+
 SAMPLE_METHOD = "step_sample"
 """What the worker calls rendering; the only call that is worth a new worker to stop."""
 
@@ -98,7 +100,7 @@ class Supervisor:
         options = self._options
         self._worker = WorkerProcess(options.worker_python, self.log, self._memory.kill_bytes)
         if self._struck.is_set():
-            self._worker.strike()
+            self._worker.strike(_ENDING)
         _LOG.info("worker %d started", self._worker.pid)
         limit = Limit(START_TIMEOUT_S, options.grace_s, threading.Event())
         arguments = {
@@ -251,7 +253,7 @@ class Supervisor:
         self._struck.set()
         worker = self._worker
         if worker is not None:
-            worker.strike()
+            worker.strike(_ENDING)
 
     def _take(self, answer: Message) -> None:
         """Keep what the answer says of the world; raise the error that it brings."""
@@ -264,7 +266,7 @@ class Supervisor:
 
     def _drop(self, error: OaisysError) -> None:
         """Do without a worker that is no more."""
-        _LOG.error("%s", error)
+        _LOG.error("%s (what workers print: %s)", error, self.log.path or "not kept")
         self._on_ready(False)
         if self._worker is not None:
             self._worker.kill()

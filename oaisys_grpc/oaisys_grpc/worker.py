@@ -139,7 +139,9 @@ class Worker:
         self._simulation = simulation
 
     def _step_batch(self, arguments: Message, report: _Reporter) -> int:
-        return self._ready().step_batch(**arguments, progress=report)
+        simulation = self._ready()
+        fault_injection.strike_batch(report)
+        return simulation.step_batch(**arguments, progress=report)
 
     def _step_sample(self, arguments: Message, report: _Reporter) -> Sample:
         """Send each frame as soon as it is ready, and return the sample without them."""

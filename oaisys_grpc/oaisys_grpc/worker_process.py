@@ -46,6 +46,9 @@ _LINES_KEPT = 40
 _LINES_QUOTED = 5
 _LONGEST_LINE = 10_000
 _END_S = 1.0
+_LAST_WORDS_S = 5.0
+"""For a process that has closed its connection to end by itself, and so to say why."""
+
 _FOLDER = "oaisys-worker-"
 _OTHER_ENVIRONMENTS = ("LD_LIBRARY_PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX")
 """Of this interpreter's environment; another interpreter must not get them."""
@@ -82,7 +85,8 @@ class WorkerProcess:
         self._lines: collections.deque[str] = collections.deque(maxlen=_LINES_KEPT)
         self._reader = threading.Thread(target=self._read_log, name="worker-log", daemon=True)
         self._reader.start()
-        self._watchdog = Watchdog(self.strike)
+        self._killed_because = ""
+        self._watchdog = Watchdog(lambda: self.strike("it hung beyond its deadline"))
 
     def _start(self, python: str, descriptor: int) -> subprocess.Popen[bytes]:
         command = [python, "-m", "oaisys_grpc.worker"]
@@ -168,8 +172,14 @@ class WorkerProcess:
             self._process.wait(_END_S)
         self.kill()
 
-    def strike(self) -> None:
-        """Kill the process, and all that it started; any thread may, a call then ends."""
+    def strike(self, reason: str = "") -> None:
+        """Kill the process, and all that it started; any thread may, a call then ends.
+
+        Args:
+            reason: Why, for those whose call is lost.
+        """
+        if reason and self.alive:
+            self._killed_because = reason
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
 
@@ -212,13 +222,26 @@ class WorkerProcess:
 
     def last_words(self) -> str:
         """Return how the process ended and what it said last."""
+        with contextlib.suppress(subprocess.TimeoutExpired):  # our own signal would hide its end
+            self._process.wait(_LAST_WORDS_S)
+        if self.alive:
+            self._killed_because = "it closed its connection, but went on"
         self.kill()
         self._reader.join(_END_S)
-        code = self._process.returncode
-        how = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
         lines = _telling(list(self._lines))
         said = "; it said last: " + " | ".join(lines) if lines else ""
-        return f"the worker {how}{said}"
+        return f"the worker {self._how_it_ended()}{said}"
+
+    def _how_it_ended(self) -> str:
+        """Return how the process, which is no more, ended."""
+        if self._killed_because:
+            return f"was killed by its server: {self._killed_because}"
+        code = self._process.returncode
+        if code >= 0:
+            return f"exited with {code}"
+        name = signal.Signals(-code).name
+        by_others = " (sent by the system, for want of memory, or by a user)"
+        return f"was ended by {name}{by_others if -code == signal.SIGKILL else ''}"
 
 
 def _telling(lines: list[str]) -> list[str]:

@@ -12,6 +12,9 @@ from oaisys_core.types import SimulatorInfo
 
 BYTES_PER_MB = 1e6
 
+FIRST_BATCH_ERROR = "first_batch_error"
+"""Key of why there is no world although the bridge tried twice; empty: no such thing."""
+
 
 def diagnostics_msg(
     name: str, hardware_id: str, level: bytes, message: str, values: Mapping[str, object]

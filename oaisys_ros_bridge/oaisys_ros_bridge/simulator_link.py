@@ -58,6 +58,8 @@ class SimulatorLink:
     Attributes:
         initial_batch: Whether to build a first batch where there is none.
         building: Whether a batch is being built.
+        first_batch_error: Why there is no first batch although it was tried twice; empty: no
+            such thing.
     """
 
     def __init__(
@@ -74,6 +76,7 @@ class SimulatorLink:
         self._tls = tls
         self.initial_batch = initial_batch
         self.building = False
+        self.first_batch_error = ""
         self._turns = turns
         self._timeout_s = timeout_s
         self._on_change = on_change
@@ -221,15 +224,34 @@ class SimulatorLink:
         """
         client, info = self._found()
         if info.batch_id == 0 and self.initial_batch:
-            self._enter(info, "the first batch is being built")
-            with self._is_building():
-                client.step_batch()
+            self._build_first_batch(client, info)
             info = client.info()
         if self._state.info is not None and self._state.ready:
             restarts = info.worker_restarts - self._state.info.worker_restarts
             if restarts > 0:
                 self._enter(info, f"the simulator's worker died; restarted {restarts} time(s)")
         self._enter(info, "" if info.batch_id > 0 else "no batch has been stepped yet")
+
+    def _build_first_batch(self, client: SimulatorClient, info: SimulatorInfo) -> None:
+        """Build it, once more where that failed: the next worker may have more luck.
+
+        Raises:
+            OaisysError: It failed twice.
+        """
+        self._enter(info, "the first batch is being built")
+        with self._is_building():
+            try:
+                client.step_batch()
+            except OaisysError as error:
+                if self._stopping.is_set():
+                    raise
+                self._enter(info, f"the first batch failed and is built once more: {error}")
+                try:
+                    client.step_batch()
+                except OaisysError as second:
+                    self.first_batch_error = f"the first batch could not be built, twice: {second}"
+                    raise
+        self.first_batch_error = ""
 
     @contextmanager
     def _is_building(self) -> Iterator[None]:

@@ -75,7 +75,7 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
 def _plan(options: SurveyOptions, system: System[SurveyClient]) -> SurveyPlan:
     extent_m = system.simulator.info().stage_extent_m
     if extent_m is None:
-        raise OaisysError("the bridge is ready, but the simulator has no world")
+        raise OaisysError("the simulator has lost its world since the bridge was ready")
     camera = system.sensor.intrinsics
     return plan_survey(options.views, options.altitude_m, options.overlap, camera, extent_m)
 

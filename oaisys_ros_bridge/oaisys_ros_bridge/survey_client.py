@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -24,6 +25,7 @@ from oaisys_core.types import Pose
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import SaveMesh, SetPose
 from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
+from oaisys_ros_bridge.diagnostics import FIRST_BATCH_ERROR
 from oaisys_ros_bridge.namespaces import placing_arguments
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 from oaisys_ros_bridge.sensor_topics import TOPIC_BY_MODALITY
@@ -81,6 +83,7 @@ class SurveyClient:
         self._images: dict[tuple[int, int], dict[str, NDArray[Any]]] = {}
         self._modalities = modalities
         self._bridge_is_ready = False
+        self._first_batch_errors: dict[str, str] = {}
         self._integration_s: dict[int, float] = {}
         self._namespace = namespace
         for modality in modalities:
@@ -117,13 +120,34 @@ class SurveyClient:
         rclpy.try_shutdown()
         self._spinner.join(timeout=2.0)
 
-    def wait_for_bridge(self, timeout_s: float, check: Callable[[], None]) -> None:
-        """Wait until the bridge has a world to show; ``check`` may raise to stop waiting.
+    def wait_for_bridge(
+        self, timeout_s: float, check: Callable[[], None], address: str = ""
+    ) -> None:
+        """Wait until the bridge has a world to show.
+
+        Args:
+            timeout_s: How long.
+            check: May raise to stop waiting.
+            address: Of the bridge's simulator; empty: any.
 
         Raises:
-            DeadlineExceededError: It has none in time.
+            RenderError: It could not build one.
+            DeadlineExceededError: It has none in time; or there are two bridges of that name.
         """
-        self._wait("the bridge to be ready", lambda: self._bridge_is_ready, timeout_s, check)
+
+        def check_all() -> None:
+            check()
+            for simulator, error in self._first_batch_errors.items():
+                if error and address in ("", simulator):
+                    raise RenderError(error)
+
+        self._wait("the bridge to be ready", lambda: self._bridge_is_ready, timeout_s, check_all)
+        domain = os.environ.get("ROS_DOMAIN_ID", "0")
+        self._wait(
+            f"all bridges but ours to leave ROS domain {domain} (set another ROS_DOMAIN_ID)",
+            lambda: self._node.count_publishers("oaisys_bridge/ready") == 1,
+            DISCOVERY_TIMEOUT_S,
+        )
 
     def wait_for_mapper(self) -> None:
         """Wait until the mapper offers its services.
@@ -266,6 +290,8 @@ class SurveyClient:
         matched = {k.removeprefix(SUBSCRIBERS): int(v) for k, v in said.items() if SUBSCRIBERS in k}
         with self._changed:
             self._matched.update(matched)
+            if FIRST_BATCH_ERROR in said:
+                self._first_batch_errors[said["address"]] = said[FIRST_BATCH_ERROR]
             if "last_transfer_s" in said:
                 self._transfer_s[int(said["last_stamp_ns"])] = float(said["last_transfer_s"])
             self._changed.notify_all()

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_core.errors import ConfigError, DeadlineExceededError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
 from oaisys_grpc.client import SimulatorClient
@@ -32,6 +35,11 @@ MAP_TIMEOUT_S = 120.0
 
 CONFIG_FILE = "config.yaml"
 """The whole configuration of an experiment, in its folder."""
+
+_ALARMING = re.compile(r"\b(WARN|WARNING|ERROR|CRITICAL|FATAL)\b|Traceback")
+_LOOK_S = 0.5
+_LINES_QUOTED = 3
+"""Of each log, beside an error."""
 
 Client = TypeVar("Client", bound=SurveyClient)
 
@@ -102,6 +110,7 @@ def running_system(
     config_path = write_config(options)
     logs = options.out / "logs"
     with ExitStack() as stack:
+        stack.enter_context(naming_logs(logs))
         stack.enter_context(own_domain())
         environment = _environment()
 
@@ -126,7 +135,12 @@ def running_system(
         modalities = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensor.modalities)
         client = make_client(namespace, modalities, options.namespace)
         stack.enter_context(client)
-        client.wait_for_bridge(START_TIMEOUT_S, lambda: _check_all(server, bridge, mapper))
+
+        def wait_for_world() -> None:
+            check_all = partial(_check_all, server, bridge, mapper)
+            _wait_for_world(client, simulator, check_all, address)
+
+        wait_for_world()
         client.wait_for_mapper()
         if options.record:
             bag = options.out / "bag"
@@ -135,7 +149,46 @@ def running_system(
             recorder = start("recorder", *recording, *placed)
             recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
         client.wait_for_subscribers()
+        wait_for_world()  # a worker may have been lost since
         yield System(simulator, client, sensor, _posed_sensor(info))
+
+
+def _wait_for_world(
+    client: SurveyClient, simulator: SimulatorClient, check: Callable[[], None], address: str
+) -> None:
+    """Wait until the bridge is ready and the simulator, which is asked itself, has a world.
+
+    Raises:
+        OaisysError: A process ended, the world cannot be built, or it took too long.
+    """
+    end_s = time.monotonic() + START_TIMEOUT_S
+    while True:
+        client.wait_for_bridge(max(0.0, end_s - time.monotonic()), check, address)
+        if simulator.info().stage_extent_m is not None:
+            return
+        if time.monotonic() >= end_s:
+            raise DeadlineExceededError(
+                f"the simulator at {address} had no world after {START_TIMEOUT_S:g} s"
+            )
+        time.sleep(_LOOK_S)
+
+
+@contextmanager
+def naming_logs(folder: Path) -> Iterator[None]:
+    """Have an error that passes name the processes' logs, and what they warned of last."""
+    began_s = time.time()
+    try:
+        yield
+    except OaisysError as error:
+        for log in sorted(folder.glob("*.log")):
+            if log.stat().st_mtime < began_s - 1.0:
+                continue  # of an earlier run
+            error.add_note(f"log: {log}")
+            lines = log.read_text(errors="replace").splitlines()
+            found = [line for line in lines if _ALARMING.search(line)][-_LINES_QUOTED:]
+            for line in found:
+                error.add_note(f"  | {line}")
+        raise
 
 
 def _posed_sensor(info: SimulatorInfo) -> str:

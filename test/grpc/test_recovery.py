@@ -1,20 +1,25 @@
 """What the service promises when a worker or a server dies, hangs or crashes again and again."""
 
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import grpc
 import psutil
 import pytest
 from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, wait_until
 
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.types import Progress, Sample
+from oaisys_core.types import Progress, Sample, ignore_progress
+from oaisys_grpc.call_limit import Limit
 from oaisys_grpc.client import SimulatorClient
 from oaisys_grpc.faults import ServerUnavailableError
+from oaisys_grpc.worker_log import WorkerLog
+from oaisys_grpc.worker_process import WorkerProcess
 
 StartServer = Callable[..., Server]
 POSES = [pose_looking_down(1, 1, 11, 0.4), pose_looking_at((-6, -5, 7), (2, 3, 0))]
@@ -141,3 +146,56 @@ def test_what_cannot_be_served_is_refused_with_one_line(
     assert said in server.stderr.read_text()
     assert "Traceback" not in server.stderr.read_text()
     assert server.stdout.read_text() == ""
+
+
+def test_how_a_worker_ended_is_not_hidden_by_our_own_signal(tmp_path: Path) -> None:
+    """It closes its connection first, and only then comes to its end, as on a busy machine."""
+    stand_in = tmp_path / "python"
+    stand_in.write_text(
+        f"#!{sys.executable}\n"
+        "import os, sys, time\n"
+        "os.close(int(sys.argv[sys.argv.index('--fd') + 1]))\n"
+        "time.sleep(0.5)\n"
+        "print('no disk is left', flush=True)\n"
+        "os._exit(3)\n"
+    )
+    stand_in.chmod(0o755)
+    worker = WorkerProcess(str(stand_in), WorkerLog())
+    limit = Limit(PATIENCE_S, PATIENCE_S, threading.Event())
+    with pytest.raises(WorkerLostError, match=r"exited with 3; it said last: no disk is left"):
+        worker.call("start", {}, limit=limit, progress=ignore_progress)
+
+
+def test_a_worker_that_its_server_kills_is_not_said_to_be_killed_by_others(
+    start_server: StartServer,
+) -> None:
+    server = start_server(ROCKY_WORLD, OAISYS_FAULT=f"slow:{2 * PATIENCE_S}", **TEST_BUILD)
+    with server.client() as client, ThreadPoolExecutor() as pool:
+        client.step_batch()
+        begun = threading.Event()
+        rendering = pool.submit(render_until, client, begun)
+        assert begun.wait(PATIENCE_S)
+        server.worker().kill()
+        with pytest.raises(OaisysError, match=r"was ended by SIGKILL \(sent by the system"):
+            rendering.result(PATIENCE_S)
+    server.end()
+    assert "what workers print: " in server.stderr.read_text()
+
+
+def test_a_shutdown_blames_nobody_for_the_worker_that_it_kills(start_server: StartServer) -> None:
+    server = start_server(ROCKY_WORLD, OAISYS_FAULT=f"batch-slow:{PATIENCE_S}", **TEST_BUILD)
+    begun = threading.Event()
+
+    def listen(progress: Progress) -> None:
+        if progress.stage == "fault":
+            begun.set()
+
+    with server.client() as client, ThreadPoolExecutor() as pool:
+        building = pool.submit(client.step_batch, on_progress=listen)
+        assert begun.wait(PATIENCE_S)
+        server.process.send_signal(signal.SIGTERM)
+        server.process.send_signal(signal.SIGTERM)
+        assert server.process.wait(PATIENCE_S) == 0
+        with pytest.raises(OaisysError):
+            building.result(PATIENCE_S)
+    assert "SIGKILL" not in server.stderr.read_text()

@@ -11,11 +11,14 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from ros_peer import Stage, nanoseconds
-from served_simulator import FLAT_WORLD
+from served_simulator import FLAT_WORLD, PATIENCE_S
 from std_srvs.srv import Trigger
 
+from oaisys_core.errors import DeadlineExceededError
 from oaisys_core.geometry import pose_looking_down
+from oaisys_ros_bridge import survey_client
 from oaisys_ros_bridge.qos import SENSOR_QOS
+from oaisys_ros_bridge.survey_client import SurveyClient
 
 pytestmark = pytest.mark.ros
 
@@ -79,3 +82,40 @@ def test_signals_end_it_in_peace_even_while_it_renders(
 
     assert bridge.end(number) == 0
     assert "Traceback" not in bridge.log.read_text()
+
+
+def test_a_first_batch_that_fails_is_built_once_more(stage: Stage) -> None:
+    user = stage.user
+    faults = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "batch-slow:3"}
+    server = stage.start_world(FLAT_WORLD, **faults)
+    bridge = stage.start_bridge(server.address)
+    user.listen(DiagnosticArray, "/diagnostics", SENSOR_QOS)
+    diagnostics = user.received["/diagnostics"]
+
+    def message(text: str) -> bool:
+        return any(text in status.message for array in diagnostics for status in array.status)
+
+    user.wait_until(lambda: message("the first batch is being built"))
+    server.worker().kill()
+    user.wait_until(lambda: message("the first batch failed and is built once more: "))
+    assert message("the worker was ended by SIGKILL")
+    user.wait_until_ready()
+    assert said(diagnostics[-1])["first_batch_error"] == ""
+    assert user.set_pose(pose_looking_down(0, 0, 5)).success
+    assert "built once more" in bridge.log.read_text()
+
+
+def test_two_bridges_of_one_name_are_told_apart_before_a_survey(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, ros_domain_id: int
+) -> None:
+    address = stage.start_world(FLAT_WORLD).address
+    for _ in range(2):
+        stage.start_bridge(address)
+    stage.user.wait_until(lambda: stage.user.node.count_publishers("oaisys_bridge/ready") == 2)
+    monkeypatch.setattr(survey_client, "DISCOVERY_TIMEOUT_S", 2.0)
+    expected = rf"bridges but ours to leave ROS domain {ros_domain_id}"
+    with (
+        SurveyClient("camera", ("depth",)) as client,
+        pytest.raises(DeadlineExceededError, match=expected),
+    ):
+        client.wait_for_bridge(PATIENCE_S, lambda: None)

@@ -259,3 +259,25 @@ def test_a_survey_with_blender(world: Path, tmp_path: Path, ros_domain_id: int) 
     assert figures["backend"] == "blender"
     assert figures["blender_version"].startswith(("4.5.", "5.2."))
     _check_bag(out / "bag", views=2)
+
+
+@pytest.mark.usefixtures("no_process_left")
+def test_a_world_that_cannot_be_built_names_cause_and_log(
+    world: Path, tmp_path: Path, ros_domain_id: int
+) -> None:
+    out = tmp_path / "out"
+    options = ("--backend", "analytic", "--views", "1", "--size", "64x48", "--no-bag")
+    result = subprocess.run(
+        command(world, out, *options),
+        env={**environment(ros_domain_id), "OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "batch-crash"},
+        capture_output=True,
+        text=True,
+        timeout=400,
+        check=False,
+    )
+    assert result.returncode == 1
+    assert "the first batch could not be built, twice: " in result.stderr
+    assert "the worker was ended by SIGABRT" in result.stderr
+    for name in ("server", "bridge"):
+        assert f"log: {out / 'logs' / name}.log" in result.stderr
+    assert "Traceback" not in result.stderr

@@ -20,7 +20,12 @@ from oaisys_grpc.client import client_tls
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.command_queue import CommandQueue
-from oaisys_ros_bridge.diagnostics import diagnostics_msg, resident_mb, simulator_values
+from oaisys_ros_bridge.diagnostics import (
+    FIRST_BATCH_ERROR,
+    diagnostics_msg,
+    resident_mb,
+    simulator_values,
+)
 from oaisys_ros_bridge.managed_node import ACTIVE, INACTIVE, UNCONFIGURED, ManagedNode
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
@@ -353,6 +358,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         values: dict[str, object] = {
             "address": self.parameters["address"],
             "lifecycle_state": self.state_name,
+            FIRST_BATCH_ERROR: "" if link is None else link.first_batch_error,
             "connections": 0 if link is None else link.state.connections,
             "renderer": self._renderer.activity,
             "queue": self._turns.waiting + self._commands.waiting,
