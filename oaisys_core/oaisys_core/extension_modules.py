@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 from pydantic import ValidationError
 
 from oaisys_core import extensions
+from oaisys_core.config.expectations import faults_of
 from oaisys_core.config.section import Section
 from oaisys_core.errors import ConfigError
 from oaisys_core.module import Module
@@ -59,8 +60,8 @@ def _made(name: str, options: Mapping[str, Any]) -> ExtensionModule:
         return kind(kind.options_type.model_validate(dict(options)))
     except ValidationError as error:
         faults = [
-            ".".join(("extensions", name, *(str(part) for part in fault["loc"])))
-            + f": received {fault['input']!r}, {fault['msg']}"
-            for fault in error.errors()
+            ".".join(("extensions", name, *map(str, fault.location)))
+            + f": received {fault.received!r}, expected {fault.expected}"
+            for fault in faults_of(error, options)
         ]
         raise ConfigError("\n".join(faults)) from error

@@ -331,9 +331,9 @@ def test_a_batch_may_have_a_motion_of_its_own() -> None:
 @pytest.mark.parametrize(
     ("metadata", "field"),
     [
-        ({"motion": {"kind": "walk"}}, "metadata.sensor.motion"),
-        ({"motion": {"kind": "hover", "speed": 2}}, "metadata.sensor.motion.hover.speed"),
-        ({"motion": {"kind": "csv", "path": "no/such.csv"}}, "metadata.sensor.motion.csv.path"),
+        ({"motion": {"kind": "walk"}}, "metadata.sensor.motion.kind"),
+        ({"motion": {"kind": "hover", "speed": 2}}, "metadata.sensor.motion.speed"),
+        ({"motion": {"kind": "csv", "path": "no/such.csv"}}, "metadata.sensor.motion.path"),
     ],
     ids=["kind", "key", "file"],
 )

@@ -217,7 +217,7 @@ def naming(path: str, folder: str) -> dict[str, ModuleMetadata]:
         "metadata.asset.add.it.file": ModuleMetadata(
             asset={"add": {"it": {**standing, "file": path}}}
         ),
-        "metadata.sensor.motion.csv.path": ModuleMetadata(
+        "metadata.sensor.motion.path": ModuleMetadata(
             sensor={"motion": {"kind": "csv", "path": path}}
         ),
     }
@@ -280,7 +280,7 @@ def test_odd_paths_are_refused(confined: SimulatorClient, path: str) -> None:
     metadata = ModuleMetadata(sensor={"motion": {"kind": "csv", "path": path}})
     with pytest.raises(InvalidInputError) as refused:
         confined.step_batch(metadata=metadata)
-    assert refused.value.field == "metadata.sensor.motion.csv.path"
+    assert refused.value.field == "metadata.sensor.motion.path"
 
 
 def test_a_folder_with_links_out_of_the_roots_is_refused(confined: SimulatorClient) -> None:
@@ -385,7 +385,7 @@ ABSURD = {
     "metadata.sensor.cameras.camera.width_px": ModuleMetadata(
         sensor={"cameras": {"camera": {"width_px": 100_000}}}
     ),
-    "metadata.sensor.motion.grid.columns": ModuleMetadata(
+    "metadata.sensor.motion.columns": ModuleMetadata(
         sensor={"motion": {"kind": "grid", "columns": 10**12}}
     ),
 }

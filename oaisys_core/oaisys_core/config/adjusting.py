@@ -7,6 +7,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from oaisys_core.config.expectations import refusal
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.sensors import CameraConfig
 from oaisys_core.errors import InvalidInputError
@@ -48,9 +49,7 @@ def adjusted(
     try:
         return SimulationConfig.model_validate(data)
     except ValidationError as error:
-        detail = error.errors()[0]
-        path = ".".join(str(part) for part in detail["loc"])
-        raise InvalidInputError(path, detail["input"], detail["msg"]) from error
+        raise refusal(error, data) from error
 
 
 def _parsed(size: str) -> tuple[int, int]:

@@ -44,14 +44,14 @@ class RockGroupConfig(Labelled):
     @classmethod
     def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
         if value[0] < 0 or value[0] > value[1]:
-            raise ValueError("the first number must not be negative nor above the second")
+            raise ValueError("expected [least, most], the least at least 0")
         return value
 
     @field_validator("size_m")
     @classmethod
     def _positive(cls, value: tuple[float, float]) -> tuple[float, float]:
         if value[0] <= 0:
-            raise ValueError("sizes must be above 0")
+            raise ValueError("expected sizes above 0")
         return value
 
 

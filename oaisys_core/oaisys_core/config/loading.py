@@ -10,8 +10,8 @@ from typing import Any
 
 import yaml
 from pydantic import ValidationError
-from pydantic_core import ErrorDetails
 
+from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, Fault, faults_of
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.paths import BASE
 from oaisys_core.errors import ConfigError
@@ -62,28 +62,25 @@ def _checked(
     try:
         config = SimulationConfig.model_validate(data, context={BASE: base})
     except ValidationError as error:
-        faults = _root_causes(error.errors())
-        raise ConfigError("\n".join(_fault(fault, source, root) for fault in faults)) from error
+        lines = [_line(fault, source, root) for fault in faults_of(error, data)]
+        raise ConfigError("\n".join(lines)) from error
     return config
 
 
-def _root_causes(details: list[ErrorDetails]) -> list[ErrorDetails]:
-    """Return the faults without those that only say that something inside them is at fault."""
-
-    def inside(loc: tuple[int | str, ...]) -> bool:
-        return any(len(d["loc"]) > len(loc) and d["loc"][: len(loc)] == loc for d in details)
-
-    return [detail for detail in details if not inside(detail["loc"])]
-
-
-def _fault(detail: ErrorDetails, source: str, root: yaml.Node | None) -> str:
-    path = ".".join(str(part) for part in detail["loc"]) or "(whole file)"
-    line = _line_of(root, detail["loc"])
+def _line(fault: Fault, source: str, root: yaml.Node | None) -> str:
+    line = _line_of(root, fault.location)
     where = source if line is None else f"{source}:{line}"
-    if detail["type"] == "extra_forbidden":
+    path = fault.path or "(whole file)"
+    if fault.kind == UNKNOWN_KEY:
         return f"{where}: {path}: unknown key"
-    received = "" if detail["type"] == "missing" else f" received {_short(detail['input'])},"
-    return f"{where}: {path}:{received} {detail['msg']}"
+    if fault.kind == MISSING_KEY:
+        return f"{where}: {path}: missing, expected a value"
+    received = f"received {_short(fault.received)}"
+    if fault.statement is None:
+        return f"{where}: {path}: {received}, expected {fault.expected}"
+    # What a whole section is refused for names the keys; the section itself is long.
+    shown = "" if isinstance(fault.received, Mapping) else f"{received}: "
+    return f"{where}: {path}: {shown}{fault.statement}"
 
 
 def _short(value: object) -> str:

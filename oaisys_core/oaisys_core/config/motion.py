@@ -28,7 +28,7 @@ MOST_ELEVATION_DEG = 89.9
 
 def _not_negative(value: tuple[float, float]) -> tuple[float, float]:
     if value[0] < 0:
-        raise ValueError("the numbers must not be negative")
+        raise ValueError("expected numbers of at least 0")
     return value
 
 

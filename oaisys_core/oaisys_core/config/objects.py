@@ -21,7 +21,7 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 def unit_quaternion(value: Quaternion) -> Quaternion:
     """Return an (x, y, z, w) quaternion of norm 1 as it came."""
     if not is_unit_quaternion(value):
-        raise ValueError("must be a unit quaternion")
+        raise ValueError("expected a unit quaternion")
     return value
 
 

@@ -218,7 +218,7 @@ class SensorsConfig(Section):
     def _unique_names(cls, value: tuple[CameraConfig, ...]) -> tuple[CameraConfig, ...]:
         names = [camera.name for camera in value]
         if len(set(names)) != len(names):
-            raise ValueError("camera names must differ")
+            raise ValueError("expected camera names that differ")
         return value
 
     @model_validator(mode="after")

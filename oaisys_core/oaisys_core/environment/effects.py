@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from oaisys_core.config.environment import EffectConfig
+from oaisys_core.config.expectations import refusal
 from oaisys_core.config.section import Section
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.extensions import EFFECTS as GROUP
@@ -47,6 +48,4 @@ def _load(index: int, config: EffectConfig) -> EnvironmentEffect:
     try:
         return kind(**config.options)
     except ValidationError as error:
-        detail = error.errors()[0]
-        where = ".".join((path, *(str(part) for part in detail["loc"])))
-        raise InvalidInputError(where, detail["input"], detail["msg"]) from error
+        raise refusal(error, config.options, path) from error

@@ -7,9 +7,9 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from oaisys_core.config.expectations import refusal
 from oaisys_core.config.objects import Name, Quaternion, StandingConfig, unit_quaternion
 from oaisys_core.config.section import Positive, Section, Vector3
-from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import merged
 
 PART = "asset"
@@ -103,11 +103,8 @@ def asset_metadata(earlier: Mapping[str, Any], metadata: Mapping[str, Any] | Non
     Raises:
         InvalidInputError: A key is unknown or a value does not fit.
     """
+    data = merged(earlier, metadata)
     try:
-        return AssetMetadata.model_validate(merged(earlier, metadata))
+        return AssetMetadata.model_validate(data)
     except ValidationError as error:
-        detail = error.errors()[0]
-        path = ".".join(str(key) for key in detail["loc"] if key != "[key]")
-        unknown = detail["type"] == "extra_forbidden"
-        expected = "a key that is known" if unknown else detail["msg"]
-        raise InvalidInputError(f"metadata.{PART}.{path}", detail["input"], expected) from error
+        raise refusal(error, data, "metadata", PART) from error

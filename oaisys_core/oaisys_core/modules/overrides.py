@@ -8,8 +8,8 @@ from typing import Generic, TypeVar
 import numpy as np
 from pydantic import ValidationError
 
+from oaisys_core.config.expectations import refusal
 from oaisys_core.config.section import Section
-from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import Metadata, Module, World
 from oaisys_core.types import merged
 
@@ -27,15 +27,12 @@ def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
     """
     if not metadata:
         return section
+    data = merged(section.model_dump(), metadata)
     try:
-        return type(section).model_validate(merged(section.model_dump(), metadata))
+        return type(section).model_validate(data)
     except ValidationError as error:
-        detail = error.errors()[0]
-        path = ".".join(("metadata", part, *(str(key) for key in detail["loc"])))
-        known = ", ".join(sorted(type(section).model_fields))
-        unknown = detail["type"] == "extra_forbidden"
-        expected = f"one of the keys {known}" if unknown else detail["msg"]
-        raise InvalidInputError(path, detail["input"], expected) from error
+        known = sorted(type(section).model_fields)
+        raise refusal(error, data, "metadata", part, known_keys=known) from error
 
 
 class SectionModule(Module, Generic[SectionT]):

@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
 from oaisys_core import geometry, randomness
+from oaisys_core.config.expectations import refusal
 from oaisys_core.config.motion import AnyMotion
 from oaisys_core.config.sensors import CameraConfig, PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError
@@ -207,9 +208,7 @@ class SensorsModule(Module):
         try:
             config = _MOTIONS.validate_python(chosen)
         except ValidationError as error:
-            detail = error.errors()[0]
-            path = ".".join(("metadata.sensor.motion", *(str(key) for key in detail["loc"])))
-            raise InvalidInputError(path, detail["input"], detail["msg"]) from error
+            raise refusal(error, chosen, "metadata.sensor.motion") from error
         return make_motion(config, self.sensors)
 
     def _changed(

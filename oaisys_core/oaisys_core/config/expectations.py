@@ -1,0 +1,193 @@
+"""pydantic's findings in this project's words: where, what was received, what was expected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from oaisys_core.errors import InvalidInputError
+
+UNKNOWN_KEY = "extra_forbidden"
+MISSING_KEY = "missing"
+
+_TRUTH, _WHOLE, _NUMBER, _TEXT = "true or false", "a whole number", "a number", "text"
+_MAPPING, _LIST = "a mapping of keys to values", "a list"
+_DATE, _TIME = "a date as YYYY-MM-DD", "a date and time as YYYY-MM-DDThh:mm:ss"
+
+WORDS: Mapping[str, str] = {
+    UNKNOWN_KEY: "a key that is known",
+    MISSING_KEY: "a value: the key is missing",
+    "invalid_key": "text as the key",
+    "none_required": "nothing",
+    "bool_type": _TRUTH,
+    "bool_parsing": _TRUTH,
+    "int_type": _WHOLE,
+    "int_parsing": _WHOLE,
+    "int_parsing_size": _WHOLE,
+    "int_from_float": _WHOLE,
+    "float_type": _NUMBER,
+    "float_parsing": _NUMBER,
+    "finite_number": "a finite number",
+    "greater_than": "a number above {gt}",
+    "greater_than_equal": "a number of at least {ge}",
+    "less_than": "a number below {lt}",
+    "less_than_equal": "a number of at most {le}",
+    "multiple_of": "a multiple of {multiple_of}",
+    "string_type": _TEXT,
+    "string_unicode": _TEXT,
+    "string_too_short": "text of at least {min_length} characters",
+    "string_too_long": "text of at most {max_length} characters",
+    "string_pattern_mismatch": "text that matches {pattern}",
+    "literal_error": "{expected}",
+    "enum": "{expected}",
+    "union_tag_invalid": "{expected_tags}",
+    "union_tag_not_found": "a value: the key is missing",
+    "dict_type": _MAPPING,
+    "mapping_type": _MAPPING,
+    "model_type": _MAPPING,
+    "model_attributes_type": _MAPPING,
+    "dataclass_type": _MAPPING,
+    "list_type": _LIST,
+    "tuple_type": _LIST,
+    "set_type": _LIST,
+    "frozen_set_type": _LIST,
+    "iterable_type": _LIST,
+    "too_short": "at least {min_length} of them",
+    "too_long": "at most {max_length} of them",
+    "path_type": "a path",
+    "date_type": _DATE,
+    "date_parsing": _DATE,
+    "date_from_datetime_parsing": _DATE,
+    "date_from_datetime_inexact": _DATE,
+    "datetime_type": _TIME,
+    "datetime_parsing": _TIME,
+    "datetime_object_invalid": _TIME,
+    "datetime_from_date_parsing": _TIME,
+    "timezone_aware": "a time with its zone, such as 2026-06-01T12:00:00+00:00",
+    "timezone_naive": "a time without a zone",
+    "is_instance_of": "a {class}",
+}
+"""By pydantic's type of error; what it knows about the limit is put in."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One value that does not fit.
+
+    Attributes:
+        location: Keys and indices that lead to it.
+        received: The value; None where there is none.
+        expected: What would have been accepted, in words that follow "expected".
+        kind: pydantic's type of error.
+        statement: What is wrong, where that is said instead of what was expected.
+    """
+
+    location: tuple[int | str, ...]
+    received: object
+    expected: str
+    kind: str
+    statement: str | None = None
+
+    @property
+    def path(self) -> str:
+        """The location with dots between its parts."""
+        return ".".join(map(str, self.location))
+
+
+def faults_of(error: ValidationError, data: object) -> list[Fault]:
+    """Return what is wrong, without what only says that something inside of it is wrong.
+
+    Args:
+        error: What pydantic found.
+        data: What it was given.
+    """
+    details = error.errors()
+
+    def inside(loc: tuple[int | str, ...]) -> bool:
+        return any(len(d["loc"]) > len(loc) and d["loc"][: len(loc)] == loc for d in details)
+
+    found: dict[tuple[int | str, ...], Fault] = {}
+    for detail in details:
+        if inside(detail["loc"]):
+            continue
+        fault = _fault(detail, data)
+        first = found.get(fault.location)
+        if first is None:
+            found[fault.location] = fault
+        elif fault.expected not in first.expected:  # one of several types would do
+            either = f"{first.expected} or {fault.expected}"
+            found[fault.location] = replace(first, expected=either)
+    return list(found.values())
+
+
+def refusal(
+    error: ValidationError, data: object, *path: str, known_keys: Sequence[str] = ()
+) -> InvalidInputError:
+    """Return the first fault as an error.
+
+    Args:
+        error: What pydantic found.
+        data: What it was given.
+        path: Of what was checked; the fault's own path follows.
+        known_keys: The keys that there are, for one that is not known.
+    """
+    fault = faults_of(error, data)[0]
+    expected = fault.expected
+    if fault.kind == UNKNOWN_KEY and known_keys:
+        expected = f"one of the keys {', '.join(known_keys)}"
+    where = ".".join((*path, *map(str, fault.location)))
+    return InvalidInputError(where, fault.received, expected)
+
+
+def _location(loc: tuple[int | str, ...], data: object) -> tuple[int | str, ...]:
+    """Return a location without the names of types that pydantic tried on the way."""
+    location: list[int | str] = []
+    here = data
+    for index, part in enumerate(loc):
+        is_key = isinstance(here, Mapping) and part in here
+        is_index = isinstance(here, list | tuple) and isinstance(part, int) and part < len(here)
+        if is_key or is_index:
+            here = here[part]  # type: ignore[index]
+        elif index < len(loc) - 1 or "[" in str(part):
+            continue
+        location.append(part)
+    return tuple(location)
+
+
+def _fault(detail: ErrorDetails, data: object) -> Fault:
+    kind, received = detail["type"], detail["input"]
+    location = _location(detail["loc"], data)
+    if kind.startswith("union_tag_"):
+        # The tag is at fault, not the mapping that it stands in.
+        tag = str(detail["ctx"]["discriminator"]).strip("'")
+        location = (*location, tag)
+        received = received.get(tag) if isinstance(received, Mapping) else received
+    if kind == "union_tag_not_found":
+        kind = MISSING_KEY
+    if kind == MISSING_KEY:
+        received = None
+    expected, statement = _expected(detail)
+    return Fault(location, received, expected, kind, statement)
+
+
+def _expected(detail: ErrorDetails) -> tuple[str, str | None]:
+    """Return what was expected, and the statement of a check that does not say it like that."""
+    kind, context = detail["type"], detail.get("ctx", {})
+    words = WORDS.get(kind)
+    if words is not None:
+        return words.format_map({key: _shown(value) for key, value in context.items()}), None
+    is_own = kind in ("value_error", "assertion_error")
+    text = str(context["error"]) if is_own else detail["msg"]
+    if text.startswith("expected "):
+        return text.removeprefix("expected "), None
+    return f"another value: {text}", text
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value)
