@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import logging
 import os
 import sys
@@ -29,3 +31,38 @@ def own_stdout() -> Iterator[None]:
         sys.stdout = python
         os.dup2(kept, 1)
         os.close(kept)
+
+
+@contextmanager
+def without_c_output() -> Iterator[None]:
+    """Drop what C code prints with ``printf``; what Python prints, in any thread, stays.
+
+    Blender 4.5 prints a line for each step of a render, and has no switch for it. The C library's
+    stream is replaced, not file descriptor 1, which belongs to the program. Where details are
+    logged the lines go to standard error.
+    """
+    streams = _c_streams()
+    if streams is None:
+        yield
+        return
+    output, errors, nowhere = streams
+    kept = output.value
+    output.value = errors.value if logging.getLogger().isEnabledFor(logging.DEBUG) else nowhere
+    try:
+        yield
+    finally:
+        output.value = kept
+
+
+@functools.cache
+def _c_streams() -> tuple[ctypes.c_void_p, ctypes.c_void_p, int] | None:
+    """Return the C library's two variables and a stream to nowhere; None where it has others."""
+    library = ctypes.CDLL(None)
+    try:
+        output = ctypes.c_void_p.in_dll(library, "stdout")
+        errors = ctypes.c_void_p.in_dll(library, "stderr")
+    except ValueError:
+        return None
+    library.fopen.restype = ctypes.c_void_p
+    nowhere = library.fopen(os.devnull.encode(), b"w")
+    return None if nowhere is None else (output, errors, int(nowhere))

@@ -14,6 +14,8 @@ import numpy as np
 from cycles import CyclesRender
 from numpy.typing import NDArray
 
+from oaisys_core.standard_output import without_c_output
+
 _SAMPLE = re.compile(r"Sample (\d+)/\d+")
 
 READ_ALWAYS = {"samples", "time_limit"}
@@ -49,7 +51,7 @@ def render_scene(settings: Mapping[str, Any]) -> Rendered:
     """
     _write(settings, bpy.context.scene.cycles)
     rendered = Rendered()
-    with _intercepted(settings, rendered), _counted(rendered):
+    with _intercepted(settings, rendered), _counted(rendered), without_c_output():
         bpy.ops.render.render()
     return rendered
 
