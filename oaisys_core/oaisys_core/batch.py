@@ -32,21 +32,26 @@ class Batch:
     sample_id: int = 0
     last_rig_poses: dict[str, Pose] = field(default_factory=dict)
 
-    def to_state(self, rig_pose: Pose) -> dict[str, Any]:
-        """Return JSON-able data from which `from_state` makes an equal batch, its world unbuilt."""
+    def to_state(self, rig_pose: Pose, in_force: ModuleMetadata) -> dict[str, Any]:
+        """Return JSON-able data from which `from_state` makes an equal batch, its world unbuilt.
+
+        Args:
+            rig_pose: Where the rig is.
+            in_force: Metadata that a batch can begin with to stand as this one does now.
+        """
         return {
             "id": self.id,
             "seed": self.seed,
             "stage_seed": self.stage_seed,
             "asset_seed": self.asset_seed,
             "sample_id": self.sample_id,
-            "pose": _pose_to_state(rig_pose),
-            "last_rig_poses": {n: _pose_to_state(p) for n, p in self.last_rig_poses.items()},
-            "sensor": {k: v for k, v in (self.metadata.sensor or {}).items() if k != "pose"},
-            "environment": dict(self.metadata.environment or {}),
-            "asset": dict(self.metadata.asset or {}),
-            "render": dict(self.metadata.render or {}),
-            "custom": dict(self.metadata.custom),
+            "pose": pose_to_state(rig_pose),
+            "last_rig_poses": {n: pose_to_state(p) for n, p in self.last_rig_poses.items()},
+            "sensor": {k: v for k, v in (in_force.sensor or {}).items() if k != "pose"},
+            "environment": dict(in_force.environment or {}),
+            "asset": dict(in_force.asset or {}),
+            "render": dict(in_force.render or {}),
+            "custom": dict(in_force.custom),
         }
 
     @classmethod
@@ -70,7 +75,8 @@ class Batch:
         )
 
 
-def _pose_to_state(pose: Pose) -> dict[str, Any]:
+def pose_to_state(pose: Pose) -> dict[str, Any]:
+    """Return a pose as JSON-able data."""
     return {"position_m": list(pose.position_m), "quat_xyzw": list(pose.quat_xyzw)}
 
 

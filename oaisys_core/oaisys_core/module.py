@@ -145,6 +145,15 @@ class Module(ABC):
         """As `check`, for metadata of a sample; they differ where a module draws once a batch."""
         self.check(metadata)
 
+    def in_force(self, metadata: Metadata) -> Metadata:
+        """Return what `step_batch` needs to bring the module to where it stands now.
+
+        Args:
+            metadata: All that it was given since the batch began, merged key by key. A module in
+                which that gives something else than one after the other says what does.
+        """
+        return metadata
+
     @abstractmethod
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Draw the module's part of a new world."""

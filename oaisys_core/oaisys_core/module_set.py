@@ -79,6 +79,20 @@ class ModuleSet:
             check = module.check if is_batch else module.check_sample
             check(metadata.part(module.metadata_part))
 
+    def in_force(self, metadata: ModuleMetadata) -> ModuleMetadata:
+        """Return what a batch can begin with to stand as the modules do now.
+
+        Args:
+            metadata: All since the batch began, merged.
+        """
+        parts = {
+            module.metadata_part: dict(module.in_force(metadata.part(module.metadata_part)) or {})
+            for module in self.all
+        }
+        custom = {name: part for name, part in parts.items() if name not in OWN_PARTS and part}
+        own = {name: part for name, part in parts.items() if name in OWN_PARTS}
+        return ModuleMetadata(**own, custom=custom)
+
     def draw(
         self,
         origin: Origin,

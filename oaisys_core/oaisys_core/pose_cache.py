@@ -12,6 +12,7 @@ import numpy as np
 
 from oaisys_core.backend.base import RenderSettings
 from oaisys_core.fingerprint import Digest, Fingerprints
+from oaisys_core.provenance import depends_on_past
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import ALBEDO, FLOW, RGB, Frame, Provenance
 
@@ -67,7 +68,7 @@ class PoseCache:
         how = replace(settings, noise_seed=0)
         try:
             return self._fingerprints.of(
-                (provenance, world, scene.primitives, scene.sky, seen, how)
+                (_without_history(provenance), world, scene.primitives, scene.sky, seen, how)
             )
         except TypeError as error:  # a module of another package drew something of its own
             _LOG.debug("not kept: %s", error)
@@ -98,6 +99,11 @@ class PoseCache:
         self._size += view.size_bytes
 
 
+def _without_history(provenance: Provenance) -> Provenance:
+    """Return it without how the world came about, whose content is in the key."""
+    return replace(provenance, stage_seed=0, asset_seed=0, metadata_json="", previous_poses_json="")
+
+
 def _is_repeatable(cameras: Sequence[PlacedCamera], settings: RenderSettings) -> bool:
     modalities = {modality for camera in cameras for modality in camera.modalities}
     if FLOW in modalities:
@@ -109,7 +115,7 @@ def _is_repeatable(cameras: Sequence[PlacedCamera], settings: RenderSettings) ->
 
 def _without_past(camera: PlacedCamera) -> PlacedCamera:
     """Return the camera without the pose before, where nothing that is rendered depends on it."""
-    if camera.shutter_share and RGB in camera.modalities:
+    if depends_on_past(camera):
         return camera
     return replace(camera, T_map_previous=None)
 

@@ -21,6 +21,7 @@ from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.module import drawn
 from oaisys_core.module_set import DRAW_SHARE, ModuleSet
 from oaisys_core.modules.sensors import select
+from oaisys_core.provenance import metadata_text, previous_poses_text, state_of
 from oaisys_core.reuse import Origin, origin_of, section_sha256
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.stage_store import StageRecord
@@ -108,6 +109,7 @@ class Simulation:
             raise InvalidInputError("seed", seed, "a whole number from 0 to 2**63 - 1")
         standing = self._current() if reuse_stage else self._batch
         self._modules.check(metadata, is_batch=True)
+        metadata_text(metadata)
         origin, drawn_with = origin_of(
             self._stage, self._assets_sha256, metadata, seed, standing, reuse_stage
         )
@@ -154,8 +156,20 @@ class Simulation:
             settings = drawn(batch.world.render)
             cameras = settings.allowed(cameras)
             outline = self._outline(batch, cameras, settings)
-            scene = batch.world.scene()
-            seen = self._views.see(outline, scene, cameras, settings, progress, on_frames)
+            return self._sample(batch, outline, cameras, settings, progress, on_frames, started_s)
+
+    def _sample(
+        self,
+        batch: Batch,
+        outline: SampleOutline,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback,
+        on_frames: SampleFramesCallback,
+        started_s: float,
+    ) -> Sample:
+        """Render what stands, and count it as the next sample."""
+        seen = self._views.see(outline, batch.world.scene(), cameras, settings, progress, on_frames)
         batch.sample_id += 1
         batch.last_rig_poses.update((camera.name, outline.rig_pose) for camera in cameras)
         return Sample(
@@ -171,6 +185,35 @@ class Simulation:
             ),
             from_cache=seen.from_cache,
             finished_ns=seen.finished_ns,
+        )
+
+    def repeat(
+        self, outline: SampleOutline, progress: ProgressCallback = ignore_progress
+    ) -> Sample:
+        """Render a recorded sample again, from what its outline says alone.
+
+        The world of that sample stands afterwards, as after the sample itself.
+
+        Raises:
+            InvalidInputError: The record is of another configuration, or says too little, or its
+                metadata does not fit.
+        """
+        how = outline.provenance
+        if how.config_sha256 != self._config_sha256:
+            expected = f"{self._config_sha256}, which this configuration has"
+            raise InvalidInputError("provenance.config_sha256", how.config_sha256, expected)
+        state = state_of(outline)
+        self.restore(state, progress)
+        batch = self._current()
+        cameras = self._sensors.named(batch.world, batch.last_rig_poses, outline.frames)
+        settings = drawn(batch.world.render)
+        if settings.time_budget_s is not None and how.render_samples:
+            # How many samples there was time for is known now.
+            settings = replace(settings, time_budget_s=None, samples=how.render_samples)
+        batch.sample_id = outline.sample_id - 1
+        again = self._outline(batch, cameras, settings)
+        return self._sample(
+            batch, again, cameras, settings, progress, ignore_sample_frames, time.perf_counter()
         )
 
     def withdraw_sample(self) -> None:
@@ -233,7 +276,9 @@ class Simulation:
     def state(self) -> dict[str, Any]:
         """Return, as JSON-able data, all that another process needs to go on from here."""
         pose = self._sensors.rig_pose
-        standing = None if self._batch is None or pose is None else self._batch.to_state(pose)
+        batch, standing = self._batch, None
+        if batch is not None and pose is not None:
+            standing = batch.to_state(pose, self._modules.in_force(batch.metadata))
         return {"last_batch_id": self._last_batch_id, "batch": standing}
 
     def restore(
@@ -361,5 +406,9 @@ class Simulation:
                 quality=settings.quality,
                 render_samples=0,
                 device=self._backend.device,
+                stage_seed=batch.stage_seed,
+                asset_seed=batch.asset_seed,
+                metadata_json=metadata_text(self._modules.in_force(batch.metadata)),
+                previous_poses_json=previous_poses_text(cameras, batch.last_rig_poses),
             ),
         )

@@ -132,6 +132,12 @@ class Provenance:
         quality: Name of the quality preset.
         render_samples: Light samples per pixel of the RGB pass (0: none).
         device: What rendered colour, such as ``cpu``.
+        stage_seed: What ground and materials were drawn from; differs on a reused stage.
+        asset_seed: What the things on it were drawn from; differs where they were kept.
+        metadata_json: Metadata in force, by module and without the pose, as JSON: what a batch
+            can begin with to stand as this one did; empty: not known.
+        previous_poses_json: Where the rig was at each sensor's previous sample, as JSON by the
+            sensor's name, where its images depend on that (flow, motion blur); empty: none does.
     """
 
     seed: int
@@ -142,6 +148,10 @@ class Provenance:
     quality: str
     render_samples: int
     device: str = "cpu"
+    stage_seed: int = 0
+    asset_seed: int = 0
+    metadata_json: str = ""
+    previous_poses_json: str = ""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -202,7 +203,7 @@ def sample_end_part(sample: Sample) -> pb.SamplePart:
     """Return what says that all frames of a sample were sent."""
     end = pb.SampleEnd(
         render_time_s=sample.render_time_s,
-        provenance=_provenance(sample.provenance),
+        provenance=_provenance(_brief(sample.provenance)),
         finished_monotonic_ns=sample.finished_ns,
     )
     return pb.SamplePart(end=end)
@@ -254,6 +255,12 @@ _provenance = functools.lru_cache(maxsize=64)(conversions.provenance_to_proto)
 """All frames of a sample have the same, and many samples; what is returned is not to be changed."""
 
 
+@functools.lru_cache(maxsize=8)
+def _brief(provenance: Provenance) -> Provenance:
+    """Return it without what may be long, which the sample's header says once for all frames."""
+    return replace(provenance, metadata_json="", previous_poses_json="")
+
+
 @functools.lru_cache(maxsize=64)
 def _camera(intrinsics: PinholeIntrinsics) -> pb.FrameHeader:
     """Return what headers of all frames of a camera have in common; it is not to be changed."""
@@ -268,7 +275,7 @@ def _frame_header(frame: Frame, index: int, provenance: Provenance) -> pb.FrameH
         sensor=frame.sensor,
         modality=frame.modality,
         t_map_camera=conversions.matrix_to_proto(frame.T_map_camera),
-        provenance=_provenance(provenance),
+        provenance=_provenance(_brief(provenance)),
         index=index,
     )
     header.MergeFrom(_camera(frame.intrinsics))

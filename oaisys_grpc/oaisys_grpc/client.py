@@ -121,6 +121,13 @@ class SimulatorClient:
             message = self._stub.GetSimulatorInfo(request, timeout=self._timeout_s)
         return conversions.info_from_proto(message)
 
+    def config_json(self) -> str:
+        """Return the simulator's whole configuration as JSON; empty: the server is older."""
+        with translated():
+            request = pb.GetSimulatorInfoRequest(with_config=True)
+            message = self._stub.GetSimulatorInfo(request, timeout=self._timeout_s)
+        return message.config_json
+
     def step_batch(
         self,
         *,

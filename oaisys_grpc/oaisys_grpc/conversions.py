@@ -140,6 +140,10 @@ _PROVENANCE = (
     "quality",
     "render_samples",
     "device",
+    "stage_seed",
+    "asset_seed",
+    "metadata_json",
+    "previous_poses_json",
 )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import Frame, FrameName, Sample, SampleOutline
@@ -188,6 +189,7 @@ class SampleStream:
 
     def _finish(self, end: pb.SampleEnd) -> None:
         outline = self.outline
+        begun = outline.provenance
         if outline.frames != tuple(name for name in outline.frames if name in self._frames):
             raise OaisysError("the sample is incomplete: frames are missing")
         self._sample = Sample(
@@ -196,7 +198,11 @@ class SampleStream:
             rig_pose=outline.rig_pose,
             frames=tuple(self._frames[name] for name in outline.frames),
             render_time_s=end.render_time_s,
-            provenance=conversions.provenance_from_proto(end.provenance),
+            provenance=replace(
+                conversions.provenance_from_proto(end.provenance),
+                metadata_json=begun.metadata_json,
+                previous_poses_json=begun.previous_poses_json,
+            ),
             from_cache=outline.from_cache,
             finished_ns=end.finished_monotonic_ns,
         )

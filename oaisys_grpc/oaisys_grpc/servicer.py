@@ -97,7 +97,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
 
     @_translated
     def GetSimulatorInfo(
-        self, _request: pb.GetSimulatorInfoRequest, _context: Context
+        self, request: pb.GetSimulatorInfoRequest, _context: Context
     ) -> pb.GetSimulatorInfoResponse:
         """Answer from what the worker said last."""
         message = conversions.info_to_proto(self._supervisor.info)
@@ -105,6 +105,8 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         message.worker_restarts = self._supervisor.restarts
         message.worker_recycles = self._supervisor.recycles
         message.transfer_limits.CopyFrom(limits_message())
+        if request.with_config:
+            message.config_json = self._supervisor.config_json
         if self._probe is not None:
             message.shared_memory_probe.CopyFrom(place_to_proto(self._probe.place))
         return message

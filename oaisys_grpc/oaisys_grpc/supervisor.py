@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
-from oaisys_core.config import SimulationConfig
+from oaisys_core.config import SimulationConfig, canonical_json
 from oaisys_core.errors import (
     BackendUnavailableError,
     CancelledError,
@@ -75,6 +75,7 @@ class Supervisor:
             on_ready: Told when a worker is ready, and when none is.
         """
         self._config: Message = config.model_dump(mode="json")
+        self.config_json = canonical_json(config)
         self._options = options
         self._memory = MemoryLimits.of(options.worker_memory_bytes)
         self._on_ready = on_ready

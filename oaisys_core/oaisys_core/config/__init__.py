@@ -3,7 +3,12 @@
 from oaisys_core.config.adjusting import adjusted
 from oaisys_core.config.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
 from oaisys_core.config.environment import EnvironmentConfig
-from oaisys_core.config.loading import config_from_mapping, config_sha256, load_config
+from oaisys_core.config.loading import (
+    canonical_json,
+    config_from_mapping,
+    config_sha256,
+    load_config,
+)
 from oaisys_core.config.materials import LayerConfig, MaskConfig, MaterialsConfig
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.render import RenderConfig
@@ -26,6 +31,7 @@ __all__ = [
     "StageConfig",
     "StereoConfig",
     "adjusted",
+    "canonical_json",
     "config_from_mapping",
     "config_sha256",
     "load_config",

@@ -50,10 +50,17 @@ def config_from_mapping(data: Mapping[str, Any], base: Path = Path()) -> Simulat
     return _checked(data, base=base, source="config", root=None)
 
 
+def canonical_json(config: SimulationConfig) -> str:
+    """Return the whole configuration, defaults included, in its canonical form.
+
+    Folders and files in it are absolute, but for ``stage.store`` and ``output.folder``.
+    """
+    return json.dumps(config.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
+
+
 def config_sha256(config: SimulationConfig) -> str:
     """Return the hash of a configuration's canonical JSON form."""
-    canonical = json.dumps(config.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(canonical.encode()).hexdigest()
+    return hashlib.sha256(canonical_json(config).encode()).hexdigest()
 
 
 def _checked(

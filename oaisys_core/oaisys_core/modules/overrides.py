@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from pydantic import ValidationError
@@ -35,6 +35,14 @@ def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
         raise refusal(error, data, "metadata", part, known_keys=known) from error
 
 
+def differing(section: Section, changed: Section) -> dict[str, Any]:
+    """Return, as JSON-able data, the fields of ``changed`` with which `overridden` makes it."""
+    if changed is section:
+        return {}
+    before, after = section.model_dump(mode="json"), changed.model_dump(mode="json")
+    return {name: value for name, value in after.items() if value != before[name]}
+
+
 class SectionModule(Module, Generic[SectionT]):
     """A module that is a configuration section, any field of which a step may override.
 
@@ -57,6 +65,14 @@ class SectionModule(Module, Generic[SectionT]):
         """Begin a batch with the configuration and the metadata's changes."""
         self._now = overridden(self._config, metadata, self.metadata_part)
         self.apply(world, self._now)
+
+    def in_force(self, metadata: Metadata) -> Metadata:
+        """Return the fields that differ from the configuration.
+
+        Mappings are merged key by key, so that a field set to null and then to a mapping has what
+        the configuration says no more; all metadata merged would bring that back.
+        """
+        return differing(self._config, self._now)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Change what the metadata says, for this and the following samples."""

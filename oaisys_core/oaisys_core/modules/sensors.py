@@ -17,9 +17,10 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.modules.clearance import Extent, HeightLookup, admitted
 from oaisys_core.modules.optics import changed, lens_of, sensor_info
+from oaisys_core.modules.overrides import differing
 from oaisys_core.motion import Motion, Step, make_motion
 from oaisys_core.scene import PlacedCamera
-from oaisys_core.types import FloatArray, Pose, SensorInfo
+from oaisys_core.types import FloatArray, FrameName, Pose, SensorInfo
 
 START_HEIGHT_M = 10.0
 """Height above the ground's centre of the rig that was never given a pose; it looks down."""
@@ -66,6 +67,18 @@ class SensorsModule(Module):
         """As `check`; a motion is chosen for a whole batch."""
         self._check(metadata, ("pose", "pose_policy", "cameras"))
         self._changed(self._cameras, metadata)
+
+    def in_force(self, metadata: Metadata) -> Metadata:
+        """Return the metadata with what differs of each camera's optics, without the pose."""
+        configured = self._config.all_cameras
+        cameras = {
+            now.name: differing(before, now)
+            for before, now in zip(configured, self._cameras, strict=True)
+            if now != before
+        }
+        passing = ("cameras", "pose", "pose_policy")
+        kept = {key: value for key, value in (metadata or {}).items() if key not in passing}
+        return {**kept, "cameras": cameras} if cameras else kept
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Begin a batch above the ground's centre, or where the metadata says."""
@@ -140,6 +153,29 @@ class SensorsModule(Module):
             replace(c, T_map_previous=_previous(mounts[c.name], last_rig_poses.get(c.name)))
             for c in cameras
             if c.modalities
+        )
+
+    def named(
+        self, world: World, last_rig_poses: Mapping[str, Pose], frames: Sequence[FrameName]
+    ) -> tuple[PlacedCamera, ...]:
+        """Return the cameras that render just these frames.
+
+        Raises:
+            InvalidInputError: There is no such sensor, or it has no such modality.
+        """
+        wanted: dict[str, set[str]] = {}
+        for frame in frames:
+            select(world.cameras, (frame.modality,), (frame.sensor,))
+            wanted.setdefault(frame.sensor, set()).add(frame.modality)
+        mounts = {sensor.name: sensor.T_base_camera for sensor in self.sensors}
+        return tuple(
+            replace(
+                camera,
+                modalities=tuple(m for m in camera.modalities if m in wanted[camera.name]),
+                T_map_previous=_previous(mounts[camera.name], last_rig_poses.get(camera.name)),
+            )
+            for camera in world.cameras
+            if camera.name in wanted
         )
 
     def _in_turn(self, camera: PlacedCamera, sample_id: int) -> PlacedCamera:

@@ -18,6 +18,7 @@ from oaisys_core.terrain.dem import import_dem
 from oaisys_core.terrain.detail import Detail
 from oaisys_core.terrain.mesh_ground import mesh_ground
 from oaisys_core.terrain.presets import check_preset, make_ground
+from oaisys_core.types import merged
 
 
 class StageModule(Module):
@@ -35,6 +36,7 @@ class StageModule(Module):
         except InvalidInputError as error:
             raise ConfigError(str(error)) from error
         self._config = config
+        self._hash = ""
 
     def check(self, metadata: Metadata) -> None:
         """Refuse unknown keys, values out of range and presets that do not exist."""
@@ -63,9 +65,16 @@ class StageModule(Module):
         else:
             world.ground = _new_ground(config, rng, world.stage_notes)
         world.stage_hash = content_hash(world.ground)
-        world.stage_notes["hash"] = world.stage_hash
+        world.stage_notes["hash"] = self._hash = world.stage_hash
         world.drawn_ground = world.ground
         world.detail = _detail(config, rng)
+
+    def in_force(self, metadata: Metadata) -> Metadata:
+        """Return the metadata with a stage that is reused called by its hash: names may move."""
+        reuse = self.reuse(metadata)
+        if reuse is None or reuse.name is None:
+            return metadata
+        return merged(metadata, {"reuse": {"name": self._hash}})
 
     def reuse(self, metadata: Metadata) -> ReuseConfig | None:
         """Return what a batch of this metadata shall reuse, if anything."""

@@ -1,0 +1,206 @@
+"""Recorded samples, in an output folder or in what other packages read, and how they compare."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from oaisys_core import extensions
+from oaisys_core.config import SimulationConfig, load_config
+from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_core.output.reader import read_sample
+from oaisys_core.output.records import read_json
+from oaisys_core.output.writer import CONFIG, SAMPLE_DATA
+from oaisys_core.types import ALBEDO, FLOW, RGB, Frame, FrameName, Sample, SampleOutline
+
+RECORDS = "oaisys.records"
+"""Entry point group of functions ``(Path) -> RecordSource | None``; None: it is of another kind."""
+
+COLORS = frozenset({RGB, ALBEDO})
+"""Rendered with a denoiser and on several threads: equal within a tolerance."""
+
+SampleId = tuple[int, int]
+"""Batch and sample."""
+
+
+def _as_rendered(frame: Frame) -> Frame:
+    return frame
+
+
+@dataclass(frozen=True)
+class Record:
+    """A sample as it was recorded.
+
+    Attributes:
+        outline: All that is known of it besides the images.
+        frames: The images that were recorded; there may be fewer than were rendered.
+        recorded: Does to a rendered frame what was done to it before it was recorded.
+    """
+
+    outline: SampleOutline
+    frames: tuple[Frame, ...]
+    recorded: Callable[[Frame], Frame] = _as_rendered
+
+
+class RecordSource(Protocol):
+    """Where samples were recorded."""
+
+    def config(self) -> SimulationConfig | None:
+        """Return what they were rendered from; None: it was not recorded."""
+
+    def ids(self) -> Sequence[SampleId]:
+        """Return which samples there are, the newest last."""
+
+    def read(self, wanted: Collection[SampleId]) -> Iterator[Record]:
+        """Yield samples, in the order in which they were recorded."""
+
+
+def open_records(path: Path) -> RecordSource:
+    """Return the samples recorded in a file or folder.
+
+    Raises:
+        InvalidInputError: There are none.
+    """
+    if not path.exists():
+        raise InvalidInputError("record", str(path), "a file or folder that exists")
+    found = _folder_records(path)
+    if found is not None:
+        return found
+    for name in sorted(extensions.names(RECORDS)):
+        source: RecordSource | None = extensions.load(RECORDS, name)(path)
+        if source is not None:
+            return source
+    expected = "a sample's JSON file or the folder of `oaisys render`, or a bag with ~/sample_info"
+    raise InvalidInputError("record", str(path), expected)
+
+
+class FolderRecords:
+    """Samples that `SampleWriter` wrote.
+
+    Args:
+        files: Their JSON files.
+        top: The run's folder, with its configuration.
+    """
+
+    def __init__(self, files: Sequence[Path], top: Path) -> None:
+        self._top = top
+        told = {path: read_json(path) for path in files}
+        self._files: dict[SampleId, Path] = {}
+        for path, record in told.items():
+            try:
+                self._files[int(record["batch_id"]), int(record["sample_id"])] = path
+            except (KeyError, TypeError, ValueError) as error:
+                expected = "a sample's JSON file as `oaisys render` writes it"
+                raise InvalidInputError("record", str(path), expected) from error
+
+    def config(self) -> SimulationConfig | None:
+        """Return the configuration beside them."""
+        path = self._top / CONFIG
+        return load_config(path) if path.is_file() else None
+
+    def ids(self) -> Sequence[SampleId]:
+        """Return which samples there are, the newest last."""
+        return sorted(self._files)
+
+    def read(self, wanted: Collection[SampleId]) -> Iterator[Record]:
+        """Yield samples in the order of their ids."""
+        for number in sorted(set(wanted) & self._files.keys()):
+            path = self._files[number]
+            sample = read_sample(path.parents[len(SAMPLE_DATA.parts)], int(path.stem))
+            yield Record(sample.outline, sample.frames)
+
+
+def _folder_records(path: Path) -> FolderRecords | None:
+    """Return the samples of a JSON file, of a batch's folder, or of a run's."""
+    depth = len(SAMPLE_DATA.parts)
+    if path.is_file():
+        if path.suffix != ".json":
+            return None
+        resolved = path.resolve()
+        if len(resolved.parents) <= depth + 1:
+            return None
+        return FolderRecords([path], resolved.parents[depth + 1])
+    if (path / SAMPLE_DATA).is_dir():
+        return FolderRecords(sorted((path / SAMPLE_DATA).glob("*.json")), path.resolve().parent)
+    files = sorted(path.glob(f"batch_*/{SAMPLE_DATA}/*.json"))
+    return FolderRecords(files, path) if files else None
+
+
+def chosen_ids(source: RecordSource, names: Sequence[str], *, every: bool) -> list[SampleId]:
+    """Return the samples named ``BATCH/SAMPLE``; none named: the newest, or all.
+
+    Raises:
+        InvalidInputError: A name is none.
+        NotFoundError: There is no such sample.
+    """
+    known = list(source.ids())
+    if not known:
+        raise NotFoundError("the record has no samples")
+    if every or not names:
+        return known if every else known[-1:]
+    wanted = [_parsed(name) for name in names]
+    for number in wanted:
+        if number not in known:
+            first, last = (f"{batch}/{sample}" for batch, sample in (known[0], known[-1]))
+            expected = f"one of the record's {len(known)} samples, {first} to {last}"
+            raise InvalidInputError("sample", f"{number[0]}/{number[1]}", expected)
+    return wanted
+
+
+def _parsed(name: str) -> SampleId:
+    batch, slash, sample = name.partition("/")
+    if not (slash and batch.isdecimal() and sample.isdecimal()):
+        raise InvalidInputError("sample", name, "BATCH/SAMPLE, such as 1/3")
+    return int(batch), int(sample)
+
+
+class Comparison(NamedTuple):
+    """How a frame that was rendered again compares with the recorded one.
+
+    Attributes:
+        different_px: Pixels that differ in any bit.
+        psnr_db: Of colours, infinite where no pixel differs; None for all else.
+        is_equal: Whether it is as it was: to the byte, or colours to the tolerance. Optical flow
+            always is: it tells of the world at the previous sample, too, which is not recorded.
+    """
+
+    name: FrameName
+    pixels: int
+    different_px: int
+    psnr_db: float | None
+    is_equal: bool
+
+
+def compared(record: Record, again: Sample, least_psnr_db: float) -> list[Comparison]:
+    """Compare a record's frames with the same ones rendered again.
+
+    Raises:
+        NotFoundError: Nothing was recorded that could be compared.
+    """
+    if not record.frames:
+        outline = record.outline
+        number = f"{outline.batch_id}/{outline.sample_id}"
+        raise NotFoundError(f"sample {number}: none of its images is in the record")
+    return [
+        _compared(old, record.recorded(again.frame(old.sensor, old.modality)), least_psnr_db)
+        for old in record.frames
+    ]
+
+
+def _compared(old: Frame, new: Frame, least_psnr_db: float) -> Comparison:
+    name = FrameName(old.sensor, old.modality)
+    pixels = old.data.shape[0] * old.data.shape[1]
+    if (old.data.shape, old.data.dtype) != (new.data.shape, new.data.dtype):
+        return Comparison(name, pixels, pixels, None, False)
+    a, b = (np.ascontiguousarray(f.data).view(np.uint8).reshape(pixels, -1) for f in (old, new))
+    different_px = int((a != b).any(axis=1).sum())
+    if old.modality in COLORS:
+        error = np.mean((a.astype(np.float64) - b) ** 2)
+        psnr_db = float("inf") if error == 0 else float(10 * np.log10(255**2 / error))
+        return Comparison(name, pixels, different_px, psnr_db, psnr_db >= least_psnr_db)
+    is_equal = different_px == 0 or old.modality == FLOW
+    return Comparison(name, pixels, different_px, None, is_equal)
