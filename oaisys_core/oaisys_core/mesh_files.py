@@ -15,7 +15,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from oaisys_core.errors import BackendUnavailableError, InvalidInputError
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, ShortRepr
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".blend")
 Y_UP_SUFFIXES = (".glb", ".gltf")
@@ -26,8 +26,8 @@ R_Z_UP_FROM_Y_UP: FloatArray = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0
 BLEND_TIMEOUT_S = 120.0
 
 
-@dataclass(frozen=True)
-class LoadedMesh:
+@dataclass(frozen=True, repr=False)
+class LoadedMesh(ShortRepr):
     """A mesh as a file has it.
 
     Attributes:

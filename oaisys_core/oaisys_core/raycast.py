@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.scene import merge_meshes
-from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
 
 NO_TRIANGLE = -1
 """Triangle id of a ray that meets nothing."""
@@ -29,8 +29,8 @@ PLANE_TOLERANCE = 1e-3
 triangle is then seen edge-on, or has no area."""
 
 
-@dataclass(frozen=True)
-class CameraHits:
+@dataclass(frozen=True, repr=False)
+class CameraHits(ShortRepr):
     """What each pixel of a camera sees at its centre.
 
     Attributes:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.sky import Sky
 from oaisys_core.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, id_of_level
-from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
 
 __all__ = [
     "Ground",
@@ -55,8 +55,8 @@ class Ground(Protocol):
         """Return (N,) heights of the topmost ground at (N, 2) points; NaN off it."""
 
 
-@dataclass(frozen=True)
-class HeightField:
+@dataclass(frozen=True, repr=False)
+class HeightField(ShortRepr):
     """The ground as a regular grid of elevations, triangulated along one diagonal.
 
     The surface *is* the triangulation: every backend, label and query uses the same one.
@@ -121,8 +121,8 @@ class HeightField:
         return np.where(inside, np.where(s >= t, lower, upper), np.nan)
 
 
-@dataclass(frozen=True)
-class MeshPrototype:
+@dataclass(frozen=True, repr=False)
+class MeshPrototype(ShortRepr):
     """A mesh that stands in the world many times.
 
     Attributes:
@@ -146,8 +146,8 @@ class MeshPrototype:
     color_image_srgb: NDArray[np.uint8] | None = None
 
 
-@dataclass(frozen=True)
-class Placement:
+@dataclass(frozen=True, repr=False)
+class Placement(ShortRepr):
     """Where one prototype stands.
 
     Attributes:
@@ -165,8 +165,8 @@ class Placement:
     is_moving: bool = False
 
 
-@dataclass(frozen=True)
-class Primitive:
+@dataclass(frozen=True, repr=False)
+class Primitive(ShortRepr):
     """An exact solid, for tests and calibration targets.
 
     Attributes:
@@ -232,8 +232,8 @@ class Lens:
     ratio: float = 1.0
 
 
-@dataclass(frozen=True)
-class PlacedCamera:
+@dataclass(frozen=True, repr=False)
+class PlacedCamera(ShortRepr):
     """A camera at the moment of a sample.
 
     Attributes:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +76,20 @@ def semantic_level(modality: str) -> int | None:
     """Return the level of ``semantic_N``, None for any other modality."""
     match = re.fullmatch(r"semantic_([0-9])", modality)
     return None if match is None else int(match[1])
+
+
+class ShortRepr:
+    """Base of dataclasses with arrays (``repr=False``): shows their type and shape, not pixels."""
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{f.name}={_shown(getattr(self, f.name))}" for f in fields(self))  # type: ignore[arg-type]
+        return f"{type(self).__name__}({shown})"
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        return f"<{value.dtype} {value.shape}>"
+    return repr(value)
 
 
 @dataclass(frozen=True)
@@ -154,8 +168,8 @@ class Provenance:
     previous_poses_json: str = ""
 
 
-@dataclass(frozen=True)
-class Frame:
+@dataclass(frozen=True, repr=False)
+class Frame(ShortRepr):
     """One image of one sensor.
 
     Attributes:
@@ -259,8 +273,8 @@ def ignore_sample_frames(outline: SampleOutline, frames: tuple[Frame, ...]) -> N
     """Wait for the whole sample instead."""
 
 
-@dataclass(frozen=True)
-class TriangleMesh:
+@dataclass(frozen=True, repr=False)
+class TriangleMesh(ShortRepr):
     """Triangles in ``map``, with optional ids per triangle.
 
     Attributes:
@@ -276,8 +290,8 @@ class TriangleMesh:
     instance_ids: NDArray[np.uint32] | None = None
 
 
-@dataclass(frozen=True)
-class SensorInfo:
+@dataclass(frozen=True, repr=False)
+class SensorInfo(ShortRepr):
     """A camera as a client sees it: its name, its intrinsics and where it sits on the rig.
 
     Attributes:
@@ -318,8 +332,8 @@ class SimulatorInfo:
     device: str = "cpu"
 
 
-@dataclass(frozen=True)
-class HeightQuery:
+@dataclass(frozen=True, repr=False)
+class HeightQuery(ShortRepr):
     """Heights under points; NaN where a point is off the stage.
 
     Attributes:

@@ -15,13 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import distance_transform_edt
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_mapping.tsdf import TsdfVolume
 from oaisys_mapping.voxel_queries import ObservedVoxels
 
 
-@dataclass(frozen=True)
-class DistanceField:
+@dataclass(frozen=True, repr=False)
+class DistanceField(ShortRepr):
     """Distances in a box of voxels.
 
     Attributes:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import pixel_rays
-from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.metrics import ReconstructionMetrics, evaluate_against
 from oaisys_mapping.rectification import rectified, rectified_camera
@@ -43,8 +43,8 @@ SHOWN = (
 """Figures that are told of a map with a fault."""
 
 
-@dataclass(frozen=True)
-class PosedDepth:
+@dataclass(frozen=True, repr=False)
+class PosedDepth(ShortRepr):
     """A depth image and where it was taken.
 
     Attributes:

@@ -18,7 +18,7 @@ import viser
 from numpy.typing import NDArray
 
 from oaisys_core.geometry import depth_to_points, pose_from_matrix
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_mapping import pictures
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_viewer import thinned
@@ -41,8 +41,8 @@ OVERVIEW_M = (-22.0, -28.0, 22.0)
 """Where a visitor stands at first, looking at the middle of the world."""
 
 
-@dataclass(frozen=True)
-class SeenView:
+@dataclass(frozen=True, repr=False)
+class SeenView(ShortRepr):
     """What a camera saw at one time.
 
     Attributes:

@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import FloatArray
+from oaisys_core.types import FloatArray, ShortRepr
 
 FEWEST_POINTS = 20_000
 """Points spread over even the smallest surface, so that shares come out to a percent."""
 
 
-@dataclass(frozen=True)
-class ColoredMesh:
+@dataclass(frozen=True, repr=False)
+class ColoredMesh(ShortRepr):
     """Triangles in ``map`` with a colour per vertex.
 
     Attributes:
@@ -33,8 +33,8 @@ class ColoredMesh:
     class_probabilities: NDArray[np.float32] | None = None
 
 
-@dataclass(frozen=True)
-class SurfacePoints:
+@dataclass(frozen=True, repr=False)
+class SurfacePoints(ShortRepr):
     """Points spread evenly over a mesh.
 
     Attributes:

@@ -19,7 +19,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import FloatArray, TriangleMesh
+from oaisys_core.types import FloatArray, ShortRepr, TriangleMesh
 from oaisys_mapping.distance_figures import Completeness, FScore, distance_figures, f_score_at
 from oaisys_mapping.field_metrics import DistanceField, FieldMetrics, field_metrics
 from oaisys_mapping.holes import Holes, find_holes, gaps, off_the_rim
@@ -130,8 +130,8 @@ class ReconstructionMetrics:
         return figures | (asdict(self.field) if self.field is not None else {})
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(ShortRepr):
     """Figures and what they were taken from, for pictures.
 
     Attributes:

@@ -18,6 +18,7 @@ import open3d as o3d
 import scipy
 from numpy.typing import NDArray
 
+from oaisys_core.types import ShortRepr
 from oaisys_mapping import pictures
 from oaisys_mapping.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.mesh import ColoredMesh
@@ -32,8 +33,8 @@ GOAL = 0.9
 """Coverage for which planners are compared."""
 
 
-@dataclass(frozen=True)
-class ViewRecord:
+@dataclass(frozen=True, repr=False)
+class ViewRecord(ShortRepr):
     """What came back for one viewpoint.
 
     Attributes:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import TriangleMesh
+from oaisys_core.types import ShortRepr, TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints, sample_surface, triangle_areas_m2
 from oaisys_mapping.visibility import View, raycasting_scene, views_seeing, within_reach
 
@@ -27,8 +27,8 @@ OVERLAP = 2
 """Views that must see a place for it to be in the overlap area."""
 
 
-@dataclass(frozen=True)
-class TrueSurface:
+@dataclass(frozen=True, repr=False)
+class TrueSurface(ShortRepr):
     """A true mesh made ready to measure reconstructions against; made by `true_surface`.
 
     Attributes:

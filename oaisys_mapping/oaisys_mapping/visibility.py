@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert, project, unproject
-from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints
 
 OCCLUSION_TOLERANCE = 1e-4
 """Share of the distance that a point may lie behind the first hit and still count as that hit."""
 
 
-@dataclass(frozen=True)
-class View:
+@dataclass(frozen=True, repr=False)
+class View(ShortRepr):
     """A camera without distortion and where it was.
 
     Attributes:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError
-from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
@@ -23,8 +23,8 @@ QUEUE_FRAMES = 32
 """Frames that may wait: 70 MB at 640x480. Any further one is dropped and counted."""
 
 
-@dataclass(frozen=True)
-class DepthFrame:
+@dataclass(frozen=True, repr=False)
+class DepthFrame(ShortRepr):
     """A view to be fused.
 
     Attributes:

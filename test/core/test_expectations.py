@@ -87,10 +87,7 @@ def test_whatever_is_wrong_is_told_without_pydantic_s_words() -> None:
     [
         (
             {"render": {"quality": "x"}},
-            (
-                "render.quality: received 'x', expected 'geometry', 'preview', 'standard', 'high' or "
-                "'final'"
-            ),
+            "received 'x', expected 'geometry', 'preview', 'standard', 'high' or 'final'",
         ),
         ({"seed": -1}, "seed: received -1, expected a number of at least 0"),
         ({"seed": "x"}, "seed: received 'x', expected a whole number"),
