@@ -32,10 +32,11 @@ class ModuleSet:
     """The modules in the order in which they draw.
 
     Attributes:
-        stage, sensors: Those of `all` that are asked for more than a module's life.
+        stage, assets, sensors: Those of `all` that are asked for more than a module's life.
     """
 
     stage: StageModule
+    assets: AssetsModule
     sensors: SensorsModule
     all: tuple[Module, ...]
 
@@ -48,16 +49,17 @@ class ModuleSet:
         """
         stage, sensors = StageModule(config.stage), SensorsModule(config.sensors)
         materials = config.materials
+        assets = AssetsModule(config.assets, materials.texture_size_px, materials.texture_seed)
         modules: tuple[Module, ...] = (
             stage,
             MaterialsModule(materials),
-            AssetsModule(config.assets, materials.texture_size_px, materials.texture_seed),
+            assets,
             EnvironmentModule(config.environment),
             sensors,
             RenderModule(config.render),
             *make_modules(config.extensions),
         )
-        return cls(stage, sensors, modules)
+        return cls(stage, assets, sensors, modules)
 
     def setup(self) -> None:
         """Set all up, once."""

@@ -30,6 +30,8 @@ from oaisys_core.types import (
     FrameName,
     HeightQuery,
     ModuleMetadata,
+    ObjectPage,
+    ObjectQuery,
     Provenance,
     Sample,
     SampleFramesCallback,
@@ -272,6 +274,24 @@ class Simulation:
         if inside.any():
             surface_m[inside] = self._backend.surface_height_m(points[inside, :2])
         return HeightQuery(ground_m, surface_m, points[:, 2] - surface_m)
+
+    def list_objects(
+        self, query: ObjectQuery, metadata: ModuleMetadata | None = None
+    ) -> ObjectPage:
+        """Return things of the world, as they stand and are shown; nothing changes.
+
+        Args:
+            query: Which of them.
+            metadata: As they will be once a sample has brought this, too.
+
+        Raises:
+            InvalidInputError: The query cannot be answered, or the metadata applied.
+            NotReadyError: There is no world yet.
+        """
+        batch = self._current()
+        metadata = metadata or ModuleMetadata()
+        self._modules.check(metadata, is_batch=False)
+        return self._modules.assets.listed(batch.world, metadata.asset, query)
 
     def state(self) -> dict[str, Any]:
         """Return, as JSON-able data, all that another process needs to go on from here."""

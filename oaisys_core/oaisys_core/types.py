@@ -347,6 +347,74 @@ class HeightQuery(ShortRepr):
     clearance_m: FloatArray
 
 
+MAX_OBJECTS = 5000
+"""Most things of a world in one `ObjectPage`: a message of these fits gRPC's default limit."""
+
+
+@dataclass(frozen=True)
+class ObjectQuery:
+    """Which things of a world are asked for: those that all that is given lets through.
+
+    Attributes:
+        kinds: ``rock``, ``solid``, ``group``, ``object``, ``mover``, ``added``; none: all.
+        groups: Kinds of rock, names of groups, shapes of solids; none: all.
+        names: Whole names; none: all.
+        instance_ids: None: all.
+        low_m, high_m: Corners of a box in ``map`` that a thing's place lies in.
+        after_instance_id: Only ids beyond it: where the page before ended.
+        limit: Most things in the answer.
+    """
+
+    kinds: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
+    instance_ids: tuple[int, ...] = ()
+    low_m: tuple[float, float, float] | None = None
+    high_m: tuple[float, float, float] | None = None
+    after_instance_id: int = 0
+    limit: int = 1000
+
+
+@dataclass(frozen=True)
+class SceneObject:
+    """One thing that stands in a world and is shown.
+
+    Attributes:
+        name: Its own, or its group or kind and its instance id; no other thing has it.
+        kind: See `ObjectQuery`.
+        group: Kind of rock, name of the group or shape of a solid; else empty.
+        label, semantic_id: On level 0.
+        pose: Of its base's centre in ``map``; of a solid's centre.
+        scale: Factor on its own size.
+        low_m, high_m: Corners of a box in ``map``, along its axes, that it lies in.
+    """
+
+    instance_id: int
+    name: str
+    kind: str
+    group: str
+    label: str
+    semantic_id: int
+    pose: Pose
+    scale: float
+    low_m: tuple[float, float, float]
+    high_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class ObjectPage:
+    """Things of a world in the order of their instance ids.
+
+    Attributes:
+        total: How many the query lets through, on all pages.
+        next_after_instance_id: Where the next page begins; 0: there is none.
+    """
+
+    objects: tuple[SceneObject, ...]
+    total: int
+    next_after_instance_id: int
+
+
 OWN_PARTS = frozenset({"sensor", "environment", "asset", "render"})
 """Parts of `ModuleMetadata` that are fields of their own; all others are in ``custom``."""
 

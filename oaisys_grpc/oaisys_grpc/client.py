@@ -14,6 +14,8 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import (
     HeightQuery,
     ModuleMetadata,
+    ObjectPage,
+    ObjectQuery,
     Pose,
     Sample,
     SampleFramesCallback,
@@ -25,6 +27,7 @@ from oaisys_grpc import chunks, conversions, requests
 from oaisys_grpc.addresses import DEFAULT_ADDRESS
 from oaisys_grpc.channel import SERVICE, Channel, translated
 from oaisys_grpc.encodings import encodings_from_names
+from oaisys_grpc.object_messages import page_from_proto, query_to_proto
 from oaisys_grpc.operation import OperationStatus, status_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.sample_client import MAX_FRAME_BYTES, ProgressListener, SampleClient
@@ -294,6 +297,19 @@ class SimulatorClient:
             surface_height_m=np.concatenate([a.surface_height_m for a in answers]),
             clearance_m=np.concatenate([a.clearance_m for a in answers]),
         )
+
+    def list_objects(
+        self, query: ObjectQuery | None = None, metadata: ModuleMetadata | None = None
+    ) -> ObjectPage:
+        """Return things that stand in the world, a page of them.
+
+        Args:
+            query: Which of them, and how many at most; None: the first thousand.
+            metadata: As they will be once a sample has brought this, too; it is checked.
+        """
+        with translated():
+            request = query_to_proto(query or ObjectQuery(), metadata)
+            return page_from_proto(self._stub.ListObjects(request, timeout=self._timeout_s))
 
     def end_simulation(self) -> None:
         """End the simulator: its worker and the server's process."""

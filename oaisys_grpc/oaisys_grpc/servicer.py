@@ -19,6 +19,7 @@ from oaisys_grpc import chunks, conversions
 from oaisys_grpc.errors import abort
 from oaisys_grpc.limits import names
 from oaisys_grpc.messages import RawChunk, response
+from oaisys_grpc.object_messages import page_to_proto, query_from_proto
 from oaisys_grpc.operation import Kind, OperationStatus, State, status_to_proto
 from oaisys_grpc.operations import Operations
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -228,6 +229,14 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         return conversions.heights_to_proto(heights)
 
     @_translated
+    def ListObjects(
+        self, request: pb.ListObjectsRequest, context: Context
+    ) -> pb.ListObjectsResponse:
+        """Ask the worker for things of the world."""
+        arguments = {"query": query_from_proto(request), "metadata": _metadata(request)}
+        return page_to_proto(self._asked("list_objects", arguments, context))
+
+    @_translated
     def EndSimulation(
         self, _request: pb.EndSimulationRequest, _context: Context
     ) -> pb.EndSimulationResponse:
@@ -271,7 +280,10 @@ def _sample_work(request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout
 
 
 def _metadata(
-    request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest,
+    request: pb.StepBatchRequest
+    | pb.StepSampleRequest
+    | pb.RenderSampleRequest
+    | pb.ListObjectsRequest,
 ) -> ModuleMetadata | None:
     if not request.HasField("metadata"):
         return None

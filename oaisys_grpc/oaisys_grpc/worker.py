@@ -59,6 +59,7 @@ class Worker:
             "step_sample": self._step_sample,
             "withdraw_sample": lambda _a, _r: self._ready().withdraw_sample(),
             "ground_truth_mesh": lambda _a, _r: self._ready().ground_truth_mesh(),
+            "list_objects": lambda a, _r: self._ready().list_objects(**a),
             "query_height": lambda a, _r: self._ready().query_height(a["points_m"]),
         }
 

@@ -112,6 +112,11 @@ class EditedAssets:
         for name, spec in metadata.added.items():
             standing_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
 
+    @property
+    def groups(self) -> list[str]:
+        """Name of each placement's group, or empty, in the order of the world's; none of added."""
+        return [each.group for each in self._memory.standing]
+
     def apply(self, metadata: AssetMetadata) -> None:
         """Put the things into the world as the metadata says, at the sample it is at."""
         world = self._world

@@ -23,6 +23,13 @@ class IdPlan:
             range(FIRST_MOVER_ID, FIRST_MOVER_ID + len(config.movers)),
         )
 
+    def kind_of(self, instance_id: int) -> str:
+        """Return ``rock``, ``group``, ``object`` or ``mover``."""
+        for ids, kind in zip(self._fixed, ("object", "mover"), strict=True):
+            if instance_id in ids:
+                return kind
+        return "rock" if self.rocks.holds(instance_id) else "group"
+
     def knows(self, instance_id: int) -> bool:
         """Return whether some batch may give this id to something."""
         in_blocks = any(block.holds(instance_id) for block in (self.rocks, *self.groups))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,10 +18,11 @@ from oaisys_core.modules.asset_edits import EditedAssets, check_labels
 from oaisys_core.modules.asset_ids import IdPlan
 from oaisys_core.modules.asset_metadata import PART, AssetMetadata, asset_metadata
 from oaisys_core.modules.looks import Looks
-from oaisys_core.scatter.ids import added_id
+from oaisys_core.modules.object_list import Things, box_of, check_query, page_of, solid
+from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, added_id
 from oaisys_core.scatter.rocks import ROCK_KINDS
 from oaisys_core.scene import Ground
-from oaisys_core.types import merged
+from oaisys_core.types import ObjectPage, ObjectQuery, merged
 
 
 class AssetsModule(Module):
@@ -92,6 +94,47 @@ class AssetsModule(Module):
         # A sample that fails brings the old module back, so what it holds must not change.
         self._edited = drawn(self._edited).in_world(world)
         self._edited.apply(asset_metadata({}, self._metadata))
+
+    def listed(self, world: World, metadata: Metadata, query: ObjectQuery) -> ObjectPage:
+        """Return what stands in a world, as it will once ``metadata`` has been applied, too.
+
+        Raises:
+            InvalidInputError: The query cannot be answered, or the metadata applied.
+        """
+        check_query(query)
+        self.check_sample(metadata)
+        later = replace(world, semantic_labels=dict(world.semantic_labels))
+        edited = drawn(self._edited).in_world(later)
+        checked = asset_metadata(self._metadata, metadata)
+        edited.apply(checked)
+        return page_of(self._things(later, edited, checked), later.semantic_labels, query)
+
+    def _things(
+        self, world: World, edited: EditedAssets, metadata: AssetMetadata
+    ) -> Iterable[Things]:
+        """Yield the things of a world, look by look."""
+        yield from map(solid, world.primitives)
+        names = {FIRST_OBJECT_ID + i: each.name for i, each in enumerate(self._config.objects)}
+        names |= {FIRST_MOVER_ID + i: each.name for i, each in enumerate(self._config.movers)}
+        names |= {added_id(name): name for name in metadata.added}
+        groups = edited.groups
+        for index, placement in enumerate(world.placements):
+            if not len(placement.instance_ids):
+                continue
+            prototype = world.prototypes[placement.prototype]
+            kind, group = "added", ""
+            if index < len(groups):
+                kind = self._plan.kind_of(int(placement.instance_ids[0]))
+                group = prototype.name if kind == "rock" else groups[index]
+            yield Things(
+                kind,
+                group,
+                placement.semantic_ids[0],
+                placement.T_map_object,
+                placement.instance_ids,
+                *box_of(prototype),
+                names,
+            )
 
     def _drawn(self, ground: Ground, metadata: AssetMetadata, rng: np.random.Generator) -> Drawn:
         """Draw all things, or return those of the last batch where they would be the same."""
