@@ -77,6 +77,9 @@ COLOR_ORDERS = {
 }
 """Which channels of a colour image are red, green and blue."""
 
+UNKNOWN_VARIANCE = 1e6
+"""Of a velocity that is not known, (m/s)^2 or (rad/s)^2."""
+
 
 def plain_encoding(data: NDArray[Any]) -> str:
     """Return the encoding, such as ``8UC1``, of an (H, W) or (H, W, channels) image.
@@ -151,7 +154,11 @@ def transform_from_msg(msg: TransformStamped) -> FloatArray:
 def odometry_to_msg(
     pose: Pose, header: Header, child_frame: str, covariance: ArrayLike | None = None
 ) -> Odometry:
-    """Return the odometry of a body that stands still at ``pose``; inverse: `odometry_from_msg`.
+    """Return the odometry of a body at ``pose``, of unknown twist; inverse: `odometry_from_msg`.
+
+    Nothing in ``geometry_msgs/TwistWithCovariance`` says "unknown". Its variances are
+    `UNKNOWN_VARIANCE` therefore, which filters take as no information; to ``robot_localization``
+    a variance of 0 is certainty, and the -1 of ``sensor_msgs/Imu`` a variance of 1.
 
     Args:
         pose: In ``header``'s frame.
@@ -161,6 +168,7 @@ def odometry_to_msg(
     """
     msg = Odometry(header=header, child_frame_id=child_frame)
     msg.pose.pose = pose_to_msg(pose)
+    msg.twist.covariance = np.diag(np.full(6, UNKNOWN_VARIANCE)).ravel()
     if covariance is not None:
         msg.pose.covariance = np.asarray(covariance, dtype=np.float64)
     return msg

@@ -94,14 +94,15 @@ _RIG = (
         Kind.PUBLISHED,
         "ground_truth/odometry",
         "nav_msgs/msg/Odometry",
-        "The rig's true pose in the map frame, metres; no twist: it jumps.",
+        "The rig's true pose in the map frame, metres; twist unknown (variances of 1e6): it jumps.",
         SENSOR,
     ),
     Interface(
         Kind.PUBLISHED,
         "odometry",
         "nav_msgs/msg/Odometry",
-        "Where the rig believes to be: drifts as `faults.drift_*` say, with covariance.",
+        "Where the rig believes to be: drifts as `faults.drift_*` say, with covariance, then in "
+        "the odom frame; else the true pose in the map frame. Twist unknown.",
         SENSOR,
     ),
     Interface(
@@ -118,7 +119,8 @@ _RIG = (
         Kind.PUBLISHED,
         "/tf",
         "tf2_msgs/msg/TFMessage",
-        "map to base_link, of each sample.",
+        "map to base_link, or map to odom to base_link, of each sample; the last one repeated at "
+        "`tf_rate`.",
         "reliable, depth 100",
     ),
     Interface(

@@ -102,9 +102,27 @@ _FRAMES = (
         changeable=Changeable.UNCONFIGURED,
     ),
     ParameterRow(
+        "odom_frame",
+        "odom",
+        "Frame of odometry where it drifts: between map_frame and base_frame.",
+        pattern=_FRAME,
+        expects="name of a frame, without a slash in front",
+        changeable=Changeable.UNCONFIGURED,
+    ),
+    ParameterRow(
+        "tf_rate",
+        10.0,
+        "How often the rig's last transform is repeated on /tf, for those who come later; 0: "
+        "never. Not while simulated time stands still.",
+        unit="Hz",
+        least=0.0,
+        most=1000.0,
+        changeable=Changeable.UNCONFIGURED,
+    ),
+    ParameterRow(
         "frame_prefix",
         "",
-        "Put before the names of the cameras' frames; map_frame and base_frame are given whole.",
+        "Put before the names of the cameras' frames; the other frames are given whole.",
         pattern=r"([^\s/][^\s]*)?",
         expects="such as robot1/, without a slash in front, or empty",
         changeable=Changeable.UNCONFIGURED,

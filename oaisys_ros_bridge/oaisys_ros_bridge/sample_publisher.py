@@ -44,7 +44,9 @@ class SamplePublisher:
         values = settings()
         self._map_frame = values["map_frame"]
         self._publishers = Publishers(node)
-        self._rig = RigTopics(self._publishers, self._map_frame, values["base_frame"])
+        self._rig = RigTopics(
+            self._publishers, self._map_frame, values["base_frame"], values["odom_frame"]
+        )
         self._sample_info = self._publishers.offer(SampleInfo, "~/sample_info", SENSOR_QOS)
         self._traces = Traces(node, self._publishers, self._map_frame)
         self._sensors = {
@@ -82,6 +84,10 @@ class SamplePublisher:
     def publish_pose(self, outline: SampleOutline, stamp: Time, options: PublishingOptions) -> None:
         """Publish where the rig is."""
         self._rig.publish(outline, stamp, options)
+
+    def repeat_transforms(self, stamp: Time) -> None:
+        """Publish the rig's last transforms again under another stamp."""
+        self._rig.repeat(stamp)
 
     def publish_frames(
         self, frames: Iterable[Frame], stamp: Time, options: PublishingOptions

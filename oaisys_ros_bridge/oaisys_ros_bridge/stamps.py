@@ -68,6 +68,20 @@ class Stamps:
             self._last_ns = max(now_ns, self._last_ns + 1)
             return _stamp(self._last_ns)
 
+    def repeated(self) -> TimeMsg | None:
+        """Return the stamp of something that is published again: now.
+
+        None where this node is the clock, or the clock has stood still since the last stamp: what
+        is repeated never carries a stamp that was used before, nor one that the next sample's
+        could not be later than.
+        """
+        with self._lock:
+            now_ns = self._node.get_clock().now().nanoseconds
+            if self.simulated or now_ns <= self._last_ns:
+                return None
+            self._last_ns = now_ns
+            return _stamp(now_ns)
+
     def advance(self, seconds: float) -> TimeMsg:
         """Let simulated time go on, tell it, and return it."""
         with self._lock:

@@ -6,7 +6,9 @@ import threading
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
+from rclpy.timer import Timer
 from std_msgs.msg import Header
 
 from oaisys_core.errors import NotReadyError
@@ -33,6 +35,7 @@ class WorldTopics:
         self._lock = threading.RLock()
         self._samples: SamplePublisher | None = None
         self._stamps: Stamps | None = None
+        self._repeater: Timer | None = None
         self._announced: tuple[str, int, int] | None = None
         self._batch = node.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
 
@@ -46,6 +49,11 @@ class WorldTopics:
             if self._samples is not None:
                 self._samples.destroy()
             self._samples = SamplePublisher(self._node, info, self._settings)
+            if self._repeater is None and (rate_hz := self._settings()["tf_rate"]):
+                group = MutuallyExclusiveCallbackGroup()
+                self._repeater = self._node.create_timer(
+                    1 / rate_hz, self._repeat_transforms, callback_group=group
+                )
 
     def announce(self, info: SimulatorInfo) -> None:
         """Say once that another world stands: what was published before shows the old one."""
@@ -86,4 +94,15 @@ class WorldTopics:
                 self._samples.destroy()
             if self._stamps is not None:
                 self._stamps.close()
-            self._samples = self._stamps = self._announced = None
+            if self._repeater is not None:
+                self._node.destroy_timer(self._repeater)
+            self._samples = self._stamps = self._announced = self._repeater = None
+
+    def _repeat_transforms(self) -> None:
+        """Publish the last transforms again, unless a sample begins at this moment."""
+        with self._lock:
+            if self._samples is None or self._stamps is None:
+                return
+            stamp = self._stamps.repeated()
+            if stamp is not None:
+                self._samples.repeat_transforms(stamp)

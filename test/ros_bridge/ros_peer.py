@@ -14,6 +14,7 @@ from typing import Any, Self
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
+from mcap.reader import make_reader
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -24,6 +25,7 @@ from std_msgs.msg import Bool, Header
 
 from oaisys_core.types import Pose
 from oaisys_msgs.srv import SetPose
+from oaisys_ros_bridge.bag_info import repeats_of
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.survey_client import DIAGNOSTICS_DEPTH, SUBSCRIBERS
@@ -158,6 +160,21 @@ def stamped(pose: Pose, frame: str = "map") -> PoseStamped:
 
 def nanoseconds(stamp: Any) -> int:
     return int(stamp.sec) * 10**9 + int(stamp.nanosec)
+
+
+def messages_of_samples(bag: Path) -> dict[str, int]:
+    """Return how many messages of each topic a bag holds, without transforms that are repeated."""
+    with next(bag.glob("*.mcap")).open("rb") as stream:
+        reader = make_reader(stream)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        repeats = repeats_of(reader, summary)
+    counts = summary.statistics.channel_message_counts
+    return {
+        channel.topic: counts.get(channel.id, 0) - repeats.get(channel.topic, 0)
+        for channel in summary.channels.values()
+    }
 
 
 class Stage:

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
-from oaisys_ros_bridge.frames import HISTORY, FrameBuffer
+from oaisys_ros_bridge.frames import HISTORY, MOST_STAMPS, FrameBuffer
 
 
 def test_a_chain_of_moving_and_fixed_frames_multiplies_from_the_root():
@@ -37,11 +37,55 @@ def test_there_is_no_pose_between_stamps():
 def test_the_history_is_bounded_and_loses_the_oldest():
     buffer = FrameBuffer()
     for stamp_ns in range(HISTORY + 1):
-        buffer.set_at(stamp_ns, "map", "base_link", np.eye(4))
+        moved = transform(np.eye(3), (float(stamp_ns), 0, 0))
+        buffer.set_at(stamp_ns, "map", "base_link", moved)
 
     assert buffer.lookup("map", "base_link", 0) is None
     assert buffer.lookup("map", "base_link", 1) is not None
     assert buffer.lookup("map", "base_link", HISTORY) is not None
+
+
+def test_a_pose_that_is_repeated_pushes_out_no_other():
+    """An image may come minutes after its pose, which is repeated all the while."""
+    buffer = FrameBuffer()
+    moved = transform(np.eye(3), (1, 0, 0))
+    buffer.set_at(1, "map", "base_link", np.eye(4))
+    buffer.set_at(2, "map", "base_link", moved)
+    for stamp_ns in range(3, 10 * HISTORY):
+        buffer.set_at(stamp_ns, "map", "base_link", moved)
+
+    assert buffer.lookup("map", "base_link", 1) is not None
+    found = buffer.lookup("map", "base_link", 2)
+    assert found is not None
+    np.testing.assert_array_equal(found, moved)
+
+    for stamp_ns in range(10 * HISTORY, MOST_STAMPS + 3):
+        buffer.set_at(stamp_ns, "map", "base_link", moved)
+    assert buffer.lookup("map", "base_link", 2) is None
+
+
+def test_stamps_that_come_again_and_again_are_kept():
+    buffer = FrameBuffer()
+    for _ in range(3 * HISTORY):
+        for stamp_ns in (1, 2):
+            moved = transform(np.eye(3), (float(stamp_ns), 0, 0))
+            buffer.set_at(stamp_ns, "map", "base_link", moved)
+
+    assert buffer.lookup("map", "base_link", 1) is not None
+    assert buffer.lookup("map", "base_link", 2) is not None
+
+
+def test_a_frame_can_change_its_parent():
+    """As base_link does where odometry begins to drift."""
+    buffer = FrameBuffer()
+    buffer.set_at(1, "map", "base_link", transform(np.eye(3), (1, 0, 0)))
+    buffer.set_at(2, "map", "odom", transform(np.eye(3), (0, 5, 0)))
+    buffer.set_at(2, "odom", "base_link", transform(np.eye(3), (2, 0, 0)))
+
+    for stamp_ns, position_m in ((1, (1, 0, 0)), (2, (2, 5, 0))):
+        T_map_base = buffer.lookup("map", "base_link", stamp_ns)
+        assert T_map_base is not None
+        np.testing.assert_array_equal(T_map_base[:3, 3], position_m)
 
 
 def test_frames_in_a_circle_are_refused():

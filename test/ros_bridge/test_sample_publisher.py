@@ -17,7 +17,13 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
-from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, transform
+from oaisys_core.geometry import (
+    T_LINK_OPTICAL,
+    pixel_rays,
+    pose_from_matrix,
+    pose_to_matrix,
+    transform,
+)
 from oaisys_core.types import (
     Frame,
     PinholeIntrinsics,
@@ -31,7 +37,7 @@ from oaisys_core.types import (
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
 from oaisys_ros_bridge import sensor_topics
 from oaisys_ros_bridge.clouds import cloud_from_msg
-from oaisys_ros_bridge.conversions import image_from_msg
+from oaisys_ros_bridge.conversions import image_from_msg, odometry_from_msg, transform_from_msg
 from oaisys_ros_bridge.parameters import BRIDGE
 from oaisys_ros_bridge.publication import Publication
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TRACE_QOS
@@ -310,9 +316,7 @@ def test_odometry_drifts_beside_the_truth(user: User) -> None:
                 for topic in topics
             }
             of_it["/tf"] = [
-                m.transforms[0]
-                for m in user.received["/tf"]
-                if m.transforms[0].header.stamp == stamp
+                m for m in user.received["/tf"] if m.transforms[0].header.stamp == stamp
             ]
             return {t: m[0] for t, m in of_it.items()} if all(of_it.values()) else None
 
@@ -322,11 +326,19 @@ def test_odometry_drifts_beside_the_truth(user: User) -> None:
     exact = poses_at(50)
     assert exact["odometry"] == exact["ground_truth/odometry"]
     assert not exact["odometry"].pose.covariance.any()
+    assert exact["odometry"].header.frame_id == "map"
+    assert frames_of(exact["/tf"]) == [("map", "base_link")]
+    for topic in topics:  # a rig that jumps has no velocity that anybody knows
+        assert (np.diag(exact[topic].twist.covariance.reshape(6, 6)) == 1e6).all()
 
     values |= {"faults.drift_m": 0.02, "faults.drift_rad": 0.001}
     moved = poses_at(51)
     assert moved["ground_truth/odometry"].pose == exact["ground_truth/odometry"].pose
-    assert position(moved["/tf"].transform.translation) == RIG.position_m
+    assert frames_of(moved["/tf"]) == [("map", "odom"), ("odom", "base_link")]
+    found = [transform_from_msg(transform) for transform in moved["/tf"].transforms]
+    np.testing.assert_allclose(found[0] @ found[1], pose_to_matrix(RIG), atol=1e-12)
+    assert moved["odometry"].header.frame_id == "odom"
+    assert odometry_from_msg(moved["odometry"]) == pose_from_matrix(found[1])
     covariance = moved["odometry"].pose.covariance.reshape(6, 6)
     np.testing.assert_allclose(np.diag(covariance), [50 * 0.02**2] * 3 + [50 * 0.001**2] * 3)
     off_m = np.subtract(position(moved["odometry"].pose.pose.position), RIG.position_m)
@@ -336,8 +348,15 @@ def test_odometry_drifts_beside_the_truth(user: User) -> None:
     values["faults.tf_drifts"] = True
     lost = poses_at(52)
     believed = position(lost["odometry"].pose.pose.position)
-    assert position(lost["/tf"].transform.translation) == pytest.approx(believed, abs=1e-12)
+    assert frames_of(lost["/tf"]) == [("map", "odom"), ("odom", "base_link")]
+    at_odom, at_base = (position(t.transform.translation) for t in lost["/tf"].transforms)
+    assert at_odom == (0.0, 0.0, 0.0)
+    assert at_base == pytest.approx(believed, abs=1e-12)
     assert position(lost["ground_truth/odometry"].pose.pose.position) == RIG.position_m
+
+
+def frames_of(message: TFMessage) -> list[tuple[str, str]]:
+    return [(t.header.frame_id, t.child_frame_id) for t in message.transforms]
 
 
 def position(vector: Any) -> tuple[float, float, float]:

@@ -10,6 +10,7 @@ from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from ros_peer import User, nanoseconds
+from rosgraph_msgs.msg import Clock
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.stamps import Stamps
@@ -49,6 +50,42 @@ def test_stamps_go_on_where_the_nodes_clock_stands_still(user: User) -> None:
     found_ns = [nanoseconds(stamps.next()) for _ in range(5)]
 
     assert found_ns == [1, 2, 3, 4, 5]
+
+
+def test_what_is_repeated_never_carries_a_stamp_again(user: User) -> None:
+    stamps = Stamps(user.node, settings)
+    found_ns = []
+    for _ in range(300):
+        found_ns.append(nanoseconds(stamps.next()))
+        repeated = stamps.repeated()
+        found_ns += [] if repeated is None else [nanoseconds(repeated)]
+
+    assert len(found_ns) > 300
+    assert found_ns == sorted(set(found_ns))
+
+
+def test_nothing_is_repeated_while_simulated_time_stands_still(user: User) -> None:
+    own = Stamps(user.node, lambda: settings(publish_clock=True))
+    assert own.repeated() is None
+    own.advance(1.0)
+    assert own.repeated() is None
+    own.close()
+
+    user.node.set_parameters([Parameter("use_sim_time", value=True)])
+    stamps = Stamps(user.node, settings)
+    assert stamps.repeated() is None
+    clock = user.node.create_publisher(Clock, "/clock", 10)
+    for second in (5, 7):
+        told = Clock(clock=Time(sec=second))
+
+        def arrived(told: Clock = told) -> bool:
+            clock.publish(told)
+            return bool(user.node.get_clock().now().nanoseconds == nanoseconds(told.clock))
+
+        user.wait_until(arrived)
+        assert nanoseconds(stamps.repeated()) == second * 10**9
+        assert stamps.repeated() is None
+        assert nanoseconds(stamps.next()) == second * 10**9 + 1
 
 
 def test_other_nodes_live_in_the_simulated_time(user: User) -> None:

@@ -26,7 +26,7 @@ from oaisys_ros_bridge.diagnostics import (
     resident_mb,
     simulator_values,
 )
-from oaisys_ros_bridge.managed_node import ACTIVE, INACTIVE, UNCONFIGURED, ManagedNode
+from oaisys_ros_bridge.managed_node import ACTIVE, FINALIZED, INACTIVE, UNCONFIGURED, ManagedNode
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import run_node
 from oaisys_ros_bridge.parameter_table import Changeable, ParameterRow
@@ -62,11 +62,15 @@ class BridgeNode(ParameterNode, ManagedNode):
     A managed node: configured, it knows the simulator and offers its topics; active, it renders.
     By default it goes there by itself, and again whenever the simulator has come back.
     Its parameters are the rows of `oaisys_ros_bridge.parameters.BRIDGE`.
+
+    Args:
+        stop: Set once somebody has shut the node down: there is no way back from that.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, stop: threading.Event) -> None:
         super().__init__("oaisys_bridge")
         self.declare_table(BRIDGE)
+        self._stop = stop
         self._turns = Turns()
         self._link: SimulatorLink | None = None
         self._topics = WorldTopics(self, lambda: self.parameters)
@@ -151,9 +155,11 @@ class BridgeNode(ParameterNode, ManagedNode):
         return ACTIVE if link.state.ready or self.state == ACTIVE else INACTIVE
 
     def on_settled(self) -> None:
-        """Tell those who wait for the bridge."""
+        """Tell those who wait for the bridge; end where it was shut down."""
         self._publish_ready()
         self._publish_diagnostics()
+        if self.state == FINALIZED:
+            self._stop.set()
 
     def reason_against(self, row: ParameterRow) -> str:
         """Return why a parameter cannot be set now, or nothing."""
@@ -394,7 +400,8 @@ def _known(link: SimulatorLink) -> SimulatorInfo:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end."""
     keep_freed_memory()
-    return run_node(BridgeNode, arguments, threads=THREADS)
+    stop = threading.Event()
+    return run_node(lambda: BridgeNode(stop), arguments, threads=THREADS, stop=stop)
 
 
 if __name__ == "__main__":
