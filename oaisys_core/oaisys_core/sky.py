@@ -111,8 +111,9 @@ class Sky:
         model: ``atmosphere`` computes scattered sunlight, ``plain`` is `gradient`, ``none`` black.
         hdri: Takes the sky's place, and the ground's below the horizon.
         haze: Between the camera and what it sees; in colour only.
-        has_plain: Whether the ground goes on beyond the stage up to the horizon, in colour only.
-        ground_semantic_ids: Labels of pixels that hit nothing below the horizon; None: the sky's.
+        has_plain: Whether the ground goes on beyond the stage up to the horizon; not with ``hdri``.
+        ground_semantic_ids: Labels of what lies beyond the stage, and of pixels that hit nothing
+            below the horizon; None: the ground's and the sky's.
     """
 
     sun_elevation_rad: float
@@ -132,6 +133,11 @@ class Sky:
     haze: Haze | None = None
     has_plain: bool = False
     ground_semantic_ids: tuple[int, ...] | None = None
+
+    @property
+    def shows_plain(self) -> bool:
+        """Whether the ground is seen to go on beyond the stage."""
+        return self.has_plain and self.hdri is None
 
     @property
     def to_sun(self) -> Color:

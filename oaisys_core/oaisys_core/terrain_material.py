@@ -129,7 +129,10 @@ class TerrainMaterial:
     projects_sides: bool = False
 
     def weights_at(self, xy_m: ArrayLike) -> FloatArray:
-        """Return (N, L) bilinearly interpolated weights at (N, 2) points, clamped at the border."""
+        """Return (N, L) bilinearly interpolated weights at (N, 2) points.
+
+        Beyond the extent they are mirrored, as the picture shows them.
+        """
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
         x0, y0, x1, y1 = self.extent_m
         size = self.masks.shape[1]
@@ -187,7 +190,11 @@ def _texels(
     x_m: FloatArray, least_m: float, most_m: float, size: int
 ) -> tuple[NDArray[np.intp], FloatArray]:
     """Return the (N,) lower texels of coordinates along an edge, and the shares of the next."""
-    texel = np.clip((x_m - least_m) / (most_m - least_m) * size - 0.5, 0, size - 1)
+    place = (x_m - least_m) / (most_m - least_m)
+    outside = (place < 0) | (place > 1)
+    if outside.any():
+        place[outside] = 1.0 - np.abs(1.0 - np.mod(place[outside], 2.0))
+    texel = np.clip(place * size - 0.5, 0, size - 1)
     low = np.minimum(texel.astype(np.intp), size - 2)
     return low, texel - low
 

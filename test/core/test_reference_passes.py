@@ -24,6 +24,9 @@ WIDTH_PX, HEIGHT_PX = 128, 96
 JITTER_PX = 0.006
 """Greatest distance of Cycles' rays from their pixels' centres, and a bit."""
 
+MOST_JITTER_M = 0.01
+"""Way of such a ray along the ground up to which labels must be the same."""
+
 DEPTH_TOLERANCE = 2e-5
 """Relative, beside what the jitter does."""
 
@@ -83,8 +86,10 @@ def test_samples_show_what_cycles_sees(
         reached = np.where(np.isfinite(depth_m), depth_m, 1e6)
         error_m = np.abs(np.where(np.isfinite(cycles[DEPTH]), cycles[DEPTH], 1e6) - reached)
         is_off = error_m > DEPTH_TOLERANCE * reached + JITTER_PX * spread(reached)
+        # Far away, on ground seen edge-on, the jitter goes from one patch of a layer to the next.
+        jitters = (JITTER_PX * spread(reached) > MOST_JITTER_M) & (fast[INSTANCE] == 0)
         for modality in MODALITIES[1:]:
-            is_off |= fast[modality] != cycles[modality]
+            is_off |= (fast[modality] != cycles[modality]) & ~(jitters & (modality != INSTANCE))
         assert not is_off[off_edges(fast)].any()
         pixels, differing = pixels + is_off.size, differing + is_off.sum()
     assert differing <= 5e-4 * pixels

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.bands import bands
+from oaisys_core.backend.beyond import BeyondPart, stage_of
 from oaisys_core.backend.crowd import placed
 from oaisys_core.backend.embree import blenders_embree
 from oaisys_core.backend.id_table import IdTable, table_of
@@ -70,7 +71,10 @@ class View:
 
 
 class Surface:
-    """The ground, the objects and the exact solids of a scene, each rebuilt when it changes."""
+    """The ground, the objects and the exact solids of a scene, each rebuilt when it changes.
+
+    The ground goes on beyond the stage where the sky says so; meshes and heights end with it.
+    """
 
     def __init__(self, scene: Scene, ground: TriangleMesh | None) -> None:
         """Take over a scene with its ground's triangles.
@@ -79,6 +83,7 @@ class Surface:
         """
         self._objects = Objects(scene)
         self._objects.prepare()
+        self._beyond: BeyondPart | None = None
         self.update(scene, ground)
 
     @property
@@ -122,6 +127,18 @@ class Surface:
             for p in scene.primitives
         ]
         self._parts: list[Part] = [self._ground_part, *self._objects.parts, *solids]
+        self._set_beyond(scene)
+
+    def _set_beyond(self, scene: Scene) -> None:
+        """Add the ground beyond the stage, where the picture shows it."""
+        stage = stage_of(scene.ground)
+        if not scene.sky.shows_plain:
+            self._beyond = None
+            return
+        if self._beyond is None or self._beyond.stage is not stage:
+            self._beyond = BeyondPart(stage)
+        # The last one: of the rays, few are still to be cast at it.
+        self._parts.append(self._beyond)
 
     def view(self, camera: PlacedCamera) -> View:
         """Return what a camera sees."""
@@ -182,6 +199,9 @@ class Surface:
         ids[view.is_ground] = self._scene.material.semantic_ids_at(
             view.points_m[view.is_ground][:, :2], level
         )
+        own = self._scene.sky.ground_semantic_ids
+        if self._beyond is not None and own is not None:
+            ids[view.parts == len(self._parts) - 1] = id_of_level(own, level)
         ids[~view.is_hit] = self._scene.sky.semantic_ids_at(view.directions[~view.is_hit], level)
         return ids
 

@@ -170,9 +170,11 @@ class EnvironmentConfig(Section):
         haze: Dust or haze in the air.
         sky_semantic_id: Label of pixels that hit nothing; 0 leaves them unlabelled.
         sky_levels: Their labels of the levels from 1 on.
-        ground_beyond: Whether the ground goes on beyond the stage up to the horizon; in colour
-            only, and not where there is an HDRI.
-        ground_beyond_label: Of pixels that hit nothing below the horizon; none: the sky's.
+        ground_beyond: Whether the ground goes on beyond the stage up to the horizon, in colour,
+            depth and labels; not where there is an HDRI. Meshes and heights end with the stage.
+        ground_beyond_label: Of the ground beyond the stage, and of pixels that hit nothing below
+            the horizon; none: that of the ground's material, mirrored at the stage's edges, and
+            the sky's.
         effects: Effects from other packages, applied in this order.
         redraw: Whether ranges are drawn when a batch begins or for its samples too.
         step_interval: With ``redraw: sample``, samples until the next draw.

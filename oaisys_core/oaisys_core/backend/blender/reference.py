@@ -21,7 +21,6 @@ from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.engine import render_scene
 from oaisys_core.backend.blender.instances import ID, ids_of
 from oaisys_core.backend.blender.nodes import NodeTree
-from oaisys_core.backend.blender.plain import PLAIN
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.scene import PlacedCamera, Scene, TerrainMaterial, id_of_level
@@ -88,7 +87,6 @@ def _passes(scene: Scene, camera: PlacedCamera) -> dict[str, NDArray[np.float32]
         (blender.render, {"use_persistent_data": False}),
         (blender.cycles, {**settings, **pixel_filter}),
         (layer, shown),
-        *((thing, {"hide_render": True}) for thing in _beyond_the_stage()),
     ]
     try:
         with ExitStack() as stack:
@@ -117,11 +115,6 @@ def _having(owner: Any, values: dict[str, Any]) -> Iterator[None]:
             setattr(owner, name, value)
 
 
-def _beyond_the_stage() -> list[Any]:
-    """Return the plain around the ground, which depth and labels know nothing of."""
-    return [thing for thing in bpy.context.scene.objects if thing.data and thing.data.name == PLAIN]
-
-
 def _material(ground: TerrainMaterial) -> tuple[Any, list[Any]]:
     """Return a material that writes down ids and weights, and the images it reads."""
     material = bpy.data.materials.new("reference")
@@ -136,7 +129,7 @@ def _material(ground: TerrainMaterial) -> tuple[Any, list[Any]]:
     images = []
     for index, name in enumerate(_weight_names(ground)):
         images.append(_image(ground.masks[PER_IMAGE * index : PER_IMAGE * (index + 1)]))
-        texture = tree.add("TexImage", {"Vector": uv}, image=images[-1], extension="EXTEND")
+        texture = tree.add("TexImage", {"Vector": uv}, image=images[-1], extension="MIRROR")
         tree.add("OutputAOV", {"Color": texture.outputs["Color"]}, aov_name=name)
     return material, images
 

@@ -278,7 +278,7 @@ class BlenderBackend(Backend):
     def _set_sky(self, sky: Sky) -> None:
         if self._lights.set(sky):
             self._budget.world_changed()
-        self._world.show_plain(sky.has_plain and sky.hdri is None)
+        self._world.show_plain(sky.shows_plain)
 
     def _built(self) -> Surface:
         if self._surface is None:

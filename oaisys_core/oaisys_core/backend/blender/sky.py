@@ -45,7 +45,7 @@ class Background:
             color = _sky_color(tree, sky, ray)
         if sky.sun_disc > 0:
             color = tree.vector("ADD", color, _disc_color(tree, sky, ray))
-        if sky.has_plain and sky.hdri is None:
+        if sky.shows_plain:
             color = _above_plain(tree, sky, ray, color)
         if sky.haze is not None:
             color = _behind_haze(tree, sky, sky.haze, ray, color)
