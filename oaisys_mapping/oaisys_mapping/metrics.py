@@ -66,6 +66,8 @@ class ReconstructionMetrics:
         completion_mean_all_m, completion_ratio_all, completion_ratio_2_all, f_score_all,
             f_score_2_all, chamfer_all_m, gap_ratio_all: Of all the truth instead of the visible.
         visible_samples, truth_samples, reconstruction_samples: How many points were measured.
+        past_rim_share: Share of the reconstruction beyond the outer rim of an open truth, of which
+            nothing is known; the other figures leave it out.
         f_scores: At further tolerances.
         classes: Labels of the map against those of the visible truth.
         field: Figures of the distance field, where the volume was at hand.
@@ -108,6 +110,7 @@ class ReconstructionMetrics:
     visible_samples: int
     truth_samples: int
     reconstruction_samples: int
+    past_rim_share: float = 0.0
     f_scores: tuple[FScore, ...] = ()
     classes: ClassAgreement | None = None
     field: FieldMetrics | None = None
@@ -204,6 +207,9 @@ def evaluate_against(
     extras = extras or Extras()
     mesh_scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
     points = sample_surface(mesh.vertices_m, mesh.triangles, voxel_size_m, MOST_POINTS, rng)
+    is_past = surface.past_the_rim(points.points_m)
+    if not is_past.all():
+        points = points.only(~is_past)
     to_truth_m = _distances(points.points_m, surface.scene)
     to_mesh_m = _distances(surface.visible.points_m, mesh_scene)
     visible = Completeness(((to_mesh_m, surface.visible.area_m2),))
@@ -221,6 +227,7 @@ def evaluate_against(
         visible_samples=len(to_mesh_m),
         truth_samples=sum(len(distance_m) for distance_m, _ in everything.parts),
         reconstruction_samples=len(to_truth_m),
+        past_rim_share=float(is_past.mean()),
         f_scores=tuple(f_score_at(t, to_truth_m, visible, everything) for t in extras.taus_m),
         classes=_classes(surface, mesh, mesh_scene, extras, voxel_size_m),
         field=field_metrics(surface, extras.volume, voxel_size_m) if extras.volume else None,

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import open3d as o3d
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import ShortRepr, TriangleMesh
+from oaisys_core.types import FloatArray, ShortRepr, TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints, sample_surface, triangle_areas_m2
 from oaisys_mapping.visibility import View, raycasting_scene, views_seeing, within_reach
 
@@ -22,6 +24,9 @@ MOST_POINTS = 2_000_000
 
 MOST_POINTS_BEYOND = 200_000
 """Points spread over the part of the truth that no view can reach."""
+
+ON_EDGE = 1e-4
+"""Weight of a triangle's corner below which a place lies on the edge that is opposite."""
 
 OVERLAP = 2
 """Views that must see a place for it to be in the overlap area."""
@@ -51,6 +56,38 @@ class TrueSurface(ShortRepr):
         """Visible part of all of the truth's area."""
         visible_m2 = _area_m2(self.visible)
         return visible_m2 / (visible_m2 + sum(map(_area_m2, self.unseen)))
+
+    def past_the_rim(self, points_m: FloatArray) -> NDArray[np.bool_]:
+        """Return (N,) which points lie beyond the outer rim of an open truth.
+
+        The ground goes on beyond the stage, and is mapped there, but the true mesh ends: nothing
+        is known of it. Those are points outside of the truth as seen from above whose nearest
+        place on it is an edge of only one triangle.
+        """
+        low_m, high_m = self.mesh.vertices_m.min(axis=0), self.mesh.vertices_m.max(axis=0)
+        past = ((points_m < low_m) | (points_m > high_m))[:, :2].any(axis=1)
+        rows = np.flatnonzero(past)
+        if not len(rows) or not self._is_open.any():
+            return np.zeros(len(points_m), bool)
+        query = o3d.core.Tensor(np.ascontiguousarray(points_m[rows], np.float32))
+        found = self.scene.compute_closest_points(query)
+        s, t = found["primitive_uvs"].numpy().T
+        is_open = self._is_open[found["primitive_ids"].numpy()]
+        # The edges from corner 0 to 1, 1 to 2 and 2 to 0, where one weight is none.
+        on_edge = np.column_stack((t, 1 - s - t, s)) < ON_EDGE
+        past[rows] = (on_edge & is_open).any(axis=1)
+        return np.asarray(past)
+
+    @cached_property
+    def _is_open(self) -> NDArray[np.bool_]:
+        """(T, 3) which edges of triangles belong to no other; none where no vertex is shared."""
+        triangles = self.mesh.triangles.astype(np.int64)
+        if len(self.mesh.vertices_m) >= 3 * len(triangles):
+            return np.zeros((len(triangles), 3), bool)
+        ends = np.stack((triangles, np.roll(triangles, -1, axis=1)), axis=-1)
+        key = ends.min(axis=-1) * len(self.mesh.vertices_m) + ends.max(axis=-1)
+        _, index, count = np.unique(key, return_inverse=True, return_counts=True)
+        return np.asarray(count[index].reshape(key.shape) == 1)
 
 
 def _area_m2(points: SurfacePoints) -> float:

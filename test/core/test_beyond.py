@@ -63,8 +63,7 @@ def images_of(sample: Sample) -> dict[str, NDArray[Any]]:
 
 def world(**environment: Any) -> Simulation:
     config = WORLD | {"environment": WORLD["environment"] | environment}
-    simulation = Simulation(config_from_mapping(config))
-    return simulation
+    return Simulation(config_from_mapping(config))
 
 
 @pytest.mark.parametrize("preset", sorted(PRESETS))
@@ -152,9 +151,7 @@ def test_meshes_and_heights_end_with_the_stage_and_no_plain_is_no_ground() -> No
 
 
 @pytest.mark.blender
-@pytest.mark.parametrize(
-    "example", ["stage_plane", "environment_moon", "stage_dem", "stage_dunes"]
-)
+@pytest.mark.parametrize("example", ["stage_plane", "environment_moon", "stage_dem", "stage_dunes"])
 def test_no_pixel_that_shows_ground_is_infinitely_far(example: str) -> None:
     """Level views: colour's own depth, as Cycles rendered it, against what the sample says."""
     rng = np.random.default_rng(6)

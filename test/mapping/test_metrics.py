@@ -3,7 +3,7 @@
 import numpy as np
 import open3d as o3d
 import pytest
-from surfaces import CAMERA, colored, down, grid_mesh
+from surfaces import CAMERA, colored, down, grid_mesh, sphere
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import (
@@ -53,6 +53,23 @@ def test_half_a_reconstruction_completes_half_of_the_truth() -> None:
     assert figures.completion_ratio == pytest.approx(0.5 + 0.1 / 8, abs=2e-3)
     assert figures.precision == 1.0
     assert figures.f_score == pytest.approx(2 * 0.5125 / 1.5125, abs=3e-3)
+
+
+def test_ground_that_goes_on_beyond_an_open_truth_is_not_measured() -> None:
+    truth = TriangleMesh(*grid_mesh((-4, 4), (-4, 4), 0.0))
+    figures = measure(colored(*grid_mesh((-4, 9), (-4, 4), 0.0)), truth)
+    assert figures.past_rim_share == pytest.approx(5 / 13, abs=0.01)
+    assert figures.precision == figures.f_score == 1.0
+    assert figures.accuracy_max_m < 1e-6
+    raised = measure(colored(*grid_mesh((-4, 9), (-4, 4), 0.07)), truth)
+    assert raised.rmse_m == pytest.approx(0.07, abs=1e-5)
+
+
+def test_what_lies_outside_of_a_closed_truth_is_measured() -> None:
+    centre_m = np.array((0.0, 0.0, 2.0))
+    figures = measure(colored(*sphere(1.5, centre_m)), TriangleMesh(*sphere(1.0, centre_m)))
+    assert figures.past_rim_share == 0.0
+    assert figures.accuracy_median_m == pytest.approx(0.5, abs=0.01)
 
 
 def test_a_hole_of_known_area_is_found() -> None:

@@ -113,7 +113,9 @@ def stage_of(ground: Ground) -> Ground:
     return ground.coarse if isinstance(ground, DetailedGround) else ground
 
 
-def rings(stage: Ground, scales: tuple[float, ...]) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+def rings(
+    stage: Ground, scales: tuple[float, ...]
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Return (V, 3) vertices and (T, 3) triangles of rings around a stage.
 
     They only fall, from the stage's edge to the edge's lowest point.
