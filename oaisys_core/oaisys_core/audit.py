@@ -1,16 +1,15 @@
 """The label-geometry audit: depth and labels of rendered views against an independent ray cast.
 
-The reference shares no code with the renderers: its rays come from OpenCV's camera model, Open3D
-alone meets them with the exported ground-truth mesh, and OpenCV interpolates the blend masks
-where they hit. A pixel is off edges where the reference sees one thing with one label in the
-eight pixels around it too.
-
-Where ``bpy`` is used in the same process it must have been imported first, see ``raycast``.
+The reference shares no code with the renderers: its rays come from OpenCV's camera model, NumPy
+alone meets them with the triangles of the exported ground-truth mesh (the renderers' rays are
+cast by Embree), and OpenCV interpolates the blend masks where they hit. As that is slow, squares
+of pixels are compared, drawn at random. A pixel is off edges where the reference sees one thing
+with one label in the eight pixels around it too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +17,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.backend.beyond import LEVEL, SLOPE, rings, stage_of
 from oaisys_core.geometry import pose_looking_at
+from oaisys_core.numpy_caster import NO_TRIANGLE, NumpyCaster
 from oaisys_core.scene import Scene, TerrainMaterial, id_of_level
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (
@@ -73,6 +74,13 @@ class Audited:
         )
 
 
+Window = tuple[slice, slice]
+"""Rows and columns of an image."""
+
+WINDOWS, WINDOW_PX = 16, 10
+"""Squares of pixels that are compared of each image, and their edge; the outermost pixels only
+tell where edges are."""
+
 DEPTH_TOLERANCE = 1e-4
 """Relative; a triangle that is seen almost edge-on is known to no better in float32."""
 
@@ -98,7 +106,7 @@ def audit_views(
         sample = simulation.step_sample(metadata)
         if reference is None or simulation.scene.differs_from(reference.scene):
             reference = Reference(simulation.scene, simulation.ground_truth_mesh())
-        everything.extend(audit_sample(sample, reference))
+        everything.extend(audit_sample(sample, reference, rng))
         on_view(index + 1)
     return summed(everything)
 
@@ -128,19 +136,46 @@ def random_view(simulation: Simulation, rng: np.random.Generator) -> Pose:
     return pose_looking_at(eye, eye + ahead)
 
 
-def audit_sample(sample: Sample, reference: Reference) -> Iterable[Audited]:
-    """Yield what is wrong with each frame of depth, instances and labels."""
-    views: dict[str, ReferenceView] = {}
+def audit_sample(
+    sample: Sample, reference: Reference, rng: np.random.Generator
+) -> Iterable[Audited]:
+    """Yield what is wrong with samples of each frame of depth, instances and labels.
+
+    Args:
+        sample: What was rendered.
+        reference: Of the same world.
+        rng: Chooses the squares of pixels that are compared.
+    """
+    views: dict[str, list[tuple[Window, ReferenceView]]] = {}
     for frame in sample.frames:
         level = semantic_level(frame.modality)
         if level is None and frame.modality not in (DEPTH, INSTANCE):
             continue
         if frame.sensor not in views:
-            views[frame.sensor] = reference.view(frame.intrinsics, frame.T_map_camera)
-        yield _audit_frame(frame, views[frame.sensor], reference, level)
+            windows = random_windows(frame.intrinsics, rng)
+            seen = reference.views(frame.intrinsics, frame.T_map_camera, windows)
+            views[frame.sensor] = list(zip(windows, seen, strict=True))
+        found = [
+            _audit_window(replace(frame, data=frame.data[window]), seen, reference, level)
+            for window, seen in views[frame.sensor]
+        ]
+        yield summed(found)[0]
 
 
-def _audit_frame(
+def random_windows(intrinsics: PinholeIntrinsics, rng: np.random.Generator) -> list[Window]:
+    """Return rows and columns of `WINDOWS` squares of an image."""
+    sizes = (intrinsics.height_px, intrinsics.width_px)
+    edges = [min(WINDOW_PX, size) for size in sizes]
+    windows = []
+    for _ in range(WINDOWS):
+        first = [
+            int(rng.integers(size - edge + 1)) for size, edge in zip(sizes, edges, strict=True)
+        ]
+        windows.append((slice(first[0], first[0] + edges[0]), slice(first[1], first[1] + edges[1])))
+    return windows
+
+
+def _audit_window(
     frame: Frame, seen: ReferenceView, reference: Reference, level: int | None
 ) -> Audited:
     if frame.modality == DEPTH:
@@ -158,8 +193,9 @@ def _audit_frame(
 
 
 def _off_edges(*images: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return the (H, W) pixels around which every image is of one value."""
-    inner = np.ones(images[0].shape, bool)
+    """Return the (H, W) pixels, the outermost left out, around which images are of one value."""
+    inner = np.zeros(images[0].shape, bool)
+    inner[1:-1, 1:-1] = True
     for image in images:
         padded = np.pad(image, 1, mode="edge")
         rows, cols = image.shape
@@ -171,45 +207,49 @@ def _off_edges(*images: NDArray[Any]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class ReferenceView:
-    """What the reference sees: (H, W) planar depth (float64) and ids, (H, W, 3) points, rays."""
+    """What the reference sees: (H, W) planar depth (float64) and ids, (H, W, 3) points, rays.
+
+    Attributes:
+        is_beyond: (H, W) whether it is ground beyond the stage.
+    """
 
     depth_m: FloatArray
     instance_ids: NDArray[np.uint32]
     points_m: FloatArray
     directions: FloatArray
+    is_beyond: NDArray[np.bool_]
 
 
 class Reference:
-    """An independent view of a world, from its exported mesh."""
+    """An independent view of a world, from its exported mesh and what lies beyond the stage."""
 
     def __init__(self, scene: Scene, mesh: TriangleMesh) -> None:
-        import open3d as o3d
-
         self.scene = scene
+        self._vertices_m = mesh.vertices_m.astype(np.float64)
+        self._triangles = mesh.triangles.astype(np.int64)
         self._ids = np.asarray(mesh.instance_ids, np.uint32)
-        self._origin_m = mesh.vertices_m.mean(axis=0)
-        self._caster = o3d.t.geometry.RaycastingScene()
-        local_m = (mesh.vertices_m - self._origin_m).astype(np.float32)
-        self._caster.add_triangles(
-            o3d.core.Tensor(local_m), o3d.core.Tensor(mesh.triangles.astype(np.uint32))
-        )
+        self._stage_triangles = len(mesh.triangles)
+        if scene.sky.shows_plain:
+            vertices_m, triangles = rings(stage_of(scene.ground), (*SLOPE, *LEVEL))
+            self._triangles = np.concatenate((self._triangles, triangles + len(self._vertices_m)))
+            self._vertices_m = np.concatenate((self._vertices_m, vertices_m))
+            self._ids = np.concatenate((self._ids, np.zeros(len(triangles), np.uint32)))
 
-    def view(self, intrinsics: PinholeIntrinsics, T_map_camera: FloatArray) -> ReferenceView:
-        """Return what a camera with its optical frame at ``T_map_camera`` sees."""
-        import open3d as o3d
-
-        directions = _camera_rays(intrinsics) @ T_map_camera[:3, :3].T
-        rays = np.empty((*directions.shape[:-1], 6), np.float32)
-        rays[..., :3] = T_map_camera[:3, 3] - self._origin_m
-        rays[..., 3:] = directions
-        found = self._caster.cast_rays(o3d.core.Tensor(rays))
-        depth_m = found["t_hit"].numpy().astype(np.float64)
-        hit = np.isfinite(depth_m)
-        ids = np.zeros(depth_m.shape, np.uint32)
-        ids[hit] = self._ids[found["primitive_ids"].numpy()[hit]]
-        with np.errstate(invalid="ignore"):
-            points_m = T_map_camera[:3, 3] + depth_m[..., None] * directions
-        return ReferenceView(depth_m, ids, points_m, directions)
+    def views(
+        self, intrinsics: PinholeIntrinsics, T_map_camera: FloatArray, windows: Sequence[Window]
+    ) -> Iterable[ReferenceView]:
+        """Yield what a camera with its optical frame at ``T_map_camera`` sees in windows."""
+        rays = _camera_rays(intrinsics)
+        R, origin_m = T_map_camera[:3, :3], T_map_camera[:3, 3]
+        caster = NumpyCaster((self._vertices_m - origin_m) @ R, self._triangles)
+        for window in windows:
+            depth_m, triangles = caster.nearest(rays[window])
+            directions = rays[window] @ R.T
+            with np.errstate(invalid="ignore"):
+                points_m = origin_m + depth_m[..., None] * directions
+            ids = np.where(triangles == NO_TRIANGLE, 0, self._ids[triangles]).astype(np.uint32)
+            is_beyond = triangles >= self._stage_triangles
+            yield ReferenceView(depth_m, ids, points_m, directions, is_beyond)
 
     def semantic_ids(self, seen: ReferenceView, level: int) -> NDArray[np.uint16]:
         """Return the (H, W) labels of a view."""
@@ -226,6 +266,8 @@ class Reference:
         hit = np.isfinite(seen.depth_m)
         ground = hit & (seen.instance_ids == GROUND_OR_SKY)
         labels[ground] = ground_labels(scene.material, seen.points_m[ground][:, :2], level)
+        if scene.sky.ground_semantic_ids is not None:
+            labels[seen.is_beyond] = id_of_level(scene.sky.ground_semantic_ids, level)
         labels[~hit] = scene.sky.semantic_ids_at(seen.directions[~hit], level)
         return labels
 
@@ -240,7 +282,12 @@ def ground_labels(material: TerrainMaterial, xy_m: FloatArray, level: int) -> ND
     if not plain:
         return material.semantic_ids_at(xy_m, level)
     x0, y0, x1, y1 = material.extent_m
-    texels = np.asarray((xy_m - (x0, y0)) / (x1 - x0, y1 - y0) * material.masks.shape[1] - 0.5)
+    size = material.masks.shape[1]
+    texels = np.asarray((xy_m - (x0, y0)) / (x1 - x0, y1 - y0) * size)
+    beyond = (texels < 0) | (texels > size)
+    there = np.mod(texels[beyond], 2 * size)
+    texels[beyond] = np.where(there > size, 2 * size - there, there)
+    texels -= 0.5
     weights = np.stack([_remapped(mask, texels) for mask in material.masks])
     ids = np.array([id_of_level(la.semantic_ids, level) for la in material.layers], np.uint16)
     return np.asarray(ids[weights.argmax(axis=0)])

@@ -8,15 +8,24 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import open3d as o3d
 import pytest
 from typer.testing import CliRunner
 
-from oaisys_core.audit import Audited, Reference, audit_sample, audit_views
+from oaisys_core.audit import (
+    WINDOW_PX,
+    WINDOWS,
+    Audited,
+    Reference,
+    audit_sample,
+    audit_views,
+)
 from oaisys_core.cli import app
 from oaisys_core.config import config_from_mapping
+from oaisys_core.numpy_caster import NumpyCaster
 from oaisys_core.simulation import Simulation
 from oaisys_core.terrain.presets import PRESETS
-from oaisys_core.types import Sample
+from oaisys_core.types import ModuleMetadata, Pose, Sample
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",
@@ -28,6 +37,9 @@ WORLD: dict[str, Any] = {
         ]
     },
 }
+
+SAMPLED_PX = WINDOWS * (WINDOW_PX - 2) ** 2
+"""Of each image, edges included."""
 
 
 def audited(config: dict, views: int = 3) -> dict[str, Audited]:
@@ -44,7 +56,7 @@ def test_every_kind_of_terrain_is_right_off_edges(preset: str) -> None:
 
     assert found.keys() == {"depth", "semantic_0", "instance"}
     for one in found.values():
-        assert one.pixels > 3 * 96 * 72 * 0.5
+        assert one.pixels > 3 * SAMPLED_PX * 0.4
         assert one.wrong_share <= 5e-4, one
 
 
@@ -52,6 +64,10 @@ def one_view() -> tuple[Sample, Reference]:
     simulation = Simulation(config_from_mapping(WORLD))
     simulation.step_batch()
     return simulation.step_sample(), Reference(simulation.scene, simulation.ground_truth_mesh())
+
+
+def drawn() -> np.random.Generator:
+    return np.random.default_rng(2)
 
 
 def shifted(sample: Sample, pixels: int) -> Sample:
@@ -62,8 +78,8 @@ def shifted(sample: Sample, pixels: int) -> Sample:
 def test_images_that_are_two_pixels_off_are_found() -> None:
     sample, reference = one_view()
 
-    right = {f.modality: f for f in audit_sample(sample, reference)}
-    wrong = {f.modality: f for f in audit_sample(shifted(sample, 2), reference)}
+    right = {f.modality: f for f in audit_sample(sample, reference, drawn())}
+    wrong = {f.modality: f for f in audit_sample(shifted(sample, 2), reference, drawn())}
 
     assert all(f.wrong == 0 for f in right.values())
     assert all(f.wrong_share > 5e-4 for f in wrong.values())
@@ -73,10 +89,58 @@ def test_a_depth_that_is_half_a_percent_long_is_found() -> None:
     sample, reference = one_view()
     frames = [replace(f, data=f.data * np.float32(1.005)) for f in sample.frames[1:2]]
 
-    (found,) = audit_sample(replace(sample, frames=tuple(frames)), reference)
+    (found,) = audit_sample(replace(sample, frames=tuple(frames)), reference, drawn())
 
     assert found.wrong_share == 1.0
     assert found.worst_m == pytest.approx(0.005 * 10, rel=0.2)
+
+
+def test_an_error_of_embree_itself_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Distances of all rays that Open3D casts, by whom ever, are 1 % long."""
+    casting = o3d.t.geometry.RaycastingScene
+    cast = casting.cast_rays
+
+    def cast_too_far(scene: Any, rays: Any) -> Any:
+        found = cast(scene, rays)
+        found["t_hit"] = found["t_hit"] * 1.01
+        return found
+
+    monkeypatch.setattr(casting, "cast_rays", cast_too_far)
+    found = audited(WORLD | {"stage": {**WORLD["stage"], "preset": "dunes"}}, views=2)
+
+    assert found["depth"].wrong_share > 0.9
+
+
+def test_level_views_are_right_up_to_the_horizon() -> None:
+    simulation = Simulation(config_from_mapping(WORLD))
+    simulation.step_batch()
+    reference = Reference(simulation.scene, simulation.ground_truth_mesh())
+    z_m = float(simulation.query_height([(3.0, 4.0, 0.0)]).surface_height_m[0]) + 2.0
+    for yaw_rad in (0.3, 2.0, 4.5):
+        pose = Pose((3.0, 4.0, z_m), (0.0, 0.0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)))
+        sample = simulation.step_sample(ModuleMetadata(sensor={"pose": pose}))
+        for found in audit_sample(sample, reference, drawn()):
+            assert found.pixels > 0.4 * SAMPLED_PX
+            assert found.wrong == 0, found
+
+
+def test_rays_meet_the_triangles_that_solving_for_each_finds() -> None:
+    rng = np.random.default_rng(5)
+    corners = rng.uniform((-3, -3, -1), (3, 3, 9), (50, 1, 3)) + rng.normal(size=(50, 3, 3))
+    rays = np.append(rng.uniform(-1, 1, (20, 20, 2)), np.ones((20, 20, 1)), axis=-1)
+    caster = NumpyCaster(corners.reshape(-1, 3), np.arange(150).reshape(-1, 3))
+    depth_m, found = caster.nearest(rays)
+    expected = np.full((20, 20, 50), np.inf)
+    for place in np.ndindex(20, 20):
+        for index, (a, b, c) in enumerate(corners):
+            u, v, t = np.linalg.solve(np.column_stack((b - a, c - a, -rays[place])), -a)
+            if t > 0 and u > 0 and v > 0 and u + v < 1:
+                expected[(*place, index)] = t
+    hit = np.isfinite(expected).any(axis=-1)
+    assert 0.3 < hit.mean() < 1
+    assert (np.isfinite(depth_m) == hit).all()
+    assert (found[hit] == expected[hit].argmin(axis=-1)).all()
+    np.testing.assert_allclose(depth_m[hit], expected[hit].min(axis=-1), rtol=1e-9)
 
 
 def test_the_command_writes_figures_and_keeps_to_its_limit(tmp_path: Path) -> None:
