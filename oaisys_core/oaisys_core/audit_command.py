@@ -84,6 +84,7 @@ def _audited(config: SimulationConfig, batches: int, views: int) -> list[Audited
 
     from oaisys_core.audit import audit_views, summed
     from oaisys_core.simulation import Simulation
+    from oaisys_core.types import ModuleMetadata
 
     simulation = Simulation(config)
     console = Console(stderr=True)
@@ -92,7 +93,8 @@ def _audited(config: SimulationConfig, batches: int, views: int) -> list[Audited
         with ProgressBar(console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("auditing", total=batches * views)
             for batch in range(batches):
-                simulation.step_batch()
+                # What is audited is the truth, whatever sensors.faults says.
+                simulation.step_batch(ModuleMetadata(sensor={"faults": {"enabled": False}}))
                 rng = np.random.default_rng([config.seed, batch])
                 found += audit_views(simulation, views, rng, lambda _: bar.advance(task))
     finally:

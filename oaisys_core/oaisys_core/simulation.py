@@ -24,6 +24,7 @@ from oaisys_core.modules.sensors import select
 from oaisys_core.provenance import metadata_text, previous_poses_text, state_of
 from oaisys_core.reuse import Origin, origin_of, section_sha256
 from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.sensor_faults import PoseDrift, odometry_of
 from oaisys_core.stage_store import StageRecord
 from oaisys_core.types import (
     FloatArray,
@@ -76,6 +77,7 @@ class Simulation:
         self._stage, self._sensors = self._modules.stage, self._modules.sensors
         self._backend = backend if backend is not None else make_backend(config.backend)
         self._views = ViewSource(self._backend, pose_cache_bytes, place_frames)
+        self._drift = PoseDrift()
         self._undo: Undo | None = None
         self._batch: Batch | None = None
         self._last_batch_id = 0
@@ -171,7 +173,10 @@ class Simulation:
         started_s: float,
     ) -> Sample:
         """Render what stands, and count it as the next sample."""
-        seen = self._views.see(outline, batch.world.scene(), cameras, settings, progress, on_frames)
+        faults = self._sensors.faults.of_depth
+        seen = self._views.see(
+            outline, batch.world.scene(), cameras, settings, progress, on_frames, faults
+        )
         batch.sample_id += 1
         batch.last_rig_poses.update((camera.name, outline.rig_pose) for camera in cameras)
         return Sample(
@@ -187,6 +192,7 @@ class Simulation:
             ),
             from_cache=seen.from_cache,
             finished_ns=seen.finished_ns,
+            odometry=outline.odometry,
         )
 
     def repeat(
@@ -412,11 +418,14 @@ class Simulation:
     ) -> SampleOutline:
         """Return what is known of the next sample before it is rendered."""
         names = [FrameName(camera.name, m) for camera in cameras for m in camera.modalities]
+        faults, rig_pose = self._sensors.faults, drawn(self._sensors.rig_pose)
+        shot = (batch.id, batch.sample_id + 1)
         return SampleOutline(
             batch_id=batch.id,
             sample_id=batch.sample_id + 1,
-            rig_pose=drawn(self._sensors.rig_pose),
+            rig_pose=rig_pose,
             frames=tuple(names),
+            odometry=odometry_of(self._drift, rig_pose, faults.drift_sigmas, faults.seed, shot),
             provenance=Provenance(
                 seed=self._config.seed,
                 batch_seed=batch.seed,

@@ -202,6 +202,20 @@ class FrameName:
 
 
 @dataclass(frozen=True)
+class Odometry:
+    """Where a drifting rig takes itself to be.
+
+    Attributes:
+        pose: Of the rig, in ``map``.
+        sigma_m, sigma_rad: Standard deviation of its error along each axis, and about it.
+    """
+
+    pose: Pose
+    sigma_m: float
+    sigma_rad: float
+
+
+@dataclass(frozen=True)
 class SampleOutline:
     """A sample before all of its frames are there.
 
@@ -210,7 +224,7 @@ class SampleOutline:
     Attributes:
         frames: What it will consist of, in its order.
         provenance: That of the sample, but that ``render_samples`` is 0 as long as it renders.
-        from_cache: See `Sample`.
+        from_cache, odometry: See `Sample`.
     """
 
     batch_id: int
@@ -219,6 +233,7 @@ class SampleOutline:
     frames: tuple[FrameName, ...]
     provenance: Provenance
     from_cache: bool = False
+    odometry: Odometry | None = None
 
 
 @dataclass(frozen=True)
@@ -234,6 +249,7 @@ class Sample:
         from_cache: Whether the frames were rendered for an earlier sample that saw the same.
         finished_ns: When its last frame existed, by the clock of `time.monotonic_ns` on the machine
             that renders, which is the same in all processes there; 0: not known.
+        odometry: Where the rig takes itself to be, where ``sensors.faults`` has that drift.
     """
 
     batch_id: int
@@ -244,6 +260,7 @@ class Sample:
     provenance: Provenance
     from_cache: bool = False
     finished_ns: int = field(default=0, compare=False)
+    odometry: Odometry | None = None
 
     @property
     def outline(self) -> SampleOutline:
@@ -255,6 +272,7 @@ class Sample:
             frames=tuple(FrameName(frame.sensor, frame.modality) for frame in self.frames),
             provenance=self.provenance,
             from_cache=self.from_cache,
+            odometry=self.odometry,
         )
 
     def frame(self, sensor: str, modality: str) -> Frame:

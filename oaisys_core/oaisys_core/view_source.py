@@ -10,7 +10,10 @@ from typing import NamedTuple
 from oaisys_core.backend.base import Backend, FramesCallback, ProgressCallback, RenderSettings
 from oaisys_core.pose_cache import PoseCache, View
 from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.sensor_faults import DepthFaults, Shot, measured_frame
 from oaisys_core.types import (
+    DEPTH,
+    RANGE,
     RGB,
     Frame,
     FrameName,
@@ -18,6 +21,8 @@ from oaisys_core.types import (
     SampleOutline,
     early_first,
 )
+
+NO_FAULTS = DepthFaults()
 
 FramesPlacement = Callable[[tuple[Frame, ...]], tuple[Frame, ...]]
 
@@ -33,6 +38,10 @@ class Seen(NamedTuple):
     view: View
     finished_ns: int
     from_cache: bool
+
+
+def _have_depth(cameras: Sequence[PlacedCamera]) -> bool:
+    return any({DEPTH, RANGE}.intersection(camera.modalities) for camera in cameras)
 
 
 class ViewSource:
@@ -58,6 +67,7 @@ class ViewSource:
         settings: RenderSettings,
         progress: ProgressCallback,
         on_frames: SampleFramesCallback,
+        faults: DepthFaults = NO_FAULTS,
     ) -> Seen:
         """Return what cameras see of the backend's world, which is ``scene``.
 
@@ -65,8 +75,12 @@ class ViewSource:
             outline: Of the sample; whether it is from the cache is found out here.
             progress: Told how far a render is; may raise `CancelledError`.
             on_frames: Told each frame once, as soon as it is ready.
+            faults: What sensors get wrong about depth; such views are never kept, for no two
+                samples have the same noise.
         """
-        key = self._views.key(outline.provenance, scene, cameras, settings)
+        key = None
+        if not (faults.active and _have_depth(cameras)):
+            key = self._views.key(outline.provenance, scene, cameras, settings)
         view = self._views.get(key)
         outline = replace(outline, from_cache=view is not None)
         if view is not None:
@@ -74,8 +88,13 @@ class ViewSource:
             on_frames(outline, early_first(view.frames))
             self._backend.revisited(cameras)
         else:
+            shots = {c.name: Shot(outline.batch_id, outline.sample_id, c.name) for c in cameras}
             view, finished_ns = self._rendered(
-                cameras, settings, progress, lambda frames: on_frames(outline, frames)
+                cameras,
+                settings,
+                progress,
+                lambda frames: on_frames(outline, frames),
+                lambda frame: measured_frame(frame, faults, shots[frame.sensor]),
             )
             self._views.add(key, view)
         return Seen(view, finished_ns, outline.from_cache)
@@ -86,6 +105,7 @@ class ViewSource:
         settings: RenderSettings,
         progress: ProgressCallback,
         on_frames: FramesCallback,
+        measured: Callable[[Frame], Frame],
     ) -> tuple[View, int]:
         """Return what is seen, and when the last of it was there (`time.monotonic_ns`)."""
         placed: dict[FrameName, Frame] = {}
@@ -94,7 +114,7 @@ class ViewSource:
         def hand_on(ready: tuple[Frame, ...]) -> None:
             nonlocal finished_ns
             finished_ns = time.monotonic_ns()
-            ready = self._place_frames(ready)
+            ready = self._place_frames(tuple(map(measured, ready)))
             placed.update((FrameName(frame.sensor, frame.modality), frame) for frame in ready)
             on_frames(ready)
 

@@ -116,6 +116,7 @@ def sample_header_part(outline: SampleOutline, render_time_s: float = 0.0) -> pb
         provenance=_provenance(outline.provenance),
         frame_count=len(outline.frames),
         from_cache=outline.from_cache,
+        odometry=conversions.odometry_to_proto(outline.odometry),
         frames=[pb.FrameName(sensor=n.sensor, modality=n.modality) for n in outline.frames],
     )
     return pb.SamplePart(sample=header)

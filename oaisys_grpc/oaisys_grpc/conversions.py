@@ -13,6 +13,7 @@ from oaisys_core.types import (
     FloatArray,
     HeightQuery,
     ModuleMetadata,
+    Odometry,
     PinholeIntrinsics,
     Pose,
     Progress,
@@ -119,6 +120,22 @@ def intrinsics_from_proto(message: pb.Intrinsics) -> PinholeIntrinsics:
 
 
 _INTRINSICS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
+
+
+def odometry_to_proto(odometry: Odometry | None) -> pb.Odometry | None:
+    """Return the message of an odometry; inverse: `odometry_from_proto`."""
+    if odometry is None:
+        return None
+    pose = pose_to_proto(odometry.pose)
+    return pb.Odometry(pose=pose, sigma_m=odometry.sigma_m, sigma_rad=odometry.sigma_rad)
+
+
+def odometry_from_proto(message: pb.SampleHeader) -> Odometry | None:
+    """Return the odometry in a sample's header, if it has one."""
+    if not message.HasField("odometry"):
+        return None
+    found = message.odometry
+    return Odometry(pose_from_proto(found.pose), found.sigma_m, found.sigma_rad)
 
 
 def provenance_to_proto(provenance: Provenance) -> pb.Provenance:

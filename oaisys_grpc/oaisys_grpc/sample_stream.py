@@ -78,6 +78,7 @@ class SampleStream:
             frames=tuple(FrameName(name.sensor, name.modality) for name in header.frames),
             provenance=conversions.provenance_from_proto(header.provenance),
             from_cache=header.from_cache,
+            odometry=conversions.odometry_from_proto(header),
         )
 
     @property
@@ -205,6 +206,7 @@ class SampleStream:
             ),
             from_cache=outline.from_cache,
             finished_ns=end.finished_monotonic_ns,
+            odometry=outline.odometry,
         )
 
 

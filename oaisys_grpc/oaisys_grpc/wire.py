@@ -38,6 +38,7 @@ _RECORDS = {
         types.ModuleMetadata,
         types.ObjectPage,
         types.ObjectQuery,
+        types.Odometry,
         types.PinholeIntrinsics,
         types.Pose,
         types.Provenance,

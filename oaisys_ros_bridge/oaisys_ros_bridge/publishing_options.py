@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from oaisys_core.sensor_faults import DepthFaults
 from oaisys_ros_bridge.clouds import CloudOptions
 from oaisys_ros_bridge.compressed import Compression
-from oaisys_ros_bridge.sensor_faults import DepthFaults
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,12 @@ from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from oaisys_core.geometry import invert, pose_to_matrix
+from oaisys_core.sensor_faults import PoseDrift, drift_covariance, odometry_covariance
 from oaisys_core.types import SampleOutline
 from oaisys_ros_bridge.conversions import odometry_to_msg, transform_to_msg
 from oaisys_ros_bridge.publishers import Publishers, is_heard
 from oaisys_ros_bridge.publishing_options import PublishingOptions
 from oaisys_ros_bridge.qos import SENSOR_QOS, TF_QOS
-from oaisys_ros_bridge.sensor_faults import PoseDrift, drift_covariance
 
 
 class RigTopics:
@@ -53,10 +53,15 @@ class RigTopics:
         """Publish where the rig is at a sample."""
         header = Header(stamp=stamp, frame_id=self._map_frame)
         true, sample_id = outline.rig_pose, outline.sample_id
+        # What drifts in the simulator already (sensors.faults) drifts from there.
         believed = self._drift.drifted(
-            true, options.drift_sigmas, options.drift_seed, outline.batch_id, sample_id
+            outline.odometry.pose if outline.odometry else true,
+            options.drift_sigmas,
+            options.drift_seed,
+            outline.batch_id,
+            sample_id,
         )
-        drifts = any(options.drift_sigmas)
+        drifts = any(options.drift_sigmas) or outline.odometry is not None
         own = Header(stamp=stamp, frame_id=self._odom_frame) if drifts else header
         if drifts:
             T_map_odom = np.eye(4)
@@ -72,6 +77,8 @@ class RigTopics:
         self._truth.publish(odometry_to_msg(true, header, self._base_frame))
         if is_heard(self._odometry):
             covariance = drift_covariance(options.drift_sigmas, sample_id)
+            if outline.odometry is not None:
+                covariance += odometry_covariance(outline.odometry)
             self._odometry.publish(odometry_to_msg(believed, own, self._base_frame, covariance))
 
     def repeat(self, stamp: Time) -> None:

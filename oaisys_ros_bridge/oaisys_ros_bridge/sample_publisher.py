@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
 from builtin_interfaces.msg import Time
 from rclpy.node import Node
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from oaisys_core.geometry import pixel_rays
-from oaisys_core.types import DEPTH, RANGE, RGB, Frame, Sample, SampleOutline, SimulatorInfo
+from oaisys_core.sensor_faults import Shot, measured_frame
+from oaisys_core.types import DEPTH, RGB, Frame, Sample, SampleOutline, SimulatorInfo
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.publishers import Publishers
 from oaisys_ros_bridge.publishing_options import PublishingOptions
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 from oaisys_ros_bridge.rig_topics import RigTopics
 from oaisys_ros_bridge.sample_info import sample_info_msg
-from oaisys_ros_bridge.sensor_faults import Shot, measured_depth
 from oaisys_ros_bridge.sensor_topics import SensorTopics, sensor_namespace
 from oaisys_ros_bridge.traces import Traces
 
@@ -130,18 +127,6 @@ def _sensors(info: SimulatorInfo) -> list[object]:
 
 
 def measured(frame: Frame, outline: SampleOutline, options: PublishingOptions) -> Frame:
-    """Return what a frame's sensor measures instead of the truth.
-
-    Depth, and the ranges that belong to it, suffer the same; nothing else suffers.
-    """
-    faults = options.depth_faults
-    if frame.modality not in (DEPTH, RANGE) or not faults.active:
-        return frame
+    """Return what a frame's sensor measures instead of the truth."""
     shot = Shot(outline.batch_id, outline.sample_id, frame.sensor)
-    fx_px = frame.intrinsics.fx_px
-    if frame.modality == DEPTH:
-        return replace(frame, data=measured_depth(frame.data, fx_px, faults, shot))
-    lengths = np.linalg.norm(pixel_rays(frame.intrinsics), axis=-1)
-    depth_m = (frame.data / lengths).astype(np.float32)
-    range_m = measured_depth(depth_m, fx_px, faults, shot) * lengths
-    return replace(frame, data=range_m.astype(np.float32))
+    return measured_frame(frame, options.depth_faults, shot)

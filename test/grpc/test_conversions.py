@@ -18,6 +18,7 @@ from oaisys_core.types import (
     Frame,
     HeightQuery,
     ModuleMetadata,
+    Odometry,
     PinholeIntrinsics,
     Pose,
     Progress,
@@ -49,7 +50,11 @@ POSE = Pose((1.25, -2.5, 1e-9), (0.5, -0.5, 0.5, math.sqrt(0.25)))
 INTRINSICS = PinholeIntrinsics(640, 480, 541.14, 540.9, 319.5, 239.25)
 BENT = PinholeIntrinsics(640, 480, 541.14, 540.9, 319.5, 239.25, (-0.2, 0.05, 1e-3, 0.0, 1e-9))
 T = np.random.default_rng(1).normal(size=(4, 4))
-PROVENANCE = Provenance(2**62, 2**63 - 1, "a" * 64, "blender", "5.2.3", "high", 16)
+PROVENANCE = Provenance(
+    *(2**62, 2**63 - 1, "a" * 64, "blender", "5.2.3", "high", 16, "optix", 2**61, 2**60),
+    '{"environment":{"dust":[1.0,2.0]}}',
+    '{"left":{"position_m":[1.0,2.0,3.0],"quat_xyzw":[0.0,0.0,0.0,1.0]}}',
+)
 METADATA = ModuleMetadata(
     sensor={
         "pose": POSE,
@@ -95,7 +100,8 @@ def make_sample(height_px: int = 480, width_px: int = 640) -> Sample:
         "flow": np.full((*size, 2), np.nan, np.float32),
     }
     frames = tuple(Frame("left", name, data, BENT, T) for name, data in images.items())
-    return Sample(3, 9, POSE, frames, 0.25, PROVENANCE)
+    odometry = Odometry(Pose((1.0, 2.0, 3.5), (0.0, 0.0, 1.0, 0.0)), 0.5, 0.125)
+    return Sample(3, 9, POSE, frames, 0.25, PROVENANCE, odometry=odometry)
 
 
 MESH = TriangleMesh(

@@ -1,5 +1,6 @@
 """The service from end to end, on the analytic backend."""
 
+import json
 import socket
 from collections.abc import Callable
 
@@ -11,9 +12,11 @@ from grpc_reflection.v1alpha.proto_reflection_descriptor_database import (
 )
 from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, code_of
 
+from oaisys_core.config import config_from_mapping, config_sha256
 from oaisys_core.errors import InvalidInputError, NotFoundError, NotReadyError
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
-from oaisys_core.types import ModuleMetadata, Pose, Progress
+from oaisys_core.sensor_faults import DepthFaults, PoseDrift, Shot, measured_depth
+from oaisys_core.types import ModuleMetadata, Odometry, Pose, Progress
 from oaisys_grpc.client import SimulatorClient
 from oaisys_grpc.operation import State
 
@@ -48,6 +51,35 @@ def test_a_sample_says_where_it_is_from(flat_client: SimulatorClient) -> None:
     assert [f.modality for f in sample.frames] == list(info.sensors[0].modalities)
     assert sample.frames[0].intrinsics == info.sensors[0].intrinsics
     assert info.stage_extent_m == (-20, -20, 20, 20)
+
+
+def test_noise_and_drift_come_with_the_frames_and_can_be_switched_off(
+    start_server: StartServer,
+) -> None:
+    faults = {"depth_noise": "gaussian", "depth_sigma_m": 0.5, "drift_m": 0.25, "seed": 4}
+    config = {**FLAT_WORLD, "sensors": {**FLAT_WORLD.get("sensors", {}), "faults": faults}}
+    with start_server(config).client() as client:
+        client.step_batch()
+        first = client.render_sample(NADIR)
+        second = client.render_sample(NADIR)
+        off = ModuleMetadata(sensor={"faults": {"enabled": False}})
+        truth = client.render_sample(NADIR, metadata=off)
+    true_m = truth.frame("camera", "depth").data
+    for sample in (first, second):
+        error_m = sample.frame("camera", "depth").data - true_m
+        assert 0.4 < float(np.std(error_m)) < 0.6
+        shot = Shot(sample.batch_id, sample.sample_id, "camera")
+        expected_m = measured_depth(true_m, 1.0, DepthFaults(4, "gaussian", 0.5), shot)
+        np.testing.assert_array_equal(sample.frame("camera", "depth").data, expected_m)
+    drifted = PoseDrift().drifted(NADIR, (0.25, 0.0), 4, second.batch_id, second.sample_id)
+    assert second.odometry == Odometry(drifted, 0.25, 0.0)
+    assert truth.odometry is None
+    assert '"enabled":false' in truth.provenance.metadata_json
+
+
+def test_the_configuration_is_told_to_who_asks(flat_client: SimulatorClient) -> None:
+    config = config_from_mapping(json.loads(flat_client.config_json()))
+    assert config_sha256(config) == flat_client.info().config_sha256
 
 
 def test_only_the_modalities_asked_for_come(flat_client: SimulatorClient) -> None:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.types import Pose
-from oaisys_ros_bridge.parameters import BRIDGE
-from oaisys_ros_bridge.publishing_options import PublishingOptions
-from oaisys_ros_bridge.sensor_faults import (
+from oaisys_core.config import config_from_mapping
+from oaisys_core.sensor_faults import (
     NOISE_LAWS,
     DepthFaults,
     NoiseLaw,
@@ -20,7 +19,13 @@ from oaisys_ros_bridge.sensor_faults import (
     Shot,
     drift_covariance,
     measured_depth,
+    odometry_covariance,
 )
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import Pose
+from oaisys_ros_bridge.parameters import BRIDGE
+from oaisys_ros_bridge.publishing_options import PublishingOptions
+from oaisys_ros_bridge.sample_publisher import measured as of_the_bridge
 
 SHAPE = (240, 320)
 FX_PX = 541.14
@@ -259,3 +264,33 @@ def test_covariance_is_that_of_the_walk() -> None:
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), [0.1] * 3 + [0.015] * 3)
     assert np.count_nonzero(covariance) == 6
     assert not drift_covariance((0.02, 0.003), 1).any()
+
+
+@pytest.mark.parametrize("law", NOISE_LAWS)
+def test_the_simulator_makes_the_noise_that_the_bridge_makes(law: NoiseLaw) -> None:
+    """`sensors.faults` and the parameters `faults.*` of the same names and values."""
+    faults = {"seed": 12, "depth_noise": law, "depth_sigma_m": 0.1, "missing_ratio": 0.05}
+    faults |= {"max_depth_m": 9.0, "drift_m": 0.5, "drift_rad": 0.1}
+    camera = {"name": "front", "modalities": ["depth", "range"], "width_px": 32, "height_px": 24}
+    world: dict[str, Any] = {"backend": "analytic", "stage": {"resolution_px": 33}}
+    samples = []
+    for given in ({}, faults):
+        sensors = {"cameras": [camera], "faults": given}
+        sim = Simulation(config_from_mapping({**world, "sensors": sensors}))
+        sim.step_batch(seed=1)
+        samples.append([sim.step_sample() for _ in range(2)][-1])
+    true, simulated = samples
+    values = {row.name: row.default for row in BRIDGE}
+    options = PublishingOptions.of(values | {f"faults.{k}": v for k, v in faults.items()})
+    for frame in true.frames:
+        published = of_the_bridge(frame, true.outline, options).data
+        found = simulated.frame("front", frame.modality).data
+        np.testing.assert_array_equal(published, found)
+        assert (published != frame.data).any()
+    drift = PoseDrift().drifted(true.rig_pose, options.drift_sigmas, options.drift_seed, 1, 2)
+    assert simulated.odometry is not None
+    assert simulated.odometry.pose == drift
+    covariance = np.diag(drift_covariance(options.drift_sigmas, 2).reshape(6, 6))
+    np.testing.assert_allclose(
+        np.diag(odometry_covariance(simulated.odometry).reshape(6, 6)), covariance
+    )

@@ -17,7 +17,13 @@ BLENDER = {
     *("bpy", "bmesh", "mathutils", "bpy_extras", "gpu", "idprop", "cycles", "_cycles"),
     "PyOpenColorIO",
 }
-PLAIN_CORE = {"oaisys_core.types", "oaisys_core.geometry", "oaisys_core.errors"}
+PLAIN_CORE = {
+    "oaisys_core.types",
+    "oaisys_core.geometry",
+    "oaisys_core.errors",
+    # Numpy and scipy alone: simulator and bridge must draw the same noise by the same code.
+    "oaisys_core.sensor_faults",
+}
 COMMAND_LINE = {"rich", "typer"}
 CORE_LIBRARIES = {
     "OpenEXR",

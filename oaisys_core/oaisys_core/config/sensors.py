@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from oaisys_core import geometry
+from oaisys_core.config.faults import FaultsConfig
 from oaisys_core.config.motion import AnyMotion, GivenMotion
 from oaisys_core.config.section import Positive, Section, Vector3, is_unit_quaternion
 from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, modality_spec
@@ -193,6 +194,7 @@ class SensorsConfig(Section):
         pose_policy: What happens to a pose under the ground or off the stage: ``reject``,
             ``clamp`` (to the least clearance, inside the stage) or ``allow``.
         min_clearance_m: Least height of every camera above the topmost surface.
+        faults: What the sensors get wrong; by default nothing.
     """
 
     cameras: tuple[CameraConfig, ...] = (CameraConfig(),)
@@ -200,6 +202,7 @@ class SensorsConfig(Section):
     motion: AnyMotion = GivenMotion()
     pose_policy: PosePolicy = "reject"
     min_clearance_m: float = Field(default=0.05, ge=0)
+    faults: FaultsConfig = FaultsConfig()
 
     @property
     def all_cameras(self) -> tuple[CameraConfig, ...]:

@@ -11,13 +11,14 @@ from pydantic import TypeAdapter, ValidationError
 
 from oaisys_core import geometry, randomness
 from oaisys_core.config.expectations import refusal
+from oaisys_core.config.faults import FaultsConfig
 from oaisys_core.config.motion import AnyMotion
 from oaisys_core.config.sensors import CameraConfig, PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.modules.clearance import Extent, HeightLookup, admitted
 from oaisys_core.modules.optics import changed, lens_of, sensor_info
-from oaisys_core.modules.overrides import differing
+from oaisys_core.modules.overrides import differing, overridden
 from oaisys_core.motion import Motion, Step, make_motion
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray, FrameName, Pose, SensorInfo
@@ -37,6 +38,7 @@ class SensorsModule(Module):
 
     Metadata understands ``pose`` (`Pose`), which goes before any motion; ``cameras``, a mapping
     from a camera's name to what changes of its optics until the next batch; for a sample,
+    ``faults``, what changes of what sensors get wrong until then, such as ``enabled: false``;
     ``pose_policy``, which judges its pose instead of the configured one; and, for a batch,
     ``motion``, which takes the place of the configured one.
     """
@@ -51,6 +53,7 @@ class SensorsModule(Module):
         self.sensors = self._described(self._cameras)
         self._motion = make_motion(config.motion, self.sensors)
         self.rig_pose: Pose | None = None
+        self.faults = config.faults
 
     @property
     def moves_itself(self) -> bool:
@@ -60,36 +63,41 @@ class SensorsModule(Module):
     def check(self, metadata: Metadata) -> None:
         """Refuse unknown keys and values that do not fit."""
         self._chosen_motion(metadata)
-        self._check(metadata, ("pose", "cameras", "motion"))
+        self._check(metadata, ("pose", "cameras", "motion", "faults"))
         self._changed(self._config.all_cameras, metadata)
+        self._changed_faults(self._config.faults, metadata)
 
     def check_sample(self, metadata: Metadata) -> None:
         """As `check`; a motion is chosen for a whole batch."""
-        self._check(metadata, ("pose", "pose_policy", "cameras"))
+        self._check(metadata, ("pose", "pose_policy", "cameras", "faults"))
         self._changed(self._cameras, metadata)
+        self._changed_faults(self.faults, metadata)
 
     def in_force(self, metadata: Metadata) -> Metadata:
-        """Return the metadata with what differs of each camera's optics, without the pose."""
+        """Return the metadata with what differs of optics and faults now, without the pose."""
         configured = self._config.all_cameras
         cameras = {
             now.name: differing(before, now)
             for before, now in zip(configured, self._cameras, strict=True)
             if now != before
         }
-        passing = ("cameras", "pose", "pose_policy")
+        found = {"cameras": cameras, "faults": differing(self._config.faults, self.faults)}
+        passing = ("pose", "pose_policy", *found)
         kept = {key: value for key, value in (metadata or {}).items() if key not in passing}
-        return {**kept, "cameras": cameras} if cameras else kept
+        return kept | {key: value for key, value in found.items() if value}
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Begin a batch above the ground's centre, or where the metadata says."""
         self.rig_pose = None
         self._use(self._config.all_cameras)
+        self.faults = self._config.faults
         self._motion = self._chosen_motion(metadata)
         self.step_sample(world, metadata, rng)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Move the rig where the metadata says, and change its cameras."""
         self._use(self._changed(self._cameras, metadata))
+        self.faults = self._changed_faults(self.faults, metadata)
         pose = (metadata or {}).get("pose")
         if pose is not None:
             self.rig_pose = geometry.checked_pose(pose.position_m, pose.quat_xyzw)
@@ -253,6 +261,14 @@ class SensorsModule(Module):
         return changed(
             cameras, (metadata or {}).get("cameras", {}), f"{self.metadata_part}.cameras"
         )
+
+    def _changed_faults(self, faults: FaultsConfig, metadata: Metadata) -> FaultsConfig:
+        changes = (metadata or {}).get("faults", {})
+        path = f"{self.metadata_part}.faults"
+        if not isinstance(changes, Mapping):
+            expected = f"a mapping of {', '.join(sorted(FaultsConfig.model_fields))}"
+            raise InvalidInputError(f"metadata.{path}", changes, expected)
+        return overridden(faults, changes, path)
 
     def _use(self, cameras: tuple[CameraConfig, ...]) -> None:
         """Go on with these; where nothing changed, `sensors` stays the very same object."""

@@ -10,6 +10,7 @@ import numpy as np
 from oaisys_core.output.images import read_image
 from oaisys_core.output.records import (
     intrinsics_from_record,
+    odometry_from_record,
     pose_from_record,
     provenance_from_record,
     read_json,
@@ -53,6 +54,7 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
         frames=frames,
         render_time_s=record["render_time_s"],
         provenance=provenance_from_record(record["provenance"]),
+        odometry=odometry_from_record(record.get("odometry")),
     )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.output.files import write_text
-from oaisys_core.types import PinholeIntrinsics, Pose, Provenance, Sample
+from oaisys_core.types import Odometry, PinholeIntrinsics, Pose, Provenance, Sample
 
 
 def sample_record(sample: Sample, files: Mapping[tuple[str, str], str]) -> dict[str, Any]:
@@ -32,6 +32,7 @@ def sample_record(sample: Sample, files: Mapping[tuple[str, str], str]) -> dict[
         "batch_id": sample.batch_id,
         "sample_id": sample.sample_id,
         "rig_pose": asdict(sample.rig_pose),
+        "odometry": None if sample.odometry is None else asdict(sample.odometry),
         "provenance": asdict(sample.provenance),
         "render_time_s": sample.render_time_s,
         "sensors": sensors,
@@ -52,6 +53,13 @@ def intrinsics_from_record(record: Mapping[str, Any]) -> PinholeIntrinsics:
 def pose_from_record(record: Mapping[str, Any]) -> Pose:
     """Return the pose of a record."""
     return Pose(tuple(record["position_m"]), tuple(record["quat_xyzw"]))
+
+
+def odometry_from_record(record: Mapping[str, Any] | None) -> Odometry | None:
+    """Return the odometry of a record, if it has one."""
+    if record is None:
+        return None
+    return Odometry(pose_from_record(record["pose"]), record["sigma_m"], record["sigma_rad"])
 
 
 def provenance_from_record(record: Mapping[str, Any]) -> Provenance:

@@ -5,6 +5,7 @@
     config.yaml                                   the whole configuration, and its hash
     state.json                                    where the run stands, for `SampleWriter.resume`
     batch_0001/poses.csv                          the rig's pose at each sample
+    batch_0001/odometry.csv                       where it took itself to be, where that drifts
     batch_0001/labels.json                        name by semantic id
     batch_0001/camera/0001camera_rgb_00.png       images, see `oaisys_core.output.images`
     batch_0001/camera/intrinsics.json             of the sensor's first sample in the batch
@@ -32,6 +33,7 @@ from oaisys_core.types import Sample
 
 CONFIG, STATE = "config.yaml", "state.json"
 POSES, LABELS, INTRINSICS = "poses.csv", "labels.json", "intrinsics.json"
+ODOMETRY = "odometry.csv"
 SENSOR_DATA, SAMPLE_DATA = Path("meta_data/sensor_data"), Path("meta_data/sample_data")
 
 
@@ -96,6 +98,8 @@ class SampleWriter:
             write_json(batch / LABELS, {str(i): label for i, label in sorted(labels.items())})
         self._write_sensors(batch, sample)
         append_pose(batch / POSES, sample.sample_id, sample.rig_pose)
+        if sample.odometry is not None:
+            append_pose(batch / ODOMETRY, sample.sample_id, sample.odometry.pose)
         record = sample_record(sample, files)
         write_json(batch / SAMPLE_DATA / f"{sample.sample_id:04d}.json", record)
         return paths
@@ -119,7 +123,11 @@ class SampleWriter:
             if batch.name < last:
                 continue
             kept = state["batch"]["sample_id"] if state and batch.name == last else 0
-            for table in (*batch.glob(POSES), *(batch / SENSOR_DATA).glob("*.csv")):
+            for table in (
+                *batch.glob(POSES),
+                *batch.glob(ODOMETRY),
+                *(batch / SENSOR_DATA).glob("*.csv"),
+            ):
                 drop_poses_after(table, kept)
 
     def _write_sensors(self, batch: Path, sample: Sample) -> None:

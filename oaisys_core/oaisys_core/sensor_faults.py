@@ -1,4 +1,4 @@
-"""What real sensors do to true depth and true poses, drawn from seeds; numpy only, no ROS.
+"""What real sensors do to true depth and true poses, drawn from seeds.
 
 Everything is a function of (seed, batch, sample, sensor), whatever was asked for before: a sample
 that is rendered again is spoilt in the same way. Each kind of fault has a stream of its own, so
@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.types import FloatArray, Pose
+from oaisys_core.geometry import pixel_rays
+from oaisys_core.types import DEPTH, RANGE, FloatArray, Frame, Odometry, Pose
 
 DepthImage = NDArray[np.float32]
 NoiseLaw = Literal["none", "gaussian", "quadratic", "kinect"]
@@ -121,6 +122,22 @@ def measured_depth(
     return measured_m
 
 
+def measured_frame(frame: Frame, faults: DepthFaults, shot: Shot) -> Frame:
+    """Return what a frame's sensor measures instead of the truth.
+
+    Depth, and the ranges that belong to it, suffer the same; nothing else suffers.
+    """
+    if frame.modality not in (DEPTH, RANGE) or not faults.active:
+        return frame
+    fx_px = frame.intrinsics.fx_px
+    if frame.modality == DEPTH:
+        return replace(frame, data=measured_depth(frame.data, fx_px, faults, shot))
+    lengths = np.linalg.norm(pixel_rays(frame.intrinsics), axis=-1)
+    depth_m = (frame.data / lengths).astype(np.float32)
+    range_m = measured_depth(depth_m, fx_px, faults, shot) * lengths
+    return replace(frame, data=range_m.astype(np.float32))
+
+
 def _with_noise(depth_m: DepthImage, fx_px: float, faults: DepthFaults, shot: Shot) -> DepthImage:
     if faults.noise == "none":
         return depth_m
@@ -216,9 +233,30 @@ class PoseDrift:
         return Pose((x, y, z), (qx, qy, qz, qw))
 
 
+def drift_sigma(sigmas: tuple[float, float], sample_id: int) -> tuple[float, float]:
+    """Return the standard deviation of a drifted pose along each axis (m) and about it (rad)."""
+    steps = max(sample_id, 1) - 1
+    return sigmas[0] * steps**0.5, sigmas[1] * steps**0.5
+
+
+def odometry_of(
+    drift: PoseDrift, pose: Pose, sigmas: tuple[float, float], seed: int, shot: tuple[int, int]
+) -> Odometry | None:
+    """Return where the rig takes itself to be at a batch's sample; None where nothing drifts."""
+    if sigmas == (0.0, 0.0):
+        return None
+    return Odometry(drift.drifted(pose, sigmas, seed, *shot), *drift_sigma(sigmas, shot[1]))
+
+
 def drift_covariance(sigmas: tuple[float, float], sample_id: int) -> NDArray[Any]:
     """Return the (36,) row-major covariance of x, y, z and turns about x, y, z at a sample."""
     step_m, step_rad = sigmas
     steps = max(sample_id, 1) - 1
     variances = np.repeat((steps * step_m**2, steps * step_rad**2), 3)
+    return np.diag(variances).ravel()
+
+
+def odometry_covariance(odometry: Odometry) -> NDArray[Any]:
+    """Return the same of a sample's odometry."""
+    variances = np.repeat((odometry.sigma_m**2, odometry.sigma_rad**2), 3)
     return np.diag(variances).ravel()
