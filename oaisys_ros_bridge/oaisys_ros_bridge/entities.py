@@ -1,4 +1,4 @@
-"""What can be asked about and moved by name: the rig, and the sensors on it."""
+"""What can be asked about and moved by name: the rig, the sensors on it, things on the ground."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from simulation_interfaces.msg import Bounds, EntityCategory, EntityFilters, Tag
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
-from oaisys_core.types import FloatArray, Pose, SimulatorInfo
+from oaisys_core.types import FloatArray, Pose, SceneObject, SimulatorInfo
 
 _CLASSES = {
     "alnum": "a-zA-Z0-9",
@@ -31,11 +31,12 @@ class Entity:
 
     Attributes:
         name: Of a sensor; that of the base frame for the rig.
-        sensor: Name of the sensor; empty for the rig.
+        sensor: Name of the sensor; empty for all else.
         category: One of ``simulation_interfaces/msg/EntityCategory``.
         description: In words.
         tags: For filters.
         T_base_entity: (4, 4) where it sits on the rig, x forward, y left, z up.
+        thing: What stands on the ground; None for the rig and its sensors.
     """
 
     name: str
@@ -44,9 +45,14 @@ class Entity:
     description: str
     tags: tuple[str, ...]
     T_base_entity: FloatArray
+    thing: SceneObject | None = None
 
-    def pose(self, rig_pose: Pose) -> Pose:
-        """Return its pose in ``map``."""
+    def pose(self, rig_pose: Pose | None) -> Pose | None:
+        """Return its pose in ``map``; None: that is not known."""
+        if self.thing is not None:
+            return self.thing.pose
+        if rig_pose is None:
+            return None
         return pose_from_matrix(pose_to_matrix(rig_pose) @ self.T_base_entity)
 
 
@@ -70,6 +76,23 @@ def entities_of(info: SimulatorInfo, base_frame: str) -> list[Entity]:
         for sensor in info.sensors
     ]
     return [rig, *sensors]
+
+
+def entity_of(thing: SceneObject) -> Entity:
+    """Return something on the ground as an entity."""
+    moves = thing.kind == "mover"
+    category = (
+        EntityCategory.CATEGORY_DYNAMIC_OBJECT if moves else EntityCategory.CATEGORY_STATIC_OBJECT
+    )
+    low, high = (" ".join(f"{v:.3f}" for v in corner) for corner in (thing.low_m, thing.high_m))
+    words = f"{thing.group} {thing.kind}".strip()
+    description = (
+        f"{words}, instance {thing.instance_id}, label {thing.label} ({thing.semantic_id}), "
+        f"scale {thing.scale:.3f}, within ({low}) to ({high}) m of the map"
+    )
+    named = filter(None, (thing.kind, thing.group, thing.label))
+    tags = ("thing", *dict.fromkeys(named), f"instance_id:{thing.instance_id}")
+    return Entity(thing.name, "", category, description, tags, np.eye(4), thing)
 
 
 def filtered(
@@ -121,9 +144,10 @@ def _is_within(entity: Entity, bounds: Bounds, rig_pose: Pose | None) -> bool:
     points = np.array([[point.x, point.y, point.z] for point in bounds.points])
     if len(points) != 2 or not np.isfinite(points).all():
         raise InvalidInputError("filters.bounds.points", points.tolist(), "two finite points")
-    if rig_pose is None:
+    pose = entity.pose(rig_pose)
+    if pose is None:
         return False
-    position = np.array(entity.pose(rig_pose).position_m)
+    position = np.array(pose.position_m)
     if bounds.type == Bounds.TYPE_SPHERE:
         return bool(np.linalg.norm(position - points[0]) <= points[1, 0])
     low, high = points.min(axis=0), points.max(axis=0)

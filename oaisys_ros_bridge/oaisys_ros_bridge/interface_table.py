@@ -130,6 +130,13 @@ _RIG = (
         "base_link to camera_link to camera_optical_frame, of each camera.",
         LATCHED,
     ),
+    Interface(
+        Kind.PUBLISHED,
+        "/clock",
+        "rosgraph_msgs/msg/Clock",
+        "Simulated time, only with `publish_clock`: before the first message that carries it.",
+        PLAIN,
+    ),
 )
 
 _STATE = (
@@ -233,9 +240,9 @@ _SIMULATION_SERVICES = tuple(
         ("get_entities_states", "Poses of all that match."),
         ("get_entity_info", "What one is."),
         ("get_entity_state", "Where one is, metres in the map frame."),
-        ("set_entity_state", "Put one elsewhere; the rig: look from there."),
-        ("spawn_entity", "Add an object."),
-        ("delete_entity", "Take one away."),
+        ("set_entity_state", "Put one elsewhere with the next sample; the rig: look from there."),
+        ("spawn_entity", "Add a shape, a configured thing or a mesh file, see Entities."),
+        ("delete_entity", "Take one away from the next sample on; rig and sensors stay."),
         ("get_simulation_state", "Playing, paused, stopped."),
         ("set_simulation_state", "Play, pause, stop."),
         ("step_simulation", "Some samples, without telling on the way."),

@@ -73,6 +73,14 @@ _LIFE = (
         "Whether to offer the services of simulation_interfaces.",
         changeable=Changeable.AT_START,
     ),
+    ParameterRow(
+        "max_entities",
+        1000,
+        "Most things on the ground that get_entities and get_entities_states list; they say how "
+        "many were left out.",
+        least=1,
+        most=100_000,
+    ),
 )
 
 _COMMANDS = (

@@ -22,6 +22,15 @@ class PendingMetadata:
         with self._lock:
             self._metadata = (self._metadata or ModuleMetadata()).updated(metadata)
 
+    @property
+    def asset(self) -> ModuleMetadata | None:
+        """What waits for the things on the ground alone; None: nothing."""
+        with self._lock:
+            metadata = self._metadata
+        if metadata is None or not metadata.asset:
+            return None
+        return ModuleMetadata(asset=metadata.asset)
+
     def clear(self) -> None:
         """Send nothing."""
         with self._lock:

@@ -90,6 +90,10 @@ class Simulation:
         """Where the rig is, or will be at the next step; None: that is not known."""
         return self._next_pose or self._renderer.rig_pose
 
+    def link(self) -> SimulatorLink:
+        """Return the simulator; `NotReadyError` where the bridge is unconfigured."""
+        return self._link()
+
     def info(self) -> SimulatorInfo:
         """Return what the simulator is; `NotReadyError` where there is none."""
         state = self._link().state

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -23,13 +24,13 @@ from simulation_interfaces.msg import (
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
-from oaisys_core.types import Pose
 from oaisys_ros_bridge.cancellation import Cancellation
 from oaisys_ros_bridge.conversions import pose_to_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.entities import Entity, UnsupportedBoundsError, entities_of, filtered
 from oaisys_ros_bridge.goal_server import GoalServer, GoalWork
 from oaisys_ros_bridge.rendering import Renderer, View
 from oaisys_ros_bridge.requests import rig_pose
+from oaisys_ros_bridge.scene_entities import NameTakenError, SceneEntities
 from oaisys_ros_bridge.simulation import (
     NO_WORLD,
     PAUSED,
@@ -39,15 +40,25 @@ from oaisys_ros_bridge.simulation import (
     STOPPED,
     Simulation,
 )
+from oaisys_ros_bridge.spawning import (
+    NAME,
+    SPAWN_FORMATS,
+    UnsupportedFormatError,
+    spec_of,
+    stem_of,
+)
 from oaisys_ros_bridge.worlds import WorldRequest, world_from_json, world_from_uri
 
 UNSUPPORTED = (
-    *("DeleteEntity", "GetEntityBounds", "GetNamedPoseBounds", "GetNamedPoses", "GetSpawnables"),
-    *("SetEntityInfo", "SpawnEntities", "SpawnEntity", "UnloadWorld"),
+    *("GetEntityBounds", "GetNamedPoseBounds", "GetNamedPoses", "GetSpawnables"),
+    *("SetEntityInfo", "SpawnEntities", "UnloadWorld"),
 )
 """Services that answer that they are not supported, where the machine has their types."""
 
 FEATURES = (
+    SimulatorFeatures.SPAWNING,
+    SimulatorFeatures.SPAWNING_RESOURCE_STRING,
+    SimulatorFeatures.DELETING,
     SimulatorFeatures.ENTITY_TAGS,
     SimulatorFeatures.ENTITY_BOUNDS_BOX,
     SimulatorFeatures.ENTITY_CATEGORIES,
@@ -69,10 +80,15 @@ FEATURES = (
     SimulatorFeatures.AVAILABLE_WORLDS,
 )
 CUSTOM_INFO = (
-    "A step is one sample. Entities are the rig and its sensors; things on the ground are changed "
-    "by ~/set_metadata. Worlds are oaisys:SEED and oaisys:next, or a JSON object with seed, "
-    "reuse_stage and metadata."
+    "A step is one sample. Entities are the rig, its sensors and the things on the ground; what is "
+    "spawned, moved or deleted is so from the next sample on. Resources are shape:NAME, "
+    "prototype:NAME of something configured, mesh files within the simulator's asset roots, or a "
+    "JSON object of the keys of asset.add. Worlds are oaisys:SEED and oaisys:next, or a JSON "
+    "object with seed, reuse_stage and metadata."
 )
+
+
+_POSE_FIELD = re.compile(r"^pose|sensor\.pose|position_m$|quat_xyzw$")
 
 
 class RefusedError(OaisysError):
@@ -91,6 +107,7 @@ class SimulationServices:
         simulation: What they ask.
         renderer: Renders where an entity is put.
         base_frame: Returns the name of the rig.
+        max_entities: Returns how many things on the ground an answer lists at most.
     """
 
     def __init__(
@@ -99,7 +116,10 @@ class SimulationServices:
         simulation: Simulation,
         renderer: Renderer,
         base_frame: Callable[[], str],
+        max_entities: Callable[[], int],
     ) -> None:
+        self._max_entities = max_entities
+        self._things = SceneEntities(simulation.link, renderer.metadata)
         self._node = node
         self._simulation = simulation
         self._renderer = renderer
@@ -113,6 +133,8 @@ class SimulationServices:
             (srv.GetEntityInfo, "get_entity_info", self._get_entity_info),
             (srv.GetEntityState, "get_entity_state", self._get_entity_state),
             (srv.SetEntityState, "set_entity_state", self._set_entity_state),
+            (srv.SpawnEntity, "spawn_entity", self._spawn_entity),
+            (srv.DeleteEntity, "delete_entity", self._delete_entity),
             (srv.GetSimulationState, "get_simulation_state", self._get_simulation_state),
             (srv.SetSimulationState, "set_simulation_state", self._set_simulation_state),
             (srv.StepSimulation, "step_simulation", self._step_simulation),
@@ -149,14 +171,16 @@ class SimulationServices:
         if self._simulation.has_clock:
             features.add(SimulatorFeatures.SIMULATION_RESET_TIME)
         response.features.features = sorted(features)
+        response.features.spawn_formats = list(SPAWN_FORMATS)
         response.features.custom_info = CUSTOM_INFO
         return response
 
     def _get_entities(self, request: Any, response: Any) -> None:
-        response.entities = [entity.name for entity in self._filtered(request.filters)]
+        entities, response.result.error_message = self._filtered(request.filters)
+        response.entities = [entity.name for entity in entities]
 
     def _get_entities_states(self, request: Any, response: Any) -> None:
-        entities = self._filtered(request.filters)
+        entities, response.result.error_message = self._filtered(request.filters)
         response.states = [self._state_of(entity) for entity in entities]
         response.entities = [entity.name for entity in entities]
 
@@ -186,15 +210,66 @@ class SimulationServices:
         """Put an entity somewhere: render there if the simulation plays, else at its next step."""
         info, map_frame = self._simulation.info(), self._renderer.map_frame()
         try:
+            if entity.thing is not None:
+                self._things.move(entity.thing, rig_pose(pose, "", info, map_frame))
+                return
             where = rig_pose(pose, entity.sensor, info, map_frame)
             if self._simulation.state in (PAUSED, STOPPED):
                 self._simulation.put_rig(where)
             else:
                 self._renderer.render(View(pose_to_stamped_msg(where, Header())))
         except InvalidInputError as error:
-            if "pose" not in error.field:
+            if not _POSE_FIELD.search(error.field):
                 raise
             raise RefusedError(srv.SetEntityState.Response.INVALID_POSE, str(error)) from error
+
+    def _spawn_entity(self, request: Any, response: Any) -> None:
+        codes = srv.SpawnEntity.Response
+        if request.entity_namespace:
+            message = "entity_namespace: things on the ground have none, expected it empty"
+            raise RefusedError(codes.NAMESPACE_INVALID, message)
+        resource = request.entity_resource
+        if not resource.uri and not resource.resource_string:
+            message = "entity_resource: uri and resource_string are both empty"
+            raise RefusedError(codes.NO_RESOURCE, message)
+        try:
+            info = self._simulation.info()
+            spec = spec_of(resource, info.semantic_labels)
+            name = self._name_for(request, stem_of(spec))
+            pose = rig_pose(request.initial_pose, "", info, self._renderer.map_frame())
+            thing = self._things.spawn(name, spec, pose)
+        except UnsupportedFormatError as error:
+            raise RefusedError(codes.UNSUPPORTED_FORMAT, str(error)) from error
+        except NameTakenError as error:
+            raise RefusedError(codes.NAME_NOT_UNIQUE, str(error)) from error
+        except InvalidInputError as error:
+            raise RefusedError(_spawn_code(error.field), str(error)) from error
+        response.entity_name = thing.name
+        response.result.error_message = (
+            f"instance {thing.instance_id}, there from the next sample on"
+        )
+
+    def _name_for(self, request: Any, stem: str) -> str:
+        """Return the name of what is spawned, another one than asked for where that is allowed."""
+        own = {e.name for e in entities_of(self._simulation.info(), self._base_frame())}
+        name = request.name
+        if name and not NAME.fullmatch(name):
+            message = f"name: received {name!r}, expected a letter, then letters, digits, _ or -"
+            raise RefusedError(srv.SpawnEntity.Response.NAME_INVALID, message)
+        if not name:
+            return self._things.free_name(stem, own)
+        if name not in own and self._things.find(name) is None:
+            return str(name)
+        if request.allow_renaming:
+            return self._things.free_name(name, own)
+        raise NameTakenError(f"name: received {name!r}, which something has already")
+
+    def _delete_entity(self, request: Any, response: Any) -> None:
+        entity = self._entity(request.entity)
+        if entity.thing is None:
+            message = f"entity: received {entity.name!r}, the rig and its sensors stay"
+            raise RefusedError(Result.RESULT_OPERATION_FAILED, message)
+        self._things.delete(entity.thing)
 
     def _get_simulation_state(self, _: Any, response: Any) -> None:
         response.state.state = NO_WORLD  # where the next line raises
@@ -307,29 +382,34 @@ class SimulationServices:
             tags=[info.backend, info.quality],
         )
 
-    def _filtered(self, filters: Any) -> list[Entity]:
+    def _filtered(self, filters: Any) -> tuple[list[Entity], str]:
+        """Return what filters let through, and what was left out of it, in words."""
         try:
             entities = entities_of(self._simulation.info(), self._base_frame())
-            return filtered(entities, filters, self._simulation.rig_pose)
+            found = filtered(entities, filters, self._simulation.rig_pose)
+            things, left_out = self._things.matching(filters, self._max_entities())
+            return found + things, left_out
         except UnsupportedBoundsError as error:
             raise RefusedError(Result.RESULT_FEATURE_UNSUPPORTED, str(error)) from error
 
     def _entity(self, name: str) -> Entity:
         entities = {e.name: e for e in entities_of(self._simulation.info(), self._base_frame())}
-        if name not in entities:
-            message = f"entity: received {name!r}, expected one of {', '.join(entities)}"
+        entity = entities.get(name) or self._things.find(name)
+        if entity is None:
+            expected = f"one of {', '.join(entities)}, or something on the ground (get_entities)"
+            message = f"entity: received {name!r}, expected {expected}"
             raise RefusedError(Result.RESULT_NOT_FOUND, message)
-        return entities[name]
+        return entity
 
     def _state_of(self, entity: Entity) -> EntityState:
-        pose: Pose | None = self._simulation.rig_pose
+        pose = entity.pose(self._simulation.rig_pose)
         if pose is None:
             message = f"{entity.name}: its pose is known from the first sample on"
             raise RefusedError(Result.RESULT_OPERATION_FAILED, message)
         header = Header(
             stamp=self._node.get_clock().now().to_msg(), frame_id=self._renderer.map_frame()
         )
-        return EntityState(header=header, pose=pose_to_msg(entity.pose(pose)))
+        return EntityState(header=header, pose=pose_to_msg(pose))
 
 
 def _steps(steps: int) -> Sequence[int]:
@@ -337,6 +417,16 @@ def _steps(steps: int) -> Sequence[int]:
     if steps < 1:
         raise InvalidInputError("steps", steps, "1 or more")
     return range(1, steps + 1)
+
+
+def _spawn_code(field: str) -> int:
+    """Return what a refused field of something that is spawned means."""
+    codes = srv.SpawnEntity.Response
+    if _POSE_FIELD.search(field):
+        return int(codes.INVALID_POSE)
+    if re.search(r"\.(file|shape|prototype|texture)$", field):
+        return int(codes.MISSING_ASSETS)
+    return int(codes.RESOURCE_PARSE_ERROR)
 
 
 def _unsupported(_request: Any, _response: Any) -> None:

@@ -11,6 +11,8 @@ from typing import TypeVar
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError, WorkerLostError
 from oaisys_core.types import (
     ModuleMetadata,
+    ObjectPage,
+    ObjectQuery,
     Pose,
     Sample,
     SampleFramesCallback,
@@ -155,6 +157,14 @@ class SimulatorLink:
         with self._turns:
             self.check()
         return batch_id
+
+    def list_objects(self, query: ObjectQuery, metadata: ModuleMetadata | None) -> ObjectPage:
+        """Return things of the world, as they will be after ``metadata``; changes nothing.
+
+        Raises:
+            OaisysError: As the server says, or there is none.
+        """
+        return self._call(lambda client: client.list_objects(query, metadata))
 
     def end_simulation(self) -> None:
         """End the server's process."""

@@ -21,7 +21,7 @@ CONFIG = PAGE.parents[1] / "config"
 TOPIC = re.compile(r'"(/[a-z_0-9/A-Z]+)"')
 PANEL = re.compile(r'"([A-Za-z0-9]+![a-z_]+)"')
 RUNNING = [node for node in NODES if node.interfaces]
-EVERY_NODES = {"/parameter_events", "/rosout", "/clock"}
+EVERY_NODES = {"/parameter_events", "/rosout"}
 PARAMETER_SERVICES = {
     "describe_parameters",
     "get_parameter_types",
@@ -38,7 +38,9 @@ Names = set[tuple[str, str]]
 @pytest.fixture
 def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
     with Stage(tmp_path) as stage:
-        stage.start_bridge(stage.start_world(FLAT_WORLD).address)
+        address = stage.start_world(FLAT_WORLD).address
+        parameters = ("-p", f"address:={address}", "-p", "publish_clock:=true")
+        stage.start_node("bridge", "--ros-args", *parameters)
         stage.start_node("mapper")
         stage.start_node("recorder", "--out", str(tmp_path / "bag"))
         stage.user.wait_until_ready()
@@ -47,6 +49,14 @@ def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator
 
 def test_the_page_is_what_the_tables_say() -> None:
     assert PAGE.read_text(encoding="utf-8") == reference_text(), "run `make schema`"
+
+
+def test_the_readme_counts_the_services_that_there_are() -> None:
+    rows = [row for node in NODES for row in node.interfaces if row.kind is Kind.SERVICE]
+    offered = [row for row in rows if row.type_name.startswith("simulation_interfaces/")]
+    readme = (PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
+    counted = re.findall(r"(\d+) services of `simulation_interfaces`", readme)
+    assert counted == [str(len(offered))]
 
 
 def described(node: DescribedNode, kind: Kind) -> Names:

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 import simulation_interfaces.srv as srv
 from action_msgs.msg import GoalStatus
-from geometry_msgs.msg import PoseStamped, Vector3
+from geometry_msgs.msg import Vector3
+from rcl_interfaces.srv import SetParameters
 from rclpy.action import ActionClient
+from rclpy.parameter import Parameter
 from ros_peer import Stage, User, stamped
 from sensor_msgs.msg import Image
 from served_simulator import FLAT_WORLD, ROCKY_WORLD
@@ -253,14 +255,197 @@ def test_what_is_not_supported_says_so(stage: Stage) -> None:
     kind = srv.GetSimulatorFeatures
     answer = stage.user.call(kind, "get_simulator_features", kind.Request())
     features = set(answer.features.features)
-    for supported in ("STEP_SIMULATION_ACTION", "WORLD_LOADING", "ENTITY_STATE_SETTING"):
-        assert getattr(SimulatorFeatures, supported) in features
-    for missing in ("SPAWNING", "DELETING", "WORLD_UNLOADING", "SIMULATION_RESET_TIME"):
+    supported = ("STEP_SIMULATION_ACTION", "WORLD_LOADING", "ENTITY_STATE_SETTING")
+    for name in (*supported, "SPAWNING", "SPAWNING_RESOURCE_STRING", "DELETING"):
+        assert getattr(SimulatorFeatures, name) in features
+    assert set(answer.features.spawn_formats) == {"obj", "glb", "ply", "blend", "json"}
+    for missing in ("WORLD_UNLOADING", "SIMULATION_RESET_TIME", "SIMULATION_RESET_SPAWNED"):
         assert getattr(SimulatorFeatures, missing) not in features
-    for service, fields in (
-        ("SpawnEntity", {"name": "rock", "initial_pose": PoseStamped()}),
-        ("DeleteEntity", {"entity": "camera"}),
-        ("ResetSimulation", {"scope": srv.ResetSimulation.Request.SCOPE_TIME}),
+    scope = srv.ResetSimulation.Request.SCOPE_TIME
+    code, message, _ = simulator.call("ResetSimulation", scope=scope)
+    assert (code, bool(message)) == (Result.RESULT_FEATURE_UNSUPPORTED, True)
+
+
+THINGS: dict[str, Any] = {
+    **FLAT_WORLD,
+    "assets": {
+        "rocks": [{"kind": "angular", "count": [12, 12], "size_m": [0.3, 0.6]}],
+        "objects": [
+            {"name": "mark", "shape": "boulder", "position_m": [-6, 2, 0]}
+            | {"label": "mark", "semantic_id": 12}
+        ],
+        "movers": [
+            {"name": "rover", "shape": "rover", "label": "rover", "semantic_id": 14}
+            | {"trajectory": {"waypoints_m": [[-8, -8], [8, -8]]}}
+        ],
+    },
+}
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+INSTANCE = "camera/instance/image_raw"
+
+
+def spawn(simulator: Simulator, name: str, xyz: Sequence[float] = (3, 3, 0), **fields: Any) -> Any:
+    """Return code, message and name; the resource is a boulder unless fields say otherwise."""
+    resource = Resource(
+        uri=fields.pop("uri", "" if "resource_string" in fields else "shape:boulder"),
+        resource_string=fields.pop("resource_string", ""),
+    )
+    x, y, z = map(float, xyz)
+    pose = fields.pop("initial_pose", stamped(Pose((x, y, z), (0.0, 0.0, 0.0, 1.0))))
+    asked = {"name": name, "entity_resource": resource, "initial_pose": pose, **fields}
+    code, message, answer = simulator.call("SpawnEntity", **asked)
+    return code, message, answer.entity_name
+
+
+def instances_from(stage: Stage, pose: Pose) -> set[int]:
+    """Render, and return the instance ids in the image."""
+    answer = stage.user.set_pose(pose)
+    assert answer.success, answer.message
+    images = stage.user.received[INSTANCE]
+    stage.user.wait_until(lambda: images and images[-1].header.stamp == answer.stamp)
+    return set(np.unique(image_from_msg(images[-1])).tolist()) - {0}
+
+
+def id_of(simulator: Simulator, entity: str) -> int:
+    tags = simulator.call("GetEntityInfo", entity=entity)[2].info.tags
+    (number,) = [tag.removeprefix("instance_id:") for tag in tags if "instance_id:" in tag]
+    return int(number)
+
+
+def test_things_are_spawned_moved_and_deleted_and_the_picture_agrees(
+    stage: Stage, tmp_path: Path
+) -> None:
+    stage.user.listen(Image, INSTANCE, SENSOR_QOS)
+    simulator = started(stage, THINGS)
+    above = pose_looking_down(3, 3, 6)
+    assert id_of(simulator, "mark") not in instances_from(stage, above)
+    code, message, name = spawn(simulator, "stone", resource_string='{"shape": "slab", "scale": 2}')
+    assert (code, name) == (Result.RESULT_OK, "stone"), message
+    assert simulator.position("stone") == [3, 3, 0]
+    stone = id_of(simulator, "stone")
+    assert f"instance {stone}" in message
+    assert stone in instances_from(stage, above)
+
+    away = Pose((-3.0, -3.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    assert simulator.put("stone", away)[0] == Result.RESULT_OK
+    assert simulator.position("stone") == [-3, -3, 0]
+    assert stone not in instances_from(stage, above)
+    assert stone in instances_from(stage, pose_looking_down(-3, -3, 6))
+    assert simulator.call("DeleteEntity", entity="stone")[0] == Result.RESULT_OK
+    assert simulator.call("GetEntityState", entity="stone")[0] == Result.RESULT_NOT_FOUND
+    assert stone not in instances_from(stage, pose_looking_down(-3, -3, 6))
+    # The name is free again, and nothing of the old one comes back with it.
+    assert spawn(simulator, "stone", uri="prototype:mark")[0] == Result.RESULT_OK
+    assert stone in instances_from(stage, above)
+
+    mark = id_of(simulator, "mark")
+    assert simulator.put("mark", Pose((6.0, 6.0, 0.0), (0.0, 0.0, 0.0, 1.0)))[0] == Result.RESULT_OK
+    assert mark in instances_from(stage, pose_looking_down(6, 6, 6))
+    assert simulator.call("DeleteEntity", entity="mark")[0] == Result.RESULT_OK
+    assert "mark" not in simulator.entities()
+    assert mark not in instances_from(stage, pose_looking_down(6, 6, 6))
+    assert simulator.call("ResetSimulation", scope=0)[0] == Result.RESULT_OK
+    assert {"mark"} == {"mark", "stone"} & set(simulator.entities())
+
+
+def test_meshes_within_the_asset_roots_can_be_spawned_and_no_others(
+    stage: Stage, tmp_path: Path
+) -> None:
+    roots = [tmp_path / "meshes", tmp_path / "elsewhere"]
+    for root in roots:
+        root.mkdir()
+        (root / "tetra.obj").write_text(TETRAHEDRON)
+    stage.user.listen(Image, INSTANCE, SENSOR_QOS)
+    server = stage.start_world(FLAT_WORLD, "--asset-root", str(roots[0]))
+    stage.start_bridge(server.address)
+    stage.user.wait_until_ready()
+    simulator = Simulator(stage.user)
+    codes = srv.SpawnEntity.Response
+    code, message, name = spawn(simulator, "", uri=f"file://{roots[0] / 'tetra.obj'}")
+    assert (code, name) == (Result.RESULT_OK, "tetra_1"), message
+    assert id_of(simulator, name) in instances_from(stage, pose_looking_down(3, 3, 6))
+    assert spawn(simulator, "t2", uri=str(roots[0] / "tetra.obj"))[0] == Result.RESULT_OK
+    assert spawn(simulator, "t3", uri=str(roots[1] / "tetra.obj"))[0] == codes.MISSING_ASSETS
+    assert spawn(simulator, "t4", uri=str(roots[0] / "none.obj"))[0] == codes.MISSING_ASSETS
+    added = TagsFilter(tags=["added"])
+    assert simulator.entities(tags=added) == sorted(
+        ["tetra_1", "t2"], key=lambda n: id_of(simulator, n)
+    )
+
+
+def test_what_cannot_be_spawned_is_refused_with_its_reason(stage: Stage) -> None:
+    simulator = started(stage, THINGS)
+    codes = srv.SpawnEntity.Response
+    nowhere = Pose((0.0, 0.0, float("nan")), (0.0, 0.0, 0.0, 1.0))
+    for name, fields, expected in (
+        ("1 stone", {}, codes.NAME_INVALID),
+        ("mark", {}, codes.NAME_NOT_UNIQUE),
+        ("camera", {}, codes.NAME_NOT_UNIQUE),
+        ("a", {"entity_namespace": "robot"}, codes.NAMESPACE_INVALID),
+        ("a", {"uri": "", "resource_string": ""}, codes.NO_RESOURCE),
+        ("a", {"uri": "https://example.org/rover.sdf"}, codes.UNSUPPORTED_FORMAT),
+        ("a", {"uri": "shape:castle"}, codes.MISSING_ASSETS),
+        ("a", {"uri": "prototype:castle"}, codes.MISSING_ASSETS),
+        ("a", {"resource_string": "<sdf/>"}, codes.RESOURCE_PARSE_ERROR),
+        ("a", {"resource_string": '{"shape": "boulder", "mass": 2}'}, codes.RESOURCE_PARSE_ERROR),
+        ("a", {"resource_string": '{"shape": "boulder", "scale": -2}'}, codes.RESOURCE_PARSE_ERROR),
+        ("a", {"initial_pose": stamped(nowhere)}, codes.INVALID_POSE),
+        ("a", {"initial_pose": stamped(down(1), "odom")}, codes.INVALID_POSE),
     ):
-        code, message, _ = simulator.call(service, **fields)
-        assert (code, bool(message)) == (Result.RESULT_FEATURE_UNSUPPORTED, True)
+        code, message, _ = spawn(simulator, name, **fields)
+        assert (code, bool(message)) == (expected, True), (name, fields, message)
+    assert spawn(simulator, "mark", allow_renaming=True)[2] == "mark_1"
+    for entity in ("base_link", "camera"):
+        code, message, _ = simulator.call("DeleteEntity", entity=entity)
+        assert (code, "stay" in message) == (Result.RESULT_OPERATION_FAILED, True)
+    assert simulator.call("DeleteEntity", entity="nobody")[0] == Result.RESULT_NOT_FOUND
+    # Nothing that was refused waits for the next sample.
+    assert stage.user.set_pose(down(5)).success
+    assert simulator.entities(tags=TagsFilter(tags=["added"])) == ["mark_1"]
+
+
+def test_scattered_things_are_listed_by_filter_and_never_without_a_bound(stage: Stage) -> None:
+    simulator = started(stage, THINGS)
+    everything = simulator.entities()
+    assert everything[:2] == ["base_link", "camera"]
+    assert {"mark", "rover"} < set(everything)
+    rocks = simulator.entities(filter="^angular_[[:digit:]]+$")
+    assert len(rocks) == 12
+    assert simulator.entities(tags=TagsFilter(tags=["rock"])) == rocks
+    dynamic = [EntityCategory(category=EntityCategory.CATEGORY_DYNAMIC_OBJECT)]
+    assert simulator.entities(categories=dynamic) == ["rover"]
+    x, y, z = simulator.position(rocks[0])
+    assert rocks[0] in simulator.entities(bounds=box((x - 1, y - 1, z - 1), (x + 1, y + 1, z + 1)))
+    near = box((x, y, z), (0.01, 0, 0), kind=Bounds.TYPE_SPHERE)
+    assert simulator.entities(bounds=near) == [rocks[0]]
+    info = simulator.call("GetEntityInfo", entity=rocks[0])[2].info
+    assert info.category.category == EntityCategory.CATEGORY_STATIC_OBJECT
+    assert "label rock (10)" in info.description
+
+    client = stage.user.node.create_client(SetParameters, "oaisys_bridge/set_parameters")
+    stage.user.wait_until(client.service_is_ready)
+    five = Parameter("max_entities", value=5).to_parameter_msg()
+    request = SetParameters.Request(parameters=[five])
+    assert stage.user.answer(client.call_async(request)).results[0].successful
+    code, message, answer = simulator.call("GetEntities", filters=EntityFilters())
+    assert (code, len(answer.entities)) == (Result.RESULT_OK, 7)
+    assert "9 more are left out" in message
+    only_rocks = EntityFilters(filter="angular")
+    code, message, answer = simulator.call("GetEntitiesStates", filters=only_rocks)
+    assert (code, len(answer.entities), len(answer.states)) == (Result.RESULT_OK, 5, 5)
+    assert "left out" in message
+
+
+def test_a_paused_simulation_shows_what_was_spawned_at_its_next_step(stage: Stage) -> None:
+    stage.user.listen(Image, INSTANCE, SENSOR_QOS)
+    simulator = started(stage, THINGS)
+    assert stage.user.set_pose(pose_looking_down(3, 3, 6)).success
+    assert simulator.set_state(PAUSED)[0] == Result.RESULT_OK
+    assert spawn(simulator, "stone")[0] == Result.RESULT_OK
+    assert simulator.position("stone") == [3, 3, 0]
+    assert simulator.call("StepSimulation", steps=1)[0] == Result.RESULT_OK
+    images = stage.user.received[INSTANCE]
+    stage.user.wait_until(lambda: len(images) == 2)
+    stone = id_of(simulator, "stone")
+    seen = [stone in image_from_msg(image) for image in images]
+    assert seen == [False, True]

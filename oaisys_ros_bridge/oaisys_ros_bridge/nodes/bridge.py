@@ -212,6 +212,7 @@ class BridgeNode(ParameterNode, ManagedNode):
             self._simulation,
             self._renderer,
             base_frame=lambda: str(self.parameters["base_frame"]),
+            max_entities=lambda: int(self.parameters["max_entities"]),
         )
 
     def _create_interfaces(self) -> None:

@@ -1,0 +1,82 @@
+"""What can be spawned: built-in shapes, things as configured, mesh files, or all of it as JSON."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+from typing import Any
+from urllib.parse import unquote, urlparse
+
+from simulation_interfaces.msg import Resource
+
+from oaisys_core.errors import InvalidInputError
+
+MESH_FORMATS = ("obj", "glb", "ply", "blend")
+SPAWN_FORMATS = (*MESH_FORMATS, "json")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
+"""What the simulator takes for a name."""
+
+LABEL, FIRST_SEMANTIC_ID = "spawned", 100
+"""Of what comes without a label, unless the world has the label or uses the id."""
+
+_SOURCES = ("shape", "prototype", "file")
+
+
+class UnsupportedFormatError(InvalidInputError):
+    """A resource is of no kind that can be spawned."""
+
+
+def spec_of(resource: Resource, labels: Mapping[int, str]) -> dict[str, Any]:
+    """Return what a resource describes: keys of ``asset.add`` but those of its pose.
+
+    Args:
+        resource: Its URI is ``shape:NAME``, ``prototype:NAME`` or a mesh file's; without one its
+            string is a JSON object of the keys.
+        labels: Name by semantic id, as the world has them.
+
+    Raises:
+        UnsupportedFormatError: Another kind of URI.
+        InvalidInputError: No JSON object, or one with a pose.
+    """
+    if resource.uri:
+        return _labelled(_of_uri(resource.uri), labels)
+    try:
+        spec = json.loads(resource.resource_string)
+    except json.JSONDecodeError as error:
+        expected = f"a JSON object ({error})"
+        raise InvalidInputError("resource_string", resource.resource_string, expected) from None
+    if not isinstance(spec, dict) or {"position_m", "quat_xyzw", "on_ground"} & spec.keys():
+        expected = "a JSON object of the keys of asset.add, its pose as initial_pose"
+        raise InvalidInputError("resource_string", resource.resource_string, expected)
+    return _labelled(spec, labels)
+
+
+def stem_of(spec: Mapping[str, Any]) -> str:
+    """Return what a thing without a name is called, before its number."""
+    source = next((str(spec[key]) for key in _SOURCES if spec.get(key)), "")
+    stem = re.sub(r"[^A-Za-z0-9]+", "_", PurePosixPath(source).stem).strip("_")
+    return stem if NAME.fullmatch(stem) else "entity"
+
+
+def _of_uri(uri: str) -> dict[str, Any]:
+    scheme, _, rest = uri.partition(":")
+    if scheme in ("shape", "prototype") and rest:
+        return {scheme: rest}
+    path = unquote(urlparse(uri).path) if scheme == "file" else uri
+    if path.rpartition(".")[2].lower() in MESH_FORMATS and "://" not in path:
+        return {"file": path}
+    expected = f"shape:NAME, prototype:NAME or a file of {', '.join(MESH_FORMATS)}"
+    raise UnsupportedFormatError("uri", uri, expected)
+
+
+def _labelled(spec: dict[str, Any], labels: Mapping[int, str]) -> dict[str, Any]:
+    """Return a spec with a label and an id, which go together in the whole world."""
+    if "semantic_id" in spec:
+        name = labels.get(spec["semantic_id"]) if isinstance(spec["semantic_id"], int) else None
+        return {"label": name or LABEL, **spec}
+    label = spec.get("label", LABEL)
+    known = [semantic_id for semantic_id, name in sorted(labels.items()) if name == label]
+    free = next(i for i in range(FIRST_SEMANTIC_ID, 2**16) if i not in labels)
+    return {**spec, "label": label, "semantic_id": known[0] if known else free}
