@@ -26,6 +26,12 @@ PATIENCE_S = 60.0
 START_PATIENCE_S = 240.0
 """For a server to start, which loads all libraries twice: 70 s were seen on a starved machine."""
 
+LOAD_FACTOR = 5.0
+"""What the bounds of docs/reliability.md are multiplied with: the machine does other work, too."""
+
+SHUTDOWN_S = 5.0
+"""The bound of row 20 of docs/reliability.md: everything is down."""
+
 FLAT_WORLD: dict[str, Any] = {
     "backend": "analytic",
     "stage": {"preset": "plane", "extent_m": 40, "resolution_px": 33},
@@ -103,6 +109,15 @@ def _is_worker(process: psutil.Process) -> bool:
         return "oaisys_grpc.worker" in process.cmdline()
     except psutil.Error:  # it ended meanwhile
         return False
+
+
+@contextlib.contextmanager
+def within(bound_s: float) -> Iterator[None]:
+    """Fail where what is inside takes longer than a documented bound times `LOAD_FACTOR`."""
+    began_s = time.monotonic()
+    yield
+    took_s = time.monotonic() - began_s
+    assert took_s <= LOAD_FACTOR * bound_s, f"{took_s:.1f} s, the bound is {bound_s:g} s"
 
 
 def wait_until(condition: Callable[[], Any], patience_s: float = PATIENCE_S) -> Any:

@@ -10,7 +10,15 @@ from pathlib import Path
 import grpc
 import psutil
 import pytest
-from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, wait_until
+from served_simulator import (
+    PATIENCE_S,
+    ROCKY_WORLD,
+    SHUTDOWN_S,
+    Server,
+    code_of,
+    wait_until,
+    within,
+)
 
 from oaisys_core.errors import OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
@@ -86,9 +94,10 @@ def test_signals_end_everything_quietly_even_while_it_renders(
         begun = threading.Event()
         rendering = pool.submit(render_until, client, begun)
         assert begun.wait(PATIENCE_S)
-        for number in signals:
-            server.process.send_signal(number)
-        assert server.process.wait(PATIENCE_S) == 0
+        with within(SHUTDOWN_S):
+            for number in signals:
+                server.process.send_signal(number)
+            assert server.process.wait(PATIENCE_S) == 0
         with pytest.raises(OaisysError) as ended:
             rendering.result(PATIENCE_S)
         assert code_of(ended.value) is grpc.StatusCode.UNAVAILABLE
@@ -105,16 +114,18 @@ def test_a_render_that_is_nearly_done_may_end_after_a_signal(start_server: Start
         begun = threading.Event()
         rendering = pool.submit(render_until, client, begun)
         assert begun.wait(PATIENCE_S)
-        server.process.send_signal(signal.SIGTERM)
-        assert rendering.result(PATIENCE_S).sample_id == 1
-        assert server.process.wait(PATIENCE_S) == 0
+        with within(SHUTDOWN_S):
+            server.process.send_signal(signal.SIGTERM)
+            assert rendering.result(PATIENCE_S).sample_id == 1
+            assert server.process.wait(PATIENCE_S) == 0
 
 
 def test_a_signal_while_the_worker_starts_ends_quietly(start_server: StartServer) -> None:
     server = start_server(ROCKY_WORLD)
     worker = server.worker()
-    server.process.send_signal(signal.SIGTERM)
-    assert server.process.wait(PATIENCE_S) == 0
+    with within(SHUTDOWN_S):
+        server.process.send_signal(signal.SIGTERM)
+        assert server.process.wait(PATIENCE_S) == 0
     assert not worker.is_running()
     assert "Traceback" not in server.stderr.read_text()
 
@@ -124,8 +135,9 @@ def test_end_simulation_ends_everything(start_server: StartServer) -> None:
     worker = server.worker()
     with server.client() as client:
         client.step_batch()
-        client.end_simulation()
-    assert server.process.wait(PATIENCE_S) == 0
+        with within(SHUTDOWN_S):
+            client.end_simulation()
+            assert server.process.wait(PATIENCE_S) == 0
     assert not worker.is_running()
 
 
@@ -193,9 +205,10 @@ def test_a_shutdown_blames_nobody_for_the_worker_that_it_kills(start_server: Sta
     with server.client() as client, ThreadPoolExecutor() as pool:
         building = pool.submit(client.step_batch, on_progress=listen)
         assert begun.wait(PATIENCE_S)
-        server.process.send_signal(signal.SIGTERM)
-        server.process.send_signal(signal.SIGTERM)
-        assert server.process.wait(PATIENCE_S) == 0
+        with within(SHUTDOWN_S):
+            server.process.send_signal(signal.SIGTERM)
+            server.process.send_signal(signal.SIGTERM)
+            assert server.process.wait(PATIENCE_S) == 0
         with pytest.raises(OaisysError):
             building.result(PATIENCE_S)
     assert "SIGKILL" not in server.stderr.read_text()

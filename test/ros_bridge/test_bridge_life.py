@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from ros_peer import Stage, nanoseconds
-from served_simulator import FLAT_WORLD, PATIENCE_S
+from served_simulator import FLAT_WORLD, PATIENCE_S, SHUTDOWN_S, within
 from std_srvs.srv import Trigger
 
 from oaisys_core.errors import DeadlineExceededError
@@ -49,8 +49,11 @@ def test_the_bridge_waits_for_a_server_and_outlives_it(stage: Stage) -> None:
     first = stage.start_world(FLAT_WORLD, "--address", address)
     user.wait_until_ready()
     assert user.set_pose(pose_looking_down(0, 0, 5)).success
+    user.wait_until(lambda: diagnostics[-1].status[0].level == b"\x00")
+    diagnostics.clear()
     first.process.kill()
     user.wait_until_ready(False)
+    user.wait_until(lambda: diagnostics and diagnostics[-1].status[0].level == b"\x02")
     stage.start_world(FLAT_WORLD, "--address", address)
     user.wait_until_ready()
 
@@ -80,7 +83,8 @@ def test_signals_end_it_in_peace_even_while_it_renders(
     bridge = stage.start_bridge(server.address)
     stage.user.wait_until(lambda: "first batch" in bridge.log.read_text())
 
-    assert bridge.end(number) == 0
+    with within(SHUTDOWN_S):
+        assert bridge.end(number) == 0
     assert "Traceback" not in bridge.log.read_text()
 
 

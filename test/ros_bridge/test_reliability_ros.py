@@ -22,7 +22,7 @@ from mcap.reader import NonSeekingReader
 from ros_peer import NodeProcess, Stage, User, nanoseconds, stamped
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import Image
-from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD
+from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, SHUTDOWN_S, within
 from std_msgs.msg import Bool
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
@@ -193,11 +193,12 @@ def test_signals_end_all_nodes_while_they_work(stage: Stage, tmp_path: Path) -> 
     user.wait_until(lambda: len(user.received[DEPTH]) == 2)
 
     processes = [recorder.process, bridge.process, mapper.process, server.process]
-    for process in processes:
-        for number in [signal.SIGINT] * 2 + [signal.SIGTERM]:
-            process.send_signal(number)
+    with within(SHUTDOWN_S):
+        for process in processes:
+            for number in [signal.SIGINT] * 2 + [signal.SIGTERM]:
+                process.send_signal(number)
 
-    assert [process.wait(PATIENCE_S) for process in processes] == [0, 0, 0, 0]
+        assert [process.wait(PATIENCE_S) for process in processes] == [0, 0, 0, 0]
     with Reader(bag) as reader:
         assert reader.topics[f"/{DEPTH}"].msgcount == 2
     for log in (bridge.log, mapper.log, recorder.log, server.stderr):
