@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -14,6 +16,9 @@ from oaisys_ros_bridge.view_source import GrpcSource, ViewSource
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
 NEWS_TIMEOUT_S = 0.5
+
+END_S = 2.0
+"""Once all is saved: viser waits 6 s for browsers that do not answer, or for ever."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ class ViewOptions:
 
 
 def run_view(options: ViewOptions, say: Callable[[str], None]) -> None:
-    """Show what comes until enough has come, or Ctrl-C.
+    """Show what comes until enough has come, or Ctrl-C; then the process ends within `END_S`.
 
     Raises:
         OaisysError: The server cannot be reached any more.
@@ -59,6 +64,14 @@ def run_view(options: ViewOptions, say: Callable[[str], None]) -> None:
         if options.save is not None:
             page.save(options.save)
             say(f"saved: {options.save}")
+        _end_within(END_S)
+
+
+def _end_within(seconds: float) -> None:
+    """End this process with exit code 0 where it has not come to its end by itself by then."""
+    timer = threading.Timer(seconds, os._exit, (0,))
+    timer.daemon = True
+    timer.start()
 
 
 def _source(options: ViewOptions) -> ViewSource:

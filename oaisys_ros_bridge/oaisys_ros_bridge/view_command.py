@@ -36,7 +36,8 @@ def view(
         int | None, typer.Option(help="End after so many views; else with Ctrl-C.", min=1)
     ] = None,
     save: Annotated[
-        Path | None, typer.Option(help="At the end, write the scene here as one .html file.")
+        Path | None,
+        typer.Option(help="At the end, write the scene here as one .html file, and exit."),
     ] = None,
 ) -> None:
     """Show what a simulator sees, as it comes, in a browser: cameras, images, cloud and mesh.

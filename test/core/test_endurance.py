@@ -26,6 +26,7 @@ def figures(backend: str, samples: int) -> dict[str, float]:
 def test_memory_stays_flat_over_samples() -> None:
     found = figures("analytic", 300)
     assert found["last_mb"] - found["half_mb"] < 10, found
+    assert 0.9 < found["memory_ratio"] < 1.1, found
     assert found["files"] < 30
 
 
@@ -35,4 +36,5 @@ def test_memory_stays_flat_over_samples_in_blender() -> None:
         pytest.skip("bpy is not installed")
     found = figures("blender", 60)
     assert found["last_mb"] - found["half_mb"] < 25, found
+    assert 0.9 < found["memory_ratio"] < 1.1, found
     assert found["files"] < 40

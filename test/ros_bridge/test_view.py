@@ -89,6 +89,33 @@ def test_what_others_render_is_shown_over_grpc(server, tmp_path):
     assert (tmp_path / "scene.html").stat().st_size > 1_000_000
 
 
+NEVER_STOPPING = """
+import sys, time, viser
+viser.ViserServer.stop = lambda server: time.sleep(3600)
+from oaisys_core.cli import main
+sys.argv[0] = "oaisys"
+main()
+"""
+
+
+def test_a_page_that_cannot_be_stopped_holds_up_no_end_once_the_scene_is_saved(server, tmp_path):
+    with server.client() as client:
+        client.step_batch(seed=2)
+        client.render_sample(pose_looking_at((-4, -4, 4), (0, 0, 0)))
+    scene = tmp_path / "scene.html"
+    options = ["--address", server.address, "--port", "0", "--views", "1", "--save", str(scene)]
+    result = subprocess.run(
+        [sys.executable, "-c", NEVER_STOPPING, "view", *options],
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.splitlines()[-1] == f"saved: {scene}"
+    assert scene.stat().st_size > 1_000_000
+
+
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
 def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
