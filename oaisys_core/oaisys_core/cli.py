@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
+from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, nearest
 
 COMMAND_GROUP = "oaisys.commands"
 PLAIN_HELP = None
@@ -32,6 +32,14 @@ class _InstalledCommands(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         return sorted(entry_points(group=COMMAND_GROUP).names)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command; of one that there is not, tell which was probably meant."""
+        name, known = args[0], self.list_commands(ctx)
+        near = nearest(name, known)
+        if name not in known and not name.startswith("-") and near is not None:
+            ctx.fail(f"No such command {name!r}. Did you mean {near!r}?")
+        return super().resolve_command(ctx, args)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         found = entry_points(group=COMMAND_GROUP, name=cmd_name)

@@ -31,12 +31,19 @@ config_app = typer.Typer(
 
 @config_app.command("check")
 def check(file: Annotated[Path, typer.Argument(help="YAML file to check.")]) -> None:
-    """Validate FILE; every fault is told with its line, its path and what was expected."""
+    """Validate FILE; every fault is told with its line, its path and what was expected.
+
+    Names count, too: of terrain, textures, shapes, effects, extensions, and what files hold.
+    """
     from oaisys_core.config import config_sha256, load_config
-    from oaisys_core.extension_modules import make_modules
+    from oaisys_core.config.loading import with_lines
+    from oaisys_core.config_check import name_faults
+    from oaisys_core.errors import ConfigError
 
     config = load_config(file)
-    make_modules(config.extensions)
+    faults = name_faults(config)
+    if faults:
+        raise ConfigError("\n".join(with_lines(file, faults)))
     typer.echo(f"{file}: valid, sha256 {config_sha256(config)}")
 
 
@@ -88,12 +95,19 @@ def import_(
     strict: Annotated[
         bool, typer.Option("--strict", help="Missing files and unknown keys are errors.")
     ] = False,
+    stand_ins: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder in which material folders, meshes and images are made for"
+            " those that are missing."
+        ),
+    ] = None,
 ) -> None:
     """Turn an original OAISYS configuration into ours; tell what becomes of every key."""
     from oaisys_core.config import config_from_mapping
     from oaisys_core.config.importing.importer import import_file
 
-    imported = import_file(file, assets, out, strict=strict)
+    imported = import_file(file, assets, out, strict=strict, stand_ins=stand_ins)
     config_from_mapping(imported.config)
     _write_or_print(imported.text(file.name), out)
     if out is not None:

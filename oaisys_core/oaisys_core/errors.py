@@ -2,6 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+def nearest(received: object, names: Iterable[str]) -> str | None:
+    """Return the name that was probably meant, None where none is near."""
+    found = get_close_matches(str(received), list(names), n=1)
+    return found[0] if found else None
+
+
+def one_of(names: Iterable[str], received: object) -> str:
+    """Return what follows "expected" where a name is none of those that there are."""
+    known = sorted(names)
+    near = nearest(received, known)
+    hint = f" (did you mean {near}?)" if near is not None else ""
+    return f"one of {', '.join(known) or 'none: none is installed'}{hint}"
+
 
 class OaisysError(Exception):
     """Base of every error that this project raises on purpose."""

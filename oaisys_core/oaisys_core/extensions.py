@@ -17,7 +17,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
-from oaisys_core.errors import ConfigError
+from oaisys_core.errors import ConfigError, one_of
 
 MODULES = "oaisys.modules"
 STAGES = "oaisys.stages"
@@ -45,8 +45,8 @@ def load(group: str, name: str) -> Any:
     """
     found = list({entry.value: entry for entry in entry_points(group=group, name=name)}.values())
     if not found:
-        known = ", ".join(sorted(names(group))) or "none is installed"
-        raise ConfigError(f"{group}: received {name!r}, expected an installed one ({known})")
+        known = one_of(names(group), name)
+        raise ConfigError(f"{group}: received {name!r}, expected an installed one: {known}")
     if len(found) > 1:
         told = " and ".join(_told(entry) for entry in found)
         raise ConfigError(f"{group}: {name!r} is ambiguous: {told}")

@@ -15,6 +15,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from oaisys_core.errors import BackendUnavailableError, InvalidInputError
+from oaisys_core.mesh_checks import check_mesh
 from oaisys_core.types import FloatArray, ShortRepr
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".blend")
@@ -58,7 +59,8 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
         field: What the file is called in an error.
 
     Raises:
-        InvalidInputError: The file cannot be read, has no such object or no triangles.
+        InvalidInputError: The file cannot be read, has no such object or no triangles, or what it
+            holds cannot be rendered, see `check_mesh`.
         BackendUnavailableError: It is a .blend file and ``bpy`` is not installed.
     """
     if path.suffix.lower() not in SUFFIXES:
@@ -81,6 +83,8 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     meshes = [mesh for mesh in parts.values() if len(mesh.faces)]
     if not meshes:
         raise InvalidInputError(field, str(path), "a file with at least one triangle")
+    for mesh in meshes:
+        check_mesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces), path, field)
     turned = path.suffix.lower() in Y_UP_SUFFIXES
     return _merged([_loaded(object_name or path.stem, mesh, turned) for mesh in meshes])
 
@@ -177,6 +181,7 @@ def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
             found = dict(arrays)
     if "names" in found:
         raise _no_such_object(field, object_name or "", found["names"].tolist())
+    check_mesh(found["vertices_m"].astype(np.float64), found["triangles"], path, field)
     return LoadedMesh(
         name=object_name or path.stem,
         vertices_m=found["vertices_m"],

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import extensions
+from oaisys_core.errors import nearest
 
 FloatArray = NDArray[np.float64]
 
@@ -70,6 +71,17 @@ def modality_spec(modality: str) -> ModalitySpec:
         spec: ModalitySpec = extensions.load(extensions.PASSES, modality).spec
         return spec
     return _MODALITIES[modality]
+
+
+def expected_modality(received: str) -> str:
+    """Return what follows "expected" where there is no such modality."""
+    levels = [f"semantic_{level}" for level in range(10)]
+    passes = extensions.names(extensions.PASSES)
+    near = nearest(received, [*_MODALITIES, *levels, *passes])
+    built_in = ", ".join(_MODALITIES)
+    hint = "" if near is None else f" (did you mean {near}?)"
+    installed = f"{', '.join(sorted(passes))}" if passes else "none is installed"
+    return f"{built_in}, semantic_0 to semantic_9, or an installed pass ({installed}){hint}"
 
 
 def semantic_level(modality: str) -> int | None:

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import bpy
 import numpy as np
 
 from oaisys_core.backend.blender.meshes import new_mesh, new_object
+from oaisys_core.config import config_from_mapping
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata
 
 
 def save_blend(path: str, script_writes: str) -> None:
@@ -29,3 +36,13 @@ def save_blend(path: str, script_writes: str) -> None:
     text.write(f"open({script_writes!r}, 'w')")
     text.use_module = True
     bpy.ops.wm.save_as_mainfile(filepath=path)
+
+
+def refused_stage(config: Mapping[str, Any], metadata: ModuleMetadata) -> str:
+    """What a batch with the metadata is refused for; empty: it is not."""
+    simulation = Simulation(config_from_mapping(config))
+    try:
+        simulation.step_batch(metadata)
+    except InvalidInputError as error:
+        return str(error)
+    return ""

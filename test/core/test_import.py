@@ -15,12 +15,13 @@ import yaml
 from original_config import Json, document, space, write
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.config import config_from_mapping, load_config
+from oaisys_core.config import adjusted, config_from_mapping, load_config
 from oaisys_core.config.importing.document import key_paths
 from oaisys_core.config.importing.frames import blender_rotation, mount, rig_pose
 from oaisys_core.config.importing.importer import import_file
 from oaisys_core.config.importing.inventory import fate_of
-from oaisys_core.errors import ConfigError
+from oaisys_core.config_check import name_faults
+from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.output.poses import read_poses
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Pose
@@ -336,6 +337,74 @@ def test_missing_files_are_told_or_refused(tmp_path: Path) -> None:
     path = write({**document(), "ENVIRONMENT_EFFECTS_SETUP": {}}, tmp_path)
     with pytest.raises(ConfigError, match="rocks"):
         import_file(path, tmp_path, strict=True)
+
+
+def test_strictly_all_missing_files_are_told_and_what_would_help(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as without:
+        imported(document(), tmp_path, strict=True)
+    lines = str(without.value).splitlines()
+    assert len(lines) == 2
+    assert all("is missing: --strict needs --assets" in line for line in lines)
+    with pytest.raises(ConfigError, match=f"expected it below {tmp_path}"):
+        imported(document(), tmp_path, strict=True, assets_folder=tmp_path)
+
+
+def test_a_material_folder_without_a_colour_map_is_told_and_replaced(tmp_path: Path) -> None:
+    folder = tmp_path / "maps" / "red_sand"
+    folder.mkdir(parents=True)
+    cv2.imwrite(str(folder / "red_sand_rough.png"), np.full((8, 8), 200, np.uint8))
+    found = import_file(write(document(), tmp_path), tmp_path)
+    (layer,) = found.config["materials"]["pools"][0]["layers"]
+    assert layer["texture"] == "sand"
+    assert any("red_sand has no colour map" in warning for warning in found.warnings)
+    with pytest.raises(ConfigError, match="red_sand has no colour map"):
+        import_file(write(document(), tmp_path), tmp_path, strict=True)
+
+
+@pytest.mark.parametrize(("theirs", "ours"), [("GPU", "auto"), ("CPU", "cpu")])
+def test_the_device_is_taken_over(theirs: str, ours: str, tmp_path: Path) -> None:
+    data = document()
+    data["RENDER_SETUP"]["GENERAL"]["renderDevice"] = theirs
+    assert imported(data, tmp_path)["render"]["device"] == ours
+
+
+def test_an_id_that_things_share_is_named_after_all_of_them(tmp_path: Path) -> None:
+    data = document()
+    layer = data["ASSET_SETUP"]["MATERIALS"][0]["materialParams"]["terrainTextureList"][0]
+    layer["passParams"]["semantic_label"]["labelIDVec"] = [[30, 40, 5]]
+    found = import_file(write(data, tmp_path))
+    config = config_from_mapping(found.config)
+    labels = config.materials.pools[0].layers[0]
+    assert [labels.label, *(level.label for level in labels.levels)] == [
+        "red_sand",
+        "sky or red_sand",
+        "red_sand_2",
+    ]
+    assert config.environment.sky_labels.label == "sky or red_sand"
+    assert any("the id 40 is shared by sky, red_sand" in warning for warning in found.warnings)
+
+
+@pytest.mark.parametrize("name", MODES)
+def test_stand_ins_are_made_for_missing_files_and_render(name: str, tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    found = import_file(write(MODES[name](), tmp_path), stand_ins=made)
+    file = tmp_path / "world.yaml"
+    file.write_text(found.text("original.json"), encoding="utf-8")
+    config = load_config(file)
+    assert name_faults(config) == []
+    if name == "ground":
+        assert (made / "maps" / "red_sand" / "red_sand_diff.png").is_file()
+        assert config.assets.groups[0].file == (made / "meshes" / "rocks.obj").resolve()
+    else:
+        assert config.assets.objects[0].file == (made / "meshes" / "body.obj").resolve()
+    with pytest.raises(InvalidInputError, match="none with --strict"):
+        import_file(write(MODES[name](), tmp_path), stand_ins=made, strict=True)
+    simulation = Simulation(adjusted(config, backend="analytic"))
+    simulation.step_batch()
+    sample = simulation.step_sample(modalities=("rgb", "depth"))
+    rgb, depth_m = (sample.frames[index].data for index in (0, 1))
+    assert np.isfinite(depth_m).any()
+    assert rgb.std() > 1
 
 
 def test_unknown_keys_are_told_or_refused(tmp_path: Path) -> None:

@@ -12,8 +12,11 @@ from PIL import Image
 from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
+from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.mesh_files import load_mesh
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata
 
 
 def wedge() -> trimesh.Trimesh:
@@ -127,3 +130,102 @@ def test_a_damaged_blend_file_is_refused(tmp_path: Path) -> None:
     (tmp_path / "bad.blend").write_bytes(b"no blend")
     with pytest.raises(InvalidInputError, match=r"bad\.blend"):
         load_mesh(tmp_path / "bad.blend")
+
+
+BAD = ["nan", "inf", "-inf", "1e30"]
+PLY_HEADER = (
+    "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
+)
+TEXT_FILES = {
+    ".obj": (4, "# a comment\nv 0 0 0\nv 1 0 0\nv 0 {} 1\nv 0 1 0\nf 1 2 3\nf 1 2 4\n"),
+    ".ply": (
+        12,
+        PLY_HEADER + "0 0 0\n1 0 0\n0 {} 1\n0 1 0\n3 0 1 2\n3 0 1 3\n",
+    ),
+}
+
+
+def bad_file(folder: Path, suffix: str, number: str) -> tuple[Path, int]:
+    """A file with one bad coordinate, and the line of it."""
+    line, text = TEXT_FILES[suffix]
+    path = folder / f"bad{suffix}"
+    path.write_text(text.format(number), encoding="ascii")
+    return path, line
+
+
+@pytest.mark.parametrize("suffix", TEXT_FILES)
+@pytest.mark.parametrize("number", BAD)
+def test_vertices_that_are_not_finite_or_huge_are_refused_with_file_and_line(
+    tmp_path: Path, suffix: str, number: str
+) -> None:
+    path, line = bad_file(tmp_path, suffix, number)
+    with pytest.raises(InvalidInputError, match=rf"{path.name}.*finite.*line {line}$"):
+        load_mesh(path, field="asset.add.file")
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".stl", ".ply"])
+def test_bad_vertices_of_binary_files_are_refused(tmp_path: Path, suffix: str) -> None:
+    box = wedge()
+    vertices = np.array(box.vertices)
+    vertices[5, 1] = np.nan
+    path = tmp_path / f"box{suffix}"
+    trimesh.Trimesh(vertices, box.faces, process=False, validate=False).export(path)
+    with pytest.raises(InvalidInputError, match="finite coordinates"):
+        load_mesh(path)
+
+
+def test_a_mesh_without_any_area_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "line.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n", encoding="ascii")
+    with pytest.raises(InvalidInputError, match="triangle with an area"):
+        load_mesh(path)
+    path.write_text("v 0 0 0\nv 1 0 0\nv 2 0 0\nv 0 1 0\nf 1 2 3\nf 1 2 4\n", encoding="ascii")
+    assert len(load_mesh(path).triangles) == 2
+
+
+def refuses(config: dict[str, object], metadata: ModuleMetadata, path: str) -> str:
+    """What a step with the metadata is refused for; the world goes on."""
+    simulation = Simulation(config_from_mapping(config | {"assets": {"rocks": []}}))
+    simulation.step_batch()
+    before = simulation.step_sample(modalities=("depth",)).frames[0].data
+    step = simulation.step_sample if metadata.asset is not None else simulation.step_batch
+    with pytest.raises(InvalidInputError, match=path) as error:
+        step(metadata)
+    after = simulation.step_sample(modalities=("depth",)).frames[0].data
+    np.testing.assert_array_equal(before, after)
+    simulation.close()
+    return str(error.value)
+
+
+SMALL: dict[str, object] = {
+    "backend": "analytic",
+    "stage": {"preset": "plane", "extent_m": 16.0, "resolution_px": 17},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 32}},
+    "sensors": {"cameras": [{"width_px": 16, "height_px": 12}]},
+}
+
+
+def test_a_bad_mesh_is_refused_as_an_asset_and_as_a_stage(tmp_path: Path) -> None:
+    path, line = bad_file(tmp_path, ".obj", "nan")
+    things = {
+        "mark": {
+            "file": str(path),
+            "label": "mark",
+            "semantic_id": 77,
+            "position_m": [0.0, 0.0, 0.0],
+        }
+    }
+    told = refuses(SMALL, ModuleMetadata(asset={"add": things}), "asset.add.mark.file")
+    assert f"line {line}" in told
+    stage = ModuleMetadata(custom={"stage": {"mesh": {"file": str(path)}}})
+    assert f"line {line}" in refuses(SMALL, stage, "stage.mesh.file")
+
+
+@pytest.mark.blender
+def test_a_bad_mesh_is_refused_with_blender(tmp_path: Path) -> None:
+    path, line = bad_file(tmp_path, ".ply", "inf")
+    stage = ModuleMetadata(custom={"stage": {"mesh": {"file": str(path)}}})
+    told = in_blender("blender_jobs_files.refused_stage", SMALL | {"backend": "blender"}, stage)
+    assert "stage.mesh.file" in told
+    assert f"line {line}" in told

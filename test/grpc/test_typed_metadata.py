@@ -41,7 +41,7 @@ MODELS: dict[Any, Any] = {
     pb.LensMetadata: LensConfig,
     pb.DistortionMetadata: DistortionConfig,
 }
-OPEN_ENDED = {"sky_levels", "ground_beyond_label", "effects"}
+OPEN_ENDED = {"sky_label", "sky_levels", "ground_beyond_label", "effects"}
 """Lists of an environment that have no typed field; an effect's options are a package's own."""
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)

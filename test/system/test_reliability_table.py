@@ -10,7 +10,9 @@ import pytest
 
 REPOSITORY = Path(__file__).parents[2]
 TABLE = REPOSITORY / "docs" / "reliability.md"
-ROWS = 25
+ROWS, MOST_ROWS = 25, 34
+"""Rows that must be there, and those that there may be."""
+
 NAMED = re.compile(r"`(test/[\w/]+\.py)::(\w+)`")
 
 
@@ -25,11 +27,12 @@ def named_tests() -> dict[int, list[tuple[str, str]]]:
 
 def test_every_row_names_tests() -> None:
     rows = named_tests()
-    assert list(rows) == list(range(1, ROWS + 1))
+    assert list(rows) == sorted(rows)
+    assert set(range(1, ROWS + 1)) <= set(rows) <= set(range(1, MOST_ROWS + 1))
     assert all(rows.values())
 
 
-@pytest.mark.parametrize("row", range(1, ROWS + 1))
+@pytest.mark.parametrize("row", named_tests())
 def test_the_tests_of_a_row_exist(row: int) -> None:
     for file, name in named_tests()[row]:
         tree = ast.parse((REPOSITORY / file).read_text(encoding="utf-8"))

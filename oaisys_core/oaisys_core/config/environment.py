@@ -169,6 +169,7 @@ class EnvironmentConfig(Section):
         hdri: Images that take the sky's place.
         haze: Dust or haze in the air.
         sky_semantic_id: Label of pixels that hit nothing; 0 leaves them unlabelled.
+        sky_label: What that label is called.
         sky_levels: Their labels of the levels from 1 on.
         ground_beyond: Whether the ground goes on beyond the stage up to the horizon, in colour,
             depth and labels; not where there is an HDRI. Meshes and heights end with the stage.
@@ -195,6 +196,7 @@ class EnvironmentConfig(Section):
     hdri: HdriConfig | None = None
     haze: HazeConfig | None = None
     sky_semantic_id: SemanticId = 0
+    sky_label: str = Field(default="sky", min_length=1)
     sky_levels: tuple[LabelConfig, ...] = Field(default=(), max_length=MAX_LEVELS - 1)
     ground_beyond: bool = True
     ground_beyond_label: Labelled | None = None
@@ -205,7 +207,9 @@ class EnvironmentConfig(Section):
     @property
     def sky_labels(self) -> Labelled:
         """Labels of the sky."""
-        return Labelled(label="sky", semantic_id=self.sky_semantic_id, levels=self.sky_levels)
+        return Labelled(
+            label=self.sky_label, semantic_id=self.sky_semantic_id, levels=self.sky_levels
+        )
 
     @property
     def labelled(self) -> tuple[Labelled, ...]:

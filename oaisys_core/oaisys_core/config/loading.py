@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from pydantic import ValidationError
 from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, Fault, faults_of
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.paths import BASE
-from oaisys_core.errors import ConfigError
+from oaisys_core.errors import ConfigError, nearest
 
 
 def load_config(path: Path) -> SimulationConfig:
@@ -48,6 +49,17 @@ def config_from_mapping(data: Mapping[str, Any], base: Path = Path()) -> Simulat
         ConfigError: With one line per fault.
     """
     return _checked(data, base=base, source="config", root=None)
+
+
+def with_lines(path: Path, faults: Iterable[str]) -> list[str]:
+    """Return faults of a file that was loaded, their path first, with file and line before it."""
+    root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    told = []
+    for fault in faults:
+        keys = fault.partition(":")[0].split(".")
+        line = _line_of(root, [int(key) if key.isdigit() else key for key in keys])
+        told.append(f"{path}: {fault}" if line is None else f"{path}:{line}: {fault}")
+    return told
 
 
 def canonical_json(config: SimulationConfig) -> str:
@@ -84,10 +96,16 @@ def _line(fault: Fault, source: str, root: yaml.Node | None) -> str:
         return f"{where}: {path}: missing, expected a value"
     received = f"received {_short(fault.received)}"
     if fault.statement is None:
-        return f"{where}: {path}: {received}, expected {fault.expected}"
+        return f"{where}: {path}: {received}, expected {fault.expected}{_hint(fault)}"
     # What a whole section is refused for names the keys; the section itself is long.
     shown = "" if isinstance(fault.received, Mapping) else f"{received}: "
     return f"{where}: {path}: {shown}{fault.statement}"
+
+
+def _hint(fault: Fault) -> str:
+    """Return which of the values that are named was probably meant."""
+    near = nearest(fault.received, re.findall(r"'([^']+)'", fault.expected))
+    return "" if near is None else f" (did you mean {near}?)"
 
 
 def _short(value: object) -> str:

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from oaisys_core.config.section import Positive, Section
-from oaisys_core.types import modality_spec
+from oaisys_core.types import expected_modality, modality_spec
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -19,9 +19,7 @@ def _is_modality(name: str) -> str:
     try:
         modality_spec(name)
     except KeyError:
-        raise ValueError(
-            "expected rgb, depth, range, semantic_0 to semantic_9, instance, normal, flow or albedo"
-        ) from None
+        raise ValueError(f"expected {expected_modality(name)}") from None
     return name
 
 

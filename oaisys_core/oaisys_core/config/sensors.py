@@ -11,7 +11,7 @@ from oaisys_core import geometry
 from oaisys_core.config.faults import FaultsConfig
 from oaisys_core.config.motion import AnyMotion, GivenMotion
 from oaisys_core.config.section import Positive, Section, Vector3, is_unit_quaternion
-from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, modality_spec
+from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, expected_modality, modality_spec
 
 MAX_IMAGE_SIDE_PX = 16384
 
@@ -22,10 +22,7 @@ def _known(modality: str) -> str:
     try:
         modality_spec(modality)
     except KeyError:
-        raise ValueError(
-            "expected rgb, depth, range, semantic_0 to semantic_9, instance, normal, flow, albedo, "
-            "or an installed pass"
-        ) from None
+        raise ValueError(f"expected {expected_modality(modality)}") from None
     return modality
 
 

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from oaisys_core.config.environment import EffectConfig
 from oaisys_core.config.expectations import refusal
 from oaisys_core.config.section import Section
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.extensions import EFFECTS as GROUP
 from oaisys_core.extensions import load, names
 from oaisys_core.sky import Sky
@@ -40,8 +40,8 @@ def load_effects(configs: tuple[EffectConfig, ...]) -> tuple[EnvironmentEffect, 
 def _load(index: int, config: EffectConfig) -> EnvironmentEffect:
     path = f"environment.effects.{index}"
     if config.effect not in names(GROUP):
-        known = ", ".join(sorted(names(GROUP))) or "none is installed"
-        raise InvalidInputError(f"{path}.effect", config.effect, f"an installed effect ({known})")
+        known = one_of(names(GROUP), config.effect)
+        raise InvalidInputError(f"{path}.effect", config.effect, f"an installed effect: {known}")
     kind = load(GROUP, config.effect)
     if not (isinstance(kind, type) and issubclass(kind, EnvironmentEffect)):
         raise InvalidInputError(f"{path}.effect", kind, "a subclass of EnvironmentEffect")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.config.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.exr import read_channels
 from oaisys_core.scene import id_of_level
 from oaisys_core.sky import SkyImage
@@ -62,8 +62,8 @@ def images_of(config: HdriConfig) -> tuple[HdriImageConfig, ...]:
     found = [] if config.folder is None else _files_in(config.folder)
     images = (*config.images, *(HdriImageConfig(file=file) for file in found))
     if config.use is not None and config.use not in [image.file.stem for image in images]:
-        names = ", ".join(sorted(image.file.stem for image in images))
-        raise InvalidInputError("environment.hdri.use", config.use, f"one of {names}")
+        expected = one_of((image.file.stem for image in images), config.use)
+        raise InvalidInputError("environment.hdri.use", config.use, expected)
     return images
 
 

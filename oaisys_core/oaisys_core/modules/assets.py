@@ -11,7 +11,7 @@ import numpy as np
 from oaisys_core.config.assets import AssetsConfig
 from oaisys_core.config.groups import MOST_INSTANCES
 from oaisys_core.config.objects import ShapedConfig
-from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.errors import ConfigError, InvalidInputError, one_of
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.modules.asset_drawing import Drawing, Drawn
 from oaisys_core.modules.asset_edits import EditedAssets, check_labels
@@ -22,6 +22,7 @@ from oaisys_core.modules.object_list import Things, box_of, check_query, page_of
 from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, added_id
 from oaisys_core.scatter.rocks import ROCK_KINDS
 from oaisys_core.scene import Ground
+from oaisys_core.textures import TEXTURES
 from oaisys_core.types import ObjectPage, ObjectQuery, merged
 
 
@@ -32,20 +33,12 @@ class AssetsModule(Module):
     metadata_part = PART
 
     def __init__(self, config: AssetsConfig, texture_size_px: int, texture_seed: int) -> None:
-        for index, group in enumerate(config.rocks):
-            if group.kind not in ROCK_KINDS:
-                known = ", ".join(sorted(ROCK_KINDS))
-                raise ConfigError(
-                    f"assets.rocks.{index}.kind: received {group.kind!r}, expected one of {known}"
-                )
         self._config = config
         self._plan = IdPlan(config)
         self._looks = Looks(config.rock_texture, config.rock_tile_m, texture_size_px, texture_seed)
-        try:
-            for field, thing in self._shaped():
-                self._looks.check(thing, field)
-        except InvalidInputError as error:
-            raise ConfigError(str(error)) from error
+        faults = [str(fault) for fault in self._faults()]
+        if faults:
+            raise ConfigError("\n".join(faults))
         self._metadata: Mapping[str, Any] = {}
         self._edited: EditedAssets | None = None
         self._last: _Last | None = None
@@ -146,6 +139,22 @@ class AssetsModule(Module):
         things = Drawing(self._config, self._looks, self._plan, ground, rng).draw(metadata)
         self._last = _Last(ground, metadata, before, rng.bit_generator.state, things)
         return things
+
+    def _faults(self) -> Iterable[InvalidInputError]:
+        """Yield what the configuration names and is not there."""
+        for index, group in enumerate(self._config.rocks):
+            if group.kind not in ROCK_KINDS:
+                path = f"assets.rocks.{index}.kind"
+                yield InvalidInputError(path, group.kind, one_of(ROCK_KINDS, group.kind))
+        rock_texture = self._config.rock_texture
+        if rock_texture not in TEXTURES:
+            expected = one_of(TEXTURES, rock_texture)
+            yield InvalidInputError("assets.rock_texture", rock_texture, expected)
+        for field, thing in self._shaped():
+            try:
+                self._looks.check(thing, field)
+            except InvalidInputError as error:
+                yield error
 
     def _shaped(self) -> Iterable[tuple[str, ShapedConfig]]:
         """Yield everything that has a shape of its own, with its path."""

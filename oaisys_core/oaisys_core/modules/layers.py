@@ -11,11 +11,11 @@ import numpy as np
 
 from oaisys_core import randomness
 from oaisys_core.config.materials import LayerConfig, LookConfig, MaterialsConfig, PoolConfig
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.terrain_material import LabelImage, PbrMaps, TerrainLayer
 from oaisys_core.textures import TEXTURES, default_cache_dir, load_texture_folder, texture_set
 from oaisys_core.textures.adjusting import ColorChange, recolored, with_relief
-from oaisys_core.textures.folder import texture_folders
+from oaisys_core.textures.folder import COLOR_MAP_EXPECTED, has_color_map, texture_folders
 from oaisys_core.textures.label_image import load_label_image
 from oaisys_core.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 
@@ -109,17 +109,27 @@ def check_layers(materials: MaterialsConfig, path: str) -> None:
         path: Of it, for messages.
 
     Raises:
-        InvalidInputError: A texture does not exist, or an id has two names.
+        InvalidInputError: A texture does not exist, a folder has no colour map, or an id has two
+            names.
     """
+    for fault in layer_faults(materials, path):
+        raise fault
+
+
+def layer_faults(materials: MaterialsConfig, path: str) -> Iterator[InvalidInputError]:
+    """Yield why layers cannot be drawn; see `check_layers`."""
     names: dict[int, str] = {}
     for place, layer in _all_layers(materials):
         if layer.folder is None and layer.texture not in TEXTURES:
-            expected = f"one of {', '.join(sorted(TEXTURES))}"
-            raise InvalidInputError(f"{path}.{place}.texture", layer.texture, expected)
+            expected = one_of(TEXTURES, layer.texture)
+            yield InvalidInputError(f"{path}.{place}.texture", layer.texture, expected)
+        if layer.folder is not None and not has_color_map(layer.folder):
+            expected = COLOR_MAP_EXPECTED
+            yield InvalidInputError(f"{path}.{place}.folder", str(layer.folder), expected)
         for semantic_id, label in labels_of(layer).items():
             known = names.setdefault(semantic_id, label)
             if known != label:
-                raise InvalidInputError(
+                yield InvalidInputError(
                     f"{path}.{place}.semantic_id",
                     semantic_id,
                     f"an id that is not called {known!r} too",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.config.groups import GroupConfig
 from oaisys_core.config.objects import ShapedConfig
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.mesh_files import R_Z_UP_FROM_Y_UP, Y_UP_SUFFIXES, load_mesh
 from oaisys_core.scatter.rocks import ROCK_KINDS
 from oaisys_core.scatter.shapes import check_shape, make_shape
@@ -43,8 +43,8 @@ class Looks:
         if config.shape is not None:
             check_shape(config.shape, f"{field}.shape")
         if config.texture is not None and config.texture not in TEXTURES:
-            known = ", ".join(sorted(TEXTURES))
-            raise InvalidInputError(f"{field}.texture", config.texture, f"one of {known}")
+            expected = one_of(TEXTURES, config.texture)
+            raise InvalidInputError(f"{field}.texture", config.texture, expected)
         if config.file is not None:
             self._from_file(config, f"{field}.file")
 

@@ -19,6 +19,7 @@ from oaisys_core.modules.layers import (
     check_layers,
     chosen_layers,
     labels_of,
+    layer_faults,
 )
 from oaisys_core.modules.overrides import overridden
 from oaisys_core.scene import Ground, HeightField
@@ -49,9 +50,11 @@ class MaterialsModule(Module):
 
     def __init__(self, config: MaterialsConfig) -> None:
         try:
-            check_layers(config, self.name)
-        except InvalidInputError as error:
-            raise ConfigError(str(error)) from error
+            faults = [str(fault) for fault in layer_faults(config, self.name)]
+        except InvalidInputError as error:  # of a pool's folder
+            faults = [str(error)]
+        if faults:
+            raise ConfigError("\n".join(faults))
         self._config = MaterialsMetadata.model_validate(config.model_dump())
         self._library = LayerLibrary()
 

@@ -14,7 +14,7 @@ from oaisys_core.config.expectations import refusal
 from oaisys_core.config.faults import FaultsConfig
 from oaisys_core.config.motion import AnyMotion
 from oaisys_core.config.sensors import CameraConfig, PosePolicy, SensorsConfig
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.modules.clearance import Extent, HeightLookup, admitted
 from oaisys_core.modules.optics import changed, lens_of, sensor_info
@@ -295,7 +295,7 @@ def select(
     names = [camera.name for camera in cameras]
     for sensor in sensors:
         if sensor not in names:
-            raise InvalidInputError("sensors", sensor, f"one of {', '.join(names)}")
+            raise InvalidInputError("sensors", sensor, one_of(names, sensor))
     offered = {modality for camera in cameras for modality in camera.modalities}
     for modality in modalities:
         if modality not in offered:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.config.stage import ReuseConfig, StageConfig
+from oaisys_core.config.stage import ReuseConfig, StageConfig, StageMeshConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.mesh_files import load_mesh
 from oaisys_core.module import Metadata, Module, World
@@ -16,7 +16,7 @@ from oaisys_core.scene import Ground
 from oaisys_core.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
 from oaisys_core.terrain.dem import import_dem
 from oaisys_core.terrain.detail import Detail
-from oaisys_core.terrain.mesh_ground import mesh_ground
+from oaisys_core.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.terrain.presets import check_preset, make_ground
 from oaisys_core.types import merged
 
@@ -46,6 +46,9 @@ class StageModule(Module):
         if config.store != store:
             expected = f"{store}, as configured: a step writes nowhere else"
             raise InvalidInputError("metadata.stage.store", str(config.store), expected)
+        if config.mesh is not None and "mesh" in (metadata or {}):
+            # Before anything changes: a mesh that cannot be used costs no world.
+            _mesh_ground(config.mesh)
 
     def check_sample(self, metadata: Metadata) -> None:
         """Refuse everything: the ground is drawn once a batch."""
@@ -115,8 +118,7 @@ def _path(store: Path | None, name: str) -> Path | None:
 
 def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, Any]) -> Ground:
     if config.mesh is not None:
-        mesh = load_mesh(config.mesh.file, config.mesh.object, "stage.mesh.file")
-        return mesh_ground(mesh, config.mesh.scale, config.mesh.up, config.mesh.position_m)
+        return _mesh_ground(config.mesh)
     if config.dem is not None:
         dem = config.dem.model_dump()
         imported = import_dem(dem.pop("file"), **dem)
@@ -130,6 +132,11 @@ def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, 
         roughness=config.roughness,
         relief_m=config.relief_m,
     )
+
+
+def _mesh_ground(config: StageMeshConfig) -> MeshGround:
+    mesh = load_mesh(config.file, config.object, "stage.mesh.file")
+    return mesh_ground(mesh, config.scale, config.up, config.position_m)
 
 
 def _detail(config: StageConfig, rng: np.random.Generator) -> Detail | None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.scene import MeshPrototype
 from oaisys_core.types import FloatArray
 
@@ -61,7 +61,7 @@ def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
         InvalidInputError: There is no such kind.
     """
     if kind not in STYLES:
-        raise InvalidInputError("kind", kind, f"one of {', '.join(sorted(ROCK_KINDS))}")
+        raise InvalidInputError("kind", kind, one_of(ROCK_KINDS, kind))
     style = STYLES[kind]
     directions, triangles = icosphere(min(subdivisions, MOST_SUBDIVISIONS.get(kind, subdivisions)))
     body = 1 + style.lumps * _waves(directions, rng, frequency=2.5, octaves=3)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from oaisys_core import extensions
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.scatter.rocks import ROCK_KINDS, make_rock
 from oaisys_core.scatter.vegetation import PLANTS
 from oaisys_core.scatter.vehicles import VEHICLES
@@ -53,5 +53,5 @@ def check_shape(name: str, field: str) -> None:
         InvalidInputError: Its path is ``field``.
     """
     if name not in SHAPES and not extensions.is_installed(extensions.SCATTERERS, name, SHAPES):
-        known = ", ".join(sorted(SHAPES | extensions.names(extensions.SCATTERERS)))
-        raise InvalidInputError(field, name, f"one of {known}")
+        known = SHAPES | extensions.names(extensions.SCATTERERS)
+        raise InvalidInputError(field, name, one_of(known, name))

@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.mesh_checks import MOST
 from oaisys_core.mesh_files import LoadedMesh
 from oaisys_core.raycast import RayCaster
 from oaisys_core.types import FloatArray, TriangleMesh
@@ -70,9 +72,18 @@ def mesh_ground(
         scale: Metres per unit.
         up: Axis that points up: ``x``, ``y`` or ``z``.
         position_m: Where the mesh's origin comes to lie.
+
+    Raises:
+        InvalidInputError: It would reach too far.
     """
     turned = mesh.vertices_m[:, AXES[up]].astype(np.float64)
-    points_m = (turned * scale + np.asarray(position_m)).astype(np.float32)
+    exact_m = turned * scale + np.asarray(position_m)
+    farthest_m = float(np.abs(exact_m).max())
+    if not farthest_m <= MOST:
+        raise InvalidInputError(
+            "stage.mesh.scale", scale, f"a ground within {MOST:g} m, not {farthest_m:g} m"
+        )
+    points_m = exact_m.astype(np.float32)
     return MeshGround(points_m, _facing_up(points_m, mesh.triangles))
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from oaisys_core import extensions
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.scene import HeightField
 from oaisys_core.terrain.landform import Elevation, GroundSpec, grounded, scaled, unevenness
 from oaisys_core.terrain.mountains import another_noise, large_terrain, mountain_1, mountain_2
@@ -58,8 +58,8 @@ def check_preset(preset: str) -> None:
         InvalidInputError: There is no preset of that name.
     """
     if preset not in PRESETS and not extensions.is_installed(extensions.STAGES, preset, PRESETS):
-        known = ", ".join(sorted(PRESETS.keys() | extensions.names(extensions.STAGES)))
-        raise InvalidInputError("stage.preset", preset, f"one of {known}")
+        known = PRESETS.keys() | extensions.names(extensions.STAGES)
+        raise InvalidInputError("stage.preset", preset, one_of(known, preset))
 
 
 def plane(spec: GroundSpec, _rng: np.random.Generator) -> Elevation:

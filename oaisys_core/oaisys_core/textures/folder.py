@@ -32,6 +32,11 @@ KEYWORDS = {
 Ground is neither metal nor mirror, so that maps of the kind ``unused`` change nothing.
 """
 
+COLOR_MAP_EXPECTED = (
+    f"a folder with an image with one of {', '.join(KEYWORDS['color'])} in its name,"
+    " for the colour map"
+)
+
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr"})
 FOLDER_RELIEF_M = 0.05
 """Height of a folder's displacement map where a normal map must be derived from it."""
@@ -56,6 +61,11 @@ def texture_folders(path: Path) -> list[Path]:
     return folders
 
 
+def has_color_map(path: Path) -> bool:
+    """Return whether a folder, if it is one, has a colour map."""
+    return path.is_dir() and "color" in _maps(path)
+
+
 def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -> PbrMaps:
     """Return the maps in a folder; only the colour map must be there.
 
@@ -75,9 +85,7 @@ def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -
         raise InvalidInputError("folder", str(path), "an existing folder of texture maps")
     files = _maps(path)
     if "color" not in files:
-        words = ", ".join(KEYWORDS["color"])
-        expected = f"an image with one of {words} in its name, for the colour map"
-        raise InvalidInputError("folder", str(path), expected)
+        raise InvalidInputError("folder", str(path), COLOR_MAP_EXPECTED)
     color = _color(files["color"])
     size = size_px or min(color.shape[:2])
     height = _grey(files, "height", size)

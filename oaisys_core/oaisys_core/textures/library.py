@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core import randomness
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures import cache
 from oaisys_core.textures.fields import normals_from_height
@@ -30,7 +30,7 @@ def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> P
         InvalidInputError: There is no set of that name.
     """
     if name not in RECIPES:
-        raise InvalidInputError("texture", name, f"one of {', '.join(sorted(TEXTURES))}")
+        raise InvalidInputError("texture", name, one_of(TEXTURES, name))
     if cache_dir is None:
         return make_texture_set(name, size_px, seed)
     key = hashlib.sha256(repr((RECIPES[name].version, name, size_px, seed)).encode()).hexdigest()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 
@@ -60,6 +61,7 @@ def _mesh_stage(params: Json, job: Import) -> Json:
     if params.get("stageDisplacementActive", True):
         relief_m = abs(float(params.get("stageDisplacementStrength", 10.0)))
         return {"preset": "another_noise", "extent_m": 200.0, "relief_m": relief_m}
+    # There is no stand-in for a stage: a plane is one.
     file = job.file(str(params.get("stageFilePath")), "a plane of 200 m")
     if file is None:
         return {"preset": "plane", "extent_m": 200.0}
@@ -93,9 +95,13 @@ def assets(document: Json, job: Import, extent_m: float) -> tuple[Json, dict[str
 
 
 def _look(params: Json, job: Import, shape: str) -> Json:
-    file = job.file(str(params.get("meshFilePath")), f"the built-in shape {shape}")
+    path = str(params.get("meshFilePath"))
+    file = job.file(path, f"the built-in shape {shape}", lambda made: made.mesh(path, shape))
     if file is None:
         return {"shape": shape}
+    if file.stem == Path(path).stem and file.suffix != Path(path).suffix:
+        # A stand-in has neither objects nor colours of its own.
+        return {"file": str(file), "texture": "rock"}
     name = params.get("meshInstanceName")
     return {"file": str(file), **({"object_name": str(name)} if name else {})}
 

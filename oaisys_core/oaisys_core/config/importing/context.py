@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from oaisys_core.errors import ConfigError
+from oaisys_core.config.importing.stand_ins import StandIns
+from oaisys_core.textures.folder import has_color_map
 
 NO_LABEL = "unlabelled"
 
@@ -14,10 +15,20 @@ NO_LABEL = "unlabelled"
 class Import:
     """One import: where files are found, what they are replaced by, and what labels are called."""
 
-    def __init__(self, assets: Path | None, out: Path | None, *, is_strict: bool) -> None:
-        """Take files from ``assets``; write others beside ``out``."""
+    def __init__(
+        self,
+        assets: Path | None,
+        out: Path | None,
+        *,
+        is_strict: bool,
+        stand_ins: StandIns | None = None,
+    ) -> None:
+        """Take files from ``assets``; write others beside ``out``; make ``stand_ins``."""
         self._assets = assets
         self.out = out
+        self._stand_ins = stand_ins
+        self.missing: list[str] = []
+        self._things: dict[int, dict[str, None]] = {}
         self._is_strict = is_strict
         self._names: dict[int, str] = {0: NO_LABEL}
         self.warnings: list[str] = []
@@ -27,33 +38,87 @@ class Import:
         if text not in self.warnings:
             self.warnings.append(text)
 
-    def file(self, name: str, stand_in: str, *, is_folder: bool = False) -> Path | None:
+    def file(
+        self, name: str, stand_in: str, make: Callable[[StandIns], Path] | None = None
+    ) -> Path | None:
         """Return the file of a name, None where it is missing.
 
         Args:
             name: As the original file has it.
             stand_in: What is used in its place.
-            is_folder: Whether it is a folder.
-
-        Raises:
-            ConfigError: It is missing, and the import is strict.
+            make: Makes one in its place, where that is wanted.
         """
-        found = Path(name) if self._assets is None else self._assets / name
-        if self._assets is not None and (found.is_dir() if is_folder else found.is_file()):
+        found = None if self._assets is None else self._assets / name
+        if found is not None and found.is_file():
             return found.resolve()
+        return self._replaced(name, "is missing", stand_in, make)
+
+    def material_folder(self, name: str, texture: str) -> Path | None:
+        """Return the folder of a material's maps, None where it is missing or has no colour map.
+
+        Args:
+            name: As the original file has it.
+            texture: The built-in texture set that is used in its place.
+        """
+        found = None if self._assets is None else self._assets / name
+        if found is not None and has_color_map(found):
+            return found.resolve()
+        is_there = found is not None and found.is_dir()
+        fault = "has no colour map" if is_there else "is missing"
+        words = f"the built-in texture {texture}"
+        return self._replaced(name, fault, words, lambda made: made.material(name, texture))
+
+    def _replaced(
+        self, name: str, fault: str, stand_in: str, make: Callable[[StandIns], Path] | None
+    ) -> Path | None:
         if self._is_strict:
-            raise ConfigError(f"{name}: received no such file below --assets, expected it there")
-        self.warn(f"{name} is missing: {stand_in} stands in for it")
+            self.missing.append(f"{name} {fault}")
+        if self._stand_ins is not None and make is not None and not self._is_strict:
+            path = make(self._stand_ins)
+            self.warn(f"{name} {fault}: {path}, which was made, stands in for it")
+            return path
+        self.warn(f"{name} {fault}: {stand_in} stands in for it")
         return None
 
-    def name_label(self, semantic_id: int, name: str) -> str:
-        """Return what an id is called: the first name that it was given."""
+    def name_label(self, semantic_id: int, name: str, thing: str | None = None) -> str:
+        """Return what an id is called for now: the first name that it was given.
+
+        Args:
+            semantic_id: The id.
+            name: At its level.
+            thing: What has it; None: that is ``name``.
+        """
+        self._things.setdefault(semantic_id, {})[thing or name] = None
         return self._names.setdefault(semantic_id, name)
+
+    def rename_shared(self, node: Any) -> None:
+        """Name ids that different things share after all of them, wherever the result has them."""
+        if isinstance(node, list):
+            for each in node:
+                self.rename_shared(each)
+        if not isinstance(node, dict):
+            return
+        things = self._things.get(node.get("semantic_id", 0), {})
+        if "label" in node and node["semantic_id"] and len(things) > 1:
+            node["label"] = self._shared_name(node["semantic_id"])
+        if node.get("sky_semantic_id"):
+            node["sky_label"] = self._shared_name(node["sky_semantic_id"])
+        for each in node.values():
+            self.rename_shared(each)
+
+    def _shared_name(self, semantic_id: int) -> str:
+        things = list(self._things[semantic_id])
+        if len(things) > 1:
+            self.warn(f"the id {semantic_id} is shared by {', '.join(things)}, and called so")
+        return " or ".join(things)
 
     def labels(self, ids: Sequence[int], name: str) -> dict[str, Any]:
         """Return label, id and levels of a thing."""
         named = [
-            {"label": self.name_label(i, name if n == 0 else f"{name}_{n}"), "semantic_id": i}
+            {
+                "label": self.name_label(i, name if n == 0 else f"{name}_{n}", name),
+                "semantic_id": i,
+            }
             for n, i in enumerate(ids)
         ]
         if not named:
@@ -68,7 +133,8 @@ class Import:
         for key, (color, told) in entry.get("mappingTable", {}).items():
             of_entry = [*ids[:level], int(told[0]), *ids[level + 1 :]]
             labels = [
-                {"label": self.name_label(i, f"{name}_{key}"), "semantic_id": i} for i in of_entry
+                {"label": self.name_label(i, f"{name}_{key}", name), "semantic_id": i}
+                for i in of_entry
             ]
             code = "#" + "".join(f"{int(value):02x}" for value in color)
             found[code] = {**labels[0], **({"levels": labels[1:]} if labels[1:] else {})}

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 from oaisys_core.config.importing.context import Import
 from oaisys_core.config.importing.document import Json, entries, part, span
+from oaisys_core.config.importing.stand_ins import StandIns
 
 BACKGROUND = 0.1
 """Strength of the original's background at which its sky is as bright as ours at 1."""
@@ -68,7 +70,8 @@ def _sky_labels(params: Json, job: Import) -> Json:
 def _hdri(params: Json, job: Import, least: float, most: float) -> Json:
     images = []
     for entry in params.get("HDRIList", []):
-        file = job.file(str(entry.get("filePath")), "the computed sky")
+        path = str(entry.get("filePath"))
+        file = job.file(path, "the computed sky", partial(StandIns.sky, name=path))
         if file is None:
             continue
         vector = list(entry.get("labelIDVec", []))
@@ -90,8 +93,9 @@ def _image_labels(vector: list[Any], job: Import) -> Json:
     for level, entry in enumerate(vector):
         if not isinstance(entry, Mapping):
             continue
-        image = job.file(str(entry.get("filePath")), "one label for the whole sky")
+        path, mapping = str(entry.get("filePath")), job.mapping(dict(entry), 0, [0], "sky_part")
+        stripes = partial(StandIns.label_image, name=path, mapping=mapping)
+        image = job.file(path, "one label for the whole sky", stripes)
         if image is not None:
-            mapping = job.mapping(dict(entry), 0, [0], "sky_part")
             masks.append({"image": str(image), "level": level, "mapping": mapping})
     return found | ({"labels_from": masks} if masks else {})

@@ -20,7 +20,11 @@ from oaisys_core.config.importing.environment import environment
 from oaisys_core.config.importing.inventory import Fate, fate_of
 from oaisys_core.config.importing.materials import materials
 from oaisys_core.config.importing.sensors import sensors
-from oaisys_core.errors import ConfigError
+from oaisys_core.config.importing.stand_ins import StandIns
+from oaisys_core.errors import ConfigError, InvalidInputError
+
+DEVICES = {"CPU": "cpu", "GPU": "auto"}
+"""The original's devices; ours takes any kind of GPU where there is one."""
 
 UNKNOWN = Fate("no counterpart", "this key is not known")
 
@@ -53,7 +57,12 @@ class Imported:
 
 
 def import_file(
-    path: Path, assets_folder: Path | None = None, out: Path | None = None, *, strict: bool = False
+    path: Path,
+    assets_folder: Path | None = None,
+    out: Path | None = None,
+    *,
+    strict: bool = False,
+    stand_ins: Path | None = None,
 ) -> Imported:
     """Return our configuration for an original JSON file.
 
@@ -62,6 +71,8 @@ def import_file(
         assets_folder: What its relative paths are relative to; without, all files are missing.
         out: Where the result will be written; pose files are written beside it.
         strict: Whether missing files and unknown keys are errors.
+        stand_ins: Folder in which files are made for those that are missing; None: built-in
+            textures and shapes stand in for them.
 
     Raises:
         ConfigError: The file cannot be used, or strictly not.
@@ -71,12 +82,25 @@ def import_file(
     unknown = sorted(key for key, fate in fates.items() if fate is UNKNOWN)
     if strict and unknown:
         raise ConfigError("\n".join(f"{path}: {key}: unknown key" for key in unknown))
-    job = Import(assets_folder, out, is_strict=strict)
+    if strict and stand_ins is not None:
+        raise InvalidInputError("--stand-ins", str(stand_ins), "none with --strict")
+    made = None if stand_ins is None else StandIns(stand_ins)
+    job = Import(assets_folder, out, is_strict=strict, stand_ins=made)
     try:
         config = _converted(document, job)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
         raise ConfigError(f"{path}: a value has not the form it should have: {error}") from error
+    if job.missing:
+        faults = dict.fromkeys(job.missing)
+        raise ConfigError("\n".join(_missing(path, fault, assets_folder) for fault in faults))
+    job.rename_shared(config)
     return Imported(config, fates, tuple(job.warnings))
+
+
+def _missing(path: Path, fault: str, assets_folder: Path | None) -> str:
+    if assets_folder is None:
+        return f"{path}: {fault}: --strict needs --assets, the folder that its paths start from"
+    return f"{path}: {fault}, expected it below {assets_folder} (--assets)"
 
 
 def _converted(document: Json, job: Import) -> Json:
@@ -99,6 +123,11 @@ def _converted(document: Json, job: Import) -> Json:
 
 def _render(document: Json, job: Import) -> Json:
     found: Json = {}
+    device = part(document, "RENDER_SETUP", "GENERAL").get("renderDevice")
+    if device in DEVICES:
+        found["device"] = DEVICES[device]
+    elif device is not None:
+        job.warn(f"the render device {device} is not known: {' and '.join(DEVICES)} are")
     for entry in entries(document, "RENDER_SETUP", "RENDER_PASSES"):
         params = part(entry, "passParams")
         if entry.get("type") == "RGBDPass":

@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from pathlib import PurePosixPath
+from functools import partial
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from oaisys_core.config.importing.context import Import
 from oaisys_core.config.importing.document import Json, entries, part, span
+from oaisys_core.config.importing.stand_ins import StandIns
 
 STAND_INS = {
     "rock": "bedrock",
@@ -81,11 +83,18 @@ def texture_labels(entry: Json, job: Import, name: str) -> tuple[Json, Json | No
     labels = job.labels(ids, name)
     for level, value in enumerate(vector):
         if isinstance(value, Mapping):
-            image = job.file(str(value.get("filePath")), f"one label for all of {name}")
+            mapping = job.mapping(dict(value), level, ids, name)
+            path = str(value.get("filePath"))
+            image = job.file(
+                path, f"one label for all of {name}", partial(_stripes, path=path, mapping=mapping)
+            )
             if image is not None:
-                mapping = job.mapping(dict(value), level, ids, name)
                 return labels, {"image": str(image), "mapping": mapping}
     return labels, None
+
+
+def _stripes(made: StandIns, path: str, mapping: Json) -> Path:
+    return made.label_image(path, mapping)
 
 
 def _pools(params: Json) -> list[list[Json]]:
@@ -113,7 +122,7 @@ def _layer(entry: Json, general: Json, job: Import, extent_m: float) -> Json:
         folder_name = str(PurePosixPath(str(base)) / folder_name)
     name = PurePosixPath(folder_name).name
     texture = stand_in(name)
-    folder = job.file(folder_name, f"the built-in texture {texture}", is_folder=True)
+    folder = job.material_folder(folder_name, texture)
     labels, image = texture_labels(entry, job, name)
     layer: Json = {
         **labels,

@@ -1,0 +1,92 @@
+"""What a mesh of a user must be to be rendered: finite, of a sensible size, and a surface."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import FloatArray
+
+MOST = 1e7
+"""Greatest coordinate, in the file's units: float32 then knows a metre, and no area overflows."""
+
+TEXT_VERTEX = {".obj": "v", ".stl": "vertex"}
+"""First word of a line that holds a vertex, by the format's suffix."""
+
+BLOCK = 1_000_000
+"""Triangles whose areas are computed at once."""
+
+
+def check_mesh(vertices: FloatArray, triangles: NDArray[np.int32], path: Path, field: str) -> None:
+    """Refuse a mesh that cannot be rendered.
+
+    Args:
+        vertices: (V, 3) as the file has them.
+        triangles: (T, 3).
+        path: The file; where it is text, the line of the first bad vertex is told.
+        field: What the file is called in an error.
+
+    Raises:
+        InvalidInputError: A vertex is not finite or too far from the origin, a triangle names a
+            vertex that is not there, or no triangle has an area.
+    """
+    with np.errstate(invalid="ignore"):
+        bad = ~(np.abs(vertices) <= MOST).all(axis=1)
+    if bad.any():
+        index = int(np.argmax(bad))
+        line = line_of_bad_vertex(path)
+        where = f"vertex {index}" if line is None else f"line {line}"
+        told = ", ".join(f"{value:g}" for value in vertices[index])
+        expected = f"finite coordinates of at most {MOST:g}, not ({told}) in {where}"
+        raise InvalidInputError(field, str(path), expected)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise InvalidInputError(field, str(path), f"triangles of its {len(vertices)} vertices")
+    if not _has_area(vertices, triangles):
+        raise InvalidInputError(field, str(path), "at least one triangle with an area")
+
+
+def line_of_bad_vertex(path: Path) -> int | None:
+    """Return the line, from 1, of a text file's first vertex that `check_mesh` refuses."""
+    suffix = path.suffix.lower()
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return None
+    if suffix in TEXT_VERTEX:
+        word = TEXT_VERTEX[suffix]
+        places = [(n, line.split()[1:4]) for n, line in enumerate(lines, 1) if _begins(line, word)]
+    elif suffix == ".ply" and "end_header" in lines and "format ascii 1.0" in lines:
+        places = [
+            (n, line.split()[:3])
+            for n, line in enumerate(lines, 1)
+            if n > lines.index("end_header") + 1
+        ]
+    else:
+        return None
+    return next((number for number, numbers in places if _is_bad(numbers)), None)
+
+
+def _begins(line: str, word: str) -> bool:
+    return line.split(maxsplit=1)[:1] == [word]
+
+
+def _is_bad(numbers: list[str]) -> bool:
+    try:
+        values = [float(number) for number in numbers]
+    except ValueError:
+        return False
+    return not all(abs(value) <= MOST for value in values)
+
+
+def _has_area(vertices: FloatArray, triangles: NDArray[np.int32]) -> bool:
+    for first in range(0, len(triangles), BLOCK):
+        a, b, c = (vertices[corner] for corner in triangles[first : first + BLOCK].T)
+        longest = np.maximum(np.abs(b - a).max(axis=1), np.abs(c - a).max(axis=1))
+        # Flatter than float32 can tell, whatever the size.
+        flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) <= 1e-12 * longest**2
+        if not flat.all():
+            return True
+    return False
