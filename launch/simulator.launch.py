@@ -6,8 +6,9 @@ from pathlib import Path
 from launch.actions import OpaqueFunction
 
 from launch import LaunchDescription
-from oaisys_ros_bridge.launching.arguments import declare
-from oaisys_ros_bridge.launching.simulator import ARGUMENTS, start_simulator
+from oaisys_ros_bridge.launching.arguments import SIMULATOR
+from oaisys_ros_bridge.launching.declaring import declare
+from oaisys_ros_bridge.launching.simulator import start_simulator
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 
@@ -15,4 +16,4 @@ CONFIG = Path(__file__).resolve().parents[1] / "config"
 def generate_launch_description() -> LaunchDescription:
     """Return the programs and their arguments."""
     start = partial(start_simulator, config_folder=CONFIG)
-    return LaunchDescription([*declare(ARGUMENTS), OpaqueFunction(function=start)])
+    return LaunchDescription([*declare(SIMULATOR), OpaqueFunction(function=start)])

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_ros_bridge.node_settings import node_settings
 
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", help="YAML file; the default world where none is given.")
@@ -29,6 +30,16 @@ NamespaceOption = Annotated[
 WorkerPythonOption = Annotated[
     Path | None, typer.Option(help="Interpreter that has bpy; this one if not given.")
 ]
+ParamsFileOption = Annotated[
+    str,
+    typer.Option(help="YAML file of ROS parameters of bridge, mapper, recorder; empty: none."),
+]
+LogLevelOption = Annotated[
+    str, typer.Option(help="Of the ROS nodes: debug, info, warn, error, fatal; empty: ROS's own.")
+]
+UseSimTimeOption = Annotated[
+    bool, typer.Option("--use-sim-time", help="Let nodes follow /clock, but who publishes it.")
+]
 KeyOption = Annotated[
     Path | None,
     typer.Option(help="PEM file of an Ed25519 key that signs the certificate."),
@@ -48,11 +59,14 @@ def system_options(
     bag: bool,
     namespace: str,
     worker_python: Path | None,
+    params_file: str,
+    log_level: str,
+    use_sim_time: bool,
 ) -> dict[str, Any]:
     """Return the fields of a `SystemOptions` by name, from what was given on the command line.
 
     Raises:
-        InvalidInputError: There is no such configuration file.
+        InvalidInputError: There is no such configuration file, or no such parameters or level.
     """
     if config is not None and not config.is_file():
         raise InvalidInputError("--config", str(config), "an existing file")
@@ -66,5 +80,6 @@ def system_options(
         "record": bag,
         "worker_python": worker_python,
         "namespace": namespace,
+        "nodes": node_settings(params_file, log_level, use_sim_time=use_sim_time),
         "command": ["oaisys", *sys.argv[1:]],
     }

@@ -12,10 +12,13 @@ from oaisys_ros_bridge.experiment_options import (
     BackendOption,
     BagOption,
     KeyOption,
+    LogLevelOption,
     NamespaceOption,
+    ParamsFileOption,
     QualityOption,
     SeedOption,
     SizeOption,
+    UseSimTimeOption,
     VoxelSizeOption,
     WorkerPythonOption,
     system_options,
@@ -96,6 +99,9 @@ def explore(
     bag: BagOption = True,
     namespace: NamespaceOption = "",
     worker_python: WorkerPythonOption = None,
+    params_file: ParamsFileOption = "",
+    log_level: LogLevelOption = "",
+    use_sim_time: UseSimTimeOption = False,
 ) -> None:
     """Explore a terrain view by view over ROS, rebuild it, and count what was seen.
 
@@ -129,6 +135,9 @@ def explore(
         bag=bag,
         namespace=namespace,
         worker_python=worker_python,
+        params_file=params_file,
+        log_level=log_level,
+        use_sim_time=use_sim_time,
     )
     goal = UNTIL if len(planners) == 1 else UNTIL_COMPARED
     options = ExploreOptions(

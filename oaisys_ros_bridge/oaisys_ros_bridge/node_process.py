@@ -6,9 +6,11 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Protocol
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
@@ -16,6 +18,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.transport import prepare_transport
+
+OWN_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
+"""For timers that go on while simulated time, which a node may be told to follow, stands still."""
 
 CALLBACKS_END_S = 3.0
 """How long callbacks under way may take to end, before what they publish through is gone."""
@@ -32,8 +37,16 @@ class WaitingExecutor(MultiThreadedExecutor):
     """An executor that can be waited for: rclpy's own `shutdown` (7.1) says so, but does not."""
 
     def wait_for_callbacks(self, timeout_s: float) -> bool:
-        """Return whether all callbacks under way have ended within ``timeout_s``."""
-        return bool(self._work_tracker.wait(timeout_s))
+        """Return whether all callbacks under way have ended within ``timeout_s``.
+
+        Those that wait for a thread are dropped: they count as no work yet, and would find the
+        executor's handles destroyed ("cannot use Destroyable").
+        """
+        end = partial(self._executor.shutdown, wait=True, cancel_futures=True)
+        waiter = threading.Thread(target=end, name="executor's end", daemon=True)
+        waiter.start()
+        waiter.join(timeout_s)
+        return not waiter.is_alive()
 
 
 LOOK_UP_S = 0.2

@@ -12,10 +12,13 @@ from oaisys_ros_bridge.experiment_options import (
     BagOption,
     ConfigOption,
     KeyOption,
+    LogLevelOption,
     NamespaceOption,
+    ParamsFileOption,
     QualityOption,
     SeedOption,
     SizeOption,
+    UseSimTimeOption,
     VoxelSizeOption,
     WorkerPythonOption,
     system_options,
@@ -56,6 +59,9 @@ def survey(
     bag: BagOption = True,
     namespace: NamespaceOption = "",
     worker_python: WorkerPythonOption = None,
+    params_file: ParamsFileOption = "",
+    log_level: LogLevelOption = "",
+    use_sim_time: UseSimTimeOption = False,
 ) -> None:
     """Survey a terrain over ROS, rebuild it, measure and certify the result.
 
@@ -81,6 +87,9 @@ def survey(
         bag=bag,
         namespace=namespace,
         worker_python=worker_python,
+        params_file=params_file,
+        log_level=log_level,
+        use_sim_time=use_sim_time,
     )
     signer = None if key is None else read_private_key(key)
     options = SurveyOptions(

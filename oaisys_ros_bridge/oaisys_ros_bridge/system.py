@@ -23,6 +23,7 @@ from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, Simu
 from oaisys_grpc.client import SimulatorClient
 from oaisys_ros_bridge.domains import own_domain
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC, placing_arguments, require_namespace
+from oaisys_ros_bridge.node_settings import NodeSettings
 from oaisys_ros_bridge.processes import ManagedProcess
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.sensor_topics import TOPIC_BY_MODALITY, sensor_namespace
@@ -59,6 +60,7 @@ class SystemOptions:
         namespace: In which all ROS nodes are; TF is below it, too. Empty: in none.
         server_options: Further ones of ``oaisys serve``.
         bridge_parameters: Further ones of the bridge.
+        nodes: What is asked of all nodes.
     """
 
     out: Path
@@ -72,6 +74,7 @@ class SystemOptions:
     namespace: str = field(default="", kw_only=True)
     server_options: Sequence[str] = field(default=(), kw_only=True)
     bridge_parameters: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
+    nodes: NodeSettings = field(default=NodeSettings(), kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -128,10 +131,10 @@ def running_system(
         reporter.say("building the world")
         placed = placing_arguments(options.namespace)
         parameters = {"address": address, **options.bridge_parameters}
-        bridge = start("bridge", *_node_arguments("bridge", parameters), *placed)
+        bridge = start("bridge", *_node_arguments(options, "bridge", {}, parameters), *placed)
         namespace = sensor_namespace(sensor.name, info.sensors)
-        mapping = _mapper_parameters(options, namespace, sensor)
-        mapper = start("mapper", *_node_arguments("mapper", mapping), *placed)
+        usual, fixed = _mapper_parameters(options, namespace, sensor)
+        mapper = start("mapper", *_node_arguments(options, "mapper", usual, fixed), *placed)
         modalities = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensor.modalities)
         client = make_client(namespace, modalities, options.namespace)
         stack.enter_context(client)
@@ -145,7 +148,7 @@ def running_system(
         if options.record:
             bag = options.out / "bag"
             _remove_old_bag(bag)
-            recording = _recorder_arguments(bag, namespace, modalities)
+            recording = _recorder_arguments(options, bag, namespace, modalities)
             recorder = start("recorder", *recording, *placed)
             recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
         client.wait_for_subscribers()
@@ -234,24 +237,24 @@ def _server_arguments(options: SystemOptions, config_path: Path) -> list[str]:
     return [*arguments, *options.server_options]
 
 
-def _node_arguments(node: str, parameters: Mapping[str, Any]) -> list[str]:
-    arguments = [f"oaisys_ros_bridge.nodes.{node}", "--ros-args"]
-    for name, value in parameters.items():
-        arguments += ["-p", f"{name}:={value}"]
-    return arguments
+def _node_arguments(
+    options: SystemOptions, node: str, usual: Mapping[str, Any], fixed: Mapping[str, Any]
+) -> list[str]:
+    return [f"oaisys_ros_bridge.nodes.{node}", *options.nodes.ros_arguments(node, usual, fixed)]
 
 
 def _mapper_parameters(
     options: SystemOptions, namespace: str, sensor: SensorInfo
-) -> dict[str, Any]:
-    return {
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what a file of parameters may change, and what not."""
+    # The mesh is wanted once, at the end, and not every few seconds on the way.
+    usual = {"mesh_period": 0.0, "use_semantics": SEMANTIC_0 in sensor.modalities}
+    fixed = {
         "camera": namespace,
         "voxel_size": options.voxel_size_m,
         "max_range": options.max_range_m,
-        # The mesh is wanted once, at the end, and not every few seconds on the way.
-        "mesh_period": 0.0,
-        "use_semantics": SEMANTIC_0 in sensor.modalities,
     }
+    return usual, fixed
 
 
 def _remove_old_bag(folder: Path) -> None:
@@ -260,10 +263,12 @@ def _remove_old_bag(folder: Path) -> None:
         shutil.rmtree(folder)
 
 
-def _recorder_arguments(folder: Path, namespace: str, modalities: Sequence[str]) -> list[str]:
+def _recorder_arguments(
+    options: SystemOptions, folder: Path, namespace: str, modalities: Sequence[str]
+) -> list[str]:
     """Return what records everything, and begins once the sample's own topics are heard."""
     images = [f"{namespace}/{TOPIC_BY_MODALITY.get(m, m)}" for m in modalities]
     topics = [f"{image}/image_raw" for image in images]
     topics += [TF, TF_STATIC, "ground_truth/odometry", "oaisys_bridge/sample_info"]
     command = ["oaisys_ros_bridge.nodes.recorder", "--out", str(folder), "--all"]
-    return [*command, "--topics", *topics]
+    return [*command, "--topics", *topics, *options.nodes.ros_arguments("recorder", {}, {})]

@@ -22,6 +22,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Sample
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.markers import deletion_marker, deletion_of_all, frustum_to_marker
+from oaisys_ros_bridge.node_process import OWN_CLOCK
 from oaisys_ros_bridge.publishers import Publishers, is_heard
 from oaisys_ros_bridge.publishing_options import PublishingOptions
 from oaisys_ros_bridge.qos import LATCHED_QOS, TRACE_QOS
@@ -75,7 +76,9 @@ class Traces:
         self._viewpoints = publishers.offer(MarkerArray, "viewpoints", TRACE_QOS)
         self._audience = {publisher.topic_name: 0 for publisher in (self._path, self._viewpoints)}
         group = MutuallyExclusiveCallbackGroup()
-        self._timer = node.create_timer(GREETING_PERIOD_S, self._greet, callback_group=group)
+        self._timer = node.create_timer(
+            GREETING_PERIOD_S, self._greet, callback_group=group, clock=OWN_CLOCK
+        )
 
     def destroy(self) -> None:
         """Take the timer off the node."""

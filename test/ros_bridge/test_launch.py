@@ -1,4 +1,7 @@
-"""The launch files, where ROS's launch system is installed."""
+"""The launch files, where ROS's launch system is installed and this workspace is built.
+
+colcon build --packages-up-to oaisys_ros_bridge && source install/setup.bash
+"""
 
 from __future__ import annotations
 
@@ -9,23 +12,38 @@ from typing import Any
 
 import pytest
 import yaml
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launched import Launched
 from leak_check import LeakCheck
 from mcap.reader import make_reader
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
 from ros_peer import User
 from served_simulator import FLAT_WORLD
 
 from oaisys_core.geometry import pose_looking_down
+from oaisys_ros_bridge.launching.arguments import EXPLORE, SIMULATOR, SURVEY
 
 pytest.importorskip("launch_ros", reason="ROS's launch system is not installed")
+try:
+    get_package_prefix("oaisys_ros_bridge")
+except PackageNotFoundError:
+    BUILD = "colcon build --packages-up-to oaisys_ros_bridge, then source install/setup.bash"
+    pytest.skip(f"the workspace is not built: {BUILD}", allow_module_level=True)
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 LAUNCH_FILES = sorted((REPOSITORY / "launch").glob("*.launch.py"))
-SHARED = {"config", "backend", "namespace", "rviz", "record", "worker_python"}
+MOUNDS = {
+    "backend": "analytic",
+    "stage": {"preset": "mounds", "extent_m": 32, "resolution_px": 129},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
+    "assets": {"rocks": [{"count": [20, 20]}]},
+}
+"""A world whose survey closes with two small views."""
 ARGUMENTS = {
-    "simulator": SHARED | {"address", "frame_prefix", "mapper", "recorder"},
-    "survey": SHARED | {"out", "views", "seed", "size", "quality"},
-    "explore": SHARED | {"out", "views", "seed", "size", "quality", "planner"},
+    "simulator": set(SIMULATOR),
+    "survey": {*SURVEY, "rviz"},
+    "explore": {*EXPLORE, "rviz"},
 }
 
 
@@ -66,6 +84,7 @@ def test_the_simulator_is_launched_into_a_namespace_and_leaves_nothing(
 
         assert launched.interrupt() == 0
     assert "Traceback" not in launched.log.read_text()
+    assert "Destroyable" not in launched.log.read_text()
     common = {"/clock", "/diagnostics", "/parameter_events", "/rosout"}
     assert {name for name in names if not name.startswith("/mars/")} <= common
     with next(bag.glob("*.mcap")).open("rb") as stream:
@@ -118,7 +137,67 @@ def test_a_survey_is_launched_to_its_end(
     tmp_path: Path, leaks: LeakCheck, ros_domain_id: int
 ) -> None:
     out = tmp_path / "out"
-    arguments = {"backend": "analytic", "out": out, "size": "96x72", "views": 2}
-    with Launched("survey", tmp_path, **arguments, namespace="mars") as launched:
+    file = tmp_path / "parameters.yaml"
+    file.write_text("oaisys_mapper: {ros__parameters: {settle_timeout: 100.0}}")
+    config = tmp_path / "mounds.yaml"
+    config.write_text(yaml.safe_dump(MOUNDS))
+    arguments = {"config": config, "out": out, "size": "160x120", "views": 2}
+    arguments |= {"params_file": file, "log_level": "info", "faults": "false", "namespace": "mars"}
+    with Launched("survey", tmp_path, **arguments) as launched:
         assert launched.process.wait(300) == 0, launched.log.read_text()
     assert json.loads((out / "report.json").read_text())["closed"] is True
+
+
+@pytest.mark.ros
+def test_a_survey_that_does_not_close_is_a_launch_that_fails(
+    tmp_path: Path, leaks: LeakCheck, ros_domain_id: int
+) -> None:
+    out = tmp_path / "out"
+    arguments = {"backend": "analytic", "out": out, "size": "24x18", "views": 1}
+    with Launched("survey", tmp_path, **arguments, record="false", faults="false") as launched:
+        assert launched.process.wait(300) == 1, launched.log.read_text()
+    assert "survey has ended: exit code 1" in launched.log.read_text()
+    assert json.loads((out / "report.json").read_text())["closed"] is False
+
+
+@pytest.mark.ros
+def test_parameters_reach_all_nodes_and_the_clock_is_the_bridges(
+    tmp_path: Path, world: Path, leaks: LeakCheck, ros_domain_id: int
+) -> None:
+    file = tmp_path / "parameters.yaml"
+    file.write_text(
+        "/**/oaisys_bridge: {ros__parameters: {publish_clock: true, path.length: 7}}\n"
+        "/**/oaisys_mapper: {ros__parameters: {voxel_size: 0.25}}\n"
+    )
+    user = User()
+    arguments = {"config": world, "backend": "analytic", "address": "127.0.0.1:0"}
+    arguments |= {"params_file": file, "use_sim_time": "true", "log_level": "debug"}
+    arguments |= {"record": tmp_path / "bag", "recorder": "oaisys"}
+    with Launched("simulator", tmp_path, **arguments) as launched:
+        launched.wait_for("ready: simulator")
+        launched.wait_for("recording: ")
+        found = {
+            node: parameters_of(user, node, names)
+            for node, names in {
+                "oaisys_bridge": ["publish_clock", "path.length", "use_sim_time"],
+                "oaisys_mapper": ["voxel_size", "use_sim_time"],
+                "oaisys_recorder": ["use_sim_time"],
+            }.items()
+        }
+        user.close()
+        assert launched.interrupt() == 0
+    log = launched.log.read_text()
+    assert found == {
+        "oaisys_bridge": [True, 7, False],
+        "oaisys_mapper": [0.25, True],
+        "oaisys_recorder": [True],
+    }
+    assert "[DEBUG]" in log
+    assert "Destroyable" not in log
+
+
+def parameters_of(user: User, node: str, names: list[str]) -> list[Any]:
+    client = user.node.create_client(GetParameters, f"/{node}/get_parameters")
+    user.wait_until(client.service_is_ready)
+    answer = user.answer(client.call_async(GetParameters.Request(names=names)))
+    return [parameter_value_to_python(value) for value in answer.values]

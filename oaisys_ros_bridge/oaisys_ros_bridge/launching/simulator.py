@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
 from launch.action import Action
@@ -16,63 +17,32 @@ from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchContext
 from oaisys_ros_bridge.bag_parameters import RECORDER
-from oaisys_ros_bridge.launching.arguments import (
-    BACKEND,
-    CONFIG,
-    NAMESPACE,
-    RVIZ,
-    SWITCH,
-    WORKER_PYTHON,
-    Argument,
-    value_of,
-)
+from oaisys_ros_bridge.launching.declaring import settings_of, value_of
 from oaisys_ros_bridge.launching.ending import end_all
 from oaisys_ros_bridge.launching.readiness import WatchReadiness, on_ready
 from oaisys_ros_bridge.launching.views import rviz
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC, require_namespace
+from oaisys_ros_bridge.node_settings import NodeSettings
 
 PACKAGE = "oaisys_ros_bridge"
 READY = b"ready: "
 END_TIMEOUT_S = "12"
 """How long a program may take to end after Ctrl-C, before it is killed: a bag is to be closed."""
 
-ARGUMENTS = {
-    "config": CONFIG,
-    "address": Argument(
-        "127.0.0.1:50051",
-        "Where the simulator serves gRPC, host:port; port 0: any free one, for a second simulator.",
-    ),
-    "backend": BACKEND,
-    "namespace": NAMESPACE,
-    "frame_prefix": Argument(
-        "",
-        "Put before the names of all frames, such as mars/; then TF stays on the common /tf.",
-    ),
-    "mapper": Argument("true", "Whether to rebuild the surface.", SWITCH),
-    "record": Argument(
-        "false", "true records all topics of the namespace to a new bag_DATE; a path, to there."
-    ),
-    "recorder": Argument(
-        "auto",
-        "What records: ros2 bag record, or this package's recorder, which flushes every message;"
-        " auto: the former where it is installed.",
-        ("auto", "ros2", "oaisys"),
-    ),
-    "rviz": RVIZ,
-    "worker_python": WORKER_PYTHON,
-}
-"""Of ``simulator.launch.py``."""
+FRAMES = {"map": "map", "odom": "odom", "base": "base_link"}
+"""Frames by the parameters that name them, without ``_frame``."""
 
 
 def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]:
     """Return the server, and what follows once it serves.
 
     Args:
-        context: With the values of `ARGUMENTS`.
+        context: With the values of `SIMULATOR`.
         config_folder: With ``simulator.yaml`` and ``simulator.rviz``.
     """
     namespace = value_of(context, "namespace")
     require_namespace(namespace)
+    settings_of(context)  # wrong input is told before anything starts
     command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config"]
     command.append(value_of(context, "config") or str(config_folder / "simulator.yaml"))
     for name in ("address", "backend", "worker_python"):
@@ -102,7 +72,8 @@ def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]
     ready: list[Action] = [LogInfo(msg=f"ready: {namespace.strip('/') or 'simulator'}")]
     if value_of(context, "rviz") == "true":
         prefix = value_of(context, "frame_prefix")
-        ready.append(rviz(config_folder / "simulator.rviz", namespace, prefix))
+        follows = value_of(context, "use_sim_time") == "true"
+        ready.append(rviz(config_folder / "simulator.rviz", namespace, prefix, follows=follows))
     return [
         RegisterEventHandler(OnProcessIO(target_action=server, on_stdout=follow)),
         on_ready(ready, namespace),
@@ -118,35 +89,53 @@ def _nodes(context: LaunchContext, address: str) -> list[Action]:
     remappings = []
     if namespace and not prefix:
         remappings = [(topic, topic.removeprefix("/")) for topic in (TF, TF_STATIC)]
-    place = {
-        "package": PACKAGE,
-        "namespace": namespace,
-        "remappings": remappings,
-        "output": "screen",
-        "sigterm_timeout": END_TIMEOUT_S,
-    }
-    frames = {"map_frame": f"{prefix}map", "base_frame": f"{prefix}base_link"}
-    bridge = {"address": ParameterValue(address, value_type=str), "frame_prefix": prefix, **frames}
-    actions: list[Action] = [
-        LifecycleNode(
-            executable="bridge",
-            name="oaisys_bridge",
-            parameters=[bridge],
-            on_exit=end_all("the bridge has ended"),
-            **place,
+    frames = {f"{name}_frame": f"{prefix}{frame}" for name, frame in FRAMES.items()}
+    if not prefix:
+        frames = {}
+    settings = settings_of(context)
+
+    def node(kind: type[Node], executable: str, fixed: dict[str, Any], **options: Any) -> Node:
+        return kind(
+            package=PACKAGE,
+            executable=executable,
+            name=f"oaisys_{executable}",
+            namespace=namespace,
+            parameters=_parameters(settings, executable, fixed),
+            ros_arguments=["--log-level", settings.log_level] if settings.log_level else [],
+            remappings=remappings,
+            output="screen",
+            sigterm_timeout=END_TIMEOUT_S,
+            **options,
         )
-    ]
+
+    bridge = {"address": ParameterValue(address, value_type=str), **frames}
+    if prefix:
+        bridge["frame_prefix"] = prefix
+    end = end_all("the bridge has ended")
+    actions: list[Action] = [node(LifecycleNode, "bridge", bridge, on_exit=end)]
     if value_of(context, "mapper") == "true":
-        mapper = {"map_frame": frames["map_frame"]}
-        actions.append(Node(executable="mapper", parameters=[mapper], **place))
+        mapper = {name: frame for name, frame in frames.items() if name == "map_frame"}
+        actions.append(node(Node, "mapper", mapper))
     record = value_of(context, "record")
     if record in {"", "false"}:
         return actions
     folder = "" if record == "true" else record
     if _uses_rosbag2(value_of(context, "recorder")):
         return [*actions, _rosbag2(folder, namespace, has_own_tf=bool(remappings))]
-    path = {"path": ParameterValue(folder, value_type=str)}
-    return [*actions, Node(executable="recorder", parameters=[path], **place)]
+    path = {"path": ParameterValue(folder, value_type=str)} if folder else {}
+    return [*actions, node(Node, "recorder", path)]
+
+
+def _parameters(settings: NodeSettings, executable: str, fixed: dict[str, Any]) -> list[Any]:
+    """Return a node's parameters.
+
+    Raises:
+        InvalidInputError: The file names one that is set otherwise.
+    """
+    settings.require_free(executable, fixed)
+    file = [] if settings.params_file is None else [str(settings.params_file)]
+    clock = {"use_sim_time": True} if settings.follows_clock(executable) else {}
+    return [*file, {**fixed, **clock}] if fixed or clock else file
 
 
 def _uses_rosbag2(recorder: str) -> bool:

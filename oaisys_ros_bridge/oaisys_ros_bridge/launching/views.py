@@ -13,13 +13,16 @@ TOPIC = "Value: /"
 FIXED_FRAME = "Fixed Frame: map"
 
 
-def rviz(config: Path, namespace: str = "", frame_prefix: str = "") -> Node:
+def rviz(
+    config: Path, namespace: str = "", frame_prefix: str = "", *, follows: bool = False
+) -> Node:
     """Return RViz with the displays of a file.
 
     Args:
         config: For the root namespace; a copy in the launch's log folder has other names.
         namespace: Of the simulator.
         frame_prefix: Of the simulator's frames, which are then on the common ``/tf``.
+        follows: Whether it follows ``/clock``.
     """
     text = config.read_text(encoding="utf-8")
     moved = text
@@ -36,6 +39,7 @@ def rviz(config: Path, namespace: str = "", frame_prefix: str = "") -> Node:
         executable="rviz2",
         namespace=namespace,
         arguments=["-d", str(file)],
+        parameters=[{"use_sim_time": follows}],
         remappings=[(topic, topic.removeprefix("/")) for topic in (TF, TF_STATIC)]
         if own_tf
         else [],

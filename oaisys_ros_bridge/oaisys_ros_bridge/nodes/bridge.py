@@ -28,7 +28,7 @@ from oaisys_ros_bridge.diagnostics import (
 )
 from oaisys_ros_bridge.managed_node import ACTIVE, FINALIZED, INACTIVE, UNCONFIGURED, ManagedNode
 from oaisys_ros_bridge.node_parameters import ParameterNode
-from oaisys_ros_bridge.node_process import run_node
+from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
 from oaisys_ros_bridge.parameter_table import Changeable, ParameterRow
 from oaisys_ros_bridge.parameters import BRIDGE
 from oaisys_ros_bridge.publication import Publication
@@ -237,6 +237,7 @@ class BridgeNode(ParameterNode, ManagedNode):
             DIAGNOSTICS_PERIOD_S,
             self._publish_diagnostics,
             callback_group=MutuallyExclusiveCallbackGroup(),
+            clock=OWN_CLOCK,
         )
 
     def _on_set_pose(self, request: SetPose.Request, response: SetPose.Response) -> Any:

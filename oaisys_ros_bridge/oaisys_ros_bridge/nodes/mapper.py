@@ -40,7 +40,7 @@ from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler
 from oaisys_ros_bridge.fusion import DepthFrame, Fusion, FusionState
 from oaisys_ros_bridge.mapper_parameters import MAPPER, tsdf_config
 from oaisys_ros_bridge.node_parameters import ParameterNode
-from oaisys_ros_bridge.node_process import run_node
+from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TF_STATIC_QOS
 from oaisys_ros_bridge.stamps import nanoseconds
 from oaisys_ros_bridge.surface import at_most
@@ -127,7 +127,7 @@ class MapperNode(ParameterNode, Node):
         if values["use_color"] or values["use_semantics"]:
             end = partial(self._end_sample, camera, {RGB: "color", level: "semantic"})
             self._feed(SampleInfo, SAMPLE_INFO_TOPIC, end, SENSOR_QOS)
-            self.create_timer(COLOR_WAIT_S / 2, self._give_up_color)
+            self.create_timer(COLOR_WAIT_S / 2, self._give_up_color, clock=OWN_CLOCK)
         if values["clear_on_batch"]:
             self.create_subscription(SampleInfo, BATCH_TOPIC, self._on_batch, LATCHED_QOS)
         for kind, message_type, topic in inputs:
@@ -215,7 +215,9 @@ class MapperNode(ParameterNode, Node):
         ):
             self.create_service(kind, name, callback, callback_group=group)
         if mesh_period_s > 0:
-            self.create_timer(mesh_period_s, self._publish_new_mesh, callback_group=group)
+            self.create_timer(
+                mesh_period_s, self._publish_new_mesh, callback_group=group, clock=OWN_CLOCK
+            )
 
     def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:
         try:

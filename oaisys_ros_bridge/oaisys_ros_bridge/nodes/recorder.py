@@ -25,7 +25,7 @@ from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.bag_parameters import RECORDER
 from oaisys_ros_bridge.message_definition import message_class
 from oaisys_ros_bridge.node_parameters import ParameterNode
-from oaisys_ros_bridge.node_process import run_node
+from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
 LOOK_PERIOD_S = 0.25
@@ -81,9 +81,9 @@ class RecorderNode(ParameterNode, Node):
         self._last_message_s = 0.0
         self._recording = self.create_publisher(Bool, "~/recording", LATCHED_QOS)
         self._own_topics = {self._recording.topic_name}
-        self.create_timer(LOOK_PERIOD_S, self._look)
+        self.create_timer(LOOK_PERIOD_S, self._look, clock=OWN_CLOCK)
         if values["duration_s"]:
-            self.create_timer(values["duration_s"], stop.set)
+            self.create_timer(values["duration_s"], stop.set, clock=OWN_CLOCK)
 
     def close(self) -> None:
         """Take in what is still on its way, then finish the bag."""
