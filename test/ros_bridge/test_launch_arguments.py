@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
@@ -24,7 +25,7 @@ from oaisys_ros_bridge.survey_command import survey
 
 LAUNCH_FILES = Path(__file__).resolve().parents[2] / "launch"
 TABLES = {"survey": SURVEY, "explore": EXPLORE, "simulator": SIMULATOR}
-COMMANDS = {"survey": survey, "explore": explore}
+COMMANDS: dict[str, Callable[..., None]] = {"survey": survey, "explore": explore}
 
 
 def options_of(name: str) -> dict[str, Any]:
