@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from oaisys_core import extensions
-from oaisys_core.config import SimulationConfig, load_config
+from oaisys_core.config import canonical_json, load_config
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.output.reader import read_sample
 from oaisys_core.output.records import read_json
 from oaisys_core.output.writer import CONFIG, SAMPLE_DATA
-from oaisys_core.types import ALBEDO, FLOW, RGB, Frame, FrameName, Sample, SampleOutline
+from oaisys_core.types import ALBEDO, FLOW, RGB, Frame, FrameName, RecordedSample, Sample
 
 RECORDS = "oaisys.records"
 """Entry point group of functions ``(Path) -> RecordSource | None``; None: it is of another kind."""
@@ -27,35 +26,16 @@ SampleId = tuple[int, int]
 """Batch and sample."""
 
 
-def _as_rendered(frame: Frame) -> Frame:
-    return frame
-
-
-@dataclass(frozen=True)
-class Record:
-    """A sample as it was recorded.
-
-    Attributes:
-        outline: All that is known of it besides the images.
-        frames: The images that were recorded; there may be fewer than were rendered.
-        recorded: Does to a rendered frame what was done to it before it was recorded.
-    """
-
-    outline: SampleOutline
-    frames: tuple[Frame, ...]
-    recorded: Callable[[Frame], Frame] = _as_rendered
-
-
 class RecordSource(Protocol):
     """Where samples were recorded."""
 
-    def config(self) -> SimulationConfig | None:
-        """Return what they were rendered from; None: it was not recorded."""
+    def config_json(self) -> str | None:
+        """Return the configuration they were rendered from as JSON; None: it was not recorded."""
 
     def ids(self) -> Sequence[SampleId]:
         """Return which samples there are, the newest last."""
 
-    def read(self, wanted: Collection[SampleId]) -> Iterator[Record]:
+    def read(self, wanted: Collection[SampleId]) -> Iterator[RecordedSample]:
         """Yield samples, in the order in which they were recorded."""
 
 
@@ -97,21 +77,21 @@ class FolderRecords:
                 expected = "a sample's JSON file as `oaisys render` writes it"
                 raise InvalidInputError("record", str(path), expected) from error
 
-    def config(self) -> SimulationConfig | None:
+    def config_json(self) -> str | None:
         """Return the configuration beside them."""
         path = self._top / CONFIG
-        return load_config(path) if path.is_file() else None
+        return canonical_json(load_config(path)) if path.is_file() else None
 
     def ids(self) -> Sequence[SampleId]:
         """Return which samples there are, the newest last."""
         return sorted(self._files)
 
-    def read(self, wanted: Collection[SampleId]) -> Iterator[Record]:
+    def read(self, wanted: Collection[SampleId]) -> Iterator[RecordedSample]:
         """Yield samples in the order of their ids."""
         for number in sorted(set(wanted) & self._files.keys()):
             path = self._files[number]
             sample = read_sample(path.parents[len(SAMPLE_DATA.parts)], int(path.stem))
-            yield Record(sample.outline, sample.frames)
+            yield RecordedSample(sample.outline, sample.frames)
 
 
 def _folder_records(path: Path) -> FolderRecords | None:
@@ -175,7 +155,7 @@ class Comparison(NamedTuple):
     is_equal: bool
 
 
-def compared(record: Record, again: Sample, least_psnr_db: float) -> list[Comparison]:
+def compared(record: RecordedSample, again: Sample, least_psnr_db: float) -> list[Comparison]:
     """Compare a record's frames with the same ones rendered again.
 
     Raises:

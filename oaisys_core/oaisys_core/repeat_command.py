@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,9 +14,9 @@ from oaisys_core.standard_output import own_stdout
 
 if TYPE_CHECKING:
     from oaisys_core.config import SimulationConfig
-    from oaisys_core.records import Comparison, Record
+    from oaisys_core.records import Comparison
     from oaisys_core.simulation import Simulation
-    from oaisys_core.types import Sample
+    from oaisys_core.types import RecordedSample, Sample
 
 LEAST_PSNR_DB = 40.0
 
@@ -49,16 +50,17 @@ def repeat(
     recorded one. Exit code 0: equal; 1: something differs; 2: the record cannot be used.
     """
     # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
-    from oaisys_core.config import load_config
+    from oaisys_core.config import config_from_mapping, load_config
     from oaisys_core.records import chosen_ids, open_records
     from oaisys_core.simulation import Simulation
 
     source = open_records(record)
     wanted = chosen_ids(source, sample or (), every=every)
-    chosen = load_config(config) if config else source.config()
-    if chosen is None:
+    told = None if config else source.config_json()
+    if config is None and told is None:
         expected = "--config FILE, because the record has no configuration"
         raise InvalidInputError("config", None, expected)
+    chosen = load_config(config) if config else config_from_mapping(json.loads(told or "{}"))
     different = count = 0
     with own_stdout():
         simulation = Simulation(chosen)
@@ -75,7 +77,7 @@ def repeat(
 
 
 def _repeated(
-    simulation: Simulation, record: Record, config: SimulationConfig, least_psnr_db: float
+    simulation: Simulation, record: RecordedSample, config: SimulationConfig, least_psnr_db: float
 ) -> bool:
     """Render a sample again, print how it compares, and return whether it is the same."""
     from oaisys_core.config import config_sha256
@@ -107,7 +109,7 @@ def _told(each: Comparison) -> str:
     return told + (", not judged" if each.is_equal else "")
 
 
-def _notes(record: Record, again: Sample) -> list[str]:
+def _notes(record: RecordedSample, again: Sample) -> list[str]:
     """Return what else there is to say: images that are not there, another renderer."""
     recorded = {(frame.sensor, frame.modality) for frame in record.frames}
     missing = [n for n in record.outline.frames if (n.sensor, n.modality) not in recorded]

@@ -295,6 +295,25 @@ class Sample:
         raise KeyError(f"no frame {sensor}/{modality}")
 
 
+def _as_rendered(frame: Frame) -> Frame:
+    return frame
+
+
+@dataclass(frozen=True)
+class RecordedSample:
+    """A sample as it was recorded.
+
+    Attributes:
+        outline: All that is known of it besides the images.
+        frames: The images that were recorded; there may be fewer than were rendered.
+        recorded: Does to a rendered frame what was done to it before it was recorded.
+    """
+
+    outline: SampleOutline
+    frames: tuple[Frame, ...]
+    recorded: Callable[[Frame], Frame] = _as_rendered
+
+
 SampleFramesCallback = Callable[[SampleOutline, tuple[Frame, ...]], None]
 """Called with frames of a sample as soon as they are ready; it may raise `CancelledError`."""
 

@@ -152,6 +152,13 @@ _STATE = (
     ),
     Interface(
         Kind.PUBLISHED,
+        "~/configuration",
+        "std_msgs/msg/String",
+        "The simulator's whole configuration as JSON, whose hash `~/sample_info` names.",
+        LATCHED,
+    ),
+    Interface(
+        Kind.PUBLISHED,
         "~/ready",
         "std_msgs/msg/Bool",
         "Whether a view can be asked for: launch files wait for it.",

@@ -4,16 +4,31 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+from geometry_msgs.msg import Pose as PoseMsg
 from std_msgs.msg import Header
 
 from oaisys_core.geometry import pose_from_matrix
-from oaisys_core.types import Frame, Provenance, Sample, SimulatorInfo
+from oaisys_core.types import (
+    Frame,
+    FrameName,
+    Pose,
+    Provenance,
+    Sample,
+    SampleOutline,
+    SimulatorInfo,
+)
 from oaisys_msgs.msg import SampleInfo, SensorPose
 from oaisys_ros_bridge.conversions import pose_to_msg
 
 
-def sample_info_msg(sample: Sample, header: Header) -> SampleInfo:
-    """Return the message that says what was rendered, from where, and how to repeat it."""
+def sample_info_msg(sample: Sample, header: Header, faults_json: str = "") -> SampleInfo:
+    """Return the message that says what was rendered, from where, and how to repeat it.
+
+    Args:
+        sample: Which.
+        header: Its stamp, and the frame of its poses.
+        faults_json: What was done to its depth before it was published; empty: nothing.
+    """
     frames: dict[str, list[Frame]] = {}
     for frame in sample.frames:
         frames.setdefault(frame.sensor, []).append(frame)
@@ -26,8 +41,29 @@ def sample_info_msg(sample: Sample, header: Header) -> SampleInfo:
         sensors=[_sensor_pose_msg(sensor, of_it) for sensor, of_it in frames.items()],
         render_time=sample.render_time_s,
         from_cache=sample.from_cache,
+        faults_json=faults_json,
         **how,
     )
+
+
+def outline_from_msg(msg: SampleInfo) -> SampleOutline:
+    """Return what a message says of a sample, as far as it does; see `sample_info_msg`."""
+    how = {field.name: getattr(msg, field.name) for field in fields(Provenance)}
+    names = [FrameName(sensor.sensor, m) for sensor in msg.sensors for m in sensor.modalities]
+    return SampleOutline(
+        batch_id=msg.batch_id,
+        sample_id=msg.sample_id,
+        rig_pose=_exact_pose(msg.rig_pose),
+        frames=tuple(names),
+        provenance=Provenance(**how),
+        from_cache=msg.from_cache,
+    )
+
+
+def _exact_pose(msg: PoseMsg) -> Pose:
+    """Return a pose to the last bit, as it was told."""
+    p, q = msg.position, msg.orientation
+    return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
 
 def batch_info_msg(info: SimulatorInfo, header: Header) -> SampleInfo:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -105,7 +107,9 @@ class SamplePublisher:
         """Say that all of a sample has been published."""
         self._traces.add(sample, stamp, options)
         header = Header(stamp=stamp, frame_id=self._map_frame)
-        self._sample_info.publish(sample_info_msg(sample, header))
+        faults = options.depth_faults
+        done = json.dumps(asdict(faults)) if faults.active else ""
+        self._sample_info.publish(sample_info_msg(sample, header, done))
 
     def _publish_mounts(self, base_frame: str) -> None:
         """Latch where each camera sits on the rig."""

@@ -60,6 +60,7 @@ class SimulatorLink:
     Attributes:
         initial_batch: Whether to build a first batch where there is none.
         building: Whether a batch is being built.
+        config_json: The server's configuration; empty: it was not found yet, or does not say.
         first_batch_error: Why there is no first batch although it was tried twice; empty: no
             such thing.
     """
@@ -77,6 +78,7 @@ class SimulatorLink:
         self.address = address
         self._tls = tls
         self.initial_batch = initial_batch
+        self.config_json = self._config_sha256 = ""
         self.building = False
         self.first_batch_error = ""
         self._turns = turns
@@ -224,7 +226,10 @@ class SimulatorLink:
         client = self._client
         if not client.is_ready(HEALTH_TIMEOUT_S):
             raise NotReadyError(f"no simulator serves at {self.address}")
-        return client, client.info()
+        info = client.info()
+        if info.config_sha256 != self._config_sha256:
+            self.config_json, self._config_sha256 = client.config_json(), info.config_sha256
+        return client, info
 
     def check(self) -> None:
         """Ask the server what it is, and build the first batch where there is none.

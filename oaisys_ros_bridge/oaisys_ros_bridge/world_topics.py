@@ -9,7 +9,7 @@ from typing import Any
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.timer import Timer
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 
 from oaisys_core.errors import NotReadyError
 from oaisys_core.types import SampleOutline, SimulatorInfo
@@ -38,6 +38,8 @@ class WorldTopics:
         self._repeater: Timer | None = None
         self._announced: tuple[str, int, int] | None = None
         self._batch = node.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
+        self._configuration = node.create_publisher(String, "~/configuration", LATCHED_QOS)
+        self._configured = ""
 
     def offer(self, info: SimulatorInfo) -> None:
         """Make the topics of a simulator; keep those that it shares with the one before."""
@@ -54,6 +56,13 @@ class WorldTopics:
                 self._repeater = self._node.create_timer(
                     1 / rate_hz, self._repeat_transforms, callback_group=group
                 )
+
+    def tell_configuration(self, config_json: str) -> None:
+        """Say once from what the worlds are drawn, so that a bag can be rendered again."""
+        with self._lock:
+            if config_json and config_json != self._configured:
+                self._configured = config_json
+                self._configuration.publish(String(data=config_json))
 
     def announce(self, info: SimulatorInfo) -> None:
         """Say once that another world stands: what was published before shows the old one."""

@@ -118,6 +118,7 @@ class BridgeNode(ParameterNode, ManagedNode):
                 raise
             self._link = link
             self._topics.offer(info)
+            self._topics.tell_configuration(link.config_json)
             link.start()
         else:
             self._topics.offer(_known(self._link))
@@ -326,6 +327,8 @@ class BridgeNode(ParameterNode, ManagedNode):
         """Follow what becomes of the simulator: offer its topics, announce its world."""
         if state.info is not None and self.state in (INACTIVE, ACTIVE):
             self._topics.offer(state.info)
+        if self._link is not None:
+            self._topics.tell_configuration(self._link.config_json)
         if state.info is not None and self.state == ACTIVE:
             self._topics.announce(state.info)
         self._publish_ready()

@@ -1,0 +1,138 @@
+"""A bag alone renders its samples again."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+from builtin_interfaces.msg import Time
+from rclpy.serialization import serialize_message
+from std_msgs.msg import Header, String
+
+from oaisys_core.config import canonical_json, config_from_mapping
+from oaisys_core.sensor_faults import DepthFaults, Shot, measured_frame
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata, Sample
+from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
+from oaisys_ros_bridge.conversions import image_to_msg
+from oaisys_ros_bridge.sample_info import outline_from_msg, sample_info_msg
+from oaisys_ros_bridge.sensor_topics import TOPIC_BY_MODALITY, encoding_of
+
+MODALITIES = ["rgb", "depth", "range", "semantic_0", "instance", "normal"]
+CAMERA = {"width_px": 24, "height_px": 18, "fx_px": 20.0, "fy_px": 20.0, "modalities": MODALITIES}
+NODE = "/robot/oaisys_bridge"
+FAULTS = DepthFaults(seed=3, noise="kinect", missing_ratio=0.1)
+
+
+class Recorded:
+    """A bag as the recorder writes it of a bridge in the namespace ``/robot``."""
+
+    def __init__(self, folder: Path, cameras: list[dict[str, Any]]) -> None:
+        world = {"backend": "analytic", "stage": {"resolution_px": 65, "extent_m": 30.0}}
+        self.config = config_from_mapping({**world, "sensors": {"cameras": cameras}})
+        self.prefixes = {c["name"]: c["name"] if len(cameras) > 1 else "camera" for c in cameras}
+        self.simulation = Simulation(self.config)
+        self.bag = BagWriter(folder)
+        self._at_ns = 0
+
+    def write(self, name: str, kind: str, message: Any) -> None:
+        qos = (qos_entry(depth=5, reliable=True, transient_local=False),)
+        self.bag.add_topic(RecordedTopic(name, kind, qos))
+        self._at_ns += 1000
+        self.bag.write(name, serialize_message(message), self._at_ns, self._at_ns)
+
+    def configuration(self) -> None:
+        told = String(data=canonical_json(self.config))
+        self.write(f"{NODE}/configuration", "std_msgs/msg/String", told)
+
+    def sample(self, sample: Sample, faults: DepthFaults | None = None, first: int = 0) -> None:
+        """Record a sample; ``first`` counts its images that are missing."""
+        stamp = Time(sec=sample.batch_id, nanosec=sample.sample_id)
+        header = Header(stamp=stamp, frame_id="map")
+        told = sample_info_msg(sample, header, json.dumps(asdict(faults)) if faults else "")
+        # What comes by other topics may be recorded in any order.
+        self.write(f"{NODE}/sample_info", "oaisys_msgs/msg/SampleInfo", told)
+        assert outline_from_msg(told) == sample.outline
+        for frame in sample.frames[first:]:
+            shot = Shot(sample.batch_id, sample.sample_id, frame.sensor)
+            seen = measured_frame(frame, faults or DepthFaults(), shot)
+            image = image_to_msg(seen.data, encoding_of(frame), header)
+            topic = TOPIC_BY_MODALITY.get(frame.modality, frame.modality)
+            name = f"/robot/{self.prefixes[frame.sensor]}/{topic}/image_raw"
+            self.write(name, "sensor_msgs/msg/Image", image)
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "oaisys_core", "repeat", *map(str, arguments)]
+    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
+
+
+def test_a_bag_repeats_all_of_its_samples_noise_included(tmp_path: Path) -> None:
+    recorded = Recorded(tmp_path / "bag", [{"name": "left", **CAMERA}, {"name": "right", **CAMERA}])
+    with recorded.bag:
+        recorded.configuration()
+        sim = recorded.simulation
+        sim.step_batch(ModuleMetadata(asset={"count_factor": 0.5}))
+        recorded.sample(sim.step_sample())
+        dusk = ModuleMetadata(environment={"sun_elevation_deg": 8})
+        recorded.sample(sim.step_sample(dusk), FAULTS)
+        sim.step_batch(reuse_stage=True)
+        recorded.sample(sim.step_sample(modalities=["depth", "instance"]), first=1)
+    done = run(tmp_path / "bag", "--all")
+    assert done.returncode == 0, done.stdout + done.stderr
+    heads = [line for line in done.stdout.splitlines() if line.startswith("batch")]
+    assert heads == [f"batch {b} sample {s}: equal" for b, s in ((1, 1), (1, 2), (2, 1))]
+    assert done.stdout.count(": equal, 432 pixels") == 12 + 12 + 3
+    assert "left/depth: not in the record" in done.stdout
+
+
+def test_a_bag_without_a_configuration_needs_one(tmp_path: Path) -> None:
+    recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
+    with recorded.bag:
+        recorded.simulation.step_batch()
+        sample = recorded.simulation.step_sample()
+        recorded.sample(sample)
+        sample = recorded.simulation.step_sample()
+        recorded.sample(sample, FAULTS)
+    (file,) = (tmp_path / "bag").glob("*.mcap")
+    refused = run(file)
+    assert refused.returncode == 2
+    assert "--config FILE" in refused.stderr
+    config = tmp_path / "config.yaml"
+    config.write_text(canonical_json(recorded.config))
+    assert "batch 1 sample 2: equal" in run(file, "--config", config).stdout
+    named = run(file, "--config", config, "--sample", "1/2", "--sample", "1/1")
+    assert named.returncode == 0, named.stdout
+
+
+def test_a_pixel_that_differs_in_a_bag_is_told(tmp_path: Path) -> None:
+    recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
+    with recorded.bag:
+        recorded.configuration()
+        recorded.simulation.step_batch()
+        sample = recorded.simulation.step_sample()
+        depth = sample.frame("front", "depth").data
+        depth.flags.writeable = True
+        depth[5, 5] += 0.25
+        recorded.sample(sample)
+    done = run(tmp_path / "bag")
+    assert done.returncode == 1
+    assert "front/depth: 1 of 432 pixels differ" in done.stdout
+
+
+@pytest.mark.parametrize("text", ["{", '{"loudness": 3}'])
+def test_faults_that_no_bridge_tells_are_refused(tmp_path: Path, text: str) -> None:
+    recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
+    with recorded.bag:
+        recorded.configuration()
+        recorded.simulation.step_batch()
+        told = sample_info_msg(recorded.simulation.step_sample(), Header(), text)
+        recorded.write(f"{NODE}/sample_info", "oaisys_msgs/msg/SampleInfo", told)
+    done = run(tmp_path / "bag")
+    assert done.returncode == 2
+    assert "faults_json" in done.stderr
