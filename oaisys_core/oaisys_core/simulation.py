@@ -18,6 +18,7 @@ from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
 from oaisys_core.batch import Batch
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
+from oaisys_core.height_grids import Extent, height_grid
 from oaisys_core.module import drawn
 from oaisys_core.module_set import DRAW_SHARE, ModuleSet
 from oaisys_core.modules.sensors import select
@@ -29,6 +30,7 @@ from oaisys_core.stage_store import StageRecord
 from oaisys_core.types import (
     FloatArray,
     FrameName,
+    HeightGrid,
     HeightQuery,
     ModuleMetadata,
     ObjectPage,
@@ -298,6 +300,26 @@ class Simulation:
         metadata = metadata or ModuleMetadata()
         self._modules.check(metadata, is_batch=False)
         return self._modules.assets.listed(batch.world, metadata.asset, query)
+
+    def height_grid(
+        self,
+        resolution_m: float,
+        extent_m: Extent | None = None,
+        progress: ProgressCallback = ignore_progress,
+    ) -> HeightGrid:
+        """Return the heights of ground and topmost surface on a grid.
+
+        Args:
+            resolution_m: Edge of a cell.
+            extent_m: (min_x, min_y, max_x, max_y) in ``map``; None: the whole stage.
+            progress: Told how far it is; may raise `CancelledError`.
+
+        Raises:
+            InvalidInputError: It would have no cells, or too many.
+            NotReadyError: Before the first batch.
+        """
+        extent_m = extent_m or drawn(self._current().world.ground).extent_m
+        return height_grid(resolution_m, extent_m, self.query_height, progress)
 
     def state(self) -> dict[str, Any]:
         """Return, as JSON-able data, all that another process needs to go on from here."""

@@ -87,8 +87,8 @@ class Channel:
 
     Attributes:
         stub: The unary calls as generated; its streams are not to be used.
-        render_sample, get_sample, ground_truth_mesh: The streams that bring arrays, whose chunks
-            come as `oaisys_grpc.messages.RawPart`.
+        render_sample, get_sample, ground_truth_mesh, height_field: The streams that bring arrays,
+            whose chunks come as `oaisys_grpc.messages.RawPart`.
         watch_operation: The stream of an operation's status.
     """
 
@@ -111,6 +111,7 @@ class Channel:
         self.ground_truth_mesh = self._stream(
             "GetGroundTruthMesh", parser(pb.GetGroundTruthMeshResponse)
         )
+        self.height_field = self._stream("GetHeightField", parser(pb.GetHeightFieldResponse))
         self.watch_operation = self._stream("WatchOperation", pb.WatchOperationResponse.FromString)
 
     def _stream(self, name: str, parsed: Callable[[bytes], Any]) -> Callable[..., Stream]:

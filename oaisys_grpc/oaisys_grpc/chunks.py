@@ -17,6 +17,7 @@ from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
 from oaisys_core.types import (
     Frame,
     FrameName,
+    HeightGrid,
     PinholeIntrinsics,
     Provenance,
     Sample,
@@ -250,6 +251,53 @@ def mesh_from_parts(
         raise OaisysError("the mesh is incomplete: vertices or triangles are missing")
     arrays = {name: assembly.array() for name, assembly in begun.items()}
     return TriangleMesh(**arrays)
+
+
+_HEIGHT_ARRAYS = ("ground_height_m", "surface_height_m")
+
+
+def heights_to_parts(grid: HeightGrid) -> Iterator[pb.GetHeightFieldResponse | RawChunk]:
+    """Yield a height grid's header and its arrays' chunks; inverse: `heights_from_parts`."""
+    encoded = [encodings.encoded(array, ()) for array in (grid.ground_m, grid.surface_m)]
+    x_m, y_m = grid.origin_xy_m
+    header = pb.HeightFieldHeader(
+        ground_height_m=encoded[0][0],
+        surface_height_m=encoded[1][0],
+        origin_x_m=x_m,
+        origin_y_m=y_m,
+        spacing_m=grid.spacing_m,
+    )
+    yield pb.GetHeightFieldResponse(header=header)
+    for index, (_, data) in enumerate(encoded):
+        yield from array_chunks(data, index)
+
+
+def heights_from_parts(
+    parts: Iterable[pb.GetHeightFieldResponse | RawChunk], limit: int = MAX_FRAME_BYTES
+) -> HeightGrid:
+    """Return the height grid whose parts these are.
+
+    Args:
+        limit: Most bytes that an array may have.
+
+    Raises:
+        OaisysError: Parts are missing, contradict each other, or are beyond the limit.
+    """
+    header: pb.HeightFieldHeader | None = None
+    begun: list[ArrayAssembly] = []
+    for part in parts:
+        if isinstance(part, pb.GetHeightFieldResponse) and part.HasField("header"):
+            header = part.header
+            begun = [ArrayAssembly(getattr(header, name), limit) for name in _HEIGHT_ARRAYS]
+            continue
+        chunk = part if isinstance(part, RawChunk) else part.chunk
+        if chunk.index >= len(begun):
+            raise OaisysError(f"a chunk of array {chunk.index} came without its header")
+        begun[chunk.index].add(chunk)
+    if header is None:
+        raise OaisysError("the height field is incomplete: its header has not come")
+    ground_m, surface_m = (assembly.array() for assembly in begun)
+    return HeightGrid(ground_m, surface_m, (header.origin_x_m, header.origin_y_m), header.spacing_m)
 
 
 _provenance = functools.lru_cache(maxsize=64)(conversions.provenance_to_proto)

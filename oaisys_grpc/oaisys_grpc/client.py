@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import (
+    HeightGrid,
     HeightQuery,
     ModuleMetadata,
     ObjectPage,
@@ -279,6 +280,26 @@ class SimulatorClient:
             request = pb.GetGroundTruthMeshRequest()
             with self._channel.ground_truth_mesh(request, timeout=self._timeout_s) as parts:
                 return chunks.mesh_from_parts(parts, self._max_array_bytes)
+
+    def height_grid(
+        self, resolution_m: float, extent_m: tuple[float, float, float, float] | None = None
+    ) -> HeightGrid:
+        """Return the heights of ground and topmost surface on a grid.
+
+        Args:
+            resolution_m: Edge of a cell.
+            extent_m: (min_x, min_y, max_x, max_y) in ``map``; None: the whole stage.
+        """
+        request = pb.GetHeightFieldRequest(resolution_m=resolution_m)
+        if extent_m is not None:
+            x0, y0, x1, y1 = extent_m
+            extent = pb.StageExtent(min_x_m=x0, min_y_m=y0, max_x_m=x1, max_y_m=y1)
+            request.extent.CopyFrom(extent)
+        with (
+            translated(),
+            self._channel.height_field(request, timeout=self._timeout_s) as parts,
+        ):
+            return chunks.heights_from_parts(parts, self._max_array_bytes)
 
     def query_height(self, points_m: ArrayLike) -> HeightQuery:
         """Return the heights under (N, 3) points in ``map``; NaN off the stage."""

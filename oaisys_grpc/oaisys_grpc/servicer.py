@@ -216,6 +216,21 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
                 yield part
 
     @_translated
+    def GetHeightField(
+        self, request: pb.GetHeightFieldRequest, context: Context
+    ) -> Iterator[pb.GetHeightFieldResponse | bytes]:
+        """Ask the worker for the heights and send them."""
+        extent = request.extent
+        extent_m = (extent.min_x_m, extent.min_y_m, extent.max_x_m, extent.max_y_m)
+        given = extent_m if request.HasField("extent") else None
+        arguments = {"resolution_m": request.resolution_m, "extent_m": given}
+        for part in chunks.heights_to_parts(self._asked("height_grid", arguments, context)):
+            if isinstance(part, RawChunk):
+                yield response(pb.GetHeightFieldResponse, part)
+            else:
+                yield part
+
+    @_translated
     def QueryHeight(
         self, request: pb.QueryHeightRequest, context: Context
     ) -> pb.QueryHeightResponse:

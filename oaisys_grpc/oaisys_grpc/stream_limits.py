@@ -17,6 +17,7 @@ LIMITS = {
     "RenderSample": 48,
     "GetSample": 16,
     "GetGroundTruthMesh": 8,
+    "GetHeightField": 8,
 }
 """By the call's name."""
 

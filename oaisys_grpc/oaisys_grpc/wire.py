@@ -34,6 +34,7 @@ _RECORDS = {
     for record in (
         types.Frame,
         types.FrameName,
+        types.HeightGrid,
         types.HeightQuery,
         types.ModuleMetadata,
         types.ObjectPage,

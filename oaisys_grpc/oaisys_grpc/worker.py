@@ -60,6 +60,7 @@ class Worker:
             "withdraw_sample": lambda _a, _r: self._ready().withdraw_sample(),
             "ground_truth_mesh": lambda _a, _r: self._ready().ground_truth_mesh(),
             "list_objects": lambda a, _r: self._ready().list_objects(**a),
+            "height_grid": lambda a, report: self._ready().height_grid(**a, progress=report),
             "query_height": lambda a, _r: self._ready().query_height(a["points_m"]),
         }
 

@@ -2,7 +2,10 @@
 
 import json
 import socket
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 
 import grpc
 import numpy as np
@@ -213,3 +216,45 @@ def test_bytes_that_are_no_grpc_do_no_harm(flat_server: Server) -> None:
     with flat_server.client() as client:
         client.wait_ready(PATIENCE_S)
         assert client.info().backend == "analytic"
+
+
+def test_height_fields_come_in_chunks_and_are_what_queries_say(
+    start_server: StartServer, tmp_path: Path
+) -> None:
+    with start_server(ROCKY_WORLD).client() as client:
+        client.step_batch()
+        x0, y0, x1, _ = client.info().stage_extent_m or (0, 0, 0, 0)
+        resolution_m = (x1 - x0) / 700  # more than one chunk of 1 MiB
+        grid = client.height_grid(resolution_m)
+        assert grid.ground_m.nbytes > 1 << 20
+        rows, columns = grid.ground_m.shape
+        row, column = np.random.default_rng(3).integers((rows, columns), size=(500, 2)).T
+        x = grid.origin_xy_m[0] + grid.spacing_m * column
+        y = grid.origin_xy_m[1] + grid.spacing_m * row
+        asked = client.query_height(np.column_stack((x, y, np.zeros(500))))
+        np.testing.assert_array_equal(grid.ground_m[row, column], np.float32(asked.ground_height_m))
+        top_m = np.float32(asked.surface_height_m)
+        np.testing.assert_array_equal(grid.surface_m[row, column], top_m)
+        assert (top_m > np.float32(asked.ground_height_m)).any()
+        part = client.height_grid(0.5, (x0 - 1, y0 - 1, x0 + 1, y0 + 1))
+        assert np.isnan(part.ground_m).sum() == 12
+        for resolution_m in (1e-6, 0.0, float("nan"), 5e-324):
+            with pytest.raises(InvalidInputError, match="resolution_m"):
+                client.height_grid(resolution_m)
+        with pytest.raises(InvalidInputError, match="extent_m"):
+            client.height_grid(1.0, (0, 0, 0, 0))
+
+
+def test_the_heights_of_a_server_are_written_by_the_command(
+    start_server: StartServer, tmp_path: Path
+) -> None:
+    server = start_server(FLAT_WORLD)
+    with server.client() as client:
+        client.step_batch()
+        out = tmp_path / "heights.npz"
+        command = [sys.executable, "-m", "oaisys_core", "heights", "--address", server.address]
+        subprocess.run([*command, "--out", str(out), "--resolution", "0.5"], check=True)
+        grid = client.height_grid(0.5)
+    with np.load(out) as found:
+        np.testing.assert_array_equal(found["ground_m"], grid.ground_m)
+        assert tuple(found["origin_xy_m"]) == grid.origin_xy_m

@@ -1,0 +1,80 @@
+"""Heights on a regular grid: how it lies, and what it costs before it is made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from math import ceil, isfinite
+
+import numpy as np
+
+from oaisys_core.backend.base import ProgressCallback
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import FloatArray, HeightGrid, HeightQuery, Progress
+
+MOST_CELLS = 4096 * 4096
+"""Of one grid: 128 MiB of heights."""
+
+BLOCK_CELLS = 1 << 18
+"""Looked up at a time."""
+
+Extent = tuple[float, float, float, float]
+"""(min_x, min_y, max_x, max_y) in ``map``, metres."""
+
+
+def grid_shape(resolution_m: float, extent_m: Extent) -> tuple[int, int]:
+    """Return the rows and columns of the cells that cover an extent.
+
+    Raises:
+        InvalidInputError: Resolution or extent make no grid, or one of more than `MOST_CELLS`.
+    """
+    if not (isfinite(resolution_m) and resolution_m > 0):
+        raise InvalidInputError("resolution_m", resolution_m, "a positive number of metres")
+    x0, y0, x1, y1 = extent_m
+    if not (all(map(isfinite, extent_m)) and x0 < x1 and y0 < y1):
+        raise InvalidInputError("extent_m", extent_m, "finite min_x, min_y < max_x, max_y")
+    # Compared as numbers before they become whole ones: quotients may be beyond any.
+    columns, rows = ((high - low) / resolution_m for low, high in ((x0, x1), (y0, y1)))
+    if not columns * rows <= MOST_CELLS or max(columns, rows) > MOST_CELLS:
+        least_m = ((x1 - x0) * (y1 - y0) / MOST_CELLS) ** 0.5
+        expected = f"at most {MOST_CELLS} cells: about {least_m:.3g} m or more for this extent"
+        raise InvalidInputError("resolution_m", resolution_m, expected)
+    return max(1, ceil(rows - 1e-6)), max(1, ceil(columns - 1e-6))
+
+
+def height_grid(
+    resolution_m: float,
+    extent_m: Extent,
+    query: Callable[[FloatArray], HeightQuery],
+    progress: ProgressCallback,
+) -> HeightGrid:
+    """Return the heights at the centres of the cells of an extent.
+
+    Args:
+        resolution_m: Edge of a cell.
+        extent_m: The first cell's corner is at its (min_x, min_y); the last ones may reach beyond.
+        query: Returns the heights under (N, 3) points.
+        progress: Told how far it is; may raise `CancelledError`.
+
+    Raises:
+        InvalidInputError: See `grid_shape`.
+    """
+    rows, columns = grid_shape(resolution_m, extent_m)
+    origin_m = (extent_m[0] + resolution_m / 2, extent_m[1] + resolution_m / 2)
+    ground_m = np.empty((rows, columns), np.float32)
+    surface_m = np.empty((rows, columns), np.float32)
+    x_m = origin_m[0] + resolution_m * np.arange(columns)
+    for first, last in _blocks(rows, columns):
+        y_m = origin_m[1] + resolution_m * np.arange(first, last)
+        points = np.zeros((last - first, columns, 3))
+        points[..., 0], points[..., 1] = x_m, y_m[:, None]
+        found = query(points.reshape(-1, 3))
+        ground_m[first:last] = found.ground_height_m.reshape(-1, columns)
+        surface_m[first:last] = found.surface_height_m.reshape(-1, columns)
+        progress(Progress("heights", last / rows))
+    return HeightGrid(ground_m, surface_m, origin_m, resolution_m)
+
+
+def _blocks(rows: int, columns: int) -> Iterator[tuple[int, int]]:
+    step = max(1, BLOCK_CELLS // columns)
+    for first in range(0, rows, step):
+        yield first, min(first + step, rows)
