@@ -75,6 +75,7 @@ def evaluate(
 
     from oaisys_mapping.mesh_io import read_ply
     from oaisys_mapping.metrics import Extras, evaluate_reconstruction
+    from oaisys_mapping.stages import StageLines
     from oaisys_mapping.thresholds import Thresholds
     from oaisys_mapping.truth_io import read_truth
     from oaisys_mapping.view_files import read_views
@@ -86,15 +87,17 @@ def evaluate(
         raise InvalidInputError("--tau", list(taus_m), "metres above 0")
     views = None if poses is None else read_views(poses)
     field = None if volume is None else _volume(volume, voxel_size)
-    evaluation = evaluate_reconstruction(
-        read_ply(mesh),
-        read_truth(truth),
-        views,
-        voxel_size,
-        max_range,
-        np.random.default_rng(seed),
-        Extras(taus_m, field),
-    )
+    with StageLines("measuring") as on_stage:
+        on_stage("reading the meshes")
+        evaluation = evaluate_reconstruction(
+            read_ply(mesh),
+            read_truth(truth),
+            views,
+            voxel_size,
+            max_range,
+            np.random.default_rng(seed),
+            Extras(taus_m, field, on_stage=on_stage),
+        )
     thresholds = Thresholds(
         max_rmse_m=max_rmse,
         min_completion=min_completion,

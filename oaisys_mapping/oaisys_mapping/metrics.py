@@ -32,6 +32,7 @@ from oaisys_mapping.semantics import (
     field_labels_at,
     labels_at,
 )
+from oaisys_mapping.stages import StageListener, ignore_stage
 from oaisys_mapping.true_surface import MOST_POINTS, OVERLAP, TrueSurface, true_surface
 from oaisys_mapping.visibility import View, raycasting_scene
 
@@ -158,12 +159,14 @@ class Extras:
         volume: The distance field that the mesh was taken from.
         labels: Names of semantic ids.
         classes: The classes that the mesh's were taken from: finer than a triangle's corners.
+        on_stage: Told what is being measured.
     """
 
     taus_m: Sequence[float] = ()
     volume: DistanceField | None = None
     labels: Mapping[int, str] | None = None
     classes: ClassField | None = None
+    on_stage: StageListener = ignore_stage
 
 
 def evaluate_reconstruction(
@@ -191,7 +194,8 @@ def evaluate_reconstruction(
         InvalidInputError: A mesh is empty, or the views see nothing of the truth.
     """
     _check_surface(mesh)
-    surface = true_surface(truth, views, voxel_size_m, max_range_m, rng)
+    on_stage = extras.on_stage if extras is not None else ignore_stage
+    surface = true_surface(truth, views, voxel_size_m, max_range_m, rng, on_stage)
     return evaluate_against(surface, mesh, voxel_size_m, rng, extras)
 
 
@@ -205,16 +209,19 @@ def evaluate_against(
     """Measure a reconstruction against a truth that was made ready; see the above."""
     _check_surface(mesh)
     extras = extras or Extras()
+    extras.on_stage("distances from the map to the truth")
     mesh_scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
     points = sample_surface(mesh.vertices_m, mesh.triangles, voxel_size_m, MOST_POINTS, rng)
     is_past = surface.past_the_rim(points.points_m)
     if not is_past.all():
         points = points.only(~is_past)
     to_truth_m = _distances(points.points_m, surface.scene)
+    extras.on_stage("distances from the truth to the map")
     to_mesh_m = _distances(surface.visible.points_m, mesh_scene)
     visible = Completeness(((to_mesh_m, surface.visible.area_m2),))
     unseen = [(_distances(p.points_m, mesh_scene), p.area_m2) for p in surface.unseen]
     everything = Completeness((*visible.parts, *unseen))
+    extras.on_stage("offset, holes and classes")
     offset_m = offset_to_truth(points.points_m, surface.scene, OFFSET_VOXELS * voxel_size_m)
     metrics = ReconstructionMetrics(
         voxel_size_m=voxel_size_m,

@@ -18,6 +18,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert, project, unproject
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints
+from oaisys_mapping.stages import StageListener, ignore_stage
 
 OCCLUSION_TOLERANCE = 1e-4
 """Share of the distance that a point may lie behind the first hit and still count as that hit."""
@@ -101,7 +102,12 @@ def visible_from_any(
 
 
 def views_seeing(
-    points: SurfacePoints, views: Sequence[View], scene: Any, max_range_m: float, enough: int
+    points: SurfacePoints,
+    views: Sequence[View],
+    scene: Any,
+    max_range_m: float,
+    enough: int,
+    on_stage: StageListener = ignore_stage,
 ) -> NDArray[np.uint8]:
     """Return (N,) how many of the views see a point of a surface, counted up to ``enough``.
 
@@ -114,9 +120,11 @@ def views_seeing(
         scene: `raycasting_scene` of the whole surface.
         max_range_m: Depth beyond which nothing is seen.
         enough: From 1 to 255.
+        on_stage: Told of each view.
     """
     times = np.zeros(len(points.points_m), np.uint8)
-    for view in views:
+    for number, view in enumerate(views, start=1):
+        on_stage(f"what view {number} of {len(views)} sees of the truth")
         candidates = np.flatnonzero(times < enough)
         candidates = candidates[_in_image(points, candidates, view, max_range_m)]
         times[candidates[_unoccluded(points.points_m[candidates], view, scene)]] += 1

@@ -87,12 +87,13 @@ def measure_and_certify(
     write_views(out / POSES_FILE, views)
     mesh = read_ply(out / MESH_FILE)
     voxel_size_m, rng = options.voxel_size_m, np.random.default_rng(info.seed)
-    surface = true_surface(truth, views, voxel_size_m, options.max_range_m, rng)
     taus_m = tuple(share * voxel_size_m for share in TAUS_VOXELS)
-    volume = _volume(options, mesh)
-    classes = volume if mesh.class_ids is not None else None
-    extras = Extras(taus_m, volume, info.semantic_labels, classes)
-    evaluation = evaluate_against(surface, mesh, voxel_size_m, rng, extras)
+    with reporter.stages("measuring") as on_stage:
+        surface = true_surface(truth, views, voxel_size_m, options.max_range_m, rng, on_stage)
+        volume = _volume(options, mesh)
+        classes = volume if mesh.class_ids is not None else None
+        extras = Extras(taus_m, volume, info.semantic_labels, classes, on_stage)
+        evaluation = evaluate_against(surface, mesh, voxel_size_m, rng, extras)
     faults = _challenged(frames, surface, thresholds, options, info.seed, reporter)
     statement = Statement(
         facts={**_facts(options, info), "world_seed": world_seed},

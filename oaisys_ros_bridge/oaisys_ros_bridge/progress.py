@@ -10,6 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from oaisys_mapping.stages import StageLines
+
 T = TypeVar("T")
 
 FILE_COLUMNS = 160
@@ -36,6 +38,10 @@ class Reporter:
         """Print one line, with the seconds since the start."""
         elapsed_s = time.monotonic() - self._started_s
         self._console.print(f"[{elapsed_s:6.1f} s] {sentence}", markup=False, soft_wrap=True)
+
+    def stages(self, what: str) -> StageLines:
+        """Return what shows the stages of a long computation, in a ``with`` block."""
+        return StageLines(what, self.say, self._console)
 
     def track(self, items: Sequence[T], what: str) -> Iterator[T]:
         """Yield the items, showing how many are done."""

@@ -4,17 +4,22 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from io import StringIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
+from oaisys_mapping import stages
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply, write_ply, write_truth
+from oaisys_mapping.metrics import Extras, evaluate_reconstruction
+from oaisys_mapping.truth_io import read_truth
 from oaisys_mapping.view_files import read_views, write_views
 from oaisys_mapping.visibility import View
 
@@ -47,6 +52,49 @@ def test_figures_are_printed_as_json(files: tuple[Path, Path], tmp_path: Path) -
     assert figures["rmse_m"] == pytest.approx(0.03, abs=1e-5)
     assert figures["closed"] is True
     assert figures["visible_from"] == "everywhere"
+
+
+def test_progress_is_told_on_standard_error_alone(files: tuple[Path, Path]) -> None:
+    mesh, truth = files
+    result = evaluate("--mesh", mesh, "--truth", truth)
+    assert result.stderr.splitlines()[0] == "measuring: reading the meshes"
+    assert json.loads(result.stdout)["closed"] is True
+
+
+def test_stages_name_each_view_and_what_is_measured(files: tuple[Path, Path]) -> None:
+    T_map_camera = np.diag([1.0, -1.0, -1.0, 1.0])
+    T_map_camera[2, 3] = 5.0
+    view = View(PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5), T_map_camera)
+    told: list[str] = []
+    evaluate_reconstruction(
+        read_ply(files[0]),
+        read_truth(files[1]),
+        [view, view],
+        0.1,
+        60.0,
+        np.random.default_rng(0),
+        Extras(on_stage=told.append),
+    )
+    assert told == [
+        "points on the truth",
+        "what view 1 of 2 sees of the truth",
+        "what view 2 of 2 sees of the truth",
+        "distances from the map to the truth",
+        "distances from the truth to the map",
+        "offset, holes and classes",
+    ]
+
+
+def test_lines_come_at_most_every_few_seconds_where_there_is_no_terminal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s, said = [0.0], []
+    monkeypatch.setattr(stages.time, "monotonic", lambda: now_s[0])
+    with stages.StageLines("measuring", said.append, Console(file=StringIO())) as on_stage:
+        for view in range(40):
+            now_s[0] = 0.5 * view
+            on_stage(f"view {view}")
+    assert said == [f"measuring: view {view}" for view in (0, 10, 20, 30)]
 
 
 def test_a_missed_threshold_is_exit_1(files: tuple[Path, Path]) -> None:
