@@ -8,6 +8,13 @@ import time
 from collections.abc import Callable
 
 from oaisys_core.errors import CancelledError, DeadlineExceededError
+from oaisys_grpc.worker_effort import Effort
+
+CANCEL_WORK_S = 0.8
+"""Of its busiest thread's time on a processor, for a worker to stop a sample that was cancelled."""
+
+CANCEL_IDLE_S = 2.0
+"""Without any time on a processor, for such a worker: it hangs."""
 
 _WATCH_S = 0.25
 
@@ -46,7 +53,9 @@ class Limit:
     """When a call must stop: when its owner says so, or when its time is over.
 
     A worker that does not stop within a grace period after its deadline is killed. One that was
-    only cancelled keeps its time, unless ``cancel_grace_s`` says otherwise.
+    only cancelled keeps its time, unless the call is worth a new worker: then it is killed once it
+    has worked for `CANCEL_WORK_S` since, or has not worked at all for `CANCEL_IDLE_S`. How long
+    that takes depends on what else the machine does.
     """
 
     def __init__(
@@ -54,13 +63,13 @@ class Limit:
         timeout_s: float,
         grace_s: float,
         cancelled: threading.Event,
-        cancel_grace_s: float = math.inf,
+        *,
+        worth_a_worker: bool = False,
     ) -> None:
         self._deadline_s = time.monotonic() + timeout_s
         self._grace_s = grace_s
         self._cancelled = cancelled
-        self._cancel_grace_s = cancel_grace_s
-        self._cancelled_s: float | None = None
+        self._worth_a_worker = worth_a_worker
 
     @property
     def cancelled(self) -> bool:
@@ -80,14 +89,17 @@ class Limit:
         """Whether the call must be cancelled."""
         return self._cancelled.is_set() or self.over
 
-    def must_kill(self) -> bool:
-        """Whether the worker had its chance."""
-        now_s = time.monotonic()
-        if self._cancelled.is_set():
-            self._cancelled_s = self._cancelled_s or now_s
-            if now_s >= self._cancelled_s + self._cancel_grace_s:
+    def must_kill(self, since_told: Effort | None) -> bool:
+        """Whether the worker had its chance.
+
+        Args:
+            since_told: What it has done since it was told to stop; None: it was not told yet.
+        """
+        if self._worth_a_worker and self._cancelled.is_set() and since_told is not None:
+            worked_s, idle_s = since_told.look()
+            if worked_s >= CANCEL_WORK_S or idle_s >= CANCEL_IDLE_S:
                 return True
-        return now_s >= self._deadline_s + self._grace_s
+        return time.monotonic() >= self._deadline_s + self._grace_s
 
     def error(self) -> CancelledError | DeadlineExceededError:
         """Return why the call was stopped."""

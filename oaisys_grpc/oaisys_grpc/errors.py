@@ -59,6 +59,8 @@ RETRY_DELAYS_S: dict[type[OaisysError], float] = {
 }
 """Errors that pass by themselves, and when it makes sense to ask again."""
 
+_LONGEST_HEADER = 1000
+
 _ERRORS_WITHOUT_NAME: dict[grpc.StatusCode, type[OaisysError]] = {
     grpc.StatusCode.FAILED_PRECONDITION: NotReadyError,
     grpc.StatusCode.NOT_FOUND: NotFoundError,
@@ -122,6 +124,12 @@ def abort(context: grpc.ServicerContext, error: OaisysError) -> NoReturn:
     """End a call with the status of an error."""
     context.abort_with_status(rpc_status.to_status(status_from_error(error)))
     raise AssertionError("abort_with_status returned")
+
+
+def printable(text: str) -> str:
+    """Return a text as a header may hold it: one line of printable ASCII, not too long."""
+    escaped = text.encode("ascii", "backslashreplace").decode()
+    return "".join(c if c.isprintable() else " " for c in escaped)[:_LONGEST_HEADER]
 
 
 def error_from_rpc(error: grpc.RpcError) -> OaisysError:

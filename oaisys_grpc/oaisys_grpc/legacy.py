@@ -17,6 +17,7 @@ from oaisys_core import geometry
 from oaisys_core.config.sensors import PosePolicy
 from oaisys_core.errors import OaisysError, QueueFullError
 from oaisys_core.types import ModuleMetadata, Pose
+from oaisys_grpc.errors import printable
 from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.operation import Kind, OperationStatus
 from oaisys_grpc.operations import Operations
@@ -36,7 +37,6 @@ ERROR_KEY = "oaisys-error"
 T_BLENDER_BASE = geometry.invert(geometry.T_LINK_OPTICAL @ geometry.T_OPTICAL_BLENDER)
 """Pose of ``base_link`` in the original's sensor base."""
 
-_LONGEST_ERROR = 1000
 _NOT_ADMITTED = ("queued", "started")
 """Stages of a sample's progress before its pose was looked at."""
 
@@ -251,7 +251,5 @@ def rig_pose_from_blender(message: pb.SensorModuleRequest.PoseType) -> Pose:
 
 
 def _tell(context: Context, error: OaisysError) -> None:
-    """Send the reason along, in what a header may hold: one line of printable ASCII."""
-    text = str(error).encode("ascii", "backslashreplace").decode()
-    printable = "".join(c if c.isprintable() else " " for c in text)
-    context.set_trailing_metadata(((ERROR_KEY, printable[:_LONGEST_ERROR]),))
+    """Send the reason along."""
+    context.set_trailing_metadata(((ERROR_KEY, printable(str(error))),))

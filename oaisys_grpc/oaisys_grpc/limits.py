@@ -12,6 +12,21 @@ MAX_REQUEST_BYTES = 4 * 1024 * 1024
 MAX_NAMES = 1000
 """Of sensors or modalities in one request."""
 
+MAX_ID_CHARACTERS = 256
+"""Of a request's id, which is kept after the operation has ended."""
+
+
+def request_id_of(given: str) -> str:
+    """Return the id that a client gave a request; empty where it gave none.
+
+    Raises:
+        InvalidInputError: It has more than `MAX_ID_CHARACTERS`.
+    """
+    if len(given) > MAX_ID_CHARACTERS:
+        expected = f"at most {MAX_ID_CHARACTERS} characters"
+        raise InvalidInputError("request_id", f"{len(given)} characters", expected)
+    return given
+
 
 def names(given: Sequence[str], field: str) -> tuple[str, ...]:
     """Return the names in a field of a request.

@@ -1,4 +1,7 @@
-"""Work for the worker: first in, first out, one at a time, with a record of each."""
+"""Work for the worker, one at a time, with a record of each.
+
+First in, first out for each connection; connections take turns.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ import secrets
 import threading
 import time
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from oaisys_core.errors import (
@@ -30,6 +33,12 @@ _LOG = logging.getLogger(__name__)
 
 QUEUE_LIMIT = 32
 """How many operations may wait."""
+
+QUEUE_LIMIT_OF_NEWCOMERS = 96
+"""How many may wait so that a connection of which none waits can still add one."""
+
+QUEUE_BYTES = 32 << 20
+"""Of all requests that wait together; one alone may have as many as a request may."""
 
 HISTORY_LIMIT = 256
 """How many operations are remembered after they ended."""
@@ -55,6 +64,8 @@ class Operations:
         self._known: OrderedDict[str, Operation] = OrderedDict()
         self._by_request: dict[str, Operation] = {}
         self._count = 0
+        self._turns = 0
+        self._served: dict[str, int] = {}
         self._lock = threading.Condition()
         self._closed = False
         self._ending = threading.Event()
@@ -109,10 +120,11 @@ class Operations:
                 return before
             if self._closed or self._ending.is_set():
                 raise ServerUnavailableError("the simulator is being ended")
-            overtaken = self._overtaken() if work.kind is Kind.BATCH else []
             self._waiting = deque(o for o in self._waiting if not o.status.state.ended)
-            if len(self._waiting) >= QUEUE_LIMIT:
-                raise QueueFullError(f"{QUEUE_LIMIT} operations wait already; try again later")
+            is_batch = work.kind is Kind.BATCH
+            ahead = [o for o in self._waiting if not (is_batch and o.work.kind is Kind.SAMPLE)]
+            _check_room(ahead, work)
+            overtaken = self._overtaken() if is_batch else []
             operation = self._record(work)
             self._waiting.append(operation)
             self._lock.notify_all()
@@ -170,8 +182,22 @@ class Operations:
             self._lock.wait_for(lambda: self._waiting or self._ending.is_set(), _WAKE_S)
             if not self._waiting:
                 return None
-            self._running = self._waiting.popleft()
+            self._running = self._first_of_next_peer()
             return self._running
+
+    def _first_of_next_peer(self) -> Operation:
+        """Take the first operation of the connection that was served longest ago.
+
+        None goes before a batch that was asked for earlier.
+        """
+        batches = (i for i, o in enumerate(self._waiting) if o.work.kind is Kind.BATCH)
+        candidates = [*self._waiting][: next(batches, len(self._waiting)) or 1]
+        operation = min(candidates, key=lambda o: self._served.get(o.work.peer, 0))
+        self._waiting.remove(operation)
+        self._turns += 1
+        self._served = {o.work.peer: self._served.get(o.work.peer, 0) for o in self._waiting}
+        self._served[operation.work.peer] = self._turns
+        return operation
 
     def _work_off(self, operation: Operation) -> None:
         work = operation.work
@@ -233,6 +259,18 @@ class Operations:
         overtaken = [o for o in candidates if o.work.kind is Kind.SAMPLE]
         self._waiting = deque(o for o in self._waiting if o.work.kind is not Kind.SAMPLE)
         return overtaken
+
+
+def _check_room(ahead: Sequence[Operation], work: Work) -> None:
+    """Refuse work where too much waits ahead of it."""
+    limit = QUEUE_LIMIT_OF_NEWCOMERS
+    if any(operation.work.peer == work.peer for operation in ahead):
+        limit = QUEUE_LIMIT
+    if len(ahead) >= limit:
+        raise QueueFullError(f"{len(ahead)} operations wait already; try again later")
+    waiting_bytes = sum(operation.work.request_bytes for operation in ahead)
+    if waiting_bytes + work.request_bytes > QUEUE_BYTES:
+        raise QueueFullError(f"{waiting_bytes} bytes of requests wait already; try again later")
 
 
 def _is_repeated(before: Operation, work: Work) -> bool:

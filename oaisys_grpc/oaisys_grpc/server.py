@@ -19,19 +19,22 @@ from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
 from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket
+from oaisys_grpc.health import TellingHealth
 from oaisys_grpc.legacy import LEGACY_SERVICE, LegacyServicer
 from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.limits import MAX_REQUEST_BYTES
-from oaisys_grpc.malformed import MalformedRequests
+from oaisys_grpc.malformed import GuardedCalls
 from oaisys_grpc.messages import add_servicer
+from oaisys_grpc.open_calls import OpenCalls
 from oaisys_grpc.operations import Operations
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2
 from oaisys_grpc.sample_store import SampleStore
 from oaisys_grpc.server_options import ServerOptions
 from oaisys_grpc.servicer import SimulatorServicer
-from oaisys_grpc.stream_limits import THREADS, StreamLimits
+from oaisys_grpc.stream_limits import THREADS
 from oaisys_grpc.supervisor import Supervisor
+from oaisys_grpc.worker_folder import remove_abandoned
 
 _LOG = logging.getLogger(__name__)
 
@@ -42,6 +45,22 @@ HEALTH_NAMES = ("", SERVICE, LEGACY_SERVICE)
 _LOOK_UP_MS = 200
 _STOP_S = 1.0
 _WORKER_END_S = 0.8
+_CALLS_END_S = 0.5
+"""For calls to notice that they were cancelled."""
+
+_LAST_S = 4.8
+"""From the end being asked for until the process exits, whatever still runs in it."""
+
+_CONNECTION_OPTIONS = (
+    # A client that was stopped, or whose machine is gone, is found out within half a minute.
+    ("grpc.keepalive_time_ms", 20_000),
+    ("grpc.keepalive_timeout_ms", 10_000),
+    ("grpc.keepalive_permit_without_calls", 1),
+    # Clients of ours, and gRPC's own, may ask as often for signs of life.
+    ("grpc.http2.min_ping_interval_without_data_ms", 5_000),
+    ("grpc.server_handshake_timeout_ms", 10_000),
+    ("grpc.max_concurrent_streams", 100),
+)
 
 
 class SimulatorServer:
@@ -66,9 +85,10 @@ class SimulatorServer:
             InvalidInputError: A certificate or key cannot be used.
         """
         self._options = options
-        self._health = health.HealthServicer(experimental_non_blocking=True)
+        self._health = TellingHealth()
         self._set_ready(False)
         self._supervisor = Supervisor(config, options, self._set_ready)
+        self._health.why_not = lambda: self._supervisor.refusal
         self._samples = SampleStore()
         self._operations = Operations(self._supervisor, self._samples)
         self._on_end = on_end
@@ -90,10 +110,12 @@ class SimulatorServer:
             ("grpc.http2.write_buffer_size", 16 << 20),
             ("grpc.http2.bdp_probe", 0),
             ("grpc.max_receive_message_length", MAX_REQUEST_BYTES),
+            *_CONNECTION_OPTIONS,
         ]
+        self._calls = OpenCalls()
         self._server = grpc.server(
             ThreadPoolExecutor(THREADS, "rpc"),
-            interceptors=[MalformedRequests(), StreamLimits()],
+            interceptors=[GuardedCalls(self._calls)],
             options=channel_options,
         )
         self._add_services()
@@ -101,6 +123,7 @@ class SimulatorServer:
 
     def start(self) -> Future[None]:
         """Answer calls; return what is done once the worker is ready, or has failed to start."""
+        remove_abandoned()
         if self._options.worker_log_folder is not None:
             self._supervisor.log.open(self._options.worker_log_folder, self.address)
         self._server.start()
@@ -120,8 +143,10 @@ class SimulatorServer:
         self._legacy.close()
         self._runner.join(0.0 if at_once() else _WORKER_END_S)
         self._supervisor.strike()
-        self._runner.join()
-        stopped.wait()
+        self._runner.join(_WORKER_END_S)
+        if not stopped.wait(_STOP_S + _CALLS_END_S):
+            _LOG.warning("calls of clients did not end; they are left")
+        self._calls.close()
         remove_socket(self.address)
 
     def _add_services(self) -> None:
@@ -211,11 +236,26 @@ def serve(
         end.wait()
         asked = not started.done()
     finally:
+        _exit_at_last(started)
         server.stop(lambda: end.repeated)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
     if not asked and (failure := started.exception()):
         raise failure
+
+
+def _exit_at_last(started: Future[None]) -> None:
+    """Have the process exit soon, even where a thread of a call, or of a library, does not end."""
+    failed = started.done() and started.exception() is not None
+
+    def leave() -> None:
+        _LOG.warning("something did not end within %g s; the process exits without it", _LAST_S)
+        logging.shutdown()
+        os._exit(1 if failed else 0)
+
+    timer = threading.Timer(_LAST_S, leave)
+    timer.daemon = True
+    timer.start()
 
 
 class EndRequest:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import functools
+import hashlib
 import inspect
 import threading
 from collections.abc import Callable, Iterator
@@ -13,11 +14,11 @@ from typing import Any
 import grpc
 import numpy as np
 
-from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError
 from oaisys_core.types import FrameName, ModuleMetadata, TriangleMesh
 from oaisys_grpc import chunks, conversions
 from oaisys_grpc.errors import abort
-from oaisys_grpc.limits import names
+from oaisys_grpc.limits import names, request_id_of
 from oaisys_grpc.messages import RawChunk, response
 from oaisys_grpc.object_messages import page_to_proto, query_from_proto
 from oaisys_grpc.operation import Kind, OperationStatus, State, status_to_proto
@@ -113,7 +114,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         return message
 
     @_translated
-    def StepBatch(self, request: pb.StepBatchRequest, _context: Context) -> pb.StepBatchResponse:
+    def StepBatch(self, request: pb.StepBatchRequest, context: Context) -> pb.StepBatchResponse:
         """Enqueue a batch."""
         work = Work(
             kind=Kind.BATCH,
@@ -124,17 +125,20 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
                 "reuse_stage": request.reuse_stage,
             },
             timeout_s=_operation_timeout_s(request),
-            request_id=request.request_id,
+            request_id=request_id_of(request.request_id),
             body=_body(request),
             like=("batch", request.reuse_stage),
+            request_bytes=request.ByteSize(),
+            peer=context.peer(),
         )
         operation = self._operations.submit(work)
         return pb.StepBatchResponse(operation=self._status(operation))
 
     @_translated
-    def StepSample(self, request: pb.StepSampleRequest, _context: Context) -> pb.StepSampleResponse:
+    def StepSample(self, request: pb.StepSampleRequest, context: Context) -> pb.StepSampleResponse:
         """Enqueue a sample."""
-        operation = self._operations.submit(_sample_work(request, _operation_timeout_s(request)))
+        work = _sample_work(request, _operation_timeout_s(request), context)
+        operation = self._operations.submit(work)
         return pb.StepSampleResponse(operation=self._status(operation))
 
     @_translated
@@ -183,7 +187,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self, request: pb.RenderSampleRequest, context: Context
     ) -> Iterator[pb.RenderSampleResponse | bytes]:
         """Enqueue a sample; send its progress, and its frames as soon as they are ready."""
-        operation = self._operations.submit(_sample_work(request, _remaining_s(context)))
+        operation = self._operations.submit(_sample_work(request, _remaining_s(context), context))
         sender = SampleSender(self._granted(request))
         with operation.followed():
             for event in operation.events(_gone(context), STATUS_PATIENCE_S):
@@ -264,19 +268,25 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
 
     def _asked(self, method: str, arguments: dict[str, Any], context: Context) -> Any:
         """Enqueue a question, wait, and return the worker's answer."""
-        operation = self._operations.submit(Work(None, method, arguments, _remaining_s(context)))
+        work = Work(None, method, arguments, _remaining_s(context), peer=context.peer())
+        operation = self._operations.submit(work)
         with operation.followed():
             for _ in operation.changes(_gone(context)):
                 pass
-            if operation.status.error is not None:
-                raise operation.status.error
+            status = operation.status
+            if status.error is not None:
+                raise status.error
+            if status.state is not State.SUCCEEDED:
+                raise CancelledError("the caller is gone")  # whom nobody can answer
             return operation.result
 
     def _status(self, operation: Operation, status: OperationStatus | None = None) -> pb.Operation:
         return status_to_proto(self._operations.timed(operation, status or operation.status))
 
 
-def _sample_work(request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float) -> Work:
+def _sample_work(
+    request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float, context: Context
+) -> Work:
     metadata = _metadata(request)
     quality = str(((metadata and metadata.render) or {}).get("quality", ""))
     return Work(
@@ -288,9 +298,11 @@ def _sample_work(request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout
             "sensors": names(request.sensors, "sensors"),
         },
         timeout_s=timeout_s,
-        request_id=request.request_id,
+        request_id=request_id_of(request.request_id),
         body=_body(request),
-        like=("sample", tuple(request.modalities), tuple(request.sensors), quality),
+        like=("sample", hash((*request.modalities, "", *request.sensors, "", quality))),
+        request_bytes=request.ByteSize(),
+        peer=context.peer(),
     )
 
 
@@ -306,12 +318,13 @@ def _metadata(
 
 
 def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest) -> bytes:
-    """Return the request as bytes that are equal for equal requests, however they are answered."""
+    """Return a digest that is equal for equal requests, however they are answered."""
     if isinstance(request, pb.RenderSampleRequest) and request.HasField("transfer"):
         asked, request = request, pb.RenderSampleRequest()
         request.CopyFrom(asked)
         request.ClearField("transfer")
-    return request.DESCRIPTOR.name.encode() + request.SerializeToString(deterministic=True)
+    content = request.DESCRIPTOR.name.encode() + request.SerializeToString(deterministic=True)
+    return hashlib.sha256(content).digest()
 
 
 def _operation_timeout_s(request: pb.StepBatchRequest | pb.StepSampleRequest) -> float:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator
+import contextlib
+from collections.abc import Iterator
 from typing import Any
 
-import grpc
-
 from oaisys_core.errors import QueueFullError
-from oaisys_grpc.errors import abort
-from oaisys_grpc.operations import QUEUE_LIMIT
+from oaisys_grpc.open_calls import CROWDED_REQUESTS, MOST_WAITING, OpenCall, Slots, when_over
+from oaisys_grpc.operations import QUEUE_LIMIT_OF_NEWCOMERS
 
 LIMITS = {
     "WatchOperation": 64,
@@ -18,62 +16,69 @@ LIMITS = {
     "GetSample": 16,
     "GetGroundTruthMesh": 8,
     "GetHeightField": 8,
+    "Watch": 32,
+    "GetFrame": 32,
 }
-"""By the call's name."""
+"""By the call's name; all stream but GetFrame, whose answer may be as large."""
 
 LIMIT_OF_OTHERS = 8
 """Of all other streams together, such as those of reflection."""
 
+SHARE_OF_CONNECTION = 0.75
+"""Of each limit: what one connection may have."""
+
 _RESERVE = 24
 """Threads for calls that answer at once: health, cancelling, asking how things stand."""
 
-THREADS = sum(LIMITS.values()) + LIMIT_OF_OTHERS + QUEUE_LIMIT + _RESERVE
-"""Of a server: one for each stream, and for each unary call that waits for the worker."""
+THREADS = (
+    sum(LIMITS.values())
+    + LIMIT_OF_OTHERS
+    + MOST_WAITING * (len(LIMITS) + 1)
+    + QUEUE_LIMIT_OF_NEWCOMERS
+    + 2 * CROWDED_REQUESTS
+    + _RESERVE
+)
+"""Of a server: for each stream, each unary call that waits for the worker, and each call whose
+request is still to come."""
 
-Handler = Any
-"""A ``grpc.RpcMethodHandler``, or None for a call that nobody serves."""
 
-
-class StreamLimits(grpc.ServerInterceptor):
-    """Ends streaming calls that are too many with RESOURCE_EXHAUSTED, and the threads stay free."""
+class StreamLimits:
+    """Refuses streaming calls that are too many, and the threads stay free."""
 
     def __init__(self) -> None:
-        self._slots = {name: threading.Semaphore(limit) for name, limit in LIMITS.items()}
-        self._others = threading.Semaphore(LIMIT_OF_OTHERS)
+        self._slots = {name: _slots(limit) for name, limit in LIMITS.items()}
+        self._others = _slots(LIMIT_OF_OTHERS)
 
-    def intercept_service(
-        self,
-        continuation: Callable[[grpc.HandlerCallDetails], Handler],
-        handler_call_details: grpc.HandlerCallDetails,
-    ) -> Handler:
-        """Return the call's handler, which takes a slot first if it streams."""
-        handler = continuation(handler_call_details)
-        if handler is None or not handler.response_streaming:
-            return handler
-        behavior: Any = handler.stream_stream or handler.unary_stream
-        if getattr(behavior, "experimental_non_blocking", False):
-            return handler  # health's: it holds no thread
-        make: Any = grpc.unary_stream_rpc_method_handler
-        if handler.request_streaming:
-            make = grpc.stream_stream_rpc_method_handler
-        name = handler_call_details.method.rpartition("/")[2]
-        limited: Handler = make(
-            _limited(behavior, self._slots.get(name, self._others), name),
-            request_deserializer=handler.request_deserializer,
-            response_serializer=handler.response_serializer,
-        )
-        return limited
+    @contextlib.contextmanager
+    def slot(self, call: OpenCall) -> Iterator[None]:
+        """Hold a place for a call.
 
-
-def _limited(
-    behavior: Callable[..., Iterator[Any]], slots: threading.Semaphore, name: str
-) -> Callable[..., Iterator[Any]]:
-    def stream(request: Any, context: grpc.ServicerContext) -> Iterator[Any]:
-        if not slots.acquire(blocking=False):
-            abort(context, QueueFullError(f"too many calls of {name} at a time; try again later"))
+        Raises:
+            QueueFullError: There is none.
+        """
+        slots = self._slots.get(call.name, self._others)
+        _take(slots, call)
         try:
-            yield from behavior(request, context)
+            yield
         finally:
-            slots.release()
+            slots.release(call)
 
-    return stream
+    def take(self, call: OpenCall, context: Any) -> None:
+        """Take a place for a call that answers once, where its kind is limited, until its end.
+
+        Raises:
+            QueueFullError: There is none.
+        """
+        slots = self._slots.get(call.name)
+        if slots is not None:
+            _take(slots, call)
+            when_over(context, lambda: slots.release(call))
+
+
+def _take(slots: Slots, call: OpenCall) -> None:
+    if not slots.take(call):
+        raise QueueFullError(f"too many calls of {call.name} at a time; try again later")
+
+
+def _slots(limit: int) -> Slots:
+    return Slots(limit, int(SHARE_OF_CONNECTION * limit))

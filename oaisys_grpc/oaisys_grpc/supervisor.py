@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import collections
 import logging
-import math
 import threading
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
@@ -26,6 +23,7 @@ from oaisys_core.types import (
     ignore_progress,
     ignore_sample_frames,
 )
+from oaisys_grpc.breaker import Breaker
 from oaisys_grpc.call_limit import Limit
 from oaisys_grpc.faults import Fault, error_from_fault
 from oaisys_grpc.server_options import ServerOptions
@@ -39,15 +37,8 @@ _LOG = logging.getLogger(__name__)
 START_TIMEOUT_S = 300.0
 """For a worker to load Blender and to build the world that stood before."""
 
-CANCEL_GRACE_S = 0.8
-"""For a worker to stop a sample that was cancelled, before another one takes its place."""
-
 WITHDRAW_TIMEOUT_S = 10.0
 """For a worker to bring back what was before a sample."""
-
-CRASHES_ALLOWED = 3
-CRASH_WINDOW_S = 60.0
-"""So many crashes within so many seconds, and no new worker is started."""
 
 
 _ENDING = "the server was told to end"
@@ -84,8 +75,8 @@ class Supervisor:
         self._needed_bytes = 0
         self._state: str | None = None
         self._info: SimulatorInfo | None = None
-        self._crashes_s: collections.deque[float] = collections.deque(maxlen=CRASHES_ALLOWED)
-        self._broken: OaisysError | None = None
+        self._breaker = Breaker()
+        self._ended = False
         self._struck = threading.Event()
         self.restarts = 0
         self.recycles = 0
@@ -133,8 +124,8 @@ class Supervisor:
             DeadlineExceededError: It took more than ``timeout_s``.
             BackendUnavailableError: Workers died too often.
         """
-        cancel_grace_s = CANCEL_GRACE_S if method == SAMPLE_METHOD else math.inf
-        limit = Limit(timeout_s, self._options.grace_s, cancelled, cancel_grace_s)
+        is_sample = method == SAMPLE_METHOD
+        limit = Limit(timeout_s, self._options.grace_s, cancelled, worth_a_worker=is_sample)
         self.tend()
         if limit.must_stop():
             raise limit.error()
@@ -145,11 +136,13 @@ class Supervisor:
         except OaisysError as error:
             failure = error
         if limit.must_stop():
-            if failure is None and method == SAMPLE_METHOD:
+            if failure is None and is_sample:
                 self.withdraw()
             raise limit.error()
         if failure is not None:
             raise failure
+        if is_sample:
+            self._breaker.worked()
         return answer["value"]
 
     def withdraw(self) -> None:
@@ -203,8 +196,8 @@ class Supervisor:
     def _see_to_worker(self) -> None:
         if self._worker is not None and not self._worker.alive:
             self._lost(WorkerLostError(f"idle: {self._worker.last_words()}"))
-        if self._broken is not None:
-            raise BackendUnavailableError(f"no worker runs any more: {self._broken}")
+        if (refusal := self.refusal) is not None:
+            raise refusal
         if self._worker is None:
             self.restarts += 1
             self._start_another()
@@ -217,7 +210,7 @@ class Supervisor:
             raise
         except OaisysError as error:
             self._on_ready(False)
-            self._broken = error
+            self._breaker.pause(error)
             raise
 
     def _has_grown(self, worker: WorkerProcess) -> bool:
@@ -235,6 +228,13 @@ class Supervisor:
         return True
 
     @property
+    def refusal(self) -> BackendUnavailableError | None:
+        """Why no worker runs, and when one will; None where one does, or is being started."""
+        if self._ended:
+            return BackendUnavailableError("no worker runs any more: the simulator has been ended")
+        return self._breaker.refusal
+
+    @property
     def info(self) -> SimulatorInfo:
         """What the simulator was when it last said so."""
         if self._info is None:
@@ -244,7 +244,7 @@ class Supervisor:
     def end(self) -> None:
         """End the worker; none is started any more."""
         self._on_ready(False)
-        self._broken = self._broken or BackendUnavailableError("the simulator has been ended")
+        self._ended = True
         if self._worker is not None:
             self._worker.end()
         self.log.close()
@@ -275,9 +275,4 @@ class Supervisor:
 
     def _lost(self, error: OaisysError) -> None:
         self._drop(error)
-        now_s = time.monotonic()
-        self._crashes_s.append(now_s)
-        oldest_s = self._crashes_s[0]
-        if len(self._crashes_s) == CRASHES_ALLOWED and now_s - oldest_s < CRASH_WINDOW_S:
-            self._broken = error
-            _LOG.error("%d crashes within %g s: giving up", CRASHES_ALLOWED, CRASH_WINDOW_S)
+        self._breaker.crashed(error)

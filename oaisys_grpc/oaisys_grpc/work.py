@@ -11,6 +11,7 @@ from typing import Any
 
 from oaisys_core.errors import CancelledError, DeadlineExceededError, OaisysError
 from oaisys_core.types import Frame, FrameName, Progress, Sample, SampleOutline
+from oaisys_grpc.faults import error_from_fault, fault_from_error
 from oaisys_grpc.operation import Kind, OperationStatus, State
 
 _LOOK_S = 0.25
@@ -29,8 +30,10 @@ class Work:
         method, arguments: The worker's.
         timeout_s: From now until it must have ended, waiting included.
         request_id: The caller's; empty where it gave none.
-        body: The whole request, to tell a repeated one from another with its id.
+        body: Digest of the request, to tell a repeated one from another with its id.
         like: Equal for work that takes about as long.
+        request_bytes: Size of the request; what waits is bounded by it.
+        peer: The connection that it came by; connections take turns.
     """
 
     kind: Kind | None
@@ -40,6 +43,8 @@ class Work:
     request_id: str = ""
     body: bytes = b""
     like: Hashable = None
+    request_bytes: int = 0
+    peer: str = ""
 
 
 @dataclass
@@ -62,6 +67,8 @@ class Operation:
             if self.status.state.ended:
                 return False
             self.status = replace(self.status, **changes)
+            if self.status.state.ended:  # it is remembered, but what was asked for is not
+                self.work = replace(self.work, arguments={})
             self._changed.notify_all()
             return True
 
@@ -170,8 +177,10 @@ class Operation:
         return self.status.state.ended or len(self._frames) > sent
 
     def _end(self, state: State, error: OaisysError) -> bool:
+        """End it with an error, cut to what a client is told of it."""
         with self._changed:
-            ended = self.update(state=state, error=error)
+            told = error_from_fault(fault_from_error(error))
+            ended = self.update(state=state, error=told)
             if ended:
                 self._drop_frames()
             return ended

@@ -28,6 +28,7 @@ from typing import Any
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.paths import AssetRoots, confined
 from oaisys_core.errors import CancelledError, NotReadyError, OaisysError, RenderError
+from oaisys_core.interruption import interruptible
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, Progress, Sample, SampleOutline, SimulatorInfo
 from oaisys_grpc import fault_injection
@@ -101,7 +102,7 @@ class Worker:
         answer: Message = {"id": number}
         try:
             reporter = _Reporter(self._connection, number, self._cancelled, self._placement)
-            with confined(self._roots):
+            with confined(self._roots), interruptible(reporter.stop_if_cancelled):
                 answer["value"] = self._methods[call["method"]](call["arguments"], reporter)
         except OaisysError as error:
             answer["fault"] = vars(fault_from_error(error))
@@ -182,7 +183,7 @@ class _Reporter:
         self._has_sent = False
 
     def __call__(self, progress: Progress) -> None:
-        self._stop_if_cancelled()
+        self.stop_if_cancelled()
         now_s = time.monotonic()
         if progress.stage == self._last_stage and now_s - self._last_s < _PROGRESS_PERIOD_S:
             return
@@ -191,7 +192,7 @@ class _Reporter:
 
     def frames(self, outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
         """Tell the server frames that are ready; the last ones go with the answer."""
-        self._stop_if_cancelled()
+        self.stop_if_cancelled()
         self._told += len(frames)
         if self._told == len(outline.frames):
             self.last_frames = frames
@@ -204,7 +205,8 @@ class _Reporter:
             self._has_sent = True
             fault_injection.strike_late(self)
 
-    def _stop_if_cancelled(self) -> None:
+    def stop_if_cancelled(self) -> None:
+        """Raise where the call was cancelled, or its time is over."""
         if self._call in self._cancelled:
             raise CancelledError("cancelled by the caller")
 

@@ -12,7 +12,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -30,6 +29,8 @@ from oaisys_core.errors import (
 from oaisys_core.types import Progress, SampleFramesCallback, ignore_sample_frames
 from oaisys_grpc.call_limit import Limit, Watchdog
 from oaisys_grpc.wire import Connection, Message
+from oaisys_grpc.worker_effort import Effort
+from oaisys_grpc.worker_folder import WorkerFolder
 from oaisys_grpc.worker_log import WorkerLog
 from oaisys_grpc.worker_memory import MEGABYTE, resident_bytes
 
@@ -49,7 +50,6 @@ _END_S = 1.0
 _LAST_WORDS_S = 5.0
 """For a process that has closed its connection to end by itself, and so to say why."""
 
-_FOLDER = "oaisys-worker-"
 _OTHER_ENVIRONMENTS = ("LD_LIBRARY_PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX")
 """Of this interpreter's environment; another interpreter must not get them."""
 
@@ -71,7 +71,7 @@ class WorkerProcess:
             BackendUnavailableError: ``python`` cannot be run.
         """
         # Blender's own temporary files would stay behind when it is killed.
-        self._folder = tempfile.TemporaryDirectory(prefix=_FOLDER, ignore_cleanup_errors=True)
+        self._folder = WorkerFolder()
         ours, theirs = socket.socketpair()
         with theirs:
             self._process = self._start(python, theirs.fileno())
@@ -98,7 +98,7 @@ class WorkerProcess:
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
                 pass_fds=[descriptor],
-                env={**worker_environment(python, os.environ), "TMPDIR": self._folder.name},
+                env={**worker_environment(python, os.environ), "TMPDIR": str(self._folder.path)},
                 process_group=0,
             )
         except OSError as error:
@@ -132,16 +132,16 @@ class WorkerProcess:
         """
         self._calls += 1
         number = self._calls
-        told = False
+        since_told: Effort | None = None
         self._watchdog.arm(limit.left_s())
         try:
             call = {"type": "call", "id": number, "method": method, "arguments": arguments}
             self._connection.send(call)
             while True:
-                if not told and limit.must_stop():
+                if since_told is None and limit.must_stop():
                     self._connection.send({"type": "cancel", "id": number})
-                    told = True
-                if limit.must_kill():
+                    since_told = Effort(self.pid)
+                if limit.must_kill(since_told):
                     self.kill()
                     raise _killed(method, limit)
                 self._check_memory(method)
@@ -157,7 +157,7 @@ class WorkerProcess:
                 else:
                     progress(Progress(message["stage"], message["fraction"]))
         except (EOFError, OSError) as error:
-            if limit.must_kill():
+            if limit.must_kill(since_told):
                 self.kill()
                 raise _killed(method, limit) from error
             raise WorkerLostError(f"{method}: {self.last_words()}") from error
@@ -189,7 +189,7 @@ class WorkerProcess:
         self.strike()
         self._process.wait()
         self._connection.close()
-        self._folder.cleanup()
+        self._folder.remove()
 
     def resident_bytes(self) -> int:
         """Return how much memory it holds."""

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import grpc
 import pytest
+from attacks import own_channel
 from served_simulator import FLAT_WORLD, PATIENCE_S, Server, code_of
 
 from oaisys_core.errors import (
@@ -25,7 +26,7 @@ from oaisys_grpc.operations import QUEUE_LIMIT
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.sample_store import MAX_SAMPLES
-from oaisys_grpc.stream_limits import LIMITS
+from oaisys_grpc.stream_limits import LIMITS, SHARE_OF_CONNECTION
 
 POSES = [pose_looking_down(-10 + i, 5 - i / 2, 4 + i / 4) for i in range(20)]
 
@@ -159,15 +160,20 @@ def test_many_streams_leave_room_for_calls_that_answer_at_once(
     name = slow_client.start_sample(POSES[0])
     rendering(slow_client, name)
     limit = LIMITS["WatchOperation"]
-    with grpc.insecure_channel(slow_server.address) as channel:
-        stub = simulator_pb2_grpc.SimulatorServiceStub(channel)
+    share = int(SHARE_OF_CONNECTION * limit)
+    with own_channel(slow_server.address) as channel, own_channel(slow_server.address) as second:
+        stubs = [simulator_pb2_grpc.SimulatorServiceStub(each) for each in (channel, second)]
         request = pb.WatchOperationRequest(name=name)
-        watches = [stub.WatchOperation(request, timeout=PATIENCE_S) for _ in range(limit)]
+        watches = [
+            stub.WatchOperation(request, timeout=PATIENCE_S)
+            for stub, count in zip(stubs, (share, limit - share), strict=True)
+            for _ in range(count)
+        ]
         for watch in watches:
             assert next(watch).operation.name == name
         for _ in range(20):
             with pytest.raises(grpc.RpcError) as refused:
-                next(stub.WatchOperation(request, timeout=PATIENCE_S))
+                next(stubs[0].WatchOperation(request, timeout=PATIENCE_S))
             assert isinstance(error_from_rpc(refused.value), QueueFullError)
         assert slow_client.is_ready(PATIENCE_S)
         assert slow_client.cancel_operation(name).state is State.CANCELLED
@@ -175,6 +181,21 @@ def test_many_streams_leave_room_for_calls_that_answer_at_once(
             *_, last = watch
             assert last.operation.state == pb.OPERATION_STATE_CANCELLED
     assert ended(slow_client, name).state is State.CANCELLED
+
+
+def test_connections_take_turns(slow_server: Server, slow_client: SimulatorClient) -> None:
+    """Who asks for one sample waits for one of another's, not for all that were asked before."""
+    with own_channel(slow_server.address) as channel:
+        stub = simulator_pb2_grpc.SimulatorServiceStub(channel)
+        many = [
+            stub.StepSample(pb.StepSampleRequest(request_id=f"turn{i}")).operation.name
+            for i in range(4)
+        ]
+        rendering(slow_client, many[0])
+        mine = slow_client.start_sample(POSES[0])
+        slow_client.cancel_operation(many[0])
+        rendering(slow_client, mine)
+        assert [slow_client.get_operation(name).state for name in many[1:]] == 3 * [State.QUEUED]
 
 
 def test_a_cancelled_operation_frees_the_worker(slow_client: SimulatorClient) -> None:

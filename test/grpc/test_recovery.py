@@ -1,15 +1,20 @@
 """What the service promises when a worker or a server dies, hangs or crashes again and again."""
 
+import contextlib
+import os
 import signal
+import subprocess
 import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import grpc
 import psutil
 import pytest
+from attacks import OURS, own_channel
 from served_simulator import (
     PATIENCE_S,
     ROCKY_WORLD,
@@ -20,12 +25,14 @@ from served_simulator import (
     within,
 )
 
-from oaisys_core.errors import OaisysError, WorkerLostError
+from oaisys_core.errors import DeadlineExceededError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.types import Progress, Sample, ignore_progress
-from oaisys_grpc.call_limit import Limit
+from oaisys_grpc.call_limit import CANCEL_IDLE_S, CANCEL_WORK_S, Limit
 from oaisys_grpc.client import SimulatorClient
 from oaisys_grpc.faults import ServerUnavailableError
+from oaisys_grpc.worker_effort import Effort
+from oaisys_grpc.worker_folder import PREFIX
 from oaisys_grpc.worker_log import WorkerLog
 from oaisys_grpc.worker_process import WorkerProcess
 
@@ -212,3 +219,103 @@ def test_a_shutdown_blames_nobody_for_the_worker_that_it_kills(start_server: Sta
         with pytest.raises(OaisysError):
             building.result(PATIENCE_S)
     assert "SIGKILL" not in server.stderr.read_text()
+
+
+def test_what_a_killed_server_left_is_gone_after_the_next_start(
+    start_server: StartServer, tmp_path: Path
+) -> None:
+    """Another server's folder stays, and so does what is no server's at all."""
+    shared = tmp_path / "shared"
+    (shared / f"{PREFIX}not-ours").mkdir(parents=True)
+    (shared / f"{PREFIX}link").symlink_to(tmp_path)
+    others = set(shared.iterdir())
+    killed = start_server(ROCKY_WORLD, TMPDIR=str(shared))
+    with killed.client() as client:
+        client.step_batch()
+    (left,) = set(shared.iterdir()) - others
+    living = start_server(ROCKY_WORLD, TMPDIR=str(shared))
+    with living.client() as client:
+        client.step_batch()
+    (kept,) = set(shared.iterdir()) - others - {left}
+    killed.process.kill()
+    killed.process.wait()
+    assert left.exists()
+    third = start_server(ROCKY_WORLD, TMPDIR=str(shared))
+    with third.client() as client:
+        client.step_batch()
+    assert not left.exists()
+    assert kept.exists()
+    living.end()
+    third.end()
+    assert set(shared.iterdir()) == others
+    assert tmp_path.exists()
+
+
+SPIN = "import os, sys; os.nice(int(sys.argv[1])); os.sched_setaffinity(0, {%d})\nwhile True: pass"
+
+
+@contextlib.contextmanager
+def spinning(nice: int, count: int = 1) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Processes that compute, all on one processor."""
+    code = SPIN % min(os.sched_getaffinity(0))
+    processes = [subprocess.Popen([sys.executable, "-c", code, str(nice)]) for _ in range(count)]
+    try:
+        yield processes
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
+def test_a_cancelled_worker_is_judged_by_its_work_not_by_the_clock() -> None:
+    cancelled = threading.Event()
+    cancelled.set()
+    limit = Limit(PATIENCE_S, 0.0, cancelled, worth_a_worker=True)
+    patient = Limit(PATIENCE_S, 0.0, cancelled)
+    with spinning(5) as (worker,):
+        wait_until(lambda: Effort(worker.pid).look()[0] >= 0)
+        with spinning(0, count=4):
+            time.sleep(1.0)  # until all of them compute
+            effort = Effort(worker.pid)
+            end_s = time.monotonic() + 3 * CANCEL_WORK_S
+            while time.monotonic() < end_s:
+                assert not limit.must_kill(effort)
+                time.sleep(0.05)
+        wait_until(lambda: limit.must_kill(effort))
+        worked_s, idle_s = effort.look()
+        assert worked_s >= CANCEL_WORK_S
+        assert idle_s < CANCEL_IDLE_S
+        worker.send_signal(signal.SIGSTOP)
+        hung = Effort(worker.pid)
+        begin_s = time.monotonic()
+        assert not limit.must_kill(hung)
+        wait_until(lambda: limit.must_kill(hung))
+        assert time.monotonic() - begin_s >= CANCEL_IDLE_S
+        assert hung.look()[0] < CANCEL_WORK_S
+        assert not patient.must_kill(hung)
+
+
+def test_a_question_whose_caller_is_gone_leaves_no_traceback(start_server: StartServer) -> None:
+    server = start_server(ROCKY_WORLD, OAISYS_FAULT="slow:3", **TEST_BUILD)
+    with (
+        server.client() as client,
+        SimulatorClient(server.address, timeout_s=0.2) as hasty,
+        own_channel(server.address) as channel,
+    ):
+        client.step_batch()
+        with ThreadPoolExecutor() as pool:
+            begun = threading.Event()
+            sample = pool.submit(render_until, client, begun)
+            begun.wait(PATIENCE_S)
+            for _ in range(4):
+                with pytest.raises(DeadlineExceededError):
+                    hasty.query_height([[0, 0, 5]])
+                asked = channel.unary_unary(f"{OURS}QueryHeight").future(b"", timeout=PATIENCE_S)
+                mesh = channel.unary_stream(f"{OURS}GetGroundTruthMesh")(b"", timeout=PATIENCE_S)
+                time.sleep(0.1)  # until they wait for the worker
+                asked.cancel()
+                mesh.cancel()
+            sample.result(PATIENCE_S)
+        assert client.query_height([[0, 0, 5]]).clearance_m.shape == (1,)
+    server.end()
+    assert "Traceback" not in server.stderr.read_text()

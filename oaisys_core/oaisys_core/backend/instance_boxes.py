@@ -11,12 +11,16 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.crowd import Crowd, keep_nearer, turned
 from oaisys_core.backend.sight import BOX_CORNERS
+from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.raycast import NO_TRIANGLE, embree_scene
 from oaisys_core.types import FloatArray
 
 BOX_MARGIN = 0.01
 """Share of a box's size by which it is enlarged, so that rays do not slip past it by rounding, and
 start outside of what it holds."""
+
+RAYS_AT_A_TIME = 10_000
+"""A ray that grazes the ground may meet thousands of boxes, each of them a pair to remember."""
 
 BOX_TRIANGLES = np.array(
     [
@@ -51,15 +55,30 @@ class BoxFinder:
         best: FloatArray,
         found: NDArray[np.int64],
     ) -> None:
-        """See `Finder.find`: rays are cast at the instances of their boxes, from the nearest on.
+        """See `Finder.find`: rays are cast at the instances of their boxes, from the nearest on."""
+        for first in range(0, len(directions), RAYS_AT_A_TIME):
+            some = slice(first, first + RAYS_AT_A_TIME)
+            origins = origins_m if origins_m.ndim == 1 else origins_m[some]
+            self._find(origins, directions[some], best[some], found[some])
+
+    def _find(
+        self,
+        origins_m: FloatArray,
+        directions: FloatArray,
+        best: FloatArray,
+        found: NDArray[np.int64],
+    ) -> None:
+        """Do so for some rays.
 
         More boxes are tried in each round, as the rays that are left need ever more of them.
         """
+        stop_if_unwanted()
         rays, instances, enters = self._candidates(origins_m, directions, best)
         origins = np.broadcast_to(origins_m, (*directions.shape[:-1], 3)).reshape(-1, 3)
         ranks = np.arange(len(rays)) - np.searchsorted(rays, rays)
         first, many = 0, 1
         while first <= ranks.max(initial=-1):
+            stop_if_unwanted()
             tried = (ranks >= first) & (ranks < first + many) & (enters < best[rays])
             pairs = (rays[tried], instances[tried], enters[tried])
             self._try(pairs, origins, directions, best, found)

@@ -11,7 +11,15 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from oaisys_core.config.groups import Count, GroupConfig
 from oaisys_core.config.objects import MoverConfig, ObjectConfig, unit_quaternion
-from oaisys_core.config.section import Labelled, Positive, Section, SemanticId, Vector3
+from oaisys_core.config.section import (
+    MOST_M,
+    Labelled,
+    Position,
+    Positive,
+    Section,
+    SemanticId,
+    Vector3,
+)
 
 MOST_GROUPS, MOST_OBJECTS = 1000, 2500
 """How many there may be, so that each has instance ids of its own."""
@@ -50,8 +58,8 @@ class RockGroupConfig(Labelled):
     @field_validator("size_m")
     @classmethod
     def _positive(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if value[0] <= 0:
-            raise ValueError("expected sizes above 0")
+        if value[0] <= 0 or value[1] > MOST_M:
+            raise ValueError(f"expected sizes above 0 and at most {MOST_M:g} m")
         return value
 
 
@@ -77,8 +85,8 @@ class PrimitiveConfig(Labelled):
     model_config = ConfigDict(json_schema_extra=_radius_too)
 
     shape: Literal["sphere", "box"]
-    size_m: Vector3
-    position_m: Vector3
+    size_m: Position
+    position_m: Position
     quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     label: str = "target"
     semantic_id: SemanticId = 20

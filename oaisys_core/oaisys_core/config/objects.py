@@ -11,7 +11,15 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from oaisys_core.config.paths import ConfigFile
-from oaisys_core.config.section import Labelled, Positive, Section, Vector3, is_unit_quaternion
+from oaisys_core.config.section import (
+    Labelled,
+    Metres,
+    Position,
+    Positive,
+    Scale,
+    Section,
+    is_unit_quaternion,
+)
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")]
 Quaternion = tuple[float, float, float, float]
@@ -64,10 +72,10 @@ class StandingConfig(ShapedConfig):
         hidden: Whether it is left out of the picture; it keeps its instance id.
     """
 
-    position_m: Vector3
+    position_m: Position
     quat_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     on_ground: bool = False
-    scale: Positive = 1.0
+    scale: Scale = 1.0
     hidden: bool = False
 
     _unit = field_validator("quat_xyzw")(unit_quaternion)
@@ -96,7 +104,7 @@ class TrajectoryConfig(Section):
             sample takes the next; it ends at the last, or starts anew if ``closed``.
     """
 
-    waypoints_m: tuple[tuple[float, float] | Vector3, ...] = ()
+    waypoints_m: tuple[tuple[Metres, Metres] | Position, ...] = ()
     closed: bool = False
     smooth: bool = False
     step_m: float = Field(default=0.5, ge=0)
@@ -130,5 +138,5 @@ class MoverConfig(ShapedConfig):
     name: Name
     trajectory: TrajectoryConfig
     on_ground: bool = True
-    scale: Positive = 1.0
+    scale: Scale = 1.0
     hidden: bool = False

@@ -11,6 +11,14 @@ Vector3 = tuple[float, float, float]
 SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
 
+MOST_M = 1e7
+"""Coordinates and sizes beyond it are no terrain, and single floats no longer tell them apart."""
+
+Metres = Annotated[float, Field(ge=-MOST_M, le=MOST_M)]
+Position = tuple[Metres, Metres, Metres]
+Scale = Annotated[float, Field(ge=1e-6, le=1e6)]
+"""A factor on a size."""
+
 
 def _pair(value: Any) -> Any:
     is_number = isinstance(value, int | float) and not isinstance(value, bool)

@@ -10,10 +10,16 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from oaisys_core import geometry
 from oaisys_core.config.faults import FaultsConfig
 from oaisys_core.config.motion import AnyMotion, GivenMotion
-from oaisys_core.config.section import Positive, Section, Vector3, is_unit_quaternion
+from oaisys_core.config.section import Position, Positive, Section, is_unit_quaternion
 from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, expected_modality, modality_spec
 
 MAX_IMAGE_SIDE_PX = 16384
+
+LEAST_FOCAL, MOST_FOCAL, MOST_CENTRE = 0.01, 1000.0, 100.0
+"""Bounds of focal lengths and of how far a principal point may be, in widths of the image."""
+
+Coefficient = Annotated[float, Field(ge=-1000, le=1000)]
+"""Of a lens's distortion."""
 
 FrameName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
@@ -37,11 +43,11 @@ class DistortionConfig(Section):
         p1, p2: Tangential coefficients.
     """
 
-    k1: float = 0.0
-    k2: float = 0.0
-    p1: float = 0.0
-    p2: float = 0.0
-    k3: float = 0.0
+    k1: Coefficient = 0.0
+    k2: Coefficient = 0.0
+    p1: Coefficient = 0.0
+    p2: Coefficient = 0.0
+    k3: Coefficient = 0.0
 
 
 class LensConfig(Section):
@@ -55,8 +61,8 @@ class LensConfig(Section):
         ratio: Width over height of blur, 1 for a spherical lens, above it for an anamorphic one.
     """
 
-    focus_distance_m: Positive = 10.0
-    f_number: Positive = 2.8
+    focus_distance_m: float = Field(default=10.0, ge=1e-3, le=1e6)
+    f_number: float = Field(default=2.8, ge=0.01, le=1e4)
     blades: int = Field(default=0, ge=0, le=16)
     blade_rotation_deg: float = 0.0
     ratio: float = Field(default=1.0, ge=0.1, le=10)
@@ -66,8 +72,10 @@ class OpticsConfig(Section):
     """What a sample's metadata may change of a camera.
 
     Attributes:
-        fx_px, fy_px: Focal lengths; pixels are not square where they differ.
-        cx_px, cy_px: Principal point, pixel centres at integers; None: the image's centre.
+        fx_px, fy_px: Focal lengths; pixels are not square where they differ. From 0.01 to 1,000
+            widths of the image.
+        cx_px, cy_px: Principal point, pixel centres at integers; None: the image's centre. At most
+            100 widths of the image from its corner.
         distortion: Of the lens; None: none.
         lens: Depth of field; None: everything is sharp.
         shutter_share: Share of the way from the camera's previous pose during which the shutter
@@ -81,6 +89,13 @@ class OpticsConfig(Section):
     distortion: DistortionConfig | None = None
     lens: LensConfig | None = None
     shutter_share: float = Field(default=0.0, ge=0, le=1)
+
+
+def optics_bounds_px(width_px: int) -> dict[str, tuple[float, float]]:
+    """Return the least and the most of each field of a camera's matrix, for images of a width."""
+    focal = (LEAST_FOCAL * width_px, MOST_FOCAL * width_px)
+    centre = (-MOST_CENTRE * width_px, MOST_CENTRE * width_px)
+    return {"fx_px": focal, "fy_px": focal, "cx_px": centre, "cy_px": centre}
 
 
 class CameraConfig(OpticsConfig):
@@ -100,7 +115,7 @@ class CameraConfig(OpticsConfig):
     name: FrameName = "camera"
     width_px: int = Field(default=640, ge=1, le=MAX_IMAGE_SIDE_PX)
     height_px: int = Field(default=480, ge=1, le=MAX_IMAGE_SIDE_PX)
-    mount_position_m: Vector3 = (0.0, 0.0, 0.0)
+    mount_position_m: Position = (0.0, 0.0, 0.0)
     mount_quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     modalities: tuple[Modality, ...] = Field(
         default=("rgb", "depth", "semantic_0", "instance"), min_length=1
@@ -132,6 +147,17 @@ class CameraConfig(OpticsConfig):
         return self
 
     @model_validator(mode="after")
+    def _within_reach(self) -> CameraConfig:
+        for name, (least_px, most_px) in optics_bounds_px(self.width_px).items():
+            value_px = getattr(self, name)
+            if value_px is not None and not least_px <= value_px <= most_px:
+                raise ValueError(
+                    f"{name} is {value_px:g}, expected {least_px:g} to {most_px:g} for an image "
+                    f"{self.width_px} pixels wide"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _of_its_own(self) -> CameraConfig:
         if len(set(self.modalities)) != len(self.modalities):
             raise ValueError("modalities must differ")
@@ -158,7 +184,7 @@ class StereoConfig(CameraConfig):
     """
 
     name: FrameName = "stereo"
-    baseline_m: Positive = 0.1
+    baseline_m: float = Field(default=0.1, gt=0, le=1000)
 
     def cameras(self) -> tuple[CameraConfig, CameraConfig]:
         """Return the left and the right camera."""

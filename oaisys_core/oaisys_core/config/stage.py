@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field, StringConstraints, model_validator
 
 from oaisys_core.config.paths import ConfigFile
-from oaisys_core.config.section import Positive, Section, Vector3
+from oaisys_core.config.section import MOST_M, Positive, Section, Vector3
 
 StageName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
 """A plain name, never a path."""
@@ -112,9 +112,9 @@ class StageConfig(Section):
     """
 
     preset: str = "mounds"
-    extent_m: Positive = 64.0
+    extent_m: float = Field(default=64.0, ge=0.01, le=MOST_M)
     resolution_px: int = Field(default=1025, ge=2, le=8193)
-    relief_m: float | None = Field(default=None, ge=0)
+    relief_m: float | None = Field(default=None, ge=0, le=MOST_M)
     roughness: float = Field(default=1.0, ge=0, le=10)
     dem: DemConfig | None = None
     mesh: StageMeshConfig | None = None

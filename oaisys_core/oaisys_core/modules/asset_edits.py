@@ -23,6 +23,7 @@ from oaisys_core.modules.asset_metadata import (
     GroupEdit,
     ObjectEdit,
 )
+from oaisys_core.modules.clearance import MOST_EXTENTS
 from oaisys_core.modules.looks import Looks
 from oaisys_core.scatter.ids import added_id
 from oaisys_core.scene import Ground, MeshPrototype, Placement, Primitive
@@ -99,6 +100,7 @@ class EditedAssets:
             InvalidInputError: Its path begins with ``metadata.asset``.
         """
         known = self._drawn.instances.keys() | self._drawn.primitive_ids
+        self._check_reach(metadata)
         for key in metadata.objects:
             if int(key) not in known:
                 path = f"metadata.{PART}.objects.{key}"
@@ -116,6 +118,22 @@ class EditedAssets:
     def groups(self) -> list[str]:
         """Name of each placement's group, or empty, in the order of the world's; none of added."""
         return [each.group for each in self._memory.standing]
+
+    def _check_reach(self, metadata: AssetMetadata) -> None:
+        """Refuse places that are farther away than a camera may be."""
+        x0, y0, x1, y1 = self._ground.extent_m
+        reach_m = MOST_EXTENTS * max(x1 - x0, y1 - y0)
+        centre_m = np.array(((x0 + x1) / 2, (y0 + y1) / 2, 0.0))
+        places = {f"add.{name}": spec.position_m for name, spec in metadata.added.items()} | {
+            f"objects.{key}": edit.position_m
+            for key, edit in metadata.objects.items()
+            if edit is not None and edit.position_m is not None
+        }
+        for name, position_m in places.items():
+            if np.abs(position_m - centre_m).max() > reach_m:
+                expected = f"at most {reach_m:g} m from the stage's centre along each axis"
+                path = f"metadata.{PART}.{name}.position_m"
+                raise InvalidInputError(path, list(position_m), expected)
 
     def apply(self, metadata: AssetMetadata) -> None:
         """Put the things into the world as the metadata says, at the sample it is at."""

@@ -9,7 +9,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from oaisys_core.config.expectations import refusal
 from oaisys_core.config.objects import Name, Quaternion, StandingConfig, unit_quaternion
-from oaisys_core.config.section import Positive, Section, Vector3
+from oaisys_core.config.section import Position, Scale, Section
 from oaisys_core.types import merged
 
 PART = "asset"
@@ -27,7 +27,7 @@ class GroupEdit(Section):
     """
 
     count_factor: Factor = 1.0
-    scale: Positive = 1.0
+    scale: Scale = 1.0
     hidden: bool | None = None
 
 
@@ -40,9 +40,9 @@ class ObjectEdit(Section):
         hidden: Whether it is left out of the picture.
     """
 
-    position_m: Vector3 | None = None
+    position_m: Position | None = None
     quat_xyzw: Quaternion | None = None
-    scale: Positive = 1.0
+    scale: Scale = 1.0
     hidden: bool | None = None
 
     @field_validator("quat_xyzw")

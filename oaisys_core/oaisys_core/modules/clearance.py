@@ -17,6 +17,10 @@ HeightLookup = Callable[[FloatArray], HeightQuery]
 """Heights under (N, 3) points in ``map``."""
 
 
+MOST_EXTENTS = 1000.0
+"""How far from the stage's centre a rig may be, in edges of the stage: long lenses see it there."""
+
+
 def admitted(
     pose: Pose,
     sensors: Sequence[SensorInfo],
@@ -38,8 +42,10 @@ def admitted(
         least_m: Least height of every camera above the topmost surface.
 
     Raises:
-        InvalidInputError: A camera would be off the stage or too near to the surface.
+        InvalidInputError: A camera would be off the stage, too near to the surface, or so far away
+            that numbers no longer tell where it is.
     """
+    _check_reach(pose, extent_m)
     if policy == "allow":
         return pose
     if policy == "clamp":
@@ -69,6 +75,18 @@ def _way_inside_m(positions_m: FloatArray, extent_m: Extent) -> FloatArray:
     too_low = np.maximum(low - positions_m[:, :2], 0).max(axis=0)
     too_high = np.maximum(positions_m[:, :2] - high, 0).max(axis=0)
     return np.append(too_low - too_high, 0.0)
+
+
+def _check_reach(pose: Pose, extent_m: Extent) -> None:
+    low, high = np.array(extent_m[:2]), np.array(extent_m[2:])
+    reach_m = MOST_EXTENTS * float((high - low).max())
+    from_centre_m = np.abs(np.subtract(pose.position_m, (*(low + high) / 2, 0.0)))
+    if not (from_centre_m <= reach_m).all():
+        expected = (
+            f"at most {reach_m:g} m from the stage's centre along each axis "
+            f"({MOST_EXTENTS:g} edges of the stage)"
+        )
+        raise InvalidInputError("pose.position", list(pose.position_m), expected)
 
 
 def _refusal(sensor: str, pose: Pose, clearance_m: float, least_m: float) -> InvalidInputError:

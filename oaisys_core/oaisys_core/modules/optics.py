@@ -7,7 +7,7 @@ from math import radians
 from typing import Any
 
 from oaisys_core import geometry
-from oaisys_core.config.sensors import CameraConfig, OpticsConfig
+from oaisys_core.config.sensors import CameraConfig, OpticsConfig, optics_bounds_px
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.modules.overrides import overridden
 from oaisys_core.scene import Lens
@@ -33,6 +33,7 @@ def changed(cameras: tuple[CameraConfig, ...], changes: Any, path: str) -> tuple
             known = ", ".join(names)
             raise InvalidInputError(f"metadata.{path}.{name}", values, f"one of {known}")
         _check_keys(f"{path}.{name}", values)
+        _check_reach(cameras[names.index(name)], f"{path}.{name}", values)
     return tuple(
         overridden(camera, changes.get(camera.name), f"{path}.{camera.name}") for camera in cameras
     )
@@ -69,4 +70,13 @@ def _check_keys(path: str, values: Any) -> None:
     for key, value in values.items():
         if key not in known:
             expected = f"one of the keys {', '.join(known)}"
+            raise InvalidInputError(f"metadata.{path}.{key}", value, expected)
+
+
+def _check_reach(camera: CameraConfig, path: str, values: Mapping[str, Any]) -> None:
+    """Refuse numbers of the camera's matrix out of bounds, each by its own path."""
+    for key, (least_px, most_px) in optics_bounds_px(camera.width_px).items():
+        value = values.get(key)
+        if isinstance(value, int | float) and not least_px <= value <= most_px:
+            expected = f"{least_px:g} to {most_px:g} for an image {camera.width_px} pixels wide"
             raise InvalidInputError(f"metadata.{path}.{key}", value, expected)

@@ -1,0 +1,225 @@
+"""The calls that are under way: what each waits for, and the end of those that hold up others.
+
+A call holds a thread as long as it lasts. One whose client never sends its request, or never takes
+its answer, would hold it for ever.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from enum import Enum
+from typing import Any
+
+import grpc
+
+from oaisys_grpc.memory import IdleMemory
+
+_LOG = logging.getLogger(__name__)
+
+REQUEST_PATIENCE_S = 10.0
+"""For a request to arrive whole."""
+
+STALL_PATIENCE_S = 30.0
+"""For a client to take one message of an answer: 3 MiB at 100 kB/s."""
+
+CROWDED_REQUESTS = 64
+"""Calls without their request from which on the oldest must make room for others."""
+
+CROWDED_PATIENCE_S = 0.5
+"""For a request to arrive, or for a client to take a message, while others need the room."""
+
+SLOT_PATIENCE_S = 5.0
+"""For a place among the calls of a kind."""
+
+MOST_WAITING = 16
+"""Calls of a kind that wait for a place; each holds a thread, too."""
+
+_LOOK_S = 0.25
+_IDLE_S = 2.0
+"""Without a call that begins or ends, and freed memory goes back to the system."""
+
+
+class Phase(Enum):
+    """What a call waits for."""
+
+    REQUEST = "its client to send a request"
+    WORK = "the simulator"
+    READER = "its client to read the answer"
+
+
+class OpenCall:
+    """One call, which only its own thread moves on."""
+
+    def __init__(self, context: Any, name: str) -> None:
+        self.peer: str = context.peer()
+        self.name = name
+        self.phase = Phase.REQUEST
+        self.since_s = time.monotonic()
+        self.ended = False
+        self._context = context
+        self._reader_s = 0.0
+
+    def enter(self, phase: Phase) -> None:
+        """Go on to another phase, or to the same one once more."""
+        now_s = time.monotonic()
+        if self.phase is Phase.READER:
+            self._reader_s += now_s - self.since_s
+        self.phase, self.since_s = phase, now_s
+
+    def stuck_s(self) -> float:
+        """Return how long it has been in its phase."""
+        return time.monotonic() - self.since_s
+
+    def unread_s(self) -> float:
+        """Return how long it has waited for its reader in all."""
+        now_s = self.stuck_s() if self.phase is Phase.READER else 0.0
+        return self._reader_s + now_s
+
+    def end(self, details: str) -> None:
+        """End the call with RESOURCE_EXHAUSTED; any thread may.
+
+        The message that is stuck cannot be sent, so no status can follow it in the usual way:
+        gRPC's core ends the call with one, which its Python server does not offer to applications.
+        """
+        if self.ended:
+            return
+        self.ended = True
+        _LOG.warning("%s of %s: %s", self.name, self.peer, details)
+        event = getattr(self._context, "_rpc_event", None)
+        if event is None:
+            self._context.cancel()
+        else:
+            code, _ = grpc.StatusCode.RESOURCE_EXHAUSTED.value
+            event.call.cancel(code, details.encode())
+
+
+class OpenCalls:
+    """All calls under way, and the thread that looks after them; safe for any thread."""
+
+    def __init__(self) -> None:
+        self._calls: set[OpenCall] = set()
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        self._memory = IdleMemory()
+        self._last_s = time.monotonic()
+        threading.Thread(target=self._watch, name="open-calls", daemon=True).start()
+
+    def add(self, context: Any, name: str) -> OpenCall:
+        """Return a call that has just come, whose request is still to be read."""
+        call = OpenCall(context, name)
+        with self._lock:
+            self._calls.add(call)
+            self._last_s = time.monotonic()
+        when_over(context, lambda: self._remove(call))
+        return call
+
+    def _remove(self, call: OpenCall) -> None:
+        with self._lock:
+            self._calls.discard(call)
+            self._last_s = time.monotonic()
+
+    def close(self) -> None:
+        """Let the thread end."""
+        self._closed.set()
+
+    def make_room(self) -> None:
+        """End a call that has waited for its request longest, where many do."""
+        waiting = [call for call in self._all() if call.phase is Phase.REQUEST and not call.ended]
+        if len(waiting) >= CROWDED_REQUESTS:
+            for call in waiting:
+                if call.stuck_s() > CROWDED_PATIENCE_S:
+                    call.end("the request did not arrive, and others need the room")
+
+    def _all(self) -> list[OpenCall]:
+        with self._lock:
+            return list(self._calls)
+
+    def _watch(self) -> None:
+        while not self._closed.wait(_LOOK_S):
+            self.make_room()
+            if time.monotonic() > self._last_s + _IDLE_S:
+                self._memory.give_back()
+            for call in self._all():
+                stuck_s = call.stuck_s()
+                if call.phase is Phase.REQUEST and stuck_s > REQUEST_PATIENCE_S:
+                    call.end(f"the request did not arrive within {REQUEST_PATIENCE_S:g} s")
+                if call.phase is Phase.READER and stuck_s > STALL_PATIENCE_S:
+                    call.end(f"the answer was not read for {STALL_PATIENCE_S:g} s")
+
+
+class Slots:
+    """How many calls of a kind there may be, and how many of them by one connection.
+
+    Where there is no room, a call that nobody reads makes it: of the same connection if that has
+    its share, else of any.
+    """
+
+    def __init__(self, most: int, most_of_peer: int) -> None:
+        self._most, self._most_of_peer = most, most_of_peer
+        self._calls: dict[OpenCall, None] = {}
+        self._waiting = 0
+        self._lock = threading.Condition()
+
+    def take(self, call: OpenCall) -> bool:
+        """Return whether there is room for a call; wait a moment for some.
+
+        One whose own connection has its share, and reads all of it, is not waited for.
+        """
+        end_s = time.monotonic() + SLOT_PATIENCE_S
+        with self._lock:
+            while (rivals := self._rivals(call)) is not None:
+                unread = [other for other in rivals if other.phase is Phase.READER]
+                stuck = max(unread, key=OpenCall.unread_s, default=None)
+                if stuck is not None and stuck.unread_s() > CROWDED_PATIENCE_S:
+                    del self._calls[stuck]
+                    stuck.end("the answer was not read, and others need the room")
+                elif time.monotonic() > end_s or not self._is_worth_waiting(call, unread):
+                    return False
+                else:
+                    self._waiting += 1
+                    self._lock.wait(CROWDED_PATIENCE_S / 10)
+                    self._waiting -= 1
+            self._calls[call] = None
+            return True
+
+    def _is_worth_waiting(self, call: OpenCall, unread: list[OpenCall]) -> bool:
+        if call.ended or self._waiting >= MOST_WAITING:
+            return False
+        return bool(unread) or len(self._own(call)) < self._most_of_peer
+
+    def release(self, call: OpenCall) -> None:
+        """Give a place back."""
+        with self._lock:
+            self._calls.pop(call, None)
+            self._lock.notify_all()
+
+    def _rivals(self, call: OpenCall) -> list[OpenCall] | None:
+        """Return the calls one of which would have to end; None if there is room."""
+        own = self._own(call)
+        if len(own) >= self._most_of_peer:
+            return own
+        return list(self._calls) if len(self._calls) >= self._most else None
+
+    def _own(self, call: OpenCall) -> list[OpenCall]:
+        """Return the calls of the same connection."""
+        if call.peer.startswith("unix"):  # all clients of a socket are called so
+            return []
+        return [other for other in self._calls if other.peer == call.peer]
+
+
+def when_over(context: Any, action: Callable[[], None]) -> None:
+    """Have something done once all of a call was sent, or it ended otherwise."""
+    if not context.add_callback(action):
+        action()
+
+
+def counted(calls: Iterator[Any], call: OpenCall) -> Iterator[Any]:
+    """Yield what a call answers, noting when its reader holds it up."""
+    for answer in calls:
+        call.enter(Phase.READER)
+        yield answer
+        call.enter(Phase.WORK)
+    call.enter(Phase.WORK)
