@@ -13,6 +13,9 @@ import hypothesis
 import pytest
 from leak_check import MARK, LeakCheck
 
+# Before any test imports Open3D: Blender may then be imported after it.
+import oaisys_core  # noqa: F401
+
 # The same examples on every run: a change is judged by what it changed. Others are drawn with
 # HYPOTHESIS_PROFILE=default.
 hypothesis.settings.register_profile("repeatable", derandomize=True)

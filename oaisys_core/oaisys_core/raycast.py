@@ -4,8 +4,8 @@ Embree (through Open3D, unless another is given) finds the triangle in float32; 
 that triangle's plane is then computed in float64, so that accuracy does not depend on how far
 away, or in which bounding volumes, a triangle lies.
 
-Where ``bpy`` is used in the same process it must have been imported first: both bring a library
-of the same name, and Blender's is the newer one. Open3D is imported when it is first needed.
+Open3D is imported when it is first needed; for ``bpy`` in the same process see
+`oaisys_core.native_libraries`.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@ test imports it into pytest's process.
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import pickle
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from needs_blender import skip_without_blender
 
 TIMEOUT_S = 300
 
@@ -26,8 +26,7 @@ def in_blender(job: str, *arguments: Any) -> Any:
     ``module.function`` names one of another module. Arguments and result are pickled. Skips the
     test where there is no ``bpy``.
     """
-    if importlib.util.find_spec("bpy") is None:
-        pytest.skip("bpy is not installed")
+    skip_without_blender()
     with tempfile.TemporaryDirectory() as folder:
         exchange = Path(folder, "exchange")
         exchange.write_bytes(pickle.dumps(arguments))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from needs_blender import skip_without_blender
 
 
 def figures(backend: str, samples: int) -> dict[str, float]:
@@ -32,8 +32,7 @@ def test_memory_stays_flat_over_samples() -> None:
 
 @pytest.mark.blender
 def test_memory_stays_flat_over_samples_in_blender() -> None:
-    if importlib.util.find_spec("bpy") is None:
-        pytest.skip("bpy is not installed")
+    skip_without_blender()
     found = figures("blender", 60)
     assert found["last_mb"] - found["half_mb"] < 25, found
     assert 0.9 < found["memory_ratio"] < 1.1, found

@@ -9,8 +9,6 @@ from math import inf
 import numpy as np
 import pytest
 
-pytest.importorskip("bpy")
-
 from oaisys_core.backend.budget import Cost, Effort, Plan, TimeBudget, effort_for, least_effort
 
 PIXELS = 640 * 480

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from certificates import Authority
 from grpc_health.v1 import health_pb2, health_pb2_grpc
+from needs_blender import skip_without_blender
 from served_simulator import FLAT_WORLD, PATIENCE_S, Server
 
 from oaisys_core.config import config_from_mapping
@@ -350,7 +351,7 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 
 
 def test_scripts_in_a_blend_file_never_run(start_server: StartServer, tmp_path: Path) -> None:
-    pytest.importorskip("bpy")
+    skip_without_blender()
     roots, attacked = tmp_path / "roots", tmp_path / "attacked"
     roots.mkdir()
     file = roots / "cube.blend"
