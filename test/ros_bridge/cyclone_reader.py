@@ -37,7 +37,7 @@ class Image(IdlStruct, typename="sensor_msgs::msg::dds_::Image_"):
     encoding: str
     is_bigendian: uint8
     step: uint32
-    data: sequence[uint8]
+    data: sequence[uint8]  # type: ignore[type-arg]
 
 
 def main(topic: str) -> int:
