@@ -1,19 +1,21 @@
 """Faults that tests ask for, to show that the server keeps its promises when a worker fails.
 
-``OAISYS_FAULT`` names them, separated by commas: ``crash``, ``hang``, ``slow:SECONDS``,
-``nap:SECONDS``, ``leak:MEGABYTES``. Each strikes every sample, or with ``@NUMBER`` behind it that
-one of every worker. It strikes before anything is rendered; with ``late-`` before it once depth and
-labels have been sent; with ``last-`` when the sample is complete, but nobody was told; with
-``batch-`` before it, whenever a batch begins. All only where ``OAISYS_TEST_BUILD=1`` says that this
-is a test.
+``OAISYS_FAULT`` names them, separated by commas: ``crash``, ``crash-once:FILE`` (which makes the
+file, and does nothing where it is), ``hang``, ``slow:SECONDS``, ``nap:SECONDS``,
+``leak:MEGABYTES``. Each strikes every sample, or with ``@NUMBER`` behind it that one of every
+worker. It strikes before anything is rendered; with ``late-`` before it once depth and labels have
+been sent; with ``last-`` when the sample is complete, but nobody was told; with ``batch-`` before
+it, whenever a batch begins. All only where ``OAISYS_TEST_BUILD=1`` says that this is a test.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
 from collections.abc import Iterator
+from pathlib import Path
 
 from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.types import Progress
@@ -67,6 +69,10 @@ def _wanted() -> Iterator[str]:
 def _strike(name: str, amount: str, progress: ProgressCallback) -> None:
     if name == "crash":
         os.abort()
+    elif name == "crash-once":
+        with contextlib.suppress(FileExistsError):
+            Path(amount).touch(exist_ok=False)
+            os.abort()
     elif name == "hang":
         threading.Event().wait()
     elif name == "leak":
