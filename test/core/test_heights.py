@@ -40,9 +40,10 @@ def simulation(config: dict[str, Any]) -> Simulation:
 def centres(grid: HeightGrid) -> tuple[np.ndarray, np.ndarray]:
     rows, columns = grid.ground_m.shape
     x0, y0 = grid.origin_xy_m
-    return np.meshgrid(
+    x_m, y_m = np.meshgrid(
         x0 + grid.spacing_m * np.arange(columns), y0 + grid.spacing_m * np.arange(rows)
     )
+    return x_m, y_m
 
 
 def test_a_sphere_on_a_plane_is_as_the_closed_form_says() -> None:

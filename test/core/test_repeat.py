@@ -376,3 +376,21 @@ def test_repeat_refuses_what_is_no_record(tmp_path: Path) -> None:
         done = run("repeat", path)
         assert done.returncode == 2, done.stdout
         assert "Traceback" not in done.stderr
+
+
+@pytest.mark.blender
+def test_blender_repeats_noise_light_and_additions(tmp_path: Path) -> None:
+    camera = {**CAMERA, "width_px": 64, "height_px": 48, "lens": None, "shutter_share": 0.0}
+    camera |= {"name": "left", "modalities": ["rgb", "depth", "semantic_0", "instance", "normal"]}
+    config = {**WORLD, "backend": "blender", "render": {"quality": "preview"}}
+    config["sensors"] = {"cameras": [camera], "faults": {"depth_noise": "kinect"}}
+    add = "{slab1: {label: thing, semantic_id: 60, shape: slab, position_m: [2, 2, 4]}}"
+    steps = [STEPS.strip(), f"- {{asset: {{add: {add}}}, environment: {{haze: null}}}}", ""]
+    (tmp_path / "world.yaml").write_text(json.dumps(config))
+    (tmp_path / "steps.yaml").write_text("\n".join(steps))
+    given = ("--config", tmp_path / "world.yaml", "--metadata", tmp_path / "steps.yaml")
+    rendered = run("render", *given, "--out", tmp_path / "out")
+    assert rendered.returncode == 0, rendered.stderr
+    done = run("repeat", tmp_path / "out", "--all")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count(": equal, 3072 pixels") >= 16
