@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -106,9 +107,14 @@ def import_(
     """Turn an original OAISYS configuration into ours; tell what becomes of every key."""
     from oaisys_core.config import config_from_mapping
     from oaisys_core.config.importing.importer import import_file
+    from oaisys_core.config_check import name_faults
+    from oaisys_core.errors import ConfigError
 
     imported = import_file(file, assets, out, strict=strict, stand_ins=stand_ins)
-    config_from_mapping(imported.config)
+    faults = name_faults(config_from_mapping(imported.config))
+    if faults and strict:
+        raise ConfigError("\n".join(f"{file}: {fault}" for fault in faults))
+    imported = replace(imported, warnings=(*imported.warnings, *faults))
     _write_or_print(imported.text(file.name), out)
     if out is not None:
         counts = Counter(fate.kind for fate in imported.fates.values())

@@ -14,7 +14,9 @@ import pytest
 import yaml
 from original_config import Json, document, space, write
 from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
+from oaisys_core.cli import app
 from oaisys_core.config import adjusted, config_from_mapping, load_config
 from oaisys_core.config.importing.document import key_paths
 from oaisys_core.config.importing.frames import blender_rotation, mount, rig_pose
@@ -359,6 +361,25 @@ def test_a_material_folder_without_a_colour_map_is_told_and_replaced(tmp_path: P
     assert any("red_sand has no colour map" in warning for warning in found.warnings)
     with pytest.raises(ConfigError, match="red_sand has no colour map"):
         import_file(write(document(), tmp_path), tmp_path, strict=True)
+
+
+def test_files_that_are_there_and_cannot_be_used_are_told(tmp_path: Path) -> None:
+    """As after a clone without its large files: each holds a line of text."""
+    for name in ("meshes/rocks.blend", "maps/red_sand/red_sand_diff.png"):
+        file = tmp_path / name
+        file.parent.mkdir(parents=True)
+        file.write_text("a pointer to a large file", encoding="ascii")
+    data = document()
+    data["ASSET_SETUP"]["MESHES"][0]["meshParams"]["meshFilePath"] = "meshes/rocks.obj"
+    (tmp_path / "meshes" / "rocks.obj").write_text("a pointer", encoding="ascii")
+    out = tmp_path / "ours.yaml"
+    arguments = ["config", "import", str(write(data, tmp_path)), "--assets", str(tmp_path)]
+    ended = CliRunner().invoke(app, [*arguments, "--out", str(out)])
+    assert ended.exit_code == 0, ended.output
+    assert "red_sand has no colour map" in ended.output
+    assert "warning: assets.groups.0.file" in ended.output
+    refused = CliRunner().invoke(app, [*arguments, "--strict"])
+    assert isinstance(refused.exception, ConfigError)
 
 
 @pytest.mark.parametrize(("theirs", "ours"), [("GPU", "auto"), ("CPU", "cpu")])

@@ -33,7 +33,7 @@ Ground is neither metal nor mirror, so that maps of the kind ``unused`` change n
 """
 
 COLOR_MAP_EXPECTED = (
-    f"a folder with an image with one of {', '.join(KEYWORDS['color'])} in its name,"
+    f"a folder with a readable image with one of {', '.join(KEYWORDS['color'])} in its name,"
     " for the colour map"
 )
 
@@ -62,8 +62,10 @@ def texture_folders(path: Path) -> list[Path]:
 
 
 def has_color_map(path: Path) -> bool:
-    """Return whether a folder, if it is one, has a colour map."""
-    return path.is_dir() and "color" in _maps(path)
+    """Return whether a folder, if it is one, has a colour map that is an image."""
+    file = _maps(path).get("color") if path.is_dir() else None
+    # OpenCV looks at the file's first bytes only.
+    return file is not None and (file.suffix.lower() == ".exr" or cv2.haveImageReader(str(file)))
 
 
 def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -> PbrMaps:

@@ -32,7 +32,7 @@ BODY_SIZE_M = 500.0
 BODY_HEIGHT_M = 3000.0
 """Bodies without a stage are this far above the small plate that stands for one."""
 
-SPACE = {"preset": "plane", "extent_m": 1.0, "resolution_px": 2}
+SPACE = {"preset": "plane", "extent_m": 10.0, "resolution_px": 2}
 LARGEST_FIRST = 0.02
 
 
@@ -40,7 +40,7 @@ def stage(document: Json, job: Import) -> tuple[Json, str]:
     """Return the section ``stage`` and the name of its material."""
     found = entries(document, "ASSET_SETUP", "STAGES")
     if not found:
-        job.warn("there is no stage: a plate of 1 m far below stands for it")
+        job.warn("there is no stage: a plate of 10 m far below stands for it")
         return dict(SPACE), ""
     if len(found) > 1:
         job.warn("there is more than one stage: the first is taken")
