@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
-from rich.progress import Progress as ProgressBar
 
 from oaisys_core.command_options import (
     BackendOption,
@@ -17,6 +16,7 @@ from oaisys_core.command_options import (
     SizeOption,
 )
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.render_progress import RenderProgress
 from oaisys_core.standard_output import own_stdout
 
 if TYPE_CHECKING:
@@ -134,23 +134,27 @@ class _Run:
         info = self._simulation.info()
         batch_id, done = info.batch_id, info.sample_id
         total = self._batches * len(views)
-        with ProgressBar(console=self._console, disable=not self._console.is_terminal) as bar:
-            task = bar.add_task("rendering", total=total)
-            bar.advance(task, max(0, batch_id - 1) * len(views) + done)
-            batch_id = batch_id or self._simulation.step_batch(self._steps.batch)
+        before = max(0, batch_id - 1) * len(views) + done
+        with RenderProgress(total, before, self._console) as shown:
+            batch_id = batch_id or self._build(1, shown)
             while True:
-                for view in views[done:]:
-                    self._render(view)
-                    bar.advance(task)
+                for number, view in enumerate(views[done:], start=done + 1):
+                    shown.begin(f"world {batch_id}, view {number} of {len(views)}")
+                    self._render(view, shown)
+                    shown.view_done()
                 if self._saves_worlds:
                     self._save(batch_id)
                 if batch_id >= self._batches:
                     break
-                batch_id, done = self._simulation.step_batch(self._steps.batch), 0
+                batch_id, done = self._build(batch_id + 1, shown), 0
 
-    def _render(self, view: SampleRequest) -> None:
+    def _build(self, batch_id: int, shown: RenderProgress) -> int:
+        shown.begin(f"world {batch_id}")
+        return self._simulation.step_batch(self._steps.batch, progress=shown)
+
+    def _render(self, view: SampleRequest, shown: RenderProgress) -> None:
         sample = self._simulation.step_sample(
-            view.metadata, modalities=view.modalities, sensors=view.sensors
+            view.metadata, modalities=view.modalities, sensors=view.sensors, progress=shown
         )
         self._writer.write(sample, self._simulation.info().semantic_labels)
         self._writer.write_state(self._simulation.state())

@@ -9,7 +9,6 @@ from typing import Annotated, Any
 import typer
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.node_settings import node_settings
 
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", help="YAML file; the default world where none is given.")
@@ -68,6 +67,8 @@ def system_options(
     Raises:
         InvalidInputError: There is no such configuration file, or no such parameters or level.
     """
+    from oaisys_ros_bridge.node_settings import node_settings  # not for `oaisys --help`
+
     if config is not None and not config.is_file():
         raise InvalidInputError("--config", str(config), "an existing file")
     chosen = {"seed": seed, "backend": backend, "quality": quality, "size": size}

@@ -1,15 +1,21 @@
 """The shell commands, run as a user runs them."""
 
+import re
 import subprocess
 import sys
+import time
+from io import StringIO
 from pathlib import Path
 
 import pytest
 import yaml
 from original_config import document, write
+from rich.console import Console
 
 from oaisys_core.config import SimulationConfig, config_from_mapping, load_config
 from oaisys_core.output.poses import read_poses
+from oaisys_core.render_progress import RenderProgress
+from oaisys_core.types import Progress
 
 REPOSITORY = Path(__file__).parents[2]
 SMALL = """
@@ -45,6 +51,30 @@ def test_render_writes_the_batches_and_samples_asked_for(small: Path, tmp_path: 
     assert result.returncode == 0, result.stderr
     name = "batch_0001/camera/0001camera_pinhole_depth_00.exr"
     assert (again / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def test_no_silence_is_long_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with RenderProgress(2, 0, Console(file=StringIO()), every_s=0.2) as shown:
+        shown.begin("world 1")
+        shown(Progress("ground", 0.25))
+        time.sleep(1.0)
+        shown.begin("world 1, view 1 of 2")
+        time.sleep(0.5)
+        shown.view_done()
+    lines = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"world 1: ground, 25%, \d+ s", lines[0])
+    assert re.fullmatch(r"world 1, view 1 of 2, \d+ s", lines[-1])
+    assert 3 <= len(lines) <= 8
+
+
+def test_a_terminal_shows_a_bar_with_the_stage() -> None:
+    screen = StringIO()
+    with RenderProgress(4, 1, Console(file=screen, force_terminal=True, width=100)) as shown:
+        shown.begin("world 1")
+        shown(Progress("ground", 0.25))
+        shown.view_done()
+    assert "world 1: ground, 25%" in screen.getvalue()
+    assert "2/4" in screen.getvalue()
 
 
 def test_a_run_is_resumed_where_it_stood_and_never_written_over(
