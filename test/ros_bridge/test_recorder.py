@@ -133,6 +133,7 @@ def test_topics_that_are_asked_for_are_waited_for(stage: Stage, tmp_path: Path) 
     recorder = stage.start_node("recorder", "--out", str(folder), "--topics", "here", "/later")
     here = stage.user.node.create_publisher(Image, "here", 5)
     stage.user.wait_until(lambda: here.get_subscription_count() == 1)
+    stage.user.wait_until(lambda: "nobody publishes /later yet" in recorder.log.read_text())
     assert "recording:" not in recorder.log.read_text()
 
     later = stage.user.node.create_publisher(Image, "later", 5)

@@ -28,6 +28,8 @@ from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
+TELL_PERIOD_S = 3.0
+"""Between two looks at which topics are still without a publisher."""
 LOOK_PERIOD_S = 0.25
 """Between two looks for topics that have appeared."""
 CALM_LOOKS = 6
@@ -84,6 +86,8 @@ class RecorderNode(ParameterNode, Node):
         self.create_timer(LOOK_PERIOD_S, self._look, clock=OWN_CLOCK)
         if values["duration_s"]:
             self.create_timer(values["duration_s"], stop.set, clock=OWN_CLOCK)
+        self._told_missing = ""
+        self.create_timer(TELL_PERIOD_S, self._tell_missing, clock=OWN_CLOCK)
 
     def close(self) -> None:
         """Take in what is still on its way, then finish the bag."""
@@ -113,6 +117,13 @@ class RecorderNode(ParameterNode, Node):
             self._recording.publish(Bool(data=True))
             sys.stdout.write(f"recording: {self._folder}\n")
             sys.stdout.flush()
+
+    def _tell_missing(self) -> None:
+        """Say, once, which topics that are asked for have no publisher."""
+        missing = ", ".join(sorted(self._requested - self._listening.keys()))
+        if missing and missing != self._told_missing:
+            self.get_logger().warning(f"nobody publishes {missing} yet")
+        self._told_missing = missing
 
     def _wants(self, name: str) -> bool:
         if name in self._requested or not self._everything:
