@@ -18,6 +18,7 @@ from typing import Any, Self
 import yaml
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_ros_bridge.bag_losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.mcap_file import McapFile
 from oaisys_ros_bridge.message_definition import message_definition, type_hash
 
@@ -158,8 +159,11 @@ class BagWriter:
         if room < length + self._file.summary_length + SPARE_BYTES:
             raise OSError(errno.ENOSPC, f"{room >> 10} KB left", str(self._file.path))
 
-    def close(self) -> None:
+    def close(self, losses: BagLosses | None = None) -> None:
         """Write the summary and ``metadata.yaml``; a second call does nothing.
+
+        Args:
+            losses: What the bag says it lacks; None: that is not known.
 
         Raises:
             OSError: The file system refuses; the messages can be recovered.
@@ -172,9 +176,12 @@ class BagWriter:
             first_ns=self._first_ns or 0,
             last_ns=self._last_ns,
         )
-        information = bag_information(contents, self._distribution)
+        custom = None if losses is None else losses.entries
+        information = bag_information(contents, self._distribution, custom)
         text = yaml.safe_dump(information, sort_keys=False)
         try:
+            if custom is not None:
+                self._file.add_metadata(METADATA_NAME, custom)
             self._file.add_metadata("rosbag2", {"serialized_metadata": text})
             self._file.finish()
         finally:
@@ -182,8 +189,12 @@ class BagWriter:
         write_metadata(self._folder, information)
 
 
-def bag_information(contents: BagContents, distribution: str = "jazzy") -> dict[str, Any]:
-    """Return what rosbag2 keeps of a bag of one file.
+def bag_information(
+    contents: BagContents,
+    distribution: str = "jazzy",
+    custom_data: Mapping[str, str] | None = None,
+) -> dict[str, Any]:
+    """Return what rosbag2 keeps of a bag of one file, and what else is to be told of it.
 
     Raises:
         NotFoundError: A topic's type is not installed here.
@@ -211,7 +222,7 @@ def bag_information(contents: BagContents, distribution: str = "jazzy") -> dict[
                 "message_count": count,
             }
         ],
-        "custom_data": None,
+        "custom_data": None if custom_data is None else dict(custom_data),
         "ros_distro": distribution,
     }
 

@@ -11,6 +11,7 @@ from mcap.reader import McapReader, make_reader
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_ros_bridge.bag_losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.namespaces import TF
 
 SAMPLE_INFO_TYPE = "oaisys_msgs/msg/SampleInfo"
@@ -22,6 +23,7 @@ def summary_of(path: Path) -> list[str]:
     """Return one line per topic (name, type, messages), below a line of the whole.
 
     Transforms that a bridge has repeated between samples are told apart from those of samples.
+    Where a recorder of ours wrote it, what it lacks of the announced samples follows.
 
     Args:
         path: A bag's folder with one ``.mcap`` file in it, or that file.
@@ -35,6 +37,11 @@ def summary_of(path: Path) -> list[str]:
             reader = make_reader(stream)
             summary = reader.get_summary()
             repeats = {} if summary is None else repeats_of(reader, summary)
+            losses = [
+                BagLosses.read(record.metadata)
+                for record in reader.iter_metadata()
+                if record.name == METADATA_NAME
+            ]
     except (McapError, struct.error) as error:  # where there is no footer it reads anything
         raise InvalidInputError("bag", str(file), FINISHED) from error
     if summary is None or summary.statistics is None:
@@ -52,6 +59,7 @@ def summary_of(path: Path) -> list[str]:
         repeated = repeats.get(topic, 0)
         also = f" and {repeated} repeats" if repeated else ""
         lines.append(f"  {topic:<{width}}  {kind}  {count - repeated}{also}")
+    lines += [f"  {sentence}" for found in losses for sentence in found.sentences]
     return lines
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from nav_msgs.msg import Odometry
@@ -31,6 +31,11 @@ COLOR_WAIT_S = 2.0
 MOST_WITHOUT_POSE = 32
 """Frames that may wait for their transform; the oldest are given up first."""
 
+INCOMPLETE = "depth images without camera, or of no sample"
+WITHOUT_POSE = "depth images without a pose"
+UNUSABLE = "images that cannot be used"
+"""Why a depth image becomes no frame."""
+
 
 class FrameAssembler:
     """Pairs what carries the same stamp, in whatever order it comes.
@@ -39,15 +44,29 @@ class FrameAssembler:
         map_frame: Frame that poses are wanted in.
         use_color, use_semantics: Whether a depth image waits for its colour and label images:
             until its sample is complete where that is told, and in any case for `COLOR_WAIT_S`.
+        on_given_up: Told the stamp of a depth image that becomes no frame, and why.
     """
 
-    def __init__(self, map_frame: str, *, use_color: bool, use_semantics: bool = False) -> None:
+    def __init__(
+        self,
+        map_frame: str,
+        *,
+        use_color: bool,
+        use_semantics: bool = False,
+        on_given_up: Callable[[int, str], object] = lambda *_: None,
+    ) -> None:
         self._map_frame = map_frame
+        self._on_given_up = on_given_up
         self._transforms = FrameBuffer()
         wanted = [
             kind for kind, is_used in (("color", use_color), ("semantic", use_semantics)) if is_used
         ]
-        self._images = ExactSynchronizer(("depth", "info"), wanted, counted=("depth",))
+        self._images = ExactSynchronizer(
+            ("depth", "info"),
+            wanted,
+            counted=("depth",),
+            on_dropped=lambda stamp_ns: on_given_up(stamp_ns, INCOMPLETE),
+        )
         self._color_info: PinholeIntrinsics | None = None
         self._without_pose_lost = 0
         self._without_pose: dict[int, dict[str, Any]] = {}
@@ -117,8 +136,10 @@ class FrameAssembler:
     def _go_on(self, stamp_ns: int, messages: dict[str, Any]) -> None:
         self._without_pose[stamp_ns] = messages
         while len(self._without_pose) > MOST_WITHOUT_POSE:
-            del self._without_pose[min(self._without_pose)]
+            oldest_ns = min(self._without_pose)
+            del self._without_pose[oldest_ns]
             self._without_pose_lost += 1
+            self._on_given_up(oldest_ns, WITHOUT_POSE)
 
     @property
     def given_up(self) -> int:
@@ -138,7 +159,11 @@ class FrameAssembler:
             if T_map_camera is None:
                 continue
             del self._without_pose[stamp_ns]
-            return self._frame(stamp_ns, messages, T_map_camera)
+            try:
+                return self._frame(stamp_ns, messages, T_map_camera)
+            except InvalidInputError:
+                self._on_given_up(stamp_ns, UNUSABLE)
+                raise
         return None
 
     def _frame(

@@ -21,6 +21,12 @@ from oaisys_mapping.visibility import View
 
 QUEUE_FRAMES = 32
 """Frames that may wait: 70 MB at 640x480. Any further one is dropped and counted."""
+QUEUE_BYTES = 2**30
+"""Likewise of large frames, but one may always wait."""
+
+NOT_FUSED = "frames that could not be fused"
+QUEUE_FULL = "frames that found the mapper's queue full"
+"""Why a frame is not in the volume."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -43,6 +49,12 @@ class DepthFrame(ShortRepr):
     T_map_camera: FloatArray
     labels: NDArray[np.uint16] | None = None
 
+    @property
+    def nbytes(self) -> int:
+        """Size of its images."""
+        images = (self.depth_m, self.rgb, self.labels)
+        return sum(image.nbytes for image in images if image is not None)
+
 
 @dataclass(frozen=True)
 class FusionState:
@@ -62,6 +74,7 @@ class Fusion:
         config: How the volume is made.
         on_change: Called from the thread after every frame.
         on_error: Called with the reason where a frame cannot be integrated.
+        on_done: Called with a frame's stamp, and why it is not in the volume; empty: it is.
     """
 
     def __init__(
@@ -70,12 +83,14 @@ class Fusion:
         *,
         on_change: Callable[[FusionState], None],
         on_error: Callable[[str], None],
+        on_done: Callable[[int, str], object] = lambda *_: None,
     ) -> None:
         self._volume = TsdfVolume(config)
         self._views: list[View] = []
         self._state = FusionState()
         self._on_change = on_change
         self._on_error = on_error
+        self._on_done = on_done
         self._frames: queue.Queue[tuple[int, DepthFrame] | None] = queue.Queue(QUEUE_FRAMES)
         self._resets = 0
         self._volume_lock = threading.Lock()
@@ -90,12 +105,22 @@ class Fusion:
 
     def add(self, frame: DepthFrame) -> bool:
         """Queue a frame; return False if there was no room and it was dropped."""
+        if not self._put(frame):
+            self._count(received=1, dropped=1)
+            self._on_done(frame.stamp_ns, QUEUE_FULL)
+            return False
+        self._count(received=1)
+        return True
+
+    def _put(self, frame: DepthFrame) -> bool:
+        with self._frames.mutex:
+            waiting = [entry[1].nbytes for entry in self._frames.queue if entry is not None]
+        if waiting and sum(waiting) + frame.nbytes > QUEUE_BYTES:
+            return False
         try:
             self._frames.put_nowait((self._resets, frame))
         except queue.Full:
-            self._count(received=1, dropped=1)
             return False
-        self._count(received=1)
         return True
 
     def surface(self, timeout_s: float) -> tuple[ColoredMesh, tuple[View, ...]]:
@@ -162,11 +187,14 @@ class Fusion:
         while (entry := self._frames.get()) is not None:
             resets, frame = entry
             with self._volume_lock:
-                if resets == self._resets:
-                    self._integrate(frame)
+                is_wanted = resets == self._resets
+                fault = self._integrate(frame) if is_wanted else ""
+            if is_wanted:
+                self._on_done(frame.stamp_ns, fault)
             self._on_change(self._state)
 
-    def _integrate(self, frame: DepthFrame) -> None:
+    def _integrate(self, frame: DepthFrame) -> str:
+        """Fuse a frame; return why it cannot be, or nothing."""
         start_s = time.perf_counter()
         try:
             camera = rectified_camera(frame.intrinsics)
@@ -178,10 +206,11 @@ class Fusion:
         except OaisysError as error:
             self._on_error(str(error))
             self._count(dropped=1)
-            return
+            return NOT_FUSED
         self._views.append(View(camera, frame.T_map_camera))
         duration_s = time.perf_counter() - start_s
         self._count(integrated=1, stamp_ns=frame.stamp_ns, duration_s=duration_s)
+        return ""
 
     def _count(
         self,

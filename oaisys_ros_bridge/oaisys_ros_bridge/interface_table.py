@@ -21,6 +21,8 @@ class Kind(Enum):
 SENSOR = "reliable, depth 5"
 LATCHED = "reliable, latched, depth 1"
 PLAIN = "reliable, depth 10"
+DEEP = "reliable, depth 50"
+TOLD = "reliable, depth 1000"
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,11 @@ _RIG = (
         SENSOR,
     ),
     Interface(
-        Kind.PUBLISHED, "path", "nav_msgs/msg/Path", "The way so far in this world.", LATCHED
+        Kind.PUBLISHED,
+        "path",
+        "nav_msgs/msg/Path",
+        "The way so far in this world.",
+        "reliable, latched, depth 10",
     ),
     Interface(
         Kind.PUBLISHED,
@@ -144,8 +150,8 @@ _STATE = (
         Kind.PUBLISHED,
         "~/sample_info",
         "oaisys_msgs/msg/SampleInfo",
-        "Last of a sample: it is complete. Seed, configuration, poses, K, render time in s.",
-        SENSOR,
+        "Last of a sample: it is complete. Seed, configuration, poses, K, topics, render time.",
+        TOLD,
     ),
     Interface(
         Kind.PUBLISHED, "~/batch", "oaisys_msgs/msg/SampleInfo", "The world that stands.", LATCHED
@@ -165,6 +171,13 @@ _STATE = (
         LATCHED,
     ),
     Interface(
+        Kind.SUBSCRIBED,
+        "~/receipts",
+        "oaisys_msgs/msg/SampleReceipt",
+        "How far the mapper and recorders are: `readers.when_behind`.",
+        "reliable, latched, depth 100",
+    ),
+    Interface(
         Kind.PUBLISHED,
         "~/transition_event",
         "lifecycle_msgs/msg/TransitionEvent",
@@ -176,7 +189,8 @@ _STATE = (
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
         "State, restarts, queue, memory, drops; what rendering, transfer and publishing of the "
-        "last sample took. At 1 Hz, at each change, after each sample.",
+        "last sample took; how far our own readers are and what they have lost. At 1 Hz, at each "
+        "change, after each sample.",
         PLAIN,
     ),
 )
@@ -283,30 +297,30 @@ MAPPER_INTERFACES = (
         "camera/depth/image_raw",
         "sensor_msgs/msg/Image",
         "`32FC1` in metres or `16UC1` in millimetres. `camera` is a parameter.",
-        SENSOR,
+        DEEP,
     ),
     Interface(
         Kind.SUBSCRIBED,
         "camera/depth/camera_info",
         "sensor_msgs/msg/CameraInfo",
         "Its camera.",
-        SENSOR,
+        DEEP,
     ),
     Interface(
         Kind.SUBSCRIBED,
         "camera/color/image_raw",
         "sensor_msgs/msg/Image",
         "Of the same stamp.",
-        SENSOR,
+        DEEP,
     ),
     Interface(
         Kind.SUBSCRIBED,
         "camera/color/camera_info",
         "sensor_msgs/msg/CameraInfo",
         "Its camera, where that is another one than the depth's.",
-        SENSOR,
+        DEEP,
     ),
-    Interface(Kind.SUBSCRIBED, "/tf", "tf2_msgs/msg/TFMessage", "Poses.", "reliable, depth 100"),
+    Interface(Kind.SUBSCRIBED, "/tf", "tf2_msgs/msg/TFMessage", "Poses.", TOLD),
     Interface(
         Kind.SUBSCRIBED,
         "/tf_static",
@@ -318,8 +332,8 @@ MAPPER_INTERFACES = (
         Kind.SUBSCRIBED,
         "oaisys_bridge/sample_info",
         "oaisys_msgs/msg/SampleInfo",
-        "Which samples are complete.",
-        SENSOR,
+        "Which samples are complete, and what is to come of them.",
+        TOLD,
     ),
     Interface(
         Kind.SUBSCRIBED,
@@ -346,7 +360,15 @@ MAPPER_INTERFACES = (
         Kind.PUBLISHED,
         "~/metrics",
         "oaisys_msgs/msg/MapStatus",
-        "Frames received, integrated, dropped; seconds of the last one; figures as JSON.",
+        "Frames received, integrated, dropped; seconds of the last one; figures as JSON; samples "
+        "announced, those that something is missing of, and what.",
+        LATCHED,
+    ),
+    Interface(
+        Kind.PUBLISHED,
+        "oaisys_bridge/receipts",
+        "oaisys_msgs/msg/SampleReceipt",
+        "Up to which sample all are in the map, and what is missing of them.",
         LATCHED,
     ),
     Interface(
@@ -365,6 +387,13 @@ MAPPER_INTERFACES = (
 )
 
 RECORDER_INTERFACES = (
+    Interface(
+        Kind.PUBLISHED,
+        "oaisys_bridge/receipts",
+        "oaisys_msgs/msg/SampleReceipt",
+        "Up to which sample all are in the bag, and what is missing; of each bridge.",
+        LATCHED,
+    ),
     Interface(
         Kind.PUBLISHED,
         "~/recording",

@@ -92,6 +92,24 @@ _COMMANDS = (
     ),
 )
 
+_READERS = (
+    ParameterRow(
+        "readers.when_behind",
+        "wait",
+        "What a sample does while the mapper or a recorder is 4 behind: wait until they have taken "
+        "what they lack, or drop what they then lose, which is counted all the same.",
+        choices=("wait", "drop"),
+    ),
+    ParameterRow(
+        "readers.timeout_s",
+        10.0,
+        "Who has taken no sample for so long is not waited for again until it does.",
+        unit="s",
+        least=0.0,
+        most=3600.0,
+    ),
+)
+
 _FRAMES = (
     ParameterRow(
         "map_frame",
@@ -358,6 +376,7 @@ BRIDGE = ParameterTable(
         *_CONNECTION,
         *_LIFE,
         *_COMMANDS,
+        *_READERS,
         *_FRAMES,
         *_CLOUDS,
         *_COMPRESSED,

@@ -14,11 +14,20 @@ class Publishers:
 
     Args:
         node: Their owner.
+
+    Attributes:
+        used: Full names of the topics that `send` has published on; its reader's to clear.
     """
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._by_topic: dict[str, Publisher] = {}
+        self.used: set[str] = set()
+
+    def send(self, publisher: Publisher, message: Any) -> None:
+        """Publish a message of a sample, and take note of its topic."""
+        publisher.publish(message)
+        self.used.add(str(publisher.topic_name))
 
     def offer(self, kind: type[Any], topic: str, qos: QoSProfile) -> Publisher:
         """Return the publisher of a topic."""

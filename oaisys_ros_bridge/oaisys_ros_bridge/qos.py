@@ -4,8 +4,42 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
-SENSOR_QOS = QoSProfile(depth=5, reliability=ReliabilityPolicy.RELIABLE)
+SENSOR_DEPTH = 5
+
+SENSOR_QOS = QoSProfile(depth=SENSOR_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
 """Images and clouds. Reliable: best effort loses large messages over UDP."""
+
+WINDOW = SENSOR_DEPTH - 1
+"""Samples that our own readers may be behind before the bridge waits for them: publishers still
+hold the messages of all of these."""
+
+DEEP_QOS = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+"""Images and clouds as the mapper listens to them: no more than `WINDOW` wait there where the
+bridge waits, and as many as this where it does not, or somebody else publishes."""
+
+SAMPLE_INFO_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""What samples are counted against: small, and kept far longer than what is counted."""
+
+RECEIPT_QOS = QoSProfile(
+    depth=1,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""Of each reader: its last receipt says all that those before did."""
+
+RECEIPTS_QOS = QoSProfile(
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""For whoever listens to the receipts of several readers."""
+
+PATH_QOS = QoSProfile(
+    depth=2 * SENSOR_DEPTH,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""The path with each sample, and in between for those who come late."""
 
 LATCHED_QOS = QoSProfile(
     depth=1,
@@ -15,6 +49,9 @@ LATCHED_QOS = QoSProfile(
 """Legends, meshes, mounts: the last message reaches those who come late."""
 
 TF_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
+
+DEEP_TF_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+"""Transforms as the mapper listens to them: others publish there, too."""
 
 TF_STATIC_QOS = QoSProfile(
     depth=100,

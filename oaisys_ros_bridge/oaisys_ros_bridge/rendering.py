@@ -15,6 +15,7 @@ from oaisys_core.types import Frame, Pose, Sample, SampleOutline, SimulatorInfo
 from oaisys_ros_bridge.cancellation import Cancellation
 from oaisys_ros_bridge.pending_metadata import PendingMetadata
 from oaisys_ros_bridge.publication import Publication
+from oaisys_ros_bridge.readers import Readers
 from oaisys_ros_bridge.requests import checked_modalities, rig_pose
 from oaisys_ros_bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.stamps import nanoseconds
@@ -79,6 +80,7 @@ class Renderer:
         ready_link: Returns the link of a bridge that may render now; raises `NotReadyError`.
         begin: Begins to publish a sample.
         map_frame: Returns the frame of the world.
+        readers: Who has to take the samples, and is waited for before another one.
         on_sample: Told after each sample.
         paused_reason: Why only steps of the simulation are rendered; empty: all is.
         rig_pose: Where the rig was last put; None: that is not known.
@@ -89,6 +91,7 @@ class Renderer:
     ready_link: Callable[[], tuple[SimulatorLink, SimulatorInfo]]
     begin: Callable[[SampleOutline], Publication]
     map_frame: Callable[[], str]
+    readers: Readers
     on_sample: Callable[[], None] = lambda: None
     paused_reason: str = ""
     rig_pose: Pose | None = None
@@ -125,6 +128,8 @@ class Renderer:
     def render(self, view: View, cancellation: Cancellation | None = None) -> tuple[Sample, Time]:
         """Render and publish one view; return the sample and the stamp of all its messages.
 
+        Waits for our own readers first, where they are too far behind to get all of it.
+
         What is ready goes out at once. Where the render then fails, ``~/sample_info`` never tells
         of that stamp: its images belong to no sample.
 
@@ -139,6 +144,7 @@ class Renderer:
                 self._current = cancellation
                 self._idle.clear()
                 try:
+                    self.readers.wait_for_room(cancellation)
                     sample, stamp = self._rendered(view, link, info, cancellation)
                 finally:
                     self._current = None
@@ -162,6 +168,7 @@ class Renderer:
 
         def publish(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
             if not begun:
+                self.readers.begin()
                 begun.append(self.begin(outline))
             begun[0].add(frames)
 
@@ -176,7 +183,10 @@ class Renderer:
                 cancellation=cancellation,
             )
         waited_s = time.monotonic() - asked_s - (begun[0].seconds if begun else 0.0)
-        publication = begun[0] if begun else self.begin(sample.outline)
+        if not begun:
+            publish(sample.outline, ())
+        publication = begun[0]
+        self.readers.expect(sample, publication.stamp)
         publication.finish(sample)
         self._note(sample, publication, waited_s)
         return sample, publication.stamp

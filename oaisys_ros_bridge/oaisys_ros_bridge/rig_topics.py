@@ -40,6 +40,7 @@ class RigTopics:
     def __init__(
         self, publishers: Publishers, map_frame: str, base_frame: str, odom_frame: str
     ) -> None:
+        self._publishers = publishers
         self._map_frame = map_frame
         self._base_frame = base_frame
         self._odom_frame = odom_frame
@@ -73,13 +74,14 @@ class RigTopics:
             ]
         else:
             self._transforms = [transform_to_msg(pose_to_matrix(true), header, self._base_frame)]
-        self._tf.publish(TFMessage(transforms=self._transforms))
-        self._truth.publish(odometry_to_msg(true, header, self._base_frame))
+        self._publishers.send(self._tf, TFMessage(transforms=self._transforms))
+        self._publishers.send(self._truth, odometry_to_msg(true, header, self._base_frame))
         if is_heard(self._odometry):
             covariance = drift_covariance(options.drift_sigmas, sample_id)
             if outline.odometry is not None:
                 covariance += odometry_covariance(outline.odometry)
-            self._odometry.publish(odometry_to_msg(believed, own, self._base_frame, covariance))
+            message = odometry_to_msg(believed, own, self._base_frame, covariance)
+            self._publishers.send(self._odometry, message)
 
     def repeat(self, stamp: Time) -> None:
         """Publish the last transforms again, if there are any, for those who have come since."""

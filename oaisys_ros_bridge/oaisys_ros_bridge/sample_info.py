@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import fields
 
 from geometry_msgs.msg import Pose as PoseMsg
@@ -21,13 +22,22 @@ from oaisys_msgs.msg import SampleInfo, SensorPose
 from oaisys_ros_bridge.conversions import pose_to_msg
 
 
-def sample_info_msg(sample: Sample, header: Header, faults_json: str = "") -> SampleInfo:
+def sample_info_msg(
+    sample: Sample,
+    header: Header,
+    faults_json: str = "",
+    *,
+    sequence: int = 0,
+    topics: Collection[str] = (),
+) -> SampleInfo:
     """Return the message that says what was rendered, from where, and how to repeat it.
 
     Args:
-        sample: Which.
+        sample: That is complete.
         header: Its stamp, and the frame of its poses.
         faults_json: What was done to its depth before it was published; empty: nothing.
+        sequence: Its number among all that were published; 0: not known.
+        topics: Full names of those that its messages were published on.
     """
     frames: dict[str, list[Frame]] = {}
     for frame in sample.frames:
@@ -42,6 +52,8 @@ def sample_info_msg(sample: Sample, header: Header, faults_json: str = "") -> Sa
         render_time=sample.render_time_s,
         from_cache=sample.from_cache,
         faults_json=faults_json,
+        sequence=sequence,
+        topics=sorted(topics),
         **how,
     )
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict
+from itertools import count
 from typing import Any
 
 from builtin_interfaces.msg import Time
@@ -17,7 +18,7 @@ from oaisys_core.types import DEPTH, RGB, Frame, Sample, SampleOutline, Simulato
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.publishers import Publishers
 from oaisys_ros_bridge.publishing_options import PublishingOptions
-from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, SAMPLE_INFO_QOS
 from oaisys_ros_bridge.rig_topics import RigTopics
 from oaisys_ros_bridge.sample_info import sample_info_msg
 from oaisys_ros_bridge.sensor_topics import SensorTopics, sensor_namespace
@@ -32,21 +33,27 @@ class SamplePublisher:
         info: The simulator, whose sensors and labels settle the topics.
         settings: Returns the values of the node's parameters; frames' names are read now, all
             else once for each sample.
+        numbers: Of the samples, in the order in which they get complete.
     """
 
     def __init__(
-        self, node: Node, info: SimulatorInfo, settings: Callable[[], Mapping[str, Any]]
+        self,
+        node: Node,
+        info: SimulatorInfo,
+        settings: Callable[[], Mapping[str, Any]],
+        numbers: Iterator[int] | None = None,
     ) -> None:
         self._node = node
         self._info = info
         self._settings = settings
         values = settings()
         self._map_frame = values["map_frame"]
+        self._numbers = numbers or count(1)
         self._publishers = Publishers(node)
         self._rig = RigTopics(
             self._publishers, self._map_frame, values["base_frame"], values["odom_frame"]
         )
-        self._sample_info = self._publishers.offer(SampleInfo, "~/sample_info", SENSOR_QOS)
+        self._sample_info = self._publishers.offer(SampleInfo, "~/sample_info", SAMPLE_INFO_QOS)
         self._traces = Traces(node, self._publishers, self._map_frame)
         self._sensors = {
             sensor.name: SensorTopics(
@@ -82,6 +89,7 @@ class SamplePublisher:
 
     def publish_pose(self, outline: SampleOutline, stamp: Time, options: PublishingOptions) -> None:
         """Publish where the rig is."""
+        self._publishers.used.clear()
         self._rig.publish(outline, stamp, options)
 
     def repeat_transforms(self, stamp: Time) -> None:
@@ -109,7 +117,10 @@ class SamplePublisher:
         header = Header(stamp=stamp, frame_id=self._map_frame)
         faults = options.depth_faults
         done = json.dumps(asdict(faults)) if faults.active else ""
-        self._sample_info.publish(sample_info_msg(sample, header, done))
+        number, topics = next(self._numbers), self._publishers.used
+        self._sample_info.publish(
+            sample_info_msg(sample, header, done, sequence=number, topics=topics)
+        )
 
     def _publish_mounts(self, base_frame: str) -> None:
         """Latch where each camera sits on the rig."""

@@ -141,15 +141,16 @@ class SensorTopics:
         camera_info = self._camera_info(frame.modality)
         if is_heard(camera_info):
             baseline_m = self._sensor.stereo_baseline_m
-            camera_info.publish(intrinsics_to_msg(frame.intrinsics, header, baseline_m))
+            message = intrinsics_to_msg(frame.intrinsics, header, baseline_m)
+            self._publishers.send(camera_info, message)
         image = self._image(frame.modality)
         if is_heard(image):
-            image.publish(image_to_msg(frame.data, encoding_of(frame), header))
+            self._publishers.send(image, image_to_msg(frame.data, encoding_of(frame), header))
         heard = [p for p in self._compressed(frame.modality) if is_heard(p)]
         if heard:
-            message = _compressed_msg(frame, header, options)
+            compressed = _compressed_msg(frame, header, options)
             for publisher in heard:
-                publisher.publish(message)
+                self._publishers.send(publisher, compressed)
 
     def publish_cloud(
         self, depth: Frame, color: Frame | None, stamp: Time, options: PublishingOptions
@@ -160,9 +161,8 @@ class SensorTopics:
             return
         rgb = None if color is None else color.data
         header = self._header(stamp)
-        publisher.publish(
-            depth_to_cloud_msg(depth.data, rgb, depth.intrinsics, header, options.cloud)
-        )
+        cloud = depth_to_cloud_msg(depth.data, rgb, depth.intrinsics, header, options.cloud)
+        self._publishers.send(publisher, cloud)
 
     def _header(self, stamp: Time) -> Header:
         return Header(stamp=stamp, frame_id=self._optical_frame)

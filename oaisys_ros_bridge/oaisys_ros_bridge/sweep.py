@@ -15,10 +15,14 @@ from oaisys_ros_bridge.requests import checked_frame
 
 
 def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
-    """Offer the action; each pose is rendered in a turn of its own."""
+    """Offer the action; each pose is rendered in a turn of its own.
+
+    It ends once our own readers have taken all samples, or says who has not, and what is lost.
+    """
 
     def run(goal: ServerGoalHandle, cancellation: Cancellation, result: Sweep.Result) -> None:
         array = goal.request.poses
+        before = renderer.readers.states()
         checked_frame(array.header.frame_id, "poses.header.frame_id", renderer.map_frame())
         for index, pose in enumerate(array.poses):
             view = View(PoseStamped(header=array.header, pose=pose))
@@ -33,7 +37,9 @@ def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
             goal.publish_feedback(
                 Sweep.Feedback(index=done, total=len(array.poses), render_time=render_s)
             )
+        renderer.readers.wait_until_taken(cancellation)
         result.success = True
+        result.message = "; ".join(renderer.readers.shortfalls(before))
 
     return GoalServer(node, GoalWork(Sweep, "~/sweep", run, _explain))
 

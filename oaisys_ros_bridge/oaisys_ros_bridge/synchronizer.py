@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 PENDING = 32
@@ -17,14 +17,20 @@ class ExactSynchronizer:
         required: Kinds without which a stamp is not complete.
         wanted: Kinds that are waited for until `release_older_than` gives them up.
         counted: Kinds whose loss counts.
+        on_dropped: Told the stamps whose loss counts.
 
     Attributes:
         given_up: How many stamps with a counted kind never got complete.
     """
 
     def __init__(
-        self, required: Iterable[str], wanted: Iterable[str] = (), counted: Iterable[str] = ()
+        self,
+        required: Iterable[str],
+        wanted: Iterable[str] = (),
+        counted: Iterable[str] = (),
+        on_dropped: Callable[[int], object] = lambda _: None,
     ) -> None:
+        self._on_dropped = on_dropped
         self._counted = frozenset(counted)
         self._required = frozenset(required)
         self._complete = self._required | frozenset(wanted)
@@ -77,8 +83,10 @@ class ExactSynchronizer:
         """Give stamps up; those of which an image had come are counted."""
         for stamp_ns in stamps_ns:
             _, messages = self._pending.get(stamp_ns, (0.0, {}))
-            self.given_up += bool(messages.keys() & self._counted)
             self._forget(stamp_ns)
+            if messages.keys() & self._counted:
+                self.given_up += 1
+                self._on_dropped(stamp_ns)
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:

@@ -25,7 +25,7 @@ from oaisys_ros_bridge.markers import deletion_marker, deletion_of_all, frustum_
 from oaisys_ros_bridge.node_process import OWN_CLOCK
 from oaisys_ros_bridge.publishers import Publishers, is_heard
 from oaisys_ros_bridge.publishing_options import PublishingOptions
-from oaisys_ros_bridge.qos import LATCHED_QOS, TRACE_QOS
+from oaisys_ros_bridge.qos import PATH_QOS, TRACE_QOS
 
 GREETING_PERIOD_S = 1.0
 """Between two looks for subscribers that were not there before."""
@@ -64,6 +64,7 @@ class Traces:
 
     def __init__(self, node: Node, publishers: Publishers, map_frame: str) -> None:
         self._node = node
+        self._publishers = publishers
         self._map_frame = map_frame
         self._lock = threading.Lock()
         self._world: World | None = None
@@ -72,7 +73,7 @@ class Traces:
         self._views: deque[Viewpoint] = deque()
         self._taken = 0
         self._depth_m = 0.0
-        self._path = publishers.offer(Path, "path", LATCHED_QOS)
+        self._path = publishers.offer(Path, "path", PATH_QOS)
         self._viewpoints = publishers.offer(MarkerArray, "viewpoints", TRACE_QOS)
         self._audience = {publisher.topic_name: 0 for publisher in (self._path, self._viewpoints)}
         group = MutuallyExclusiveCallbackGroup()
@@ -107,7 +108,7 @@ class Traces:
             while len(self._poses) > options.path_length:
                 self._poses.popleft()
             if is_heard(self._path):
-                self._path.publish(self._path_msg())
+                self._publishers.send(self._path, self._path_msg())
             begun, gone = self._take_in(sample, options.viewpoints_count)
             if is_heard(self._viewpoints) and (begun or gone):
                 markers = [
@@ -115,7 +116,7 @@ class Traces:
                     for view in gone
                 ]
                 markers += map(self._marker, begun)
-                self._viewpoints.publish(MarkerArray(markers=markers))
+                self._publishers.send(self._viewpoints, MarkerArray(markers=markers))
 
     def _take_in(self, sample: Sample, most: int) -> tuple[list[Viewpoint], list[Viewpoint]]:
         """Return a sample's views that are shown from now on, and those that no longer are."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
+from itertools import count
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -37,6 +38,7 @@ class WorldTopics:
         self._stamps: Stamps | None = None
         self._repeater: Timer | None = None
         self._announced: tuple[str, int, int] | None = None
+        self._numbers = count(1)
         self._batch = node.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
         self._configuration = node.create_publisher(String, "~/configuration", LATCHED_QOS)
         self._configured = ""
@@ -50,7 +52,7 @@ class WorldTopics:
                 return
             if self._samples is not None:
                 self._samples.destroy()
-            self._samples = SamplePublisher(self._node, info, self._settings)
+            self._samples = SamplePublisher(self._node, info, self._settings, self._numbers)
             if self._repeater is None and (rate_hz := self._settings()["tf_rate"]):
                 group = MutuallyExclusiveCallbackGroup()
                 self._repeater = self._node.create_timer(

@@ -33,6 +33,7 @@ from oaisys_ros_bridge.parameter_table import Changeable, ParameterRow
 from oaisys_ros_bridge.parameters import BRIDGE
 from oaisys_ros_bridge.publication import Publication
 from oaisys_ros_bridge.qos import LATCHED_QOS, NEWEST_QOS
+from oaisys_ros_bridge.readers import Readers
 from oaisys_ros_bridge.rendering import Renderer, View
 from oaisys_ros_bridge.requests import (
     metadata_of_module,
@@ -78,11 +79,13 @@ class BridgeNode(ParameterNode, ManagedNode):
         self._announced_ready: bool | None = None
         self._ready = self.create_publisher(Bool, "~/ready", LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._readers = Readers(self, lambda: self.parameters)
         self._renderer = Renderer(
             self._turns,
             ready_link=self._ready_link,
             begin=self._begin,
             map_frame=lambda: str(self.parameters["map_frame"]),
+            readers=self._readers,
             on_sample=self._publish_diagnostics,
         )
         self._commands = CommandQueue(
@@ -390,8 +393,17 @@ class BridgeNode(ParameterNode, ManagedNode):
         message = "ready" if ready else (reason if meant else "") or self.state_name
         name = f"{self.get_name()}: simulator"
         diagnostics = diagnostics_msg(name, self.parameters["address"], level, message, values)
+        diagnostics.status.append(self._readers_status())
         diagnostics.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(diagnostics)
+
+    def _readers_status(self) -> DiagnosticStatus:
+        """Return how far the mapper and recorders are."""
+        wrong, values = self._readers.diagnostics()
+        level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
+        name, address = f"{self.get_name()}: readers", self.parameters["address"]
+        message = "; ".join(wrong) or "nothing is lost"
+        return diagnostics_msg(name, address, level, message, values).status[0]
 
 
 def _known(link: SimulatorLink) -> SimulatorInfo:

@@ -8,11 +8,13 @@ import shutil
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -21,12 +23,21 @@ from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
+from oaisys_ros_bridge.bag_losses import BagLosses
 from oaisys_ros_bridge.bag_parameters import RECORDER
 from oaisys_ros_bridge.message_definition import message_class
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
-from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, SAMPLE_INFO_QOS
+from oaisys_ros_bridge.sample_watch import (
+    SAMPLE_INFO,
+    SampleWatch,
+    counting_losses,
+    name_of,
+)
+from oaisys_ros_bridge.serialized_stamps import StampReader, stamp_reader
 
 TELL_PERIOD_S = 3.0
 """Between two looks at which topics are still without a publisher."""
@@ -36,10 +47,13 @@ CALM_LOOKS = 6
 """Looks without anything new after which all topics that exist count as found. Discovery gives no
 sign of its end: only named topics are certain to be listened to by then."""
 QUEUE_DEPTH = 50
+"""Messages of a topic that may wait; the bridge waits long before they are so many."""
 LAST_MESSAGES_S = 0.5
-"""At the end, recording goes on until nothing has come for this long ..."""
+"""At the end, recording goes on until all has come of every announced sample. Of what no sample
+announces nobody tells the end: until nothing has come for this long ..."""
 LONGEST_END_S = 3.0
 """... but no longer than this."""
+SAMPLE_INFO_TYPE = "oaisys_msgs/msg/SampleInfo"
 LEAST_FREE_BYTES = 64 * 2**20
 
 
@@ -49,6 +63,9 @@ class RecorderNode(ParameterNode, Node):
     Its parameters are the table `RECORDER`. *All* topics are those that exist or appear in the
     node's own namespace, and ROS's own at the root, such as ``/tf`` and ``/diagnostics``; hidden
     ones, and what ``exclude`` matches, apart.
+
+    It listens to ``sample_info`` in any case, where there is one, and counts against it what it has
+    lost: in receipts, which the bridge waits for, in the bag, and at the end.
 
     Once it listens to all requested topics (or to all that exist), it prints ``recording: PATH``
     and publishes true on the latched ``~/recording``. A full disk ends the recording with one
@@ -81,6 +98,11 @@ class RecorderNode(ParameterNode, Node):
         self._announced = False
         self._ended = False
         self._last_message_s = 0.0
+        self._losses = BagLosses()
+        self._lost_by_middleware: Counter[str] = Counter()
+        self._watches: dict[str, SampleWatch] = {}
+        self._stamped: dict[str, StampReader] = {}
+        self._counted: set[str] = set()
         self._recording = self.create_publisher(Bool, "~/recording", LATCHED_QOS)
         self._own_topics = {self._recording.topic_name}
         self.create_timer(LOOK_PERIOD_S, self._look, clock=OWN_CLOCK)
@@ -92,20 +114,25 @@ class RecorderNode(ParameterNode, Node):
     def close(self) -> None:
         """Take in what is still on its way, then finish the bag."""
         end_s = time.monotonic() + LONGEST_END_S
-        start_s = self._last_message_s = time.monotonic()
-        while time.monotonic() < min(end_s, max(start_s, self._last_message_s) + LAST_MESSAGES_S):
-            time.sleep(0.05)
+        self._last_message_s = time.monotonic()
+        while time.monotonic() < min(end_s, self._last_message_s + LAST_MESSAGES_S) or (
+            time.monotonic() < end_s and any(w.ledger.open for w in self._watches.values())
+        ):
+            time.sleep(0.02)
         with self._bag_lock:
             # Callbacks may still come until the executor has ended.
             if not self._ended:
-                self._ended = True
-                self._finish()
-        self.get_logger().info(f"{self._bag.message_count} messages in {self._folder}")
+                self._end()
+        lost = "; ".join(self._losses.sentences)
+        told = f"{self._bag.message_count} messages in {self._folder}; {lost}"
+        (self.get_logger().warning if self._losses.any else self.get_logger().info)(told)
 
     def _look(self) -> None:
         """Listen to topics that have appeared, and say when all of them are there."""
         found = False
         for name, types in self.get_topic_names_and_types():
+            if types[0] == SAMPLE_INFO_TYPE and name not in self._watches and self._is_near(name):
+                self._watch(name)
             if name not in self._listening and name not in self._unknown and self._wants(name):
                 self._listen(name, types[0])
                 found = True
@@ -114,6 +141,7 @@ class RecorderNode(ParameterNode, Node):
         complete = self._requested <= self._listening.keys()
         if not self._announced and complete and self._calm_looks >= CALM_LOOKS:
             self._announced = True
+            self._counted |= self._listening.keys()
             self._recording.publish(Bool(data=True))
             sys.stdout.write(f"recording: {self._folder}\n")
             sys.stdout.flush()
@@ -128,11 +156,38 @@ class RecorderNode(ParameterNode, Node):
     def _wants(self, name: str) -> bool:
         if name in self._requested or not self._everything:
             return name in self._requested
-        is_near = name.count("/") == 1 or name.startswith(f"{self.get_namespace().rstrip('/')}/")
         hidden = any(part.startswith("_") for part in name.split("/"))
-        if hidden or not is_near or name in self._own_topics or self._exclude.fullmatch(name):
+        if (
+            hidden
+            or not self._is_near(name)
+            or name in self._own_topics
+            or self._exclude.fullmatch(name)
+        ):
             return False
         return bool(self.count_publishers(name))
+
+    def _is_near(self, name: str) -> bool:
+        """Return whether a topic is in the node's own namespace, or at the root."""
+        return name.count("/") == 1 or name.startswith(f"{self.get_namespace().rstrip('/')}/")
+
+    def _watch(self, name: str) -> None:
+        """Count from now on against a topic that announces samples."""
+        if name.rpartition("/")[2] != SAMPLE_INFO:
+            return
+        watch = self._watches[name] = SampleWatch(self, name, self._lost_by_middleware)
+        self._own_topics.add(watch.receipts_topic)
+        self.create_subscription(
+            SampleInfo,
+            name,
+            partial(self._announce, watch),
+            SAMPLE_INFO_QOS,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            event_callbacks=counting_losses(self._lost_by_middleware, name),
+        )
+
+    def _announce(self, watch: SampleWatch, info: SampleInfo) -> None:
+        """Expect what was published of a sample, as far as it is listened to."""
+        watch.ledger.announce(name_of(info), info.sequence, self._counted & set(info.topics))
 
     def _listen(self, name: str, type_name: str) -> None:
         """Subscribe with a quality of service that fits all publishers of the topic."""
@@ -152,12 +207,19 @@ class RecorderNode(ParameterNode, Node):
         latched = all(_is_latched(offer) for offer in offers)
         reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
+        if (read_stamp := stamp_reader(message_type)) is not None:
+            self._stamped[name] = read_stamp
+        is_info = type_name == SAMPLE_INFO_TYPE
+        depth = SAMPLE_INFO_QOS.depth if is_info else QUEUE_DEPTH
         self._listening[name] = self.create_subscription(
             message_type,
             name,
             partial(self._record, name),
-            QoSProfile(depth=QUEUE_DEPTH, reliability=reliability, durability=durability),
+            QoSProfile(depth=depth, reliability=reliability, durability=durability),
             raw=True,
+            # Of one group the executor takes whichever topic comes first, and starves the others.
+            callback_group=MutuallyExclusiveCallbackGroup(),
+            event_callbacks=counting_losses(self._lost_by_middleware, name),
         )
 
     def _record(self, name: str, data: bytes, info: dict[str, int]) -> None:
@@ -169,17 +231,34 @@ class RecorderNode(ParameterNode, Node):
                 self._bag.write(name, data, received_ns, info["source_timestamp"])
             except OSError as error:
                 self._give_up(str(error))
+                return
         self._last_message_s = time.monotonic()
+        if (read_stamp := self._stamped.get(name)) and (stamp_ns := read_stamp(data)):
+            self._counted.add(name)
+            for watch in self._watches.values():
+                watch.ledger.arrive(name, stamp_ns)
+
+    def _end(self) -> None:
+        """Count what has not come as lost, and finish the bag."""
+        self._ended = True
+        for watch in self._watches.values():
+            watch.ledger.give_up_all()
+            watch.end()
+        self._finish()
 
     def _give_up(self, reason: str) -> None:
         self._ended = True
+        for watch in self._watches.values():
+            watch.end()
         self._recording.publish(Bool(data=False))
         self.get_logger().error(f"recording to {self._folder} has ended: {reason}")
         self._finish()
 
     def _finish(self) -> None:
+        states = [watch.ledger.state for watch in self._watches.values()]
+        self._losses = BagLosses.of(states, self._lost_by_middleware)
         try:
-            self._bag.close()
+            self._bag.close(self._losses)
         except OSError as error:
             self.get_logger().error(f"{self._folder} has no summary: {error}")
 

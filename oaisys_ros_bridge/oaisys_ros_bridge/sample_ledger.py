@@ -1,0 +1,300 @@
+"""Which announced samples have come whole, and what is missing of the others.
+
+``~/sample_info`` announces every sample that is complete. Of each topic the middleware delivers
+messages in their order, so a message is lost once a later sample's has come, or nothing has for
+`LOST_AFTER_S`. What comes even later is no longer lost. No ROS in here.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+
+LOST_AFTER_S = 5.0
+"""After an announcement; the middleware sends again what was not acknowledged within 3 s."""
+
+REMEMBERED = 4096
+"""Stamps of messages whose sample is not announced (yet), or was found incomplete."""
+
+
+@dataclass(frozen=True)
+class SampleName:
+    """Batch, sample and stamp: the last alone would do, unless simulated time begins again."""
+
+    batch_id: int
+    sample_id: int
+    stamp_ns: int
+
+    def __str__(self) -> str:
+        return f"sample {self.sample_id} of batch {self.batch_id}"
+
+
+@dataclass(frozen=True)
+class LedgerState:
+    """Counts since the start.
+
+    Attributes:
+        announced: Samples that were announced, or whose announcement was lost.
+        settled: Those of them, from the first on without a gap, whose fate is known.
+        incomplete: Those of them that something is missing of.
+        lost: In how many samples something is missing, by topic or by reason.
+        last: The newest of the settled ones.
+    """
+
+    announced: int = 0
+    settled: int = 0
+    incomplete: int = 0
+    lost: Mapping[str, int] = field(default_factory=dict)
+    last: SampleName | None = None
+
+    def since(self, before: LedgerState) -> LedgerState:
+        """Return what was counted after ``before``."""
+        lost = Counter(self.lost)
+        lost.subtract(before.lost)
+        return LedgerState(
+            self.announced - before.announced,
+            self.settled - before.settled,
+            max(self.incomplete - before.incomplete, 0),
+            dict(+lost),
+            self.last,
+        )
+
+
+@dataclass
+class _Entry:
+    """An announced sample whose fate is open.
+
+    Attributes:
+        missing: What has not come.
+        needed: Without which there is no result.
+        result: What is made of the messages, and comes after them; empty: nothing is.
+    """
+
+    name: SampleName
+    announced_s: float
+    missing: set[str]
+    needed: Collection[str]
+    result: str
+    lost: set[str] = field(default_factory=set)
+
+
+class SampleLedger:
+    """Counts what came of announced samples; safe to use from any thread.
+
+    Args:
+        info_topic: Where samples are announced; named where announcements are lost.
+        on_settled: Called after the fate of samples has become known, without a lock held.
+        clock: Of seconds.
+    """
+
+    def __init__(
+        self,
+        info_topic: str,
+        on_settled: Callable[[], object] = lambda: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._info_topic = info_topic
+        self._on_settled = on_settled
+        self._clock = clock
+        self._changed = threading.Condition()
+        self._open: OrderedDict[int, _Entry] = OrderedDict()
+        self._early: OrderedDict[int, set[str]] = OrderedDict()
+        self._late: OrderedDict[int, set[str]] = OrderedDict()
+        self._unseen: dict[int, frozenset[str]] = {}
+        self._sequence = 0
+        self._announced = self._settled = self._incomplete = 0
+        self._lost: Counter[str] = Counter()
+        self._last: SampleName | None = None
+
+    @property
+    def state(self) -> LedgerState:
+        """Counts so far."""
+        with self._changed:
+            return LedgerState(
+                self._announced, self._settled, self._incomplete, dict(+self._lost), self._last
+            )
+
+    @property
+    def open(self) -> int:
+        """How many announced samples have an open fate."""
+        return len(self._open)
+
+    def announce(
+        self,
+        name: SampleName,
+        sequence: int,
+        topics: Collection[str],
+        *,
+        needed: Collection[str] = (),
+        result: str = "",
+    ) -> None:
+        """Take note of a complete sample.
+
+        Args:
+            name: Of the sample.
+            sequence: Its number among all that were announced; 0: the sample id tells.
+            topics: What is to come of it.
+            needed: Those of them without which there is no result.
+            result: What is made of them, and `arrive`s as they do; empty: nothing is.
+        """
+        with self._changed:
+            expected = {*topics, result} if result else set(topics)
+            self._follow(sequence or name.sample_id, frozenset(topics))
+            missing = expected - self._early.pop(name.stamp_ns, set())
+            entry = _Entry(name, self._clock(), missing, needed, result)
+            self._open[name.stamp_ns] = entry
+            for what in expected - missing:
+                self._lose_before(entry, what)
+            settled = self._settle()
+        self._tell(settled)
+
+    def arrive(self, what: str, stamp_ns: int) -> None:
+        """Take note of a message, or of a result."""
+        with self._changed:
+            entry = self._open.get(stamp_ns)
+            if entry is not None:
+                self._take(entry, what)
+            elif stamp_ns in self._late:
+                self._find(stamp_ns, what)
+            else:
+                self._early.setdefault(stamp_ns, set()).add(what)
+                while len(self._early) > REMEMBERED:
+                    self._early.popitem(last=False)
+            settled = self._settle()
+        self._tell(settled)
+
+    def give_up(self, stamp_ns: int, reason: str) -> None:
+        """Take note that there will be no result of a sample, and why."""
+        with self._changed:
+            entry = self._open.get(stamp_ns)
+            if entry is not None and entry.result in entry.missing:
+                entry.missing.discard(entry.result)
+                entry.lost.add(reason)
+            settled = self._settle()
+        self._tell(settled)
+
+    def expire(self) -> None:
+        """Count as lost what has not come for `LOST_AFTER_S`; a result may take its time."""
+        with self._changed:
+            first_s = self._clock() - LOST_AFTER_S
+            for entry in self._open.values():
+                if entry.announced_s < first_s:
+                    self._lose(entry, entry.missing - {entry.result})
+            settled = self._settle()
+        self._tell(settled)
+
+    def give_up_all(self) -> None:
+        """Count everything as lost that has not come, at the end."""
+        with self._changed:
+            for entry in self._open.values():
+                self._lose(entry, set(entry.missing))
+            settled = self._settle()
+        self._tell(settled)
+
+    def forget(self, before_ns: int | None = None) -> None:
+        """Ask no more for what has not come of samples before a stamp, or of any."""
+        with self._changed:
+            for stamp_ns, entry in self._open.items():
+                if before_ns is None or stamp_ns < before_ns:
+                    entry.missing.clear()
+            settled = self._settle()
+        self._tell(settled)
+
+    def wait(self, timeout_s: float) -> list[SampleName]:
+        """Wait for the fate of all samples announced by now; return those whose fate stays open."""
+        with self._changed:
+            wanted = list(self._open.values())
+            self._changed.wait_for(
+                lambda: not any(self._open.get(e.name.stamp_ns) is e for e in wanted), timeout_s
+            )
+            return [e.name for e in wanted if self._open.get(e.name.stamp_ns) is e]
+
+    def _follow(self, sequence: int, topics: frozenset[str]) -> None:
+        """Count the announcements that are missing before this one."""
+        self._announced += 1
+        if sequence in self._unseen:  # taken by another thread, a moment later than its successor
+            self._announced -= 1
+            self._settled -= 1
+            self._incomplete -= 1
+            self._lost.subtract([self._info_topic, *self._unseen.pop(sequence)])
+            return
+        if self._sequence and sequence > self._sequence + 1:
+            for missing in range(self._sequence + 1, sequence):
+                self._unseen[missing] = topics
+                self._announced += 1
+                self._settled += 1
+                self._incomplete += 1
+                self._lost.update([self._info_topic, *topics])
+            while len(self._unseen) > REMEMBERED:
+                del self._unseen[next(iter(self._unseen))]
+        if sequence <= self._sequence:  # another bridge
+            self._unseen.clear()
+        self._sequence = sequence
+
+    def _take(self, entry: _Entry, what: str) -> None:
+        entry.missing.discard(what)
+        entry.lost.discard(what)
+        self._lose_before(entry, what)
+
+    def _lose_before(self, entry: _Entry, what: str) -> None:
+        """Count a message as lost in all earlier samples; results come in any order."""
+        if what == entry.result:
+            return
+        for earlier in self._open.values():
+            if earlier is entry:
+                return
+            if what in earlier.missing:
+                self._lose(earlier, {what})
+
+    def _lose(self, entry: _Entry, what: set[str]) -> None:
+        entry.missing -= what
+        entry.lost |= what
+        if entry.lost & set(entry.needed):
+            entry.missing.discard(entry.result)
+
+    def _find(self, stamp_ns: int, what: str) -> None:
+        """Take back that something is lost."""
+        lost = self._late[stamp_ns]
+        if what not in lost:
+            return
+        lost.discard(what)
+        self._lost[what] -= 1
+        if not lost:
+            del self._late[stamp_ns]
+            self._incomplete -= 1
+
+    def _settle(self) -> bool:
+        """Close the oldest samples whose fate is known; return whether there were any."""
+        settled = False
+        while self._open:
+            stamp_ns, entry = next(iter(self._open.items()))
+            if entry.missing:
+                break
+            del self._open[stamp_ns]
+            settled = True
+            self._settled += 1
+            self._last = entry.name
+            if entry.lost:
+                self._incomplete += 1
+                self._lost.update(entry.lost)
+                self._late[stamp_ns] = entry.lost
+                while len(self._late) > REMEMBERED:
+                    self._late.popitem(last=False)
+        if settled:
+            self._changed.notify_all()
+        return settled
+
+    def _tell(self, settled: bool) -> None:
+        if settled:
+            self._on_settled()
+
+
+def shortfall(state: LedgerState) -> str:
+    """Return a sentence about what is missing; empty: nothing is."""
+    if not state.incomplete:
+        return ""
+    lost = ", ".join(f"{what} {count}" for what, count in sorted(state.lost.items()))
+    return f"{state.incomplete} of {state.announced} samples are incomplete; lost: {lost}"

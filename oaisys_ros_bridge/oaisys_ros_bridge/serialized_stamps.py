@@ -1,0 +1,49 @@
+"""Reads the stamp of a serialised message without reading the rest of it."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from importlib import import_module
+from typing import Any
+
+StampReader = Callable[[bytes], int]
+"""Returns the stamp of a message (CDR with its header) in nanoseconds; 0: it has none."""
+
+HEADER = "std_msgs/Header"
+LITTLE_ENDIAN_BIT = 1
+
+
+def stamp_reader(message_type: type[Any]) -> StampReader | None:
+    """Return what reads the stamp of a type's messages; None: they have none at their beginning.
+
+    Either the message begins with its header, or with a sequence of messages that do: then all of
+    these have one stamp, or the first one's counts.
+    """
+    first = _first_field(message_type)
+    if first == HEADER:
+        return lambda data: _stamp_at(data, 4)
+    if not first.startswith("sequence<") or "," in first:
+        return None
+    package, _, name = first.removeprefix("sequence<").removesuffix(">").partition("/")
+    if not name or _first_field(getattr(import_module(f"{package}.msg"), name)) != HEADER:
+        return None
+    return lambda data: _stamp_at(data, 8) if _word_at(data, 4) else 0
+
+
+def _first_field(message_type: type[Any]) -> str:
+    return next(iter(message_type.get_fields_and_field_types().values()), "")
+
+
+def _order(data: bytes) -> str:
+    return "<" if data[1] & LITTLE_ENDIAN_BIT else ">"
+
+
+def _word_at(data: bytes, offset: int) -> int:
+    (word,) = struct.unpack_from(f"{_order(data)}I", data, offset)
+    return int(word)
+
+
+def _stamp_at(data: bytes, offset: int) -> int:
+    seconds, nanoseconds = struct.unpack_from(f"{_order(data)}iI", data, offset)
+    return int(seconds) * 10**9 + int(nanoseconds)

@@ -1,0 +1,221 @@
+"""Nothing is lost without a word: mapper and recorder take all samples, or tell what they lack."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import pytest
+import yaml
+from busy import busy_loops
+from geometry_msgs.msg import PoseArray
+from mcap.reader import make_reader
+from rclpy.action import ActionClient
+from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage, stamped
+from rosbags.rosbag2 import Reader
+from served_simulator import FLAT_WORLD
+from std_msgs.msg import Header
+
+from oaisys_core.geometry import pose_looking_down
+from oaisys_msgs.action import Sweep
+from oaisys_msgs.msg import MapStatus, SampleInfo, SampleReceipt
+from oaisys_msgs.srv import SaveMesh
+from oaisys_ros_bridge.bag_losses import METADATA_NAME, BagLosses
+from oaisys_ros_bridge.qos import LATCHED_QOS, RECEIPTS_QOS, SAMPLE_INFO_QOS
+
+pytestmark = pytest.mark.ros
+
+VIEWS = 120
+WAIT_S = 2.0
+"""Of the bridge, for a reader that takes nothing."""
+MAPPER_INPUTS = ("/camera/depth/image_raw", "/camera/depth/camera_info", "/tf")
+RECORDED = {
+    *SAMPLE_TYPES,
+    "/camera/instance/camera_info",
+    "/camera/semantic_0/camera_info",
+    "/odometry",
+    "/path",
+    "/viewpoints",
+}
+LOAD_FACTOR = 5.0
+"""Of times on a machine that does something else as well."""
+
+
+@pytest.fixture
+def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
+    with Stage(tmp_path) as stage:
+        yield stage
+
+
+class Crew:
+    """A bridge, the mapper, a recorder of everything, and a user who listens to none of it."""
+
+    def __init__(self, stage: Stage, folder: Path, *bridge_parameters: str) -> None:
+        self.user, self.bag = stage.user, folder / "bag"
+        self.user.listen(SampleInfo, "oaisys_bridge/sample_info", SAMPLE_INFO_QOS)
+        self.user.listen(SampleReceipt, "oaisys_bridge/receipts", RECEIPTS_QOS)
+        self.user.listen(MapStatus, "oaisys_mapper/metrics", LATCHED_QOS)
+        address = stage.start_world(FLAT_WORLD).address
+        options = [o for p in (f"address:={address}", *bridge_parameters) for o in ("-p", p)]
+        self.bridge = stage.start_node("bridge", "--ros-args", *options)
+        self.mapper = stage.start_node("mapper", "--ros-args", "-p", "mesh_period:=0.0")
+        self.user.wait_until(lambda: self.user.received["oaisys_mapper/metrics"])
+        topics = [*SAMPLE_TYPES, *LATCHED_TYPES]
+        self.recorder = stage.start_node(
+            "recorder", "--out", str(self.bag), "--all", "--topics", *topics
+        )
+        self.user.wait_until_ready()
+        self.user.wait_until(lambda: "recording:" in self.recorder.log.read_text())
+        self.user.wait_until_matched(RECORDED)
+        # The mapper beside the recorder; of samples, the user and the recorder's own count, too.
+        self.user.wait_until_matched(MAPPER_INPUTS, subscribers=2)
+        self.user.wait_until_matched(["/oaisys_bridge/sample_info"], subscribers=4)
+
+    def sweep(self, views: int) -> Sweep.Result:
+        """Look from many poses as fast as it goes."""
+        client = ActionClient(self.user.node, Sweep, "oaisys_bridge/sweep")
+        self.user.wait_until(client.server_is_ready)
+        poses = [stamped(pose_looking_down(0.01 * i, 0.0, 5.0)).pose for i in range(views)]
+        goal = Sweep.Goal(poses=PoseArray(header=Header(frame_id="map"), poses=poses))
+        accepted = self.user.answer(client.send_goal_async(goal))
+        result: Sweep.Result = self.user.answer(accepted.get_result_async()).result
+        assert result.success, result.message
+        assert len(result.sample_ids) == views
+        return result
+
+    @property
+    def map(self) -> MapStatus:
+        return self.user.received["oaisys_mapper/metrics"][-1]
+
+    def save_mesh(self, path: Path) -> SaveMesh.Response:
+        client = self.user.node.create_client(SaveMesh, "oaisys_mapper/save_mesh")
+        self.user.wait_until(client.service_is_ready)
+        return self.user.answer(client.call_async(SaveMesh.Request(path=str(path))))
+
+    def receipt_of(self, node: str) -> SampleReceipt:
+        sent = self.user.received["oaisys_bridge/receipts"]
+        return next((r for r in reversed(sent) if r.node == node), SampleReceipt())
+
+    def end_recorder(self) -> BagLosses:
+        """End the recorder and return what its bag says it lacks."""
+        assert self.recorder.end() == 0
+        with next(self.bag.glob("*.mcap")).open("rb") as stream:
+            (record,) = (r for r in make_reader(stream).iter_metadata() if r.name == METADATA_NAME)
+        description = yaml.safe_load((self.bag / "metadata.yaml").read_text())
+        custom = description["rosbag2_bagfile_information"]["custom_data"]
+        assert custom == record.metadata
+        return BagLosses.read(custom)
+
+
+def stamps_in(bag: Path, topics: Sequence[str]) -> Mapping[str, int]:
+    """Return how many messages a bag has of each topic."""
+    with Reader(bag) as reader:
+        return {topic: reader.topics[topic].msgcount for topic in topics}
+
+
+def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
+    stage: Stage, tmp_path: Path
+) -> None:
+    crew = Crew(stage, tmp_path)
+    with busy_loops():
+        result = crew.sweep(VIEWS)
+        saved = crew.save_mesh(tmp_path / "mesh.ply")
+
+    assert result.message == ""
+    assert (saved.success, saved.message, saved.frames) == (True, "", VIEWS)
+    crew.user.wait_until(lambda: crew.map.frames_integrated == VIEWS)
+    assert (crew.map.samples_announced, crew.map.samples_incomplete) == (VIEWS, 0)
+    assert crew.map.frames_dropped == 0
+    losses = crew.end_recorder()
+    assert (losses.announced, losses.incomplete, losses.lost) == (VIEWS, 0, {})
+    assert stamps_in(crew.bag, sorted(RECORDED)) == dict.fromkeys(RECORDED, VIEWS)
+    assert f"{VIEWS} samples, none of them incomplete" in crew.recorder.log.read_text()
+    told = subprocess.run(
+        ["oaisys", "bag", "info", str(crew.bag)], capture_output=True, text=True, check=True
+    )
+    assert f"{VIEWS} samples, none of them incomplete" in told.stdout
+
+
+def stop_in_the_middle(crew: Crew, node: NodeProcess, views: int) -> Sweep.Result:
+    """Stop a node while a sweep goes on, and let it go on afterwards."""
+    assert crew.user.set_pose(pose_looking_down(0.0, 0.0, 6.0)).success
+    node.process.send_signal(signal.SIGSTOP)
+    try:
+        return crew.sweep(views)
+    finally:
+        node.process.send_signal(signal.SIGCONT)
+
+
+def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_path: Path) -> None:
+    crew = Crew(stage, tmp_path, "readers.when_behind:=drop")
+
+    result = stop_in_the_middle(crew, crew.recorder, VIEWS)
+    assert "/oaisys_recorder has not taken" in result.message
+    assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
+    crew.user.wait_until(lambda: crew.receipt_of("/oaisys_recorder").samples == VIEWS + 2)
+    receipt = crew.receipt_of("/oaisys_recorder")
+    losses = crew.end_recorder()
+
+    published = VIEWS + 2
+    missing = {
+        topic: published - count
+        for topic, count in stamps_in(crew.bag, sorted(RECORDED)).items()
+        if count < published
+    }
+    assert missing["/camera/depth/image_raw"] > VIEWS / 4, "it was stopped"
+    assert losses.lost == missing
+    assert {loss.what: loss.count for loss in receipt.lost} == missing
+    assert losses.announced == receipt.samples == published
+    assert losses.incomplete == max(missing.values())
+    said = crew.recorder.log.read_text()
+    assert f"{losses.incomplete} of {published} samples are incomplete; lost:" in said
+    told = subprocess.run(
+        ["oaisys", "bag", "info", str(crew.bag)], capture_output=True, text=True, check=True
+    )
+    assert f"/camera/depth/image_raw {missing['/camera/depth/image_raw']}" in told.stdout
+    crew.user.wait_until(
+        lambda: crew.map.frames_integrated + crew.map.samples_incomplete == published
+    )
+
+
+def test_views_that_a_stopped_mapper_loses_are_told_with_its_mesh(
+    stage: Stage, tmp_path: Path
+) -> None:
+    crew = Crew(stage, tmp_path, "readers.when_behind:=drop")
+
+    stop_in_the_middle(crew, crew.mapper, VIEWS)
+    assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
+    published = VIEWS + 2
+    crew.user.wait_until(lambda: crew.map.samples_announced == published)
+    saved = crew.save_mesh(tmp_path / "mesh.ply")
+
+    lost = Counter({loss.what: loss.count for loss in crew.map.lost})
+    assert saved.success
+    assert 0 < saved.frames == crew.map.frames_integrated < published
+    assert crew.map.samples_incomplete == published - saved.frames
+    assert lost["/camera/depth/image_raw"] > VIEWS / 4
+    assert f"{published - saved.frames} of {published} samples are incomplete" in saved.message
+
+
+def test_a_stopped_reader_holds_the_bridge_up_once_and_no_longer_than_it_may(
+    stage: Stage, tmp_path: Path
+) -> None:
+    crew = Crew(stage, tmp_path, f"readers.timeout_s:={WAIT_S}")
+    begun_s = time.monotonic()
+
+    result = stop_in_the_middle(crew, crew.recorder, VIEWS)
+    seconds = time.monotonic() - begun_s
+
+    assert "/oaisys_recorder has not taken" in result.message
+    assert WAIT_S <= seconds < LOAD_FACTOR * (WAIT_S + 0.2 * VIEWS)
+    assert crew.bridge.log.read_text().count("it is not waited for any more") == 1
+    # It comes to itself again, and is waited for again.
+    assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
+    crew.user.wait_until(lambda: crew.receipt_of("/oaisys_recorder").samples == VIEWS + 2)
+    assert "takes samples again" in crew.bridge.log.read_text()
+    assert crew.sweep(20).message == ""
+    assert crew.end_recorder().incomplete > 0
