@@ -84,6 +84,7 @@ class SurveyReport:
         coverage: Of explorations; none for a survey.
         cameras: From where the mesh was seen; drawn with it.
         sections: Further tables, below the verdict.
+        lacks: What was lost of the samples on their way, one sentence each.
     """
 
     title: str
@@ -99,11 +100,12 @@ class SurveyReport:
     coverage: Sequence[CoverageRecord] = ()
     cameras: Sequence[View] = ()
     sections: Sequence[Section] = ()
+    lacks: Sequence[str] = ()
 
     @property
     def missed(self) -> list[str]:
-        """One sentence per threshold that is missed."""
-        return self.thresholds.missed_by(self.evaluation.metrics)
+        """One sentence per threshold that is missed, and all that was lost."""
+        return [*self.thresholds.missed_by(self.evaluation.metrics), *self.lacks]
 
 
 def write_report(report: SurveyReport, out: Path) -> None:
@@ -113,6 +115,7 @@ def write_report(report: SurveyReport, out: Path) -> None:
         **report.evaluation.metrics.to_dict(),
         "closed": not report.missed,
         "missed": report.missed,
+        "lost": list(report.lacks),
         "thresholds": asdict(report.thresholds),
         "versions": _versions(),
     }

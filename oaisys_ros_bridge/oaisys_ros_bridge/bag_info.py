@@ -37,11 +37,7 @@ def summary_of(path: Path) -> list[str]:
             reader = make_reader(stream)
             summary = reader.get_summary()
             repeats = {} if summary is None else repeats_of(reader, summary)
-            losses = [
-                BagLosses.read(record.metadata)
-                for record in reader.iter_metadata()
-                if record.name == METADATA_NAME
-            ]
+            losses = _losses(reader)
     except (McapError, struct.error) as error:  # where there is no footer it reads anything
         raise InvalidInputError("bag", str(file), FINISHED) from error
     if summary is None or summary.statistics is None:
@@ -59,8 +55,28 @@ def summary_of(path: Path) -> list[str]:
         repeated = repeats.get(topic, 0)
         also = f" and {repeated} repeats" if repeated else ""
         lines.append(f"  {topic:<{width}}  {kind}  {count - repeated}{also}")
-    lines += [f"  {sentence}" for found in losses for sentence in found.sentences]
+    if losses is not None:
+        lines += [f"  {sentence}" for sentence in losses.sentences]
     return lines
+
+
+def losses_of(path: Path) -> BagLosses | None:
+    """Return what a bag says it lacks; None: it does not tell.
+
+    Raises:
+        InvalidInputError: There is no such file, or it is not a finished MCAP file.
+    """
+    file = mcap_file(path)
+    try:
+        with file.open("rb") as stream:
+            return _losses(make_reader(stream))
+    except (McapError, struct.error) as error:
+        raise InvalidInputError("bag", str(file), FINISHED) from error
+
+
+def _losses(reader: McapReader) -> BagLosses | None:
+    entries = [r.metadata for r in reader.iter_metadata() if r.name == METADATA_NAME]
+    return BagLosses.read(entries[0]) if entries else None
 
 
 def repeats_of(reader: McapReader, summary: Summary) -> Mapping[str, int]:

@@ -81,10 +81,11 @@ def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
                     _note_integration(found, system)
                     mesh = _saved_map(options, system)
                     measured = Measured(found, flight.vehicle, mesh, flight.truth)
+        lacks = system.client.shortfalls(MAP_TIMEOUT_S)
         info = system.simulator.info()
     assert measured is not None
     seconds = time.monotonic() - started_s
-    return write_explore_report(options, info, records, measured, seconds, reporter)
+    return write_explore_report(options, info, records, measured, seconds, reporter, lacks)
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,12 @@ def write_explore_report(
     measured: Measured,
     seconds_total: float,
     reporter: Reporter,
+    lacks: Sequence[str] = (),
 ) -> bool:
-    """Measure the map, write everything to the output folder, and return whether it closes."""
+    """Measure the map, write everything to the output folder, and return whether it closes.
+
+    It does not where something is missing: ``lacks`` is what mapper and recorder have lost.
+    """
     vehicle = measured.vehicle
     views = [
         View(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera)
@@ -76,6 +80,7 @@ def write_explore_report(
         coverage=records,
         cameras=views,
         sections=sections_of(closure),
+        lacks=lacks,
     )
     write_report(report, options.out)
     say_result(report, options, reporter)

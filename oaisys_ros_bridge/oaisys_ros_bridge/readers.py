@@ -135,7 +135,8 @@ class Readers:
     def diagnostics(self) -> tuple[Sequence[str], dict[str, object]]:
         """Return what is wrong, one sentence each, and all values by name."""
         with self._changed:
-            wrong, values = [], {}
+            wrong: list[str] = []
+            values: dict[str, object] = {}
             for name, reader in self._readers.items():
                 if reader.stalled_s is not None:
                     stalled_s = time.monotonic() - reader.stalled_s

@@ -39,7 +39,7 @@ MAP_FRAME = "map"
 
 
 def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
-    """Run a survey, write its report, and return whether the loop closes.
+    """Run a survey, write its report, and return whether the loop closes, and nothing was lost.
 
     Raises:
         ConfigError: The configuration cannot be used.
@@ -49,6 +49,7 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
     with running_system(options, SurveyClient, reporter) as system:
         poses = _viewpoints(_plan(options, system), system.simulator)
         received = _visit(system, poses, reporter)
+        lacks = system.client.shortfalls(MAP_TIMEOUT_S)
         reporter.say("saving the map")
         for name in (MESH_FILE, VOLUME_FILE):
             system.client.save_mesh(str((options.out / name).resolve()), MAP_TIMEOUT_S)
@@ -66,7 +67,7 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
         reporter,
     )
     seconds = time.monotonic() - started_s
-    report = survey_report(options, info, closure, views, received, seconds)
+    report = survey_report(options, info, closure, views, received, seconds, lacks)
     write_report(report, options.out)
     say_result(report, options, reporter)
     return not report.missed

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
@@ -13,21 +13,27 @@ from typing import Any, Self
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseArray
 from numpy.typing import NDArray
+from rclpy.action import ActionClient
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from sensor_msgs.msg import Image
 from std_msgs.msg import Bool, Header
 
 from oaisys_core.errors import DeadlineExceededError, RenderError
 from oaisys_core.types import Pose
-from oaisys_msgs.msg import MapStatus
+from oaisys_msgs.action import Sweep
+from oaisys_msgs.msg import MapStatus, SampleReceipt
 from oaisys_msgs.srv import SaveMesh, SetPose
 from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.diagnostics import FIRST_BATCH_ERROR
 from oaisys_ros_bridge.namespaces import placing_arguments
-from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, RECEIPTS_QOS, SENSOR_QOS
+from oaisys_ros_bridge.readers import state_of
+from oaisys_ros_bridge.sample_ledger import shortfall
 from oaisys_ros_bridge.sensor_topics import TOPIC_BY_MODALITY
 from oaisys_ros_bridge.stamps import nanoseconds
 from oaisys_ros_bridge.transport import prepare_transport
@@ -85,6 +91,9 @@ class SurveyClient:
         self._bridge_is_ready = False
         self._first_batch_errors: dict[str, str] = {}
         self._integration_s: dict[int, float] = {}
+        self._map = MapStatus()
+        self._receipts: dict[str, SampleReceipt] = {}
+        self._last_stamp_ns = 0
         self._namespace = namespace
         for modality in modalities:
             take = self._take(modality)
@@ -92,6 +101,9 @@ class SurveyClient:
         self._node.create_subscription(Bool, "oaisys_bridge/ready", self._on_ready, LATCHED_QOS)
         self._node.create_subscription(
             MapStatus, "oaisys_mapper/metrics", self._on_map_status, LATCHED_QOS
+        )
+        self._node.create_subscription(
+            SampleReceipt, "oaisys_bridge/receipts", self._on_receipt, RECEIPTS_QOS
         )
         self._matched: dict[str, int] = {}
         self._transfer_s: dict[int, float] = {}
@@ -205,7 +217,7 @@ class SurveyClient:
             images = self._images.pop(key)
             # What came earlier belongs to samples that never got complete.
             self._images = {k: v for k, v in self._images.items() if k > key}
-        stamp_ns = nanoseconds(answer.stamp)
+        stamp_ns = self._last_stamp_ns = nanoseconds(answer.stamp)
         return ReceivedView(images, answer.render_time, service_s, stamp_ns)
 
     def transfer_s(self, view: ReceivedView) -> float:
@@ -216,17 +228,68 @@ class SurveyClient:
     def wait_for_map(self, frames: int, timeout_s: float) -> list[float]:
         """Wait until the map holds ``frames`` frames; return what each took, in seconds.
 
-        A time that was overtaken by the next frame's before it arrived is 0.
+        Frames that the mapper says are lost are not waited for: `shortfalls` tells of them. A time
+        that was overtaken by the next frame's before it arrived is 0.
 
         Raises:
             DeadlineExceededError: It does not in time.
         """
         self._wait(
             f"{frames} frames in the map",
-            lambda: max(self._integration_s, default=0) >= frames,
+            lambda: (
+                max(self._integration_s, default=0) >= frames
+                or self._map.frames_integrated + self._map.samples_incomplete >= frames
+            ),
             timeout_s,
         )
         return [self._integration_s.get(frame, 0.0) for frame in range(1, frames + 1)]
+
+    def shortfalls(self, timeout_s: float) -> list[str]:
+        """Wait for mapper and recorder to take the last view; return what they lack, if anything.
+
+        Who has not taken it in time is among what is told.
+        """
+        end_s = time.monotonic() + timeout_s
+        with self._changed:
+            while (late := self._late()) and (left_s := end_s - time.monotonic()) > 0:
+                self._changed.wait(left_s)
+            told = [f"{name} had not taken all samples after {timeout_s:g} s" for name in late]
+            for name, receipt in self._receipts.items():
+                if lost := shortfall(state_of(receipt)):
+                    told.append(f"{name}: {lost}")
+                if receipt.ended and nanoseconds(receipt.header.stamp) < self._last_stamp_ns:
+                    told.append(f"{name} had ended before the last sample")
+            return told
+
+    def _late(self) -> list[str]:
+        """Return which readers of ours have not taken the last view."""
+        return [
+            name
+            for name, receipt in self._receipts.items()
+            if not receipt.ended and nanoseconds(receipt.header.stamp) < self._last_stamp_ns
+        ]
+
+    def sweep(self, poses: Sequence[Pose], map_frame: str, timeout_s: float) -> Sweep.Result:
+        """Have the simulator look from many poses as fast as it goes; take no images.
+
+        Raises:
+            RenderError: A pose failed; holds its message.
+            DeadlineExceededError: It has not ended in time.
+        """
+        client = ActionClient(self._node, Sweep, "oaisys_bridge/sweep")
+        try:
+            if not client.wait_for_server(DISCOVERY_TIMEOUT_S):
+                raise DeadlineExceededError("the bridge offered no sweep in time")
+            header = Header(frame_id=map_frame)
+            stamped = [pose_to_stamped_msg(pose, header).pose for pose in poses]
+            goal = Sweep.Goal(poses=PoseArray(header=header, poses=stamped))
+            handle = _result(client.send_goal_async(goal), "sweep", DISCOVERY_TIMEOUT_S)
+            result: Sweep.Result = _result(handle.get_result_async(), "sweep", timeout_s).result
+        finally:
+            client.destroy()
+        if not result.success:
+            raise RenderError(f"sweep failed: {result.message}")
+        return result
 
     def save_mesh(self, path: str, timeout_s: float) -> SaveMesh.Response:
         """Have the mapper write its mesh and return its answer.
@@ -245,12 +308,7 @@ class SurveyClient:
             raise DeadlineExceededError(
                 f"{client.srv_name} was not offered within {DISCOVERY_TIMEOUT_S:g} s"
             )
-        done = threading.Event()
-        future = client.call_async(request)
-        future.add_done_callback(lambda _: done.set())
-        if not done.wait(timeout_s):
-            raise DeadlineExceededError(f"{client.srv_name} did not answer within {timeout_s:g} s")
-        return future.result()
+        return _result(client.call_async(request), client.srv_name, timeout_s)
 
     def _wait(
         self,
@@ -298,7 +356,13 @@ class SurveyClient:
 
     def _on_map_status(self, msg: MapStatus) -> None:
         with self._changed:
+            self._map = msg
             self._integration_s[msg.frames_integrated] = msg.integration_time
+            self._changed.notify_all()
+
+    def _on_receipt(self, msg: SampleReceipt) -> None:
+        with self._changed:
+            self._receipts[msg.node] = msg
             self._changed.notify_all()
 
     def _spin(self) -> None:
@@ -306,6 +370,15 @@ class SurveyClient:
             self._executor.spin()
         except ExternalShutdownException:
             return
+
+
+def _result(future: Future, name: str, timeout_s: float) -> Any:
+    """Return what a future comes to; `DeadlineExceededError` where it does not in time."""
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    if not done.wait(timeout_s):
+        raise DeadlineExceededError(f"{name} did not answer within {timeout_s:g} s")
+    return future.result()
 
 
 def _key(stamp: Time) -> tuple[int, int]:

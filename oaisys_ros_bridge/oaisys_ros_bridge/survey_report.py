@@ -26,8 +26,9 @@ def survey_report(
     views: Sequence[View],
     received: Sequence[ReceivedView],
     seconds_total: float,
+    lacks: Sequence[str] = (),
 ) -> SurveyReport:
-    """Return everything that the report shows."""
+    """Return everything that the report shows; ``lacks`` is what mapper and recorder have lost."""
     return SurveyReport(
         title="Survey of a rendered terrain",
         facts=run_facts(info, received, seconds_total)
@@ -43,6 +44,7 @@ def survey_report(
         config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
         cameras=views,
         sections=sections_of(closure),
+        lacks=lacks,
     )
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 import yaml
-from busy import busy_loops
 from geometry_msgs.msg import PoseArray
 from mcap.reader import make_reader
 from rclpy.action import ActionClient
@@ -26,6 +25,7 @@ from oaisys_msgs.msg import MapStatus, SampleInfo, SampleReceipt
 from oaisys_msgs.srv import SaveMesh
 from oaisys_ros_bridge.bag_losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.qos import LATCHED_QOS, RECEIPTS_QOS, SAMPLE_INFO_QOS
+from tools.soak.counts import busy_loops
 
 pytestmark = pytest.mark.ros
 
@@ -121,7 +121,7 @@ def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
     stage: Stage, tmp_path: Path
 ) -> None:
     crew = Crew(stage, tmp_path)
-    with busy_loops():
+    with busy_loops(3):
         result = crew.sweep(VIEWS)
         saved = crew.save_mesh(tmp_path / "mesh.ply")
 

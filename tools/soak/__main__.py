@@ -19,6 +19,7 @@ from oaisys_ros_bridge.interruption import interrupt_on_signals, raise_if_interr
 from oaisys_ros_bridge.progress import Reporter
 from oaisys_ros_bridge.survey_client import SurveyClient
 from oaisys_ros_bridge.system import MAP_TIMEOUT_S, System, SystemOptions, running_system
+from tools.soak.counts import busy_loops, missing_in_bag
 from tools.soak.gauges import Gauge, read_gauges
 
 PLACES = 40
@@ -48,8 +49,15 @@ def main(
     size: Annotated[str, typer.Option(help="Of images, WIDTHxHEIGHT.")] = "160x120",
     record: Annotated[bool, typer.Option(help="Whether a recorder takes part.")] = True,
     backend: Annotated[str, typer.Option(help="analytic or blender.")] = "analytic",
+    sweep: Annotated[
+        bool, typer.Option(help="One sweep, as fast as it goes, instead of view by view.")
+    ] = False,
+    busy: Annotated[int, typer.Option(min=0, help="Endless loops that run beside it.")] = 0,
 ) -> None:
-    """Take thousands of samples and tell what memory, descriptors and segments do meanwhile."""
+    """Take thousands of samples, and tell what memory, descriptors and segments do meanwhile.
+
+    Exit 1 where something has grown, or where map or bag lack a message of a sample.
+    """
     interrupt_on_signals()
     options = SystemOptions(
         out=out,
@@ -64,7 +72,10 @@ def main(
     )
     reporter = Reporter()
     try:
-        readings = run(options, samples, reporter)
+        with busy_loops(busy):
+            readings, faults = run(options, samples, reporter, sweep=sweep)
+        if record:
+            faults += missing_in_bag(out / "bag", samples)
     except OaisysError as error:
         reporter.say(f"failed: {error}")
         raise typer.Exit(1) from error
@@ -72,14 +83,19 @@ def main(
     (out / "soak.json").write_text(json.dumps(figures, indent=1) + "\n", encoding="utf-8")
     for line in table(readings):
         typer.echo(line)
-    faults = grown(readings)
+    if len(readings) > 1:
+        faults += grown(readings)
+    if not faults:
+        typer.echo(f"all {samples} samples are in the map" + (" and in the bag" if record else ""))
     for fault in faults:
         typer.echo(fault)
     raise typer.Exit(int(bool(faults)))
 
 
-def run(options: SystemOptions, samples: int, reporter: Reporter) -> Readings:
-    """Take the samples and return what was read on the way.
+def run(
+    options: SystemOptions, samples: int, reporter: Reporter, *, sweep: bool
+) -> tuple[Readings, list[str]]:
+    """Take the samples; return what was read on the way, and what the map lacks.
 
     Raises:
         OaisysError: A process failed, or did not answer in time.
@@ -88,6 +104,16 @@ def run(options: SystemOptions, samples: int, reporter: Reporter) -> Readings:
     reading_at = reading_points(samples)
     root = psutil.Process()
     with running_system(options, SurveyClient, reporter) as system:
+        if sweep:
+            poses = list(viewpoints(samples))
+            told = system.client.sweep(poses, "map", VIEW_TIMEOUT_S * samples)
+            faults = [told.message] if told.message else []
+            frames = system.client.save_mesh(
+                str((options.out / "mesh.ply").resolve()), MAP_TIMEOUT_S
+            )
+            if frames.frames != samples or frames.message:
+                faults.append(f"map: {frames.frames} of {samples} samples; {frames.message}")
+            return {samples: read_gauges(root)}, faults
         for number, pose in enumerate(reporter.track(list(viewpoints(samples)), "samples"), 1):
             raise_if_interrupted()
             take(system, pose)
@@ -96,7 +122,7 @@ def run(options: SystemOptions, samples: int, reporter: Reporter) -> Readings:
                 readings[number] = read_gauges(root)
                 for line in table({number: readings[number]})[1:]:
                     reporter.say(line)
-    return readings
+        return readings, system.client.shortfalls(MAP_TIMEOUT_S)
 
 
 def take(system: System[SurveyClient], pose: Pose) -> None:

@@ -1,0 +1,72 @@
+"""Counts whether all of the samples are in the map and in the bag."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from mcap.reader import make_reader
+from rclpy.serialization import deserialize_message
+
+from oaisys_msgs.msg import SampleInfo
+from oaisys_ros_bridge.bag_info import losses_of, mcap_file
+from oaisys_ros_bridge.message_definition import message_class
+from oaisys_ros_bridge.serialized_stamps import stamp_reader
+
+SAMPLE_INFO = "/sample_info"
+
+
+@contextmanager
+def busy_loops(count: int) -> Iterator[None]:
+    """Run endless loops beside the block, which take their share of the machine's cores."""
+    loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for loop in loops:
+            loop.kill()
+            loop.wait()
+
+
+def missing_in_bag(bag: Path, samples: int) -> Sequence[str]:
+    """Return a sentence for each topic that a bag does not have of all samples.
+
+    It is read without what its recorder says of it, which is compared at the end.
+    """
+    stamps, announced = _stamps(bag)
+    faults = []
+    if len(announced) != samples:
+        faults.append(f"bag: {len(announced)} of {samples} samples on sample_info")
+    topics = {topic for info in announced.values() for topic in info.topics}
+    lacking = 0
+    for topic in sorted(topics & stamps.keys()):
+        wanted = {stamp_ns for stamp_ns, info in announced.items() if topic in info.topics}
+        missing = len(wanted - stamps[topic])
+        lacking += missing
+        if missing or len(wanted) != samples:
+            faults.append(f"bag: {len(wanted) - missing} of {samples} samples on {topic}")
+    losses = losses_of(bag)
+    told = None if losses is None else sum(losses.lost.values())
+    if told != lacking:
+        faults.append(f"bag: it says that {told} messages are missing, not {lacking}")
+    return faults
+
+
+def _stamps(bag: Path) -> tuple[dict[str, set[int]], dict[int, SampleInfo]]:
+    """Return the stamps of each topic, and what announced the samples, by stamp."""
+    stamps: dict[str, set[int]] = {}
+    announced: dict[int, SampleInfo] = {}
+    with mcap_file(bag).open("rb") as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            assert schema is not None
+            read_stamp = stamp_reader(message_class(schema.name))
+            if read_stamp is None:
+                continue
+            stamp_ns = read_stamp(message.data)
+            stamps.setdefault(channel.topic, set()).add(stamp_ns)
+            if channel.topic.endswith(SAMPLE_INFO):
+                announced[stamp_ns] = deserialize_message(message.data, SampleInfo)
+    return stamps, announced
