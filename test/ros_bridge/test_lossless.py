@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import psutil
 import pytest
 import yaml
 from geometry_msgs.msg import PoseArray
 from mcap.reader import make_reader
 from rclpy.action import ActionClient
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage, stamped
-from rosbags.rosbag2 import Reader
-from served_simulator import FLAT_WORLD
+from served_simulator import FLAT_WORLD, START_PATIENCE_S
 from std_msgs.msg import Header
 
 from oaisys_core.geometry import pose_looking_down
@@ -25,11 +26,12 @@ from oaisys_msgs.msg import MapStatus, SampleInfo, SampleReceipt
 from oaisys_msgs.srv import SaveMesh
 from oaisys_ros_bridge.bag_losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.qos import LATCHED_QOS, RECEIPTS_QOS, SAMPLE_INFO_QOS
-from tools.soak.counts import busy_loops
+from tools.soak.counts import busy_loops, stamps_of
 
 pytestmark = pytest.mark.ros
 
-VIEWS = 120
+SWEPT, ASKED = 120, 30
+VIEWS = SWEPT + ASKED
 WAIT_S = 2.0
 """Of the bridge, for a reader that takes nothing."""
 MAPPER_INPUTS = ("/camera/depth/image_raw", "/camera/depth/camera_info", "/tf")
@@ -111,10 +113,10 @@ class Crew:
         return BagLosses.read(custom)
 
 
-def stamps_in(bag: Path, topics: Sequence[str]) -> Mapping[str, int]:
-    """Return how many messages a bag has of each topic."""
-    with Reader(bag) as reader:
-        return {topic: reader.topics[topic].msgcount for topic in topics}
+def messages_of_samples(bag: Path) -> Mapping[str, int]:
+    """Return how many samples a bag has a message of, by topic; repeated transforms are of none."""
+    stamps, announced = stamps_of(bag)
+    return {topic: len(stamps[topic] & announced.keys()) for topic in RECORDED}
 
 
 def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
@@ -122,7 +124,9 @@ def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
 ) -> None:
     crew = Crew(stage, tmp_path)
     with busy_loops(3):
-        result = crew.sweep(VIEWS)
+        result = crew.sweep(SWEPT)
+        for index in range(ASKED):
+            assert crew.user.set_pose(pose_looking_down(0.0, 0.01 * index, 6.0)).success
         saved = crew.save_mesh(tmp_path / "mesh.ply")
 
     assert result.message == ""
@@ -132,7 +136,7 @@ def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
     assert crew.map.frames_dropped == 0
     losses = crew.end_recorder()
     assert (losses.announced, losses.incomplete, losses.lost) == (VIEWS, 0, {})
-    assert stamps_in(crew.bag, sorted(RECORDED)) == dict.fromkeys(RECORDED, VIEWS)
+    assert messages_of_samples(crew.bag) == dict.fromkeys(RECORDED, VIEWS)
     assert f"{VIEWS} samples, none of them incomplete" in crew.recorder.log.read_text()
     told = subprocess.run(
         ["oaisys", "bag", "info", str(crew.bag)], capture_output=True, text=True, check=True
@@ -163,7 +167,7 @@ def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_pat
     published = VIEWS + 2
     missing = {
         topic: published - count
-        for topic, count in stamps_in(crew.bag, sorted(RECORDED)).items()
+        for topic, count in messages_of_samples(crew.bag).items()
         if count < published
     }
     assert missing["/camera/depth/image_raw"] > VIEWS / 4, "it was stopped"
@@ -219,3 +223,41 @@ def test_a_stopped_reader_holds_the_bridge_up_once_and_no_longer_than_it_may(
     assert "takes samples again" in crew.bridge.log.read_text()
     assert crew.sweep(20).message == ""
     assert crew.end_recorder().incomplete > 0
+
+
+def wait_for(condition: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
+    """Wait for something that a process does."""
+    end_s = time.monotonic() + START_PATIENCE_S
+    while not condition():
+        assert process.poll() is None, "it has ended"
+        assert time.monotonic() < end_s, "waited in vain"
+        time.sleep(0.02)
+
+
+def test_a_survey_whose_recorder_ends_early_says_so_and_fails(
+    tmp_path: Path, ros_domain_id: int, no_process_left: None
+) -> None:
+    out = tmp_path / "survey"
+    command = ["oaisys", "survey", "--backend", "analytic", "--size", "64x48", "--views", "12"]
+    with (tmp_path / "said").open("w") as said:
+        survey = subprocess.Popen(
+            [*command, "--no-faults", "--out", str(out)], stdout=said, stderr=said
+        )
+    try:
+        wait_for(lambda: "rendered in" in (tmp_path / "said").read_text(), survey)
+        (recorder,) = (
+            child
+            for child in psutil.Process(survey.pid).children(recursive=True)
+            if "oaisys_ros_bridge.nodes.recorder" in child.cmdline()
+        )
+        recorder.send_signal(signal.SIGTERM)
+        code = survey.wait(START_PATIENCE_S)
+    finally:
+        survey.kill()
+        survey.wait()
+
+    report = json.loads((out / "report.json").read_text())
+    assert code == 1, (tmp_path / "said").read_text()
+    assert not report["closed"]
+    assert report["lost"] == ["/oaisys_recorder had ended before the last sample"]
+    assert "missed: /oaisys_recorder had ended" in (tmp_path / "said").read_text()

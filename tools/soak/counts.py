@@ -36,7 +36,7 @@ def missing_in_bag(bag: Path, samples: int) -> Sequence[str]:
 
     It is read without what its recorder says of it, which is compared at the end.
     """
-    stamps, announced = _stamps(bag)
+    stamps, announced = stamps_of(bag)
     faults = []
     if len(announced) != samples:
         faults.append(f"bag: {len(announced)} of {samples} samples on sample_info")
@@ -55,7 +55,7 @@ def missing_in_bag(bag: Path, samples: int) -> Sequence[str]:
     return faults
 
 
-def _stamps(bag: Path) -> tuple[dict[str, set[int]], dict[int, SampleInfo]]:
+def stamps_of(bag: Path) -> tuple[dict[str, set[int]], dict[int, SampleInfo]]:
     """Return the stamps of each topic, and what announced the samples, by stamp."""
     stamps: dict[str, set[int]] = {}
     announced: dict[int, SampleInfo] = {}

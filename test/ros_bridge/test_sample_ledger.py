@@ -1,0 +1,205 @@
+"""What came of announced samples, message by message."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+from oaisys_ros_bridge.bag_losses import BagLosses
+from oaisys_ros_bridge.sample_ledger import LOST_AFTER_S, SampleLedger, SampleName, shortfall
+
+INFO = "/oaisys_bridge/sample_info"
+DEPTH, COLOR, POSE = "/camera/depth/image_raw", "/camera/color/image_raw", "/tf"
+TOPICS = (DEPTH, COLOR, POSE)
+
+
+class Watched:
+    """A ledger with a clock of the test's own."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.settled = 0
+        self.ledger = SampleLedger(INFO, self._on_settled, lambda: self.now_s)
+
+    def _on_settled(self) -> None:
+        self.settled += 1
+
+    def announce(self, number: int, *, topics: Iterable[str] = TOPICS, map_of: str = "") -> None:
+        needed = (DEPTH, POSE) if map_of else ()
+        self.ledger.announce(name(number), number, set(topics), needed=needed, result=map_of)
+
+    def arrive(self, number: int, *topics: str) -> None:
+        for topic in topics or TOPICS:
+            self.ledger.arrive(topic, name(number).stamp_ns)
+
+
+def name(number: int) -> SampleName:
+    return SampleName(1, number, 1000 * number)
+
+
+@pytest.fixture
+def watched() -> Watched:
+    return Watched()
+
+
+def test_a_sample_is_settled_once_all_of_it_has_come_before_or_after_its_announcement(watched):
+    watched.arrive(1, DEPTH)
+    watched.announce(1)
+    watched.arrive(1, COLOR)
+    assert (watched.ledger.open, watched.settled) == (1, 0)
+
+    watched.arrive(1, POSE)
+
+    assert (watched.ledger.open, watched.settled) == (0, 1)
+    state = watched.ledger.state
+    assert (state.announced, state.settled, state.incomplete, state.lost) == (1, 1, 0, {})
+    assert state.last == name(1)
+    assert shortfall(state) == ""
+
+
+def test_a_message_is_lost_once_a_later_sample_has_its_own(watched):
+    watched.announce(1)
+    watched.arrive(1, DEPTH, POSE)
+    watched.announce(2)
+    watched.arrive(2, DEPTH)
+    assert watched.ledger.open == 2
+
+    watched.arrive(2, COLOR)
+
+    assert watched.ledger.open == 1
+    assert watched.ledger.state.lost == {COLOR: 1}
+    assert shortfall(watched.ledger.state) == f"1 of 2 samples are incomplete; lost: {COLOR} 1"
+
+
+def test_what_is_published_before_its_announcement_tells_of_earlier_losses_too(watched):
+    watched.announce(1)
+    watched.arrive(1, DEPTH, COLOR)
+    watched.arrive(2)
+    assert watched.ledger.open == 1
+
+    watched.announce(2)
+
+    assert watched.ledger.open == 0
+    assert watched.ledger.state.lost == {POSE: 1}
+
+
+def test_a_message_that_never_comes_is_lost_after_a_while_and_found_when_it_comes(watched):
+    watched.announce(1)
+    watched.arrive(1, DEPTH, POSE)
+    watched.now_s = LOST_AFTER_S
+    watched.ledger.expire()
+    assert watched.ledger.state.incomplete == 0
+
+    watched.now_s += 0.1
+    watched.ledger.expire()
+    assert (watched.ledger.open, watched.ledger.state.lost) == (0, {COLOR: 1})
+
+    watched.arrive(1, COLOR)
+    assert (watched.ledger.state.incomplete, watched.ledger.state.lost) == (0, {})
+
+
+def test_a_modality_that_was_not_rendered_is_no_loss(watched):
+    watched.announce(1, topics=(COLOR,))
+    watched.arrive(1, COLOR)
+    watched.announce(2)
+    watched.arrive(2)
+    assert watched.ledger.state.lost == {}
+    assert watched.ledger.state.settled == 2
+
+
+def test_announcements_that_are_lost_are_counted_with_all_that_belongs_to_them(watched):
+    watched.announce(1)
+    watched.arrive(1)
+    watched.announce(4)
+    watched.arrive(4)
+
+    state = watched.ledger.state
+    assert (state.announced, state.settled, state.incomplete) == (4, 4, 2)
+    assert state.lost == {INFO: 2, DEPTH: 2, COLOR: 2, POSE: 2}
+
+
+def test_an_announcement_that_a_thread_takes_late_is_not_lost(watched):
+    for number in (1, 3, 2):
+        watched.announce(number)
+        watched.arrive(number)
+    state = watched.ledger.state
+    assert (state.announced, state.settled, state.incomplete, state.lost) == (3, 3, 0, {})
+
+
+def test_another_bridge_begins_to_count_anew(watched):
+    for stamp_ns, sequence in ((10, 7), (20, 1), (30, 2)):
+        watched.ledger.announce(SampleName(1, sequence, stamp_ns), sequence, ())
+    assert watched.ledger.state.incomplete == 0
+    assert watched.ledger.state.announced == 3
+
+
+def test_a_view_is_waited_for_after_its_messages_but_not_without_what_it_needs(watched):
+    watched.announce(1, map_of="map")
+    watched.arrive(1)
+    watched.now_s = 10 * LOST_AFTER_S
+    watched.ledger.expire()
+    assert watched.ledger.open == 1, "fusing may take its time"
+    assert watched.ledger.wait(0.0) == [name(1)]
+    watched.arrive(1, "map")
+    assert watched.ledger.wait(0.0) == []
+
+    watched.announce(2, map_of="map")
+    watched.arrive(2, COLOR, POSE)
+    watched.announce(3, map_of="map")
+    watched.arrive(3)
+    watched.ledger.give_up(name(3).stamp_ns, "the queue was full")
+    assert watched.ledger.open == 0
+    assert watched.ledger.state.lost == {DEPTH: 1, "the queue was full": 1}
+
+
+def test_views_may_get_into_the_map_in_any_order(watched):
+    for number in (1, 2):
+        watched.announce(number, map_of="map")
+        watched.arrive(number)
+    watched.arrive(2, "map")
+    assert watched.ledger.open == 2
+    watched.arrive(1, "map")
+    assert (watched.ledger.open, watched.ledger.state.incomplete) == (0, 0)
+
+
+def test_a_map_that_begins_anew_asks_for_no_older_sample(watched):
+    watched.announce(1)
+    watched.announce(2)
+    watched.ledger.forget(before_ns=name(2).stamp_ns)
+    assert watched.ledger.open == 1
+    before = watched.ledger.state
+    watched.arrive(2, DEPTH, POSE)
+    watched.ledger.give_up_all()
+    assert watched.ledger.state.since(before).lost == {COLOR: 1}
+
+
+def test_every_loss_is_counted_exactly_whatever_is_lost(watched):
+    """Random losses of messages and announcements that come in any order of topics."""
+    rng = np.random.default_rng(0)
+    came = rng.random((500, len(TOPICS))) > 0.2
+    came[-1] = True
+    for number in range(1, len(came) + 1):
+        if rng.random() < 0.5:
+            watched.announce(number)
+        for index in rng.permutation(len(TOPICS)):
+            if came[number - 1, index]:
+                watched.arrive(number, TOPICS[index])
+        if watched.ledger.state.announced < number:
+            watched.announce(number)
+    state = watched.ledger.state
+    assert state.settled == len(came)
+    assert state.incomplete == np.count_nonzero(~came.all(axis=1))
+    assert state.lost == {t: np.count_nonzero(~came[:, i]) for i, t in enumerate(TOPICS)}
+
+
+def test_a_bag_keeps_what_it_lacks_as_text():
+    losses = BagLosses(300, 12, {DEPTH: 12, POSE: 3}, {POSE: 5})
+    assert BagLosses.read(losses.entries) == losses
+    assert losses.any
+    assert losses.sentences == [
+        f"12 of 300 samples are incomplete; lost: {DEPTH} 12, {POSE} 3",
+        f"the middleware lost messages of {POSE} 5",
+    ]
+    assert not BagLosses(300).any
