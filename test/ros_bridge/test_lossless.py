@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import subprocess
 import time
@@ -238,10 +239,15 @@ def test_a_survey_whose_recorder_ends_early_says_so_and_fails(
     tmp_path: Path, ros_domain_id: int, no_process_left: None
 ) -> None:
     out = tmp_path / "survey"
-    command = ["oaisys", "survey", "--backend", "analytic", "--size", "64x48", "--views", "12"]
+    command = ["oaisys", "survey", "--backend", "analytic", "--size", "64x48", "--views", "6"]
+    # The recorder has ended long before the last sample is there.
+    slow = {"OAISYS_FAULT": "late-slow:10@6", "OAISYS_TEST_BUILD": "1"}
     with (tmp_path / "said").open("w") as said:
         survey = subprocess.Popen(
-            [*command, "--no-faults", "--out", str(out)], stdout=said, stderr=said
+            [*command, "--voxel-size", "0.3", "--no-faults", "--out", str(out)],
+            stdout=said,
+            stderr=said,
+            env={**os.environ, **slow},
         )
     try:
         wait_for(lambda: "rendered in" in (tmp_path / "said").read_text(), survey)
