@@ -73,11 +73,24 @@ class TrueSurface(ShortRepr):
         query = o3d.core.Tensor(np.ascontiguousarray(points_m[rows], np.float32))
         found = self.scene.compute_closest_points(query)
         s, t = found["primitive_uvs"].numpy().T
-        is_open = self._is_open[found["primitive_ids"].numpy()]
+        ids = found["primitive_ids"].numpy()
+        is_open = self._is_open[ids]
         # The edges from corner 0 to 1, 1 to 2 and 2 to 0, where one weight is none.
         on_edge = np.column_stack((t, 1 - s - t, s)) < ON_EDGE
-        past[rows] = (on_edge & is_open).any(axis=1)
+        # A corner of the rim belongs to triangles, too, of which no edge is part of it.
+        at_corner = np.column_stack((1 - s - t, s, t)) > 1 - ON_EDGE
+        on_rim = self._is_rim[self.mesh.triangles[ids]]
+        past[rows] = (on_edge & is_open | at_corner & on_rim).any(axis=1)
         return np.asarray(past)
+
+    @cached_property
+    def _is_rim(self) -> NDArray[np.bool_]:
+        """(V,) which vertices are ends of open edges."""
+        triangles = self.mesh.triangles
+        is_rim = np.zeros(len(self.mesh.vertices_m), bool)
+        for first, second in ((0, 1), (1, 2), (2, 0)):
+            is_rim[triangles[self._is_open[:, first]][:, (first, second)]] = True
+        return is_rim
 
     @cached_property
     def _is_open(self) -> NDArray[np.bool_]:

@@ -63,6 +63,9 @@ def test_ground_that_goes_on_beyond_an_open_truth_is_not_measured() -> None:
     assert figures.accuracy_max_m < 1e-6
     raised = measure(colored(*grid_mesh((-4, 9), (-4, 4), 0.07)), truth)
     assert raised.rmse_m == pytest.approx(0.07, abs=1e-5)
+    around = measure(colored(*grid_mesh((-9, 9), (-9, 9), 0.02, step_m=0.13)), truth)
+    assert around.past_rim_share == pytest.approx(1 - 64 / 324, abs=0.01)
+    assert around.accuracy_max_m == pytest.approx(0.02, abs=1e-4)
 
 
 def test_what_lies_outside_of_a_closed_truth_is_measured() -> None:
