@@ -28,6 +28,7 @@ from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.bag_losses import BagLosses
 from oaisys_ros_bridge.bag_parameters import RECORDER
 from oaisys_ros_bridge.message_definition import message_class
+from oaisys_ros_bridge.namespaces import TF
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
 from oaisys_ros_bridge.qos import LATCHED_QOS, SAMPLE_INFO_QOS
@@ -232,7 +233,8 @@ class RecorderNode(ParameterNode, Node):
             except OSError as error:
                 self._give_up(str(error))
                 return
-        self._last_message_s = time.monotonic()
+        if not name.endswith(TF):  # a bridge repeats its transforms for ever
+            self._last_message_s = time.monotonic()
         if (read_stamp := self._stamped.get(name)) and (stamp_ns := read_stamp(data)):
             self._counted.add(name)
             for watch in self._watches.values():
