@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from oaisys_core.command_options import ConfigOption
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.standard_output import own_stdout
 
@@ -38,7 +37,9 @@ def repeat(
         typer.Option("--sample", help="BATCH/SAMPLE; may be given again; default: the newest."),
     ] = None,
     every: Annotated[bool, typer.Option("--all", help="All samples of the record.")] = False,
-    config: ConfigOption = None,
+    config: Annotated[
+        Path | None, typer.Option("--config", help="YAML file; default: what the record holds.")
+    ] = None,
     least_psnr: Annotated[
         float, typer.Option(help="In dB: colours may differ by so much.", min=0)
     ] = LEAST_PSNR_DB,
