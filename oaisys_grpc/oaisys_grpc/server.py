@@ -59,7 +59,6 @@ _CONNECTION_OPTIONS = (
     # Clients of ours, and gRPC's own, may ask as often for signs of life.
     ("grpc.http2.min_ping_interval_without_data_ms", 5_000),
     ("grpc.server_handshake_timeout_ms", 10_000),
-    ("grpc.max_concurrent_streams", 100),
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import MAX_IMAGE_PX
 from oaisys_grpc.encodings import CODECS
 from oaisys_grpc.limits import MAX_REQUEST_BYTES
@@ -12,6 +13,9 @@ from oaisys_grpc.shared_memory import Place, Probe
 
 CHUNK_BYTES = 1 << 20
 """For a client that says nothing."""
+
+MIN_CHUNK_BYTES = 1000
+"""Smaller ones are refused: an image would be millions of messages."""
 
 MAX_MESSAGE_BYTES = 3 << 20
 """Of array data in one message, whatever a client asks for: gRPC's default limit is 4 MiB."""
@@ -78,7 +82,14 @@ def transfer_from_proto(message: pb.TransferOptions) -> Transfer:
 
 
 def granted(transfer: Transfer, probe: Probe | None) -> Transfer:
-    """Return what of a client's wishes a server fulfils; ``probe`` is None without sharing."""
+    """Return what of a client's wishes a server fulfils; ``probe`` is None without sharing.
+
+    Raises:
+        InvalidInputError: It wants chunks so small that sending them would keep the server busy.
+    """
+    if transfer.chunk_bytes < MIN_CHUNK_BYTES:
+        expected = f"0, or at least {MIN_CHUNK_BYTES}"
+        raise InvalidInputError("transfer.max_chunk_bytes", transfer.chunk_bytes, expected)
     proved = probe is not None and probe.proves(transfer.token)
     return replace(
         transfer,

@@ -300,6 +300,8 @@ def test_limits_hold_on_both_sides(server: Server) -> None:
     granted = transfer.granted(huge, None)
     assert granted.inline_bytes == limits.max_inline_bytes
     assert granted.chunk_bytes == limits.max_chunk_bytes
+    with pytest.raises(InvalidInputError, match=r"transfer\.max_chunk_bytes.*at least 1000"):
+        transfer.granted(transfer.Transfer(chunk_bytes=1), None)
 
 
 def test_a_stream_with_a_frame_beyond_the_limit_is_refused_at_its_header() -> None:
