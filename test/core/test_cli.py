@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.main import get_command
@@ -154,8 +155,8 @@ finally:
 
 def command_names() -> list[tuple[str, ...]]:
     """Every command that is installed, and those inside of it."""
-    root = get_command(app)
-    names = []
+    root: Any = get_command(app)
+    names: list[tuple[str, ...]] = []
     for name in root.list_commands(None):
         names.append((name,))
         parts = getattr(root.get_command(None, name), "commands", {})

@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from io import StringIO
 from pathlib import Path
@@ -88,8 +89,9 @@ def test_stages_name_each_view_and_what_is_measured(files: tuple[Path, Path]) ->
 def test_lines_come_at_most_every_few_seconds_where_there_is_no_terminal(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    now_s, said = [0.0], []
-    monkeypatch.setattr(stages.time, "monotonic", lambda: now_s[0])
+    now_s = [0.0]
+    said: list[str] = []
+    monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
     with stages.StageLines("measuring", said.append, Console(file=StringIO())) as on_stage:
         for view in range(40):
             now_s[0] = 0.5 * view

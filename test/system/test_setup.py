@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +14,7 @@ import pytest
 
 from tools.setup.checks import check_compiler, check_disk
 from tools.setup.errors import OptionalStepError, SetupError
+from tools.setup.progress import colcon_progress, pip_progress, run_with_progress
 from tools.setup.relocation import relocate
 from tools.setup.steps import Step, digest, run_steps
 
@@ -81,6 +83,44 @@ def test_optional_step_that_fails_stops_nothing_and_is_tried_again(
     run_steps(steps, tmp_path)
     assert done == ["tried", "ran", "tried"]
     assert "left out: no npm" in capsys.readouterr().err
+
+
+def test_a_long_program_is_told_of_while_it_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "state" / "log"
+    code = (
+        "import time\nfor index in range(4):\n    print('Collecting', index, flush=True)\n"
+        "    time.sleep(0.3)\nexit(3)"
+    )
+    ended = run_with_progress(
+        [sys.executable, "-c", code],
+        dict(os.environ),
+        log,
+        lambda said: pip_progress(said, 4, tmp_path),
+        every_s=0.1,
+    )
+    assert ended == 3
+    assert log.read_text() == "".join(f"Collecting {index}\n" for index in range(4))
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) > 4
+    told = [re.fullmatch(r"setup:   (\d) of 4 packages collected, \d+ s", line) for line in lines]
+    counts = [int(found[1]) for found in told if found]
+    assert len(counts) == len(lines)
+    assert counts == sorted(counts)
+    assert counts[-1] == 4
+
+
+def test_progress_counts_what_is_installed_and_compiled(tmp_path: Path) -> None:
+    for name in ("a-1.dist-info", "b-1.dist-info", "b"):
+        (tmp_path / name).mkdir()
+    said = "Collecting a\nRequirement already satisfied: b\n"
+    assert pip_progress(said, 3, tmp_path) == "2 of 3 packages collected"
+    said += "Installing collected packages: a, b\n"
+    assert pip_progress(said, 3, tmp_path) == "2 of 3 packages installed"
+    (tmp_path / "b" / "c.o").touch()
+    said = "Starting >>> a\nFinished <<< a [1s]\nStarting >>> b\n"
+    assert colcon_progress(said, 2, tmp_path) == "1 of 2 packages built, 1 files compiled"
 
 
 def test_digest_changes_with_a_file_below_a_folder(tmp_path: Path) -> None:

@@ -39,14 +39,14 @@ def _steps(environment: Environment) -> list[Step]:
     return [
         Step(
             "requirements",
-            "installing the pinned packages (3 GB, some minutes)",
+            "installing the pinned packages (3 GB, 2 to 4 minutes)",
             requirements,
             lambda done_before: install_requirements(environment, keep=done_before),
             lambda done_before: check_machine(environment, keep=done_before),
         ),
         Step(
             "interfaces",
-            "building the ROS interfaces",
+            "building the ROS interfaces (1 to 2 minutes)",
             interfaces,
             lambda _: build_interfaces(environment),
         ),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 from tools.setup.errors import SetupError
 from tools.setup.paths import OAISYS_MSGS, UNDERLAY, Environment
+from tools.setup.progress import colcon_progress, run_with_progress
 from tools.setup.variables import process_environment
 
 
@@ -31,16 +31,15 @@ def build_interfaces(environment: Environment) -> None:
     command += ["--event-handlers", "console_cohesion-", "console_package_list-"]
     command += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF"]
     command += [f"-DPython3_EXECUTABLE={python}", f"-DPYTHON_EXECUTABLE={python}", "-Wno-dev"]
-    result = subprocess.run(
+    log = environment.state / "colcon.log"
+    code = run_with_progress(
         command,
-        env=process_environment(environment),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        check=False,
+        process_environment(environment),
+        log,
+        lambda said: colcon_progress(said, len(sources), build),
     )
-    if result.returncode:
-        sys.stderr.write(result.stdout)
+    if code:
+        sys.stderr.write(log.read_text(errors="replace"))
         raise SetupError("building the ROS interfaces failed")
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from tools.setup.checks import NEEDED_DISK_GB, check_compiler, check_disk
 from tools.setup.errors import SetupError
 from tools.setup.paths import INTERPRETER, PYTHON_PACKAGES, REQUIREMENTS, Environment
+from tools.setup.progress import pip_progress, run_with_progress
 from tools.setup.relocation import relocate
 from tools.setup.variables import process_environment, write_script
 
@@ -43,7 +44,9 @@ def install_requirements(environment: Environment, *, keep: bool) -> None:
         venv.create(environment.root, with_pip=True)
         environment.state.mkdir()
         _interpreter_note(environment).write_text(INTERPRETER)
-    _pip(environment, "--requirement", str(REQUIREMENTS))
+    lines = REQUIREMENTS.read_text().splitlines()
+    wanted = sum("==" in line for line in lines)
+    _pip(environment, wanted, "--requirement", str(REQUIREMENTS))
     _lend_libusb(environment)
     include, numpy_include = _include_folders(environment)
     relocate(environment.root, include, numpy_include)
@@ -64,24 +67,38 @@ def install_packages(environment: Environment) -> None:
     # Paths instead of import hooks: from the repository's root the folders would hide the packages.
     editable = [part for package in PYTHON_PACKAGES for part in ("--editable", str(package))]
     _pip(
-        environment, "--no-build-isolation", "--config-settings", "editable_mode=compat", *editable
+        environment,
+        len(PYTHON_PACKAGES),
+        "--no-build-isolation",
+        "--config-settings",
+        "editable_mode=compat",
+        *editable,
     )
 
 
-def _pip(environment: Environment, *arguments: str) -> None:
+def _pip(environment: Environment, wanted: int, *arguments: str) -> None:
     # Some machines keep /tmp in memory: the wheels are unpacked on the environment's own disk.
     temporary = environment.state / "tmp"
     temporary.mkdir(parents=True, exist_ok=True)
     command = [str(environment.python), "-m", "pip", "install", "--no-deps", "--no-input"]
-    command += ["--quiet", "--disable-pip-version-check", "--no-warn-script-location", *arguments]
+    command += [
+        "--progress-bar=off",
+        "--disable-pip-version-check",
+        "--no-warn-script-location",
+        *arguments,
+    ]
     variables = process_environment(environment) | {"TMPDIR": str(temporary)}
-    # pip complains once per package about every index it was configured with and cannot reach.
     log = environment.state / "pip.log"
-    with log.open("w") as output:
-        result = subprocess.run(command, env=variables, stdout=output, stderr=output, check=False)
+    site_packages = environment.site_packages
+    code = run_with_progress(
+        command, variables, log, lambda said: pip_progress(said, wanted, site_packages)
+    )
     shutil.rmtree(temporary, ignore_errors=True)
-    if result.returncode:
-        errors = [line for line in log.read_text().splitlines() if not line.startswith("WARNING")]
+    if code:
+        # pip complains once per package about every index that it cannot reach, and tells of each
+        # package that it collects.
+        usual = ("WARNING", "Collecting", "Requirement already", "  Using cached", "  Downloading")
+        errors = [line for line in log.read_text().splitlines() if not line.startswith(usual)]
         sys.stderr.write(os.linesep.join(errors[-40:]) + os.linesep)
         raise SetupError(f"pip failed; its whole output is in {log}")
 
