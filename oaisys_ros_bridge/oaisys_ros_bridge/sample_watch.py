@@ -53,11 +53,6 @@ class SampleWatch:
         node.create_timer(EXPIRY_PERIOD_S, self.ledger.expire, group, OWN_CLOCK)
         self._tell()
 
-    @property
-    def receipts_topic(self) -> str:
-        """Full name of the topic that receipts go to."""
-        return str(self._publisher.topic_name)
-
     def end(self) -> None:
         """Tell the bridge that nothing more is taken."""
         self._tell(ended=True)

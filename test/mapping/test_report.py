@@ -5,6 +5,7 @@ import json
 import re
 from base64 import b64decode
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -196,6 +197,14 @@ def test_a_missed_threshold_is_told_in_both_reports(tmp_path: Path) -> None:
     assert "does not close" in page
     assert figures["missed"][0] in page
     assert "✗ rmse_m" in page
+
+
+def test_a_loop_does_not_close_where_samples_were_lost(tmp_path: Path) -> None:
+    lost = "/oaisys_mapper: 2 of 30 samples are incomplete; lost: /tf 2"
+    write_report(replace(make_report(0.05), lacks=[lost]), tmp_path)
+    figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
+    assert (figures["closed"], figures["lost"], figures["missed"]) == (False, [lost], [lost])
+    assert lost in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
 def test_report_json_has_what_other_programs_read(written: Path) -> None:

@@ -143,6 +143,7 @@ def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
         ["oaisys", "bag", "info", str(crew.bag)], capture_output=True, text=True, check=True
     )
     assert f"{VIEWS} samples, none of them incomplete" in told.stdout
+    assert "/receipts" not in told.stdout, "a bag that is played must not speak for a recorder"
 
 
 def stop_in_the_middle(crew: Crew, node: NodeProcess, views: int) -> Sweep.Result:

@@ -55,6 +55,7 @@ announces nobody tells the end: until nothing has come for this long ..."""
 LONGEST_END_S = 3.0
 """... but no longer than this."""
 SAMPLE_INFO_TYPE = "oaisys_msgs/msg/SampleInfo"
+RECEIPT_TYPE = "oaisys_msgs/msg/SampleReceipt"
 LEAST_FREE_BYTES = 64 * 2**20
 
 
@@ -63,7 +64,7 @@ class RecorderNode(ParameterNode, Node):
 
     Its parameters are the table `RECORDER`. *All* topics are those that exist or appear in the
     node's own namespace, and ROS's own at the root, such as ``/tf`` and ``/diagnostics``; hidden
-    ones, and what ``exclude`` matches, apart.
+    ones, receipts, and what ``exclude`` matches, apart.
 
     It listens to ``sample_info`` in any case, where there is one, and counts against it what it has
     lost: in receipts, which the bridge waits for, in the bag, and at the end.
@@ -134,6 +135,8 @@ class RecorderNode(ParameterNode, Node):
         for name, types in self.get_topic_names_and_types():
             if types[0] == SAMPLE_INFO_TYPE and name not in self._watches and self._is_near(name):
                 self._watch(name)
+            if types[0] == RECEIPT_TYPE and name not in self._requested:
+                continue  # played again, they would tell a bridge of readers that are not there
             if name not in self._listening and name not in self._unknown and self._wants(name):
                 self._listen(name, types[0])
                 found = True
@@ -176,7 +179,6 @@ class RecorderNode(ParameterNode, Node):
         if name.rpartition("/")[2] != SAMPLE_INFO:
             return
         watch = self._watches[name] = SampleWatch(self, name, self._lost_by_middleware)
-        self._own_topics.add(watch.receipts_topic)
         self.create_subscription(
             SampleInfo,
             name,
