@@ -274,11 +274,13 @@ class MapperNode(ParameterNode, Node):
             if known in (None, batch):
                 return
             self._batch_begin_ns = nanoseconds(message.header.stamp)
+            # Said first: whoever sees the empty map finds the reason.
+            number = message.batch_id
+            self.get_logger().info(f"batch {number}: the map of the one before is cleared")
             self._forget_map(self._batch_begin_ns)
             for frame in list(self._newest):
                 if frame.stamp_ns >= self._batch_begin_ns:
                     self._fuse(frame)
-        self.get_logger().info(f"batch {message.batch_id}: the map of the one before is cleared")
 
     def _offer_services(self, mesh_period_s: float) -> None:
         """Offer services, and meshes from time to time, in a group that may wait for frames."""
