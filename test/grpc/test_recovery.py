@@ -185,7 +185,7 @@ def test_how_a_worker_ended_is_not_hidden_by_our_own_signal(tmp_path: Path) -> N
         worker.call("start", {}, limit=limit, progress=ignore_progress)
 
 
-def test_a_worker_that_its_server_kills_is_not_said_to_be_killed_by_others(
+def test_a_worker_that_others_kill_is_said_to_be_killed_by_them(
     start_server: StartServer,
 ) -> None:
     server = start_server(ROCKY_WORLD, OAISYS_FAULT=f"slow:{2 * PATIENCE_S}", **TEST_BUILD)

@@ -52,8 +52,8 @@ def pip_progress(output: str, wanted: int, site_packages: Path) -> str:
     """Say how far pip is, from its output and from what it has installed."""
     lines = output.splitlines()
     if any(line.startswith("Installing collected packages") for line in lines):
-        installed = sum(1 for _ in site_packages.glob("*.dist-info"))
-        return f"{installed} of {wanted} packages installed"
+        installed = sum(1 for _ in site_packages.glob("*.dist-info"))  # pip itself among them
+        return f"{min(installed, wanted)} of {wanted} packages installed"
     starts = ("Collecting ", "Requirement already satisfied", "Obtaining ")
     collected = sum(line.startswith(starts) for line in lines)
     return f"{min(collected, wanted)} of {wanted} packages collected"
