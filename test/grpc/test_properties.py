@@ -21,7 +21,8 @@ MANY = settings(max_examples=60, deadline=None, suppress_health_check=list(Healt
 FEW = settings(max_examples=3, deadline=None, suppress_health_check=list(HealthCheck))
 
 on_stage = st.floats(-19, 19)
-above = st.floats(0.1, 1e5)
+above = st.floats(0.1, 4e4)
+"""Up to a thousand edges of the stage, which is 40 m wide; nothing beyond is admitted."""
 parts = st.floats(-1, 1)
 
 

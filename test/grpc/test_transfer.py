@@ -331,14 +331,7 @@ def shared_parts(sample: Sample) -> tuple[list[Any], Segment]:
         )
         for f, begin in zip(sample.frames, begins, strict=True)
     )
-    shared = Sample(
-        sample.batch_id,
-        sample.sample_id,
-        sample.rig_pose,
-        frames,
-        sample.render_time_s,
-        sample.provenance,
-    )
+    shared = replace(sample, frames=frames)
     wanted = transfer.Transfer(token=bytes(32))
     return over_the_wire(list(chunks.sample_to_parts(shared, wanted))), segment
 
