@@ -15,6 +15,9 @@ BYTES_PER_MB = 1e6
 FIRST_BATCH_ERROR = "first_batch_error"
 """Key of why there is no world although the bridge tried twice; empty: no such thing."""
 
+FIRST_BATCH_RETRIED = "first_batch_retried_after"
+"""Key of what the first of these tries failed of; stays where the second one succeeds."""
+
 
 def diagnostics_msg(
     name: str, hardware_id: str, level: bytes, message: str, values: Mapping[str, object]

@@ -63,6 +63,7 @@ class SimulatorLink:
         config_json: The server's configuration; empty: it was not found yet, or does not say.
         first_batch_error: Why there is no first batch although it was tried twice; empty: no
             such thing.
+        first_batch_retried_after: What the first of these tries failed of; empty: it did not.
     """
 
     def __init__(
@@ -80,7 +81,7 @@ class SimulatorLink:
         self.initial_batch = initial_batch
         self.config_json = self._config_sha256 = ""
         self.building = False
-        self.first_batch_error = ""
+        self.first_batch_error = self.first_batch_retried_after = ""
         self._turns = turns
         self._timeout_s = timeout_s
         self._on_change = on_change
@@ -253,6 +254,7 @@ class SimulatorLink:
         Raises:
             OaisysError: It failed twice.
         """
+        self.first_batch_retried_after = ""
         self._enter(info, "the first batch is being built")
         with self._is_building():
             try:
@@ -260,6 +262,7 @@ class SimulatorLink:
             except OaisysError as error:
                 if self._stopping.is_set():
                     raise
+                self.first_batch_retried_after = str(error)
                 self._enter(info, f"the first batch failed and is built once more: {error}")
                 try:
                     client.step_batch()

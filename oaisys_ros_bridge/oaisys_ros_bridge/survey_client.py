@@ -153,11 +153,24 @@ class SurveyClient:
                 if error and address in ("", simulator):
                     raise RenderError(error)
 
-        self._wait("the bridge to be ready", lambda: self._bridge_is_ready, timeout_s, check_all)
+        self._wait(
+            "the bridge to be ready",
+            lambda: self._bridge_is_ready and self.bridges > 0,
+            timeout_s,
+            check_all,
+        )
+        self._wait_for_others_to_leave()
+
+    @property
+    def bridges(self) -> int:
+        """How many bridges of that name are known of so far; more may be discovered later."""
+        return int(self._node.count_publishers("oaisys_bridge/ready"))
+
+    def _wait_for_others_to_leave(self) -> None:
         domain = os.environ.get("ROS_DOMAIN_ID", "0")
         self._wait(
             f"all bridges but ours to leave ROS domain {domain} (set another ROS_DOMAIN_ID)",
-            lambda: self._node.count_publishers("oaisys_bridge/ready") == 1,
+            lambda: self.bridges <= 1,  # none: ours has ended, as calls to it will tell
             DISCOVERY_TIMEOUT_S,
         )
 
@@ -198,8 +211,10 @@ class SurveyClient:
 
         Raises:
             RenderError: The bridge refused or failed; holds its message.
-            DeadlineExceededError: No answer, or not all images, in time.
+            DeadlineExceededError: No answer, or not all images, in time; or a second bridge of that
+                name has come to be known, which would answer, too.
         """
+        self._wait_for_others_to_leave()
         request = SetPose.Request(sensor=sensor, modalities=list(self._modalities))
         request.pose = pose_to_stamped_msg(pose, Header(frame_id=map_frame))
         started_s = time.monotonic()
@@ -274,8 +289,9 @@ class SurveyClient:
 
         Raises:
             RenderError: A pose failed; holds its message.
-            DeadlineExceededError: It has not ended in time.
+            DeadlineExceededError: It has not ended in time; or there are two bridges of that name.
         """
+        self._wait_for_others_to_leave()
         client = ActionClient(self._node, Sweep, "oaisys_bridge/sweep")
         try:
             if not client.wait_for_server(DISCOVERY_TIMEOUT_S):

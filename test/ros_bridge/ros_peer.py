@@ -86,6 +86,7 @@ class User:
         self._subscriptions: list[Subscription] = []
         self.received: dict[str, list[Any]] = {}
         self._matched: dict[str, int] = {}
+        self._ready_subscribers = 1
         self.listen(Bool, "oaisys_bridge/ready", LATCHED_QOS)
         self._diagnostics = self.node.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_diagnostics, DIAGNOSTICS_DEPTH
@@ -138,9 +139,22 @@ class User:
         """Call a service of the bridge without waiting for its answer."""
         if name not in self._clients:
             self._clients[name] = self.node.create_client(kind, f"oaisys_bridge/{name}")
+            self._wait_until_bridge_knows_all_so_far()
         client = self._clients[name]
         self.wait_until(client.service_is_ready)
         return client.call_async(request)
+
+    def _wait_until_bridge_knows_all_so_far(self) -> None:
+        """Wait until answers reach the clients that were made until now.
+
+        A service is ready once the client knows it. The bridge may still not know the client, and
+        after 0.1 s drops its answer. It hears of our readers in the order they were made: once it
+        knows one that is made now, it knows those of the clients before it.
+        """
+        topic = self.node.resolve_topic_name("oaisys_bridge/ready")
+        self.node.create_subscription(Bool, topic, lambda _: None, LATCHED_QOS)
+        self._ready_subscribers += 1
+        self.wait_until_matched([topic], self._ready_subscribers)
 
     def answer(self, future: Future) -> Any:
         return self.wait_until(lambda: future.result() if future.done() else None)

@@ -17,7 +17,7 @@ from std_srvs.srv import Trigger
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_ros_bridge import survey_client
-from oaisys_ros_bridge.qos import SENSOR_QOS
+from oaisys_ros_bridge.qos import DEEP_QOS, SENSOR_QOS
 from oaisys_ros_bridge.survey_client import SurveyClient
 
 pytestmark = pytest.mark.ros
@@ -29,6 +29,13 @@ def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator
         yield stage
 
 
+def free_address() -> str:
+    """Return an address that nobody serves at yet."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{free.getsockname()[1]}"
+
+
 def said(diagnostics: DiagnosticArray) -> dict[str, str]:
     """Return what a bridge's status holds, by name."""
     return {value.key: value.value for value in diagnostics.status[0].values}
@@ -36,9 +43,7 @@ def said(diagnostics: DiagnosticArray) -> dict[str, str]:
 
 def test_the_bridge_waits_for_a_server_and_outlives_it(stage: Stage) -> None:
     user = stage.user
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{free.getsockname()[1]}"
+    address = free_address()
     user.listen(DiagnosticArray, "/diagnostics", SENSOR_QOS)
     bridge = stage.start_bridge(address)
     user.wait_until_ready(False)
@@ -91,18 +96,21 @@ def test_signals_end_it_in_peace_even_while_it_renders(
 def test_a_first_batch_that_fails_is_built_once_more(stage: Stage, tmp_path: Path) -> None:
     user = stage.user
     crash = f"batch-crash-once:{tmp_path / 'crashed'}"
-    server = stage.start_world(FLAT_WORLD, OAISYS_TEST_BUILD="1", OAISYS_FAULT=crash)
-    user.listen(DiagnosticArray, "/diagnostics", SENSOR_QOS)
+    address = free_address()
+    user.listen(DiagnosticArray, "/diagnostics", DEEP_QOS)
     diagnostics = user.received["/diagnostics"]
 
     def message(text: str) -> bool:
         return any(text in status.message for array in diagnostics for status in array.status)
 
-    bridge = stage.start_bridge(server.address)
+    bridge = stage.start_bridge(address)
+    user.wait_until(lambda: diagnostics)  # what it says from now on is not missed
+    stage.start_world(FLAT_WORLD, "--address", address, OAISYS_TEST_BUILD="1", OAISYS_FAULT=crash)
     user.wait_until(lambda: message("the first batch failed and is built once more: "))
     assert message("the worker was ended by SIGABRT")
     user.wait_until_ready()
     assert said(diagnostics[-1])["first_batch_error"] == ""
+    assert "SIGABRT" in said(diagnostics[-1])["first_batch_retried_after"]
     assert user.set_pose(pose_looking_down(0, 0, 5)).success
     assert "built once more" in bridge.log.read_text()
 
@@ -116,8 +124,25 @@ def test_two_bridges_of_one_name_are_told_apart_before_a_survey(
     stage.user.wait_until(lambda: stage.user.node.count_publishers("oaisys_bridge/ready") == 2)
     monkeypatch.setattr(survey_client, "DISCOVERY_TIMEOUT_S", 2.0)
     expected = rf"bridges but ours to leave ROS domain {ros_domain_id}"
-    with (
-        SurveyClient("camera", ("depth",)) as client,
-        pytest.raises(DeadlineExceededError, match=expected),
-    ):
+    with SurveyClient("camera", ("depth",)) as client:
+        stage.user.wait_until(lambda: client.bridges == 2)
+        with pytest.raises(DeadlineExceededError, match=expected):
+            client.wait_for_bridge(PATIENCE_S, lambda: None)
+
+
+def test_a_second_bridge_that_is_discovered_late_ends_a_survey_before_its_next_view(
+    stage: Stage, monkeypatch: pytest.MonkeyPatch, ros_domain_id: int
+) -> None:
+    address = stage.start_world(FLAT_WORLD).address
+    stage.start_bridge(address)
+    monkeypatch.setattr(survey_client, "DISCOVERY_TIMEOUT_S", 2.0)
+    expected = rf"bridges but ours to leave ROS domain {ros_domain_id}"
+    with SurveyClient("camera", ("depth",)) as client:
         client.wait_for_bridge(PATIENCE_S, lambda: None)
+        stage.start_bridge(address)
+        stage.user.wait_until(lambda: client.bridges == 2)
+        pose = pose_looking_down(0, 0, 5)
+        with pytest.raises(DeadlineExceededError, match=expected):
+            client.view(pose, "", "map", PATIENCE_S)
+        with pytest.raises(DeadlineExceededError, match=expected):
+            client.sweep([pose], "map", PATIENCE_S)

@@ -22,6 +22,7 @@ from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
 from oaisys_ros_bridge.command_queue import CommandQueue
 from oaisys_ros_bridge.diagnostics import (
     FIRST_BATCH_ERROR,
+    FIRST_BATCH_RETRIED,
     diagnostics_msg,
     resident_mb,
     simulator_values,
@@ -373,6 +374,7 @@ class BridgeNode(ParameterNode, ManagedNode):
             "address": self.parameters["address"],
             "lifecycle_state": self.state_name,
             FIRST_BATCH_ERROR: "" if link is None else link.first_batch_error,
+            FIRST_BATCH_RETRIED: "" if link is None else link.first_batch_retried_after,
             "connections": 0 if link is None else link.state.connections,
             "renderer": self._renderer.activity,
             "queue": self._turns.waiting + self._commands.waiting,
