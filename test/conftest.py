@@ -45,12 +45,21 @@ def ros_domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     pytest.fail(f"all {LARGEST_DOMAIN_ID} ROS domains are in use")
 
 
+def claim_domain_first(request: pytest.FixtureRequest) -> None:
+    """Keep a test's ROS domain from others until none of its processes is left in it."""
+    if "ros_domain_id" in request.fixturenames:
+        request.getfixturevalue("ros_domain_id")
+
+
 @pytest.fixture
-def no_process_left(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def no_process_left(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
     """Fail a test that leaves processes running, and end them.
 
     They are known by a mark in their environment, so orphans are found too.
     """
+    claim_domain_first(request)
     mark = str(uuid.uuid4())
     monkeypatch.setenv(MARK, mark)
     yield
@@ -59,11 +68,12 @@ def no_process_left(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 
 @pytest.fixture
-def leaks(monkeypatch: pytest.MonkeyPatch) -> Iterator[LeakCheck]:
+def leaks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[LeakCheck]:
     """Fail a test whose processes leave anything: themselves, shared memory, sockets, ports.
 
     To be asked for before what starts processes, so that it looks last.
     """
+    claim_domain_first(request)
     mark = str(uuid.uuid4())
     monkeypatch.setenv(MARK, mark)
     with LeakCheck(mark) as check:

@@ -24,7 +24,9 @@ class LeakCheck:
 
     def __init__(self, mark: str) -> None:
         self._mark = mark
+        self._processes: set[psutil.Process] = set()
         self._shared: set[str] = set()
+        self._foreign: set[str] = set()
         self._ports: set[int] = set()
         self._files: set[str] = set()
         self._ended = threading.Event()
@@ -40,11 +42,15 @@ class LeakCheck:
 
     def left_behind(self) -> list[str]:
         """End every process that still runs, and return what should not be there."""
-        _, running = psutil.wait_procs(marked_processes(self._mark), timeout=5.0)
+        self._processes.update(marked_processes(self._mark))
+        _, waited_for = psutil.wait_procs([p for p in self._processes if _runs(p)], timeout=5.0)
+        running = [process for process in waited_for if _runs(process)]
         left = [f"process: {_command(process)}" for process in running]
         for process in running:
             process.kill()
-        left += [f"shared memory: {file}" for file in self._shared if Path(file).exists()]
+        left += [
+            f"shared memory: {file}{_users(file)}" for file in self._shared if Path(file).exists()
+        ]
         left += [f"socket: {file}" for file in self._files if Path(file).exists()]
         listening = _listening(psutil.net_connections("tcp"))
         return left + [f"port: {port}" for port in sorted(self._ports & listening)]
@@ -52,17 +58,37 @@ class LeakCheck:
     def _watch(self) -> None:
         while not self._ended.wait(_LOOK_PERIOD_S):
             for process in marked_processes(self._mark):
+                self._processes.add(process)
                 with contextlib.suppress(psutil.Error, OSError):
                     self._note(process)
 
     def _note(self, process: psutil.Process) -> None:
         for line in Path(f"/proc/{process.pid}/maps").read_text().splitlines():
-            if found := _SHARED.search(line.removesuffix(" (deleted)")):
-                self._shared.add(found[0])
+            found = _SHARED.search(line.removesuffix(" (deleted)"))
+            if found and found[0] not in self._shared | self._foreign:
+                foreign = self._is_foreign(found[0], process)
+                (self._foreign if foreign else self._shared).add(found[0])
         connections: list[Any] = process.net_connections("all")
         self._ports |= _listening(connections)
         addresses = {c.laddr for c in connections if isinstance(c.laddr, str)}
         self._files |= {address for address in addresses if address.startswith("/")}
+
+    def _is_foreign(self, segment: str, user: psutil.Process) -> bool:
+        """Tell whether a process of another ROS domain owns what a process of the test has mapped.
+
+        It happens: Fast DDS takes the port for its graph's messages (`fastrtps_port7000` and on)
+        from one range for all domains. Whoever gets the port of a process that ended is sent what
+        that one's peers still send to it, and then maps their segments. What nobody owns, and
+        what this process owns, is the test's.
+        """
+        owner = _owner_of(segment)
+        if owner is None or owner.pid == os.getpid() or _mark_of(owner) == self._mark:
+            return False
+        try:
+            domains = {process.environ().get("ROS_DOMAIN_ID") for process in (owner, user)}
+        except psutil.Error:
+            return False
+        return len(domains) > 1
 
 
 def marked_processes(mark: str) -> list[psutil.Process]:
@@ -72,6 +98,39 @@ def marked_processes(mark: str) -> list[psutil.Process]:
 
 def _listening(connections: list[Any]) -> set[int]:
     return {c.laddr.port for c in connections if c.status == "LISTEN"}
+
+
+def _users(file: str) -> str:
+    """Return who has a file mapped, and in which test and ROS domain; empty: nobody."""
+    users = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, OSError):
+            if file in Path(f"/proc/{process.pid}/maps").read_text():
+                environment = process.environ()
+                domain = environment.get("ROS_DOMAIN_ID")
+                users.append(
+                    f"{process.pid} {_command(process)[:200]} ({environment.get(MARK)}, {domain})"
+                )
+    return f", used by {users}" if users else ""
+
+
+def _owner_of(segment: str) -> psutil.Process | None:
+    """Return the process of a segment of Fast DDS: it locks a file beside it while it runs."""
+    try:
+        lock = Path(f"{segment}_el").stat()
+        file = f"{os.major(lock.st_dev):02x}:{os.minor(lock.st_dev):02x}:{lock.st_ino}"
+        held = [line.split() for line in Path("/proc/locks").read_text().splitlines()]
+        # Number, kind, mode, access, process, file; who waits has an arrow after the number.
+        return next((psutil.Process(int(h[4])) for h in held if h[5] == file), None)
+    except (psutil.Error, OSError):
+        return None
+
+
+def _runs(process: psutil.Process) -> bool:
+    try:
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    except psutil.Error:
+        return False
 
 
 def _mark_of(process: psutil.Process) -> str | None:

@@ -50,7 +50,10 @@ def test_a_reader_of_cyclone_dds_gets_an_image_bit_for_bit(stage: Stage) -> None
         text=True,
         env={**own, "CYCLONEDDS_URI": documented_setting()},
     ) as reader:
+        # Either may know the other while it is still unknown to it.
         user.wait_until_matched([f"/{DEPTH}"], subscribers=2)
+        assert reader.stdout is not None
+        assert reader.stdout.readline() == "matched\n"
         answer = user.set_pose(pose_looking_down(0.5, 0.0, 5.0))
         assert answer.success, answer.message
         told = reader.communicate(timeout=120)[0]

@@ -1,0 +1,168 @@
+"""The check for leaks itself: what is left is found, and what another test has is not blamed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+import uuid
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from leak_check import MARK, LeakCheck
+
+OWNER = """
+import fcntl, mmap, sys, time
+lock = open(sys.argv[1] + "_el", "w")
+fcntl.flock(lock, fcntl.LOCK_EX)
+with open(sys.argv[1], "w+b") as file:
+    file.truncate(4096)
+    memory = mmap.mmap(file.fileno(), 4096)
+print("ready", flush=True)
+time.sleep(100)
+"""
+USER = """
+import mmap, sys, time
+with open(sys.argv[1], "r+b") as file:
+    memory = mmap.mmap(file.fileno(), 4096)
+print("ready", flush=True)
+time.sleep(100)
+"""
+NODE = """
+import rclpy, time
+rclpy.init()
+node = rclpy.create_node("killed")
+print("ready", flush=True)
+time.sleep(100)
+"""
+LOOKS_S = 1.0
+"""Enough for the check to look at least once."""
+
+
+class Processes:
+    """Python programs in an environment of their own."""
+
+    def __init__(self) -> None:
+        self.mark = str(uuid.uuid4())
+        self.started: list[subprocess.Popen[str]] = []
+
+    def start(
+        self, code: str, *arguments: str, mark: str | None, domain: str
+    ) -> subprocess.Popen[str]:
+        env = {k: v for k, v in os.environ.items() if k != MARK} | {"ROS_DOMAIN_ID": domain}
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, *arguments],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=env if mark is None else env | {MARK: mark},
+        )
+        self.started.append(process)
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        return process
+
+    def kill(self) -> None:
+        for process in self.started:
+            process.kill()
+            process.wait()
+            assert process.stdout is not None
+            process.stdout.close()
+
+
+@pytest.fixture
+def processes() -> Iterator[Processes]:
+    processes = Processes()
+    yield processes
+    processes.kill()
+
+
+@pytest.fixture
+def segment() -> Iterator[str]:
+    """The name of a segment as Fast DDS gives one to each of its participants."""
+    name = f"/dev/shm/fastrtps_{uuid.uuid4().hex[:16]}"
+    yield name
+    for file in (name, f"{name}_el"):
+        Path(file).unlink(missing_ok=True)
+
+
+def test_memory_of_a_killed_process_is_left_behind(processes: Processes, segment: str) -> None:
+    with LeakCheck(processes.mark) as check:
+        processes.start(OWNER, segment, mark=processes.mark, domain="1")
+        time.sleep(LOOKS_S)
+        processes.kill()
+
+    assert check.left_behind() == [f"shared memory: {segment}"]
+
+
+@pytest.mark.parametrize("mark", [None, "another test's"])
+@pytest.mark.parametrize("owner_ends", [True, False])
+def test_memory_of_another_domain_is_not(
+    processes: Processes, segment: str, mark: str | None, owner_ends: bool
+) -> None:
+    owner = processes.start(OWNER, segment, mark=mark, domain="2")
+    with LeakCheck(processes.mark) as check:
+        user = processes.start(USER, segment, mark=processes.mark, domain="1")
+        time.sleep(LOOKS_S)
+        user.kill()
+        if owner_ends:
+            owner.kill()
+            owner.wait()
+
+    assert Path(segment).exists()
+    assert check.left_behind() == []
+
+
+def test_memory_of_an_unmarked_process_in_the_domain_is_left_behind(
+    processes: Processes, segment: str
+) -> None:
+    owner = processes.start(OWNER, segment, mark=None, domain="1")
+    with LeakCheck(processes.mark) as check:
+        user = processes.start(USER, segment, mark=processes.mark, domain="1")
+        time.sleep(LOOKS_S)
+        user.kill()
+
+    (left,) = check.left_behind()
+    assert left.startswith(f"shared memory: {segment}, used by ['{owner.pid} ")
+
+
+def test_memory_that_nobody_owns_is_left_behind(processes: Processes, segment: str) -> None:
+    processes.start(OWNER, segment, mark=None, domain="2")
+    processes.kill()
+    with LeakCheck(processes.mark) as check:
+        user = processes.start(USER, segment, mark=processes.mark, domain="1")
+        time.sleep(LOOKS_S)
+        user.kill()
+
+    assert check.left_behind() == [f"shared memory: {segment}"]
+
+
+def test_a_process_that_drops_its_mark_is_left_behind(processes: Processes) -> None:
+    drops = (
+        "import os, sys, time; time.sleep(float(sys.argv[1])); "
+        "os.execve(sys.executable, [sys.executable, '-c', 'import time; time.sleep(100)'], {})"
+    )
+    with LeakCheck(processes.mark) as check:
+        process = processes.start(
+            f"print('ready', flush=True); {drops}", str(LOOKS_S), mark=processes.mark, domain="1"
+        )
+        time.sleep(2 * LOOKS_S)
+
+    (left,) = check.left_behind()
+    assert left.startswith("process: ")
+    assert process.wait(10) != 0
+
+
+@pytest.mark.ros
+def test_memory_of_a_killed_node_is_left_behind(processes: Processes, ros_domain_id: int) -> None:
+    with LeakCheck(processes.mark) as check:
+        processes.start(NODE, mark=processes.mark, domain=str(ros_domain_id))
+        time.sleep(LOOKS_S)
+        processes.kill()
+
+    (left,) = check.left_behind()
+    segment = left.removeprefix("shared memory: ")
+    assert segment.startswith("/dev/shm/fastrtps_")
+    for file in (segment, f"{segment}_el"):
+        Path(file).unlink()
