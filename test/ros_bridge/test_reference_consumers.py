@@ -243,7 +243,7 @@ def check_open3d(info: CameraInfo, depth_m: np.ndarray, points_m: np.ndarray) ->
         image, camera, depth_scale=1.0, depth_trunc=1e9
     )
     # float32 has no more digits for the ground near the horizon, kilometres away.
-    digits = np.finfo(np.float32).eps
+    digits = float(np.finfo(np.float32).eps)
     np.testing.assert_allclose(points_m, np.asarray(expected.points), atol=1e-5, rtol=digits)
 
 
