@@ -114,6 +114,12 @@ class Readers:
         """
         self._wait_for(self._number, cancellation)
 
+    @property
+    def are_behind(self) -> bool:
+        """Whether a reader that is waited for has yet to take a sample."""
+        with self._changed:
+            return self._waits and bool(self._late(self._number))
+
     def states(self) -> dict[str, LedgerState]:
         """Return what the readers say, by their names."""
         with self._changed:

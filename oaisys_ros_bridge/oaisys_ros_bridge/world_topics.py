@@ -17,6 +17,7 @@ from oaisys_core.types import SampleOutline, SimulatorInfo
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.publication import Publication
 from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.readers import Readers
 from oaisys_ros_bridge.sample_info import batch_info_msg
 from oaisys_ros_bridge.sample_publisher import SamplePublisher
 from oaisys_ros_bridge.stamps import Stamps
@@ -28,11 +29,15 @@ class WorldTopics:
     Args:
         node: Owner of the publishers.
         settings: Returns the bridge's parameters.
+        readers: Our own; while they are behind, nothing is repeated.
     """
 
-    def __init__(self, node: Node, settings: Callable[[], Mapping[str, Any]]) -> None:
+    def __init__(
+        self, node: Node, settings: Callable[[], Mapping[str, Any]], readers: Readers
+    ) -> None:
         self._node = node
         self._settings = settings
+        self._readers = readers
         self._lock = threading.RLock()
         self._samples: SamplePublisher | None = None
         self._stamps: Stamps | None = None
@@ -110,7 +115,13 @@ class WorldTopics:
             self._samples = self._stamps = self._announced = self._repeater = None
 
     def _repeat_transforms(self) -> None:
-        """Publish the last transforms again, unless a sample begins at this moment."""
+        """Publish the last transforms again, unless a sample begins at this moment.
+
+        Nor while a reader of ours has yet to take one: repeats, for which nobody waits, would push
+        that sample's transforms out of its queue.
+        """
+        if self._readers.are_behind:
+            return
         with self._lock:
             if self._samples is None or self._stamps is None:
                 return

@@ -75,12 +75,12 @@ class BridgeNode(ParameterNode, ManagedNode):
         self._stop = stop
         self._turns = Turns()
         self._link: SimulatorLink | None = None
-        self._topics = WorldTopics(self, lambda: self.parameters)
+        self._readers = Readers(self, lambda: self.parameters)
+        self._topics = WorldTopics(self, lambda: self.parameters, self._readers)
         self._ready_lock = threading.Lock()
         self._announced_ready: bool | None = None
         self._ready = self.create_publisher(Bool, "~/ready", LATCHED_QOS)
         self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._readers = Readers(self, lambda: self.parameters)
         self._renderer = Renderer(
             self._turns,
             ready_link=self._ready_link,

@@ -25,13 +25,14 @@ from std_msgs.msg import Bool
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
+from oaisys_ros_bridge.bag_info import SAMPLE_INFO_TYPE, TF_TYPE
 from oaisys_ros_bridge.bag_losses import BagLosses
 from oaisys_ros_bridge.bag_parameters import RECORDER
 from oaisys_ros_bridge.message_definition import message_class
 from oaisys_ros_bridge.namespaces import TF
 from oaisys_ros_bridge.node_parameters import ParameterNode
 from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
-from oaisys_ros_bridge.qos import LATCHED_QOS, SAMPLE_INFO_QOS
+from oaisys_ros_bridge.qos import DEEP_TF_QOS, LATCHED_QOS, SAMPLE_INFO_QOS
 from oaisys_ros_bridge.sample_watch import (
     SAMPLE_INFO,
     SampleWatch,
@@ -49,12 +50,13 @@ CALM_LOOKS = 6
 sign of its end: only named topics are certain to be listened to by then."""
 QUEUE_DEPTH = 50
 """Messages of a topic that may wait; the bridge waits long before they are so many."""
+QUEUE_DEPTHS = {SAMPLE_INFO_TYPE: SAMPLE_INFO_QOS.depth, TF_TYPE: DEEP_TF_QOS.depth}
+"""Of small messages, by their type; transforms come from others, too, and are repeated."""
 LAST_MESSAGES_S = 0.5
 """At the end, recording goes on until all has come of every announced sample. Of what no sample
 announces nobody tells the end: until nothing has come for this long ..."""
 LONGEST_END_S = 3.0
 """... but no longer than this."""
-SAMPLE_INFO_TYPE = "oaisys_msgs/msg/SampleInfo"
 RECEIPT_TYPE = "oaisys_msgs/msg/SampleReceipt"
 LEAST_FREE_BYTES = 64 * 2**20
 
@@ -212,8 +214,7 @@ class RecorderNode(ParameterNode, Node):
         durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         if (read_stamp := stamp_reader(message_type)) is not None:
             self._stamped[name] = read_stamp
-        is_info = type_name == SAMPLE_INFO_TYPE
-        depth = SAMPLE_INFO_QOS.depth if is_info else QUEUE_DEPTH
+        depth = QUEUE_DEPTHS.get(type_name, QUEUE_DEPTH)
         self._listening[name] = self.create_subscription(
             message_type,
             name,
