@@ -20,19 +20,12 @@ bridge waits, and as many as this where it does not, or somebody else publishes.
 SAMPLE_INFO_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
 """What samples are counted against: small, and kept far longer than what is counted."""
 
-RECEIPT_QOS = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""Of each reader: its last receipt says all that those before did."""
-
 RECEIPTS_QOS = QoSProfile(
     depth=100,
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""For whoever listens to the receipts of several readers."""
+"""For whoever listens to the receipts of several readers, each of which latches its last one."""
 
 PATH_QOS = QoSProfile(
     depth=2 * SENSOR_DEPTH,
@@ -46,12 +39,12 @@ LATCHED_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
-"""Legends, meshes, mounts: the last message reaches those who come late."""
+"""Legends, meshes, mounts, receipts: the last message reaches those who come late."""
 
 TF_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
 
 DEEP_TF_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Transforms as the mapper listens to them: others publish there, too."""
+"""Transforms as mapper and recorder listen to them: others publish there, too."""
 
 TF_STATIC_QOS = QoSProfile(
     depth=100,

@@ -15,7 +15,7 @@ from std_msgs.msg import Header
 
 from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt
 from oaisys_ros_bridge.node_process import OWN_CLOCK
-from oaisys_ros_bridge.qos import RECEIPT_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.sample_ledger import SampleLedger, SampleName
 from oaisys_ros_bridge.stamps import nanoseconds
 
@@ -48,7 +48,7 @@ class SampleWatch:
         self._ended = False
         self.ledger = SampleLedger(info_topic, self._settled)
         topic = f"{info_topic.rpartition('/')[0]}/{RECEIPTS}"
-        self._publisher = node.create_publisher(SampleReceipt, topic, RECEIPT_QOS)
+        self._publisher = node.create_publisher(SampleReceipt, topic, LATCHED_QOS)
         group = MutuallyExclusiveCallbackGroup()
         node.create_timer(EXPIRY_PERIOD_S, self.ledger.expire, group, OWN_CLOCK)
         self._tell()
