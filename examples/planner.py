@@ -13,6 +13,7 @@ import sys
 
 import rclpy
 from geometry_msgs.msg import PoseStamped
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
@@ -24,9 +25,10 @@ VIEWPOINTS_M = ((-4.0, 0.0, 8.0), (0.0, 0.0, 8.0), (4.0, 0.0, 8.0))
 """x, y, z of the rig in `map`; it looks along +x, as no turn has it."""
 
 
-def look_from(node: Node, position_m: tuple[float, float, float], timeout_s: float) -> Future:
+def look_from(
+    node: Node, client: Client, position_m: tuple[float, float, float], timeout_s: float
+) -> Future:
     """Ask for a view; return the answer's future, done unless time was up before."""
-    client = node.create_client(SetPose, "oaisys_bridge/set_pose")
     if not client.wait_for_service(timeout_sec=timeout_s):
         raise TimeoutError(f"nobody offers {client.srv_name} after {timeout_s:g} s")
     pose = PoseStamped(header=Header(frame_id="map"))  # of the rig: x forward, y left, z up
@@ -54,9 +56,12 @@ def wait_until_ready(node: Node, timeout_s: float) -> None:
 
 def fly(node: Node, timeout_s: float) -> None:
     """Look from every viewpoint; raise where one of them brings no view."""
+    # Made first of all: who is told that the bridge is ready is known to it, with all made before.
+    # Fast DDS drops answers to clients that their service does not know yet.
+    client = node.create_client(SetPose, "oaisys_bridge/set_pose")
     wait_until_ready(node, timeout_s)
     for position_m in VIEWPOINTS_M:
-        future = look_from(node, position_m, timeout_s)
+        future = look_from(node, client, position_m, timeout_s)
         if not future.done():
             raise TimeoutError(f"no answer to the view from {position_m} after {timeout_s:g} s")
         answer = future.result()

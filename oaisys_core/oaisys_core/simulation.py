@@ -44,7 +44,7 @@ from oaisys_core.types import (
     ignore_progress,
     ignore_sample_frames,
 )
-from oaisys_core.undo import Undo
+from oaisys_core.undo import ModuleStates, Undo
 from oaisys_core.view_source import FramesPlacement, ViewSource, leave_frames
 
 
@@ -104,6 +104,7 @@ class Simulation:
 
         Raises:
             InvalidInputError: The metadata cannot be applied; the old world still stands.
+            CancelledError: Likewise while the new world is drawn; later there is none.
             NotReadyError: ``reuse_stage`` before any batch.
             RenderError: The backend failed; there is no world until the next batch.
         """
@@ -374,10 +375,15 @@ class Simulation:
         metadata: ModuleMetadata,
         progress: ProgressCallback,
     ) -> None:
-        """Draw a world and have the backend build it; on failure there is no world at all."""
-        kept, self._batch, self._undo = self._batch, None, None
+        """Draw a world and have the backend build it; if that fails there is no world at all."""
+        states = ModuleStates(self._modules.all)
+        try:
+            world = self._modules.draw(origin, metadata, self._batch, progress)
+        except BaseException:
+            states.restore()
+            raise
+        self._batch, self._undo = None, None
         self._views.forget_world()
-        world = self._modules.draw(origin, metadata, kept, progress)
         self._backend.build(
             world.scene(),
             lambda p: progress(replace(p, fraction=DRAW_SHARE + (1 - DRAW_SHARE) * p.fraction)),

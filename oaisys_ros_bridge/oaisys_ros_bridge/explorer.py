@@ -29,7 +29,6 @@ from oaisys_mapping.exploration.planner import (
 from oaisys_mapping.exploration.voxel_map import Bounds, VoxelMap
 from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_msgs.msg import SampleInfo
-from oaisys_msgs.srv import StepBatch
 from oaisys_ros_bridge.conversions import pose_to_msg
 from oaisys_ros_bridge.frame_assembly import FrameAssembler
 from oaisys_ros_bridge.fusion import DepthFrame
@@ -75,7 +74,6 @@ class ExplorerClient(SurveyClient):
         ):
             add = partial(self._take_in, partial(self._add_image, kind))
             node.create_subscription(message_type, f"{namespace}/{topic}", add, SENSOR_QOS)
-        self._step_batch = node.create_client(StepBatch, "oaisys_bridge/step_batch")
         self._infos: dict[int, SampleInfo] = {}
         node.create_subscription(
             SampleInfo, "oaisys_bridge/sample_info", self._on_sample_info, SENSOR_QOS
@@ -88,17 +86,6 @@ class ExplorerClient(SurveyClient):
         """Have the views from now on bring no more than these."""
         with self._changed:
             self._modalities = modalities
-
-    def step_batch(self, seed: int, timeout_s: float) -> None:
-        """Have the simulator build the world of a seed.
-
-        Raises:
-            RenderError: It could not.
-            DeadlineExceededError: No answer in time.
-        """
-        answer = self._call(self._step_batch, StepBatch.Request(seed=seed), timeout_s)
-        if not answer.success:
-            raise RenderError(f"step_batch failed: {answer.message}")
 
     def look(self, pose: Pose, sensor: str, timeout_s: float) -> tuple[ReceivedView, DepthFrame]:
         """Look from a pose and return all images, and depth with camera and pose.

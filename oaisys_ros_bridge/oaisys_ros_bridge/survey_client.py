@@ -27,7 +27,7 @@ from oaisys_core.errors import DeadlineExceededError, RenderError
 from oaisys_core.types import Pose
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.msg import MapStatus, SampleReceipt
-from oaisys_msgs.srv import SaveMesh, SetPose
+from oaisys_msgs.srv import SaveMesh, SetPose, StepBatch
 from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.diagnostics import FIRST_BATCH_ERROR
 from oaisys_ros_bridge.namespaces import placing_arguments
@@ -98,6 +98,12 @@ class SurveyClient:
         for modality in modalities:
             take = self._take(modality)
             self._node.create_subscription(Image, self._topic(modality), take, SENSOR_QOS)
+        # Before the subscriptions that are waited for: Fast DDS drops answers to a client that its
+        # service does not know, and nodes get to know what a node has in the order it was made.
+        self._set_pose = self._node.create_client(SetPose, "oaisys_bridge/set_pose")
+        self._save_mesh = self._node.create_client(SaveMesh, "oaisys_mapper/save_mesh")
+        self._step_batch = self._node.create_client(StepBatch, "oaisys_bridge/step_batch")
+        self._sweep = ActionClient(self._node, Sweep, "oaisys_bridge/sweep")
         self._node.create_subscription(Bool, "oaisys_bridge/ready", self._on_ready, LATCHED_QOS)
         self._node.create_subscription(
             MapStatus, "oaisys_mapper/metrics", self._on_map_status, LATCHED_QOS
@@ -110,8 +116,6 @@ class SurveyClient:
         self._node.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_diagnostics, DIAGNOSTICS_DEPTH
         )
-        self._set_pose = self._node.create_client(SetPose, "oaisys_bridge/set_pose")
-        self._save_mesh = self._node.create_client(SaveMesh, "oaisys_mapper/save_mesh")
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self._node)
         self._spinner = threading.Thread(target=self._spin, name="survey executor", daemon=True)
@@ -175,7 +179,7 @@ class SurveyClient:
         )
 
     def wait_for_mapper(self) -> None:
-        """Wait until the mapper offers its services.
+        """Wait until the mapper offers its services, and knows this node.
 
         Raises:
             DeadlineExceededError: It does not in time.
@@ -184,6 +188,7 @@ class SurveyClient:
             raise DeadlineExceededError(
                 f"the mapper offered no save_mesh within {DISCOVERY_TIMEOUT_S:g} s"
             )
+        self._wait("the mapper's metrics", lambda: bool(self._integration_s), DISCOVERY_TIMEOUT_S)
 
     def wait_for_subscribers(self) -> None:
         """Wait until the bridge knows of every subscription that this node knows of.
@@ -199,6 +204,17 @@ class SurveyClient:
         return bool(self._matched) and all(
             count >= self._node.count_subscribers(topic) for topic, count in self._matched.items()
         )
+
+    def step_batch(self, seed: int, timeout_s: float) -> None:
+        """Have the simulator build the world of a seed.
+
+        Raises:
+            RenderError: It could not.
+            DeadlineExceededError: No answer in time.
+        """
+        answer = self._call(self._step_batch, StepBatch.Request(seed=seed), timeout_s)
+        if not answer.success:
+            raise RenderError(f"step_batch failed: {answer.message}")
 
     def view(self, pose: Pose, sensor: str, map_frame: str, timeout_s: float) -> ReceivedView:
         """Have the simulator look from ``pose`` and return what was published.
@@ -292,17 +308,13 @@ class SurveyClient:
             DeadlineExceededError: It has not ended in time; or there are two bridges of that name.
         """
         self._wait_for_others_to_leave()
-        client = ActionClient(self._node, Sweep, "oaisys_bridge/sweep")
-        try:
-            if not client.wait_for_server(DISCOVERY_TIMEOUT_S):
-                raise DeadlineExceededError("the bridge offered no sweep in time")
-            header = Header(frame_id=map_frame)
-            stamped = [pose_to_stamped_msg(pose, header).pose for pose in poses]
-            goal = Sweep.Goal(poses=PoseArray(header=header, poses=stamped))
-            handle = _result(client.send_goal_async(goal), "sweep", DISCOVERY_TIMEOUT_S)
-            result: Sweep.Result = _result(handle.get_result_async(), "sweep", timeout_s).result
-        finally:
-            client.destroy()
+        if not self._sweep.wait_for_server(DISCOVERY_TIMEOUT_S):
+            raise DeadlineExceededError("the bridge offered no sweep in time")
+        header = Header(frame_id=map_frame)
+        stamped = [pose_to_stamped_msg(pose, header).pose for pose in poses]
+        goal = Sweep.Goal(poses=PoseArray(header=header, poses=stamped))
+        handle = _result(self._sweep.send_goal_async(goal), "sweep", DISCOVERY_TIMEOUT_S)
+        result: Sweep.Result = _result(handle.get_result_async(), "sweep", timeout_s).result
         if not result.success:
             raise RenderError(f"sweep failed: {result.message}")
         return result

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
-from oaisys_core.errors import ConfigError, InvalidInputError, NotReadyError
+from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError, NotReadyError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import ModuleMetadata, Pose, Sample
+from oaisys_core.types import ModuleMetadata, Pose, Progress, Sample
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",
@@ -94,6 +94,30 @@ def test_a_reused_stage_keeps_the_ground_and_draws_new_rocks() -> None:
     simulation.step_batch()
     changed = simulation.query_height(grid)
     assert not np.array_equal(before.ground_height_m, changed.ground_height_m)
+
+
+def test_a_batch_that_is_refused_or_stopped_while_it_is_drawn_leaves_the_old_world() -> None:
+    simulation = Simulation(world())
+    simulation.step_batch(ModuleMetadata(environment={"sun_elevation_deg": 12}))
+    before = simulation.step_sample(at(POSES[0]))
+    state = json.loads(json.dumps(simulation.state()))
+    outside = {"shape": "boulder", "label": "far", "semantic_id": 99}
+    outside |= {"position_m": [40, 0, 0], "on_ground": True}
+    with pytest.raises(InvalidInputError, match="position_m"):
+        simulation.step_batch(ModuleMetadata(asset={"add": {"far": outside}}))
+
+    def stop(progress: Progress) -> None:
+        if progress.fraction > 0:
+            raise CancelledError("stopped")
+
+    with pytest.raises(CancelledError):
+        simulation.step_batch(progress=stop)
+
+    assert simulation.state() == state
+    after = simulation.step_sample(at(POSES[0]))
+    assert (after.batch_id, after.sample_id) == (1, 2)
+    assert labels_of(after) == labels_of(before)
+    assert simulation.step_batch() == 2
 
 
 def test_a_restored_simulation_goes_on_with_the_same_bytes() -> None:

@@ -15,6 +15,8 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from mcap.reader import make_reader
+from rcl_interfaces.srv import ListParameters
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -47,6 +49,8 @@ LATCHED_TYPES = {
     "/camera/semantic_0/labels": "oaisys_msgs/msg/SemanticLabels",
 }
 """What the bridge publishes of each sample of the default camera, and what it latches."""
+ASK_AGAIN_S = 1.0
+"""After a question whose answer may have been dropped."""
 
 
 class NodeProcess:
@@ -86,7 +90,6 @@ class User:
         self._subscriptions: list[Subscription] = []
         self.received: dict[str, list[Any]] = {}
         self._matched: dict[str, int] = {}
-        self._ready_subscribers = 1
         self.listen(Bool, "oaisys_bridge/ready", LATCHED_QOS)
         self._diagnostics = self.node.create_subscription(
             DiagnosticArray, "/diagnostics", self._on_diagnostics, DIAGNOSTICS_DEPTH
@@ -138,23 +141,22 @@ class User:
     def begin(self, kind: type[Any], name: str, request: Any) -> Future:
         """Call a service of the bridge without waiting for its answer."""
         if name not in self._clients:
-            self._clients[name] = self.node.create_client(kind, f"oaisys_bridge/{name}")
-            self._wait_until_bridge_knows_all_so_far()
-        client = self._clients[name]
+            self._clients[name] = self.client(kind, f"oaisys_bridge/{name}")
+        return self._clients[name].call_async(request)
+
+    def client(self, kind: type[Any], name: str) -> Any:
+        """Return a client of a service that any node of ours offers, and whose node knows it."""
+        client = self.node.create_client(kind, name)
         self.wait_until(client.service_is_ready)
-        return client.call_async(request)
+        wait_until_known(self.node, name.rpartition("/")[0], self.wait_until)
+        return client
 
-    def _wait_until_bridge_knows_all_so_far(self) -> None:
-        """Wait until answers reach the clients that were made until now.
-
-        A service is ready once the client knows it. The bridge may still not know the client, and
-        after 0.1 s drops its answer. It hears of our readers in the order they were made: once it
-        knows one that is made now, it knows those of the clients before it.
-        """
-        topic = self.node.resolve_topic_name("oaisys_bridge/ready")
-        self.node.create_subscription(Bool, topic, lambda _: None, LATCHED_QOS)
-        self._ready_subscribers += 1
-        self.wait_until_matched([topic], self._ready_subscribers)
+    def action_client(self, kind: type[Any], name: str) -> ActionClient:
+        """Return a client of an action that any node of ours offers, and whose node knows it."""
+        client = ActionClient(self.node, kind, name)
+        self.wait_until(client.server_is_ready)
+        wait_until_known(self.node, name.rpartition("/")[0], self.wait_until)
+        return client
 
     def answer(self, future: Future) -> Any:
         return self.wait_until(lambda: future.result() if future.done() else None)
@@ -166,6 +168,31 @@ class User:
         self.node.destroy_node()
         self._executor.shutdown()
         rclpy.shutdown(context=self._context)
+
+
+def wait_until_known(
+    node: Node, server: str, wait_until: Callable[[Callable[[], Any]], Any]
+) -> None:
+    """Wait until answers of another node reach the clients that ours has made until now.
+
+    A service is ready once its client knows it. The server may still not know the client, and after
+    0.1 s drops its answer. It hears of our clients in the order they were made: once it has
+    answered one that is made now, it knows those before it.
+    """
+    probe = node.create_client(ListParameters, f"{server}/list_parameters")
+    wait_until(probe.service_is_ready)
+    answers: list[Future] = []
+    asked_s = 0.0
+
+    def is_answered() -> bool:
+        nonlocal asked_s
+        if time.monotonic() > asked_s + ASK_AGAIN_S:
+            answers.append(probe.call_async(ListParameters.Request()))
+            asked_s = time.monotonic()
+        return any(answer.done() for answer in answers)
+
+    wait_until(is_answered)
+    node.destroy_client(probe)
 
 
 def stamped(pose: Pose, frame: str = "map") -> PoseStamped:

@@ -61,9 +61,8 @@ def test_depth_goes_out_before_colour_and_a_sample_that_fails_is_never_called_co
     monkeypatch.setenv("OAISYS_TEST_BUILD", "1")
     monkeypatch.setenv("OAISYS_FAULT", f"late-slow:{2 * PATIENCE_S:g}")
     user = bridged(stage)
-    client = user.node.create_client(SetPose, "oaisys_bridge/set_pose")
-    user.wait_until(client.service_is_ready)
-    answer = client.call_async(SetPose.Request(pose=stamped(pose_looking_down(0, 0, 5))))
+    pose = stamped(pose_looking_down(0, 0, 5))
+    answer = user.begin(SetPose, "set_pose", SetPose.Request(pose=pose))
 
     user.wait_until(lambda: all(user.received[topic] for topic in [*EARLY, "/tf"]))
     assert not answer.done()

@@ -197,7 +197,6 @@ def test_parameters_reach_all_nodes_and_the_clock_is_the_bridges(
 
 
 def parameters_of(user: User, node: str, names: list[str]) -> list[Any]:
-    client = user.node.create_client(GetParameters, f"/{node}/get_parameters")
-    user.wait_until(client.service_is_ready)
+    client = user.client(GetParameters, f"/{node}/get_parameters")
     answer = user.answer(client.call_async(GetParameters.Request(names=names)))
     return [parameter_value_to_python(value) for value in answer.values]

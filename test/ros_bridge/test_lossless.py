@@ -16,7 +16,6 @@ import pytest
 import yaml
 from geometry_msgs.msg import PoseArray
 from mcap.reader import make_reader
-from rclpy.action import ActionClient
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage, stamped
 from served_simulator import FLAT_WORLD, START_PATIENCE_S
 from std_msgs.msg import Header
@@ -80,8 +79,7 @@ class Crew:
 
     def sweep(self, views: int) -> Sweep.Result:
         """Look from many poses as fast as it goes."""
-        client = ActionClient(self.user.node, Sweep, "oaisys_bridge/sweep")
-        self.user.wait_until(client.server_is_ready)
+        client = self.user.action_client(Sweep, "oaisys_bridge/sweep")
         poses = [stamped(pose_looking_down(0.01 * i, 0.0, 5.0)).pose for i in range(views)]
         goal = Sweep.Goal(poses=PoseArray(header=Header(frame_id="map"), poses=poses))
         accepted = self.user.answer(client.send_goal_async(goal))
@@ -95,8 +93,7 @@ class Crew:
         return self.user.received["oaisys_mapper/metrics"][-1]
 
     def save_mesh(self, path: Path) -> SaveMesh.Response:
-        client = self.user.node.create_client(SaveMesh, "oaisys_mapper/save_mesh")
-        self.user.wait_until(client.service_is_ready)
+        client = self.user.client(SaveMesh, "oaisys_mapper/save_mesh")
         return self.user.answer(client.call_async(SaveMesh.Request(path=str(path))))
 
     def receipt_of(self, node: str) -> SampleReceipt:

@@ -16,6 +16,7 @@ import rclpy
 from builtin_interfaces.msg import Time
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from ros_peer import wait_until_known
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -148,6 +149,7 @@ class Peer:
     def call(self, kind: type[Any], name: str, request: Any) -> Any:
         client = self.node.create_client(kind, f"oaisys_mapper/{name}")
         self.wait_until(client.service_is_ready)
+        wait_until_known(self.node, "oaisys_mapper", self.wait_until)
         future = client.call_async(request)
         self.wait_until(future.done)
         return future.result()

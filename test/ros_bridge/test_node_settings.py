@@ -40,8 +40,7 @@ def test_a_file_sets_what_is_usual_and_not_what_is_fixed(stage: Stage, file: Pat
     usual, fixed = {"mesh_period": 0.0, "use_color": False}, {"voxel_size": 0.25}
     arguments = [*settings.ros_arguments("mapper", usual, fixed), "-r", "__ns:=/mars"]
     stage.start_node("mapper", *arguments)
-    client = stage.user.node.create_client(GetParameters, "/mars/oaisys_mapper/get_parameters")
-    stage.user.wait_until(client.service_is_ready)
+    client = stage.user.client(GetParameters, "/mars/oaisys_mapper/get_parameters")
     names = ["mesh_period", "use_color", "voxel_size", "mesh_triangles", "use_sim_time"]
     values: Any = stage.user.answer(client.call_async(GetParameters.Request(names=names))).values
 

@@ -108,8 +108,7 @@ def compare(stage: Stage, node: DescribedNode) -> None:
             continue  # whatever there is
         wait_for(stage, node, kind)
         assert offered(stage, node, kind) == described(node, kind), (node.name, kind)
-    client = user.node.create_client(ListParameters, f"{node.name}/list_parameters")
-    user.wait_until(client.service_is_ready)
+    client = user.client(ListParameters, f"{node.name}/list_parameters")
     answer = user.answer(client.call_async(ListParameters.Request()))
     declared = {n for n in answer.result.names if not n.startswith("qos_overrides")} - ROS_OWN
     assert declared == {row.name for row in node.parameters}, node.name

@@ -64,8 +64,7 @@ def map_of(stage: Stage, file: Path) -> bytes:
     """Return what the mapper saves once it has all views."""
     statuses = stage.user.received[METRICS]
     stage.user.wait_until(lambda: statuses and statuses[-1].frames_integrated == len(PLACES))
-    client = stage.user.node.create_client(SaveMesh, "oaisys_mapper/save_mesh")
-    stage.user.wait_until(client.service_is_ready)
+    client = stage.user.client(SaveMesh, "oaisys_mapper/save_mesh")
     answer = stage.user.answer(client.call_async(SaveMesh.Request(path=str(file))))
     assert answer.success, answer.message
     assert answer.frames == len(PLACES)

@@ -13,7 +13,6 @@ import simulation_interfaces.srv as srv
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import Vector3
 from rcl_interfaces.srv import SetParameters
-from rclpy.action import ActionClient
 from rclpy.parameter import Parameter
 from ros_peer import Stage, User, stamped
 from sensor_msgs.msg import Image
@@ -131,8 +130,7 @@ def test_a_simulation_is_paused_stepped_and_played(stage: Stage) -> None:
     stage.user.wait_until(lambda: len(samples) == 4)
     assert [(s.sample_id, s.rig_pose.position.z) for s in samples[1:]] == [(2, 7), (3, 7), (4, 7)]
     assert simulator.state() == PAUSED
-    client = ActionClient(stage.user.node, SimulateSteps, "oaisys_bridge/simulate_steps")
-    stage.user.wait_until(client.server_is_ready)
+    client = stage.user.action_client(SimulateSteps, "oaisys_bridge/simulate_steps")
     feedback: list[tuple[int, int]] = []
     sent = client.send_goal_async(
         SimulateSteps.Goal(steps=3),
@@ -422,8 +420,7 @@ def test_scattered_things_are_listed_by_filter_and_never_without_a_bound(stage: 
     assert info.category.category == EntityCategory.CATEGORY_STATIC_OBJECT
     assert "label rock (10)" in info.description
 
-    client = stage.user.node.create_client(SetParameters, "oaisys_bridge/set_parameters")
-    stage.user.wait_until(client.service_is_ready)
+    client = stage.user.client(SetParameters, "oaisys_bridge/set_parameters")
     five = Parameter("max_entities", value=5).to_parameter_msg()
     request = SetParameters.Request(parameters=[five])
     assert stage.user.answer(client.call_async(request)).results[0].successful

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseArray, PoseStamped, Quaternion, Transform, Vector3
-from rclpy.action import ActionClient
 from rclpy.action.client import ClientGoalHandle
 from ros_peer import Stage, User, stamped
 from served_simulator import FLAT_WORLD
@@ -50,9 +49,8 @@ class Sweeper:
 
     def __init__(self, user: User) -> None:
         self._user = user
-        self._client = ActionClient(user.node, Sweep, "oaisys_bridge/sweep")
+        self._client = user.action_client(Sweep, "oaisys_bridge/sweep")
         self.feedback: list[tuple[int, int]] = []
-        user.wait_until(self._client.server_is_ready)
 
     def begin(self, poses: Sequence[Pose], frame: str = "map") -> ClientGoalHandle:
         array = PoseArray(header=Header(frame_id=frame), poses=[stamped(p).pose for p in poses])

@@ -14,6 +14,7 @@ from oaisys_core import randomness
 from oaisys_core.config.objects import ShapedConfig
 from oaisys_core.config.section import Labelled
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.module import World, drawn
 from oaisys_core.modules.asset_drawing import Drawn, Standing, single, standing_pose
 from oaisys_core.modules.asset_metadata import (
@@ -210,6 +211,7 @@ class EditedAssets:
         look = spec.model_dump_json(include=set(ShapedConfig.model_fields) - LABELS)
         key = (name if spec.file is None else "", look)
         if key not in self._memory.shared:
+            stop_if_unwanted()
             rng = randomness.child(self._rng, f"add/{name}")
             self._memory.shared[key] = len(self._memory.prototypes)
             self._memory.prototypes.append(self._looks.prototype(spec, rng))
