@@ -122,8 +122,18 @@ def error_from_status(status: Status) -> OaisysError | None:
 
 def abort(context: grpc.ServicerContext, error: OaisysError) -> NoReturn:
     """End a call with the status of an error."""
+    forget_frames(error)
     context.abort_with_status(rpc_status.to_status(status_from_error(error)))
     raise AssertionError("abort_with_status returned")
+
+
+def forget_frames(error: OaisysError) -> None:
+    """Drop the traceback of an error that was told to a client.
+
+    An operation keeps its error, and the traceback's frames would keep the call: gRPC counts it
+    among the open streams of its connection until the garbage collector comes by.
+    """
+    error.__traceback__ = None
 
 
 def printable(text: str) -> str:

@@ -17,7 +17,7 @@ from oaisys_core import geometry
 from oaisys_core.config.sensors import PosePolicy
 from oaisys_core.errors import OaisysError, QueueFullError
 from oaisys_core.types import ModuleMetadata, Pose
-from oaisys_grpc.errors import printable
+from oaisys_grpc.errors import forget_frames, printable
 from oaisys_grpc.legacy_files import LegacyFiles
 from oaisys_grpc.operation import Kind, OperationStatus
 from oaisys_grpc.operations import Operations
@@ -252,4 +252,5 @@ def rig_pose_from_blender(message: pb.SensorModuleRequest.PoseType) -> Pose:
 
 def _tell(context: Context, error: OaisysError) -> None:
     """Send the reason along."""
+    forget_frames(error)
     context.set_trailing_metadata(((ERROR_KEY, printable(str(error))),))
