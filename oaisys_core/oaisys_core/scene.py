@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.sky import Sky
-from oaisys_core.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, id_of_level
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
+from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, id_of_level
 
 __all__ = [
     "Ground",

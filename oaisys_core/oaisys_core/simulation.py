@@ -15,17 +15,13 @@ from numpy.typing import ArrayLike
 from oaisys_core import randomness
 from oaisys_core.backend import make_backend
 from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
-from oaisys_core.batch import Batch
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
-from oaisys_core.height_grids import Extent, height_grid
 from oaisys_core.module import drawn
-from oaisys_core.module_set import DRAW_SHARE, ModuleSet
 from oaisys_core.modules.sensors import select
-from oaisys_core.provenance import metadata_text, previous_poses_text, state_of
-from oaisys_core.reuse import Origin, origin_of, section_sha256
 from oaisys_core.scene import PlacedCamera, Scene
-from oaisys_core.sensor_faults import PoseDrift, odometry_of
+from oaisys_core.sensing.faults import PoseDrift, odometry_of
+from oaisys_core.sensing.view_source import FramesPlacement, ViewSource, leave_frames
 from oaisys_core.stage_store import StageRecord
 from oaisys_core.types import (
     FloatArray,
@@ -44,8 +40,12 @@ from oaisys_core.types import (
     ignore_progress,
     ignore_sample_frames,
 )
-from oaisys_core.undo import ModuleStates, Undo
-from oaisys_core.view_source import FramesPlacement, ViewSource, leave_frames
+from oaisys_core.world.batch import Batch
+from oaisys_core.world.height_grids import Extent, height_grid
+from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet
+from oaisys_core.world.provenance import metadata_text, previous_poses_text, state_of
+from oaisys_core.world.reuse import Origin, origin_of, section_sha256
+from oaisys_core.world.undo import ModuleStates, Undo
 
 
 class Simulation:

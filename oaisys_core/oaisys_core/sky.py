@@ -9,8 +9,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.terrain_material import id_of_level
 from oaisys_core.types import FloatArray
+from oaisys_core.world.terrain_material import id_of_level
 
 Color = tuple[float, float, float]
 """Linear red, green and blue."""

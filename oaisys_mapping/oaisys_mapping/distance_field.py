@@ -17,7 +17,7 @@ from scipy.ndimage import distance_transform_edt
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_mapping.tsdf import TsdfVolume
-from oaisys_mapping.voxel_queries import ObservedVoxels
+from oaisys_mapping.voxels.voxel_queries import ObservedVoxels
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,7 +1,7 @@
 """A truncated signed distance field that grows block by block where depth images show a surface.
 
 Its memory is Open3D's ``VoxelBlockGrid`` on the CPU (Dong et al., "ASH", TPAMI 2022); views are
-fused by `oaisys_mapping.fusing`, meshes made by `oaisys_mapping.block_mesh`.
+fused by `oaisys_mapping.voxels.fusing`, meshes made by `oaisys_mapping.voxels.block_mesh`.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-from oaisys_mapping.block_mesh import BlockMesh
-from oaisys_mapping.blocks import Coordinates, packed, unpacked
-from oaisys_mapping.fusing import POOL, FusionRules, fuse
-from oaisys_mapping.label_cells import CELL_FIELDS, LabelCells
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.observation import FreeSpace, Observation, observation
-from oaisys_mapping.semantic_fusion import SEMANTIC_FIELDS
-from oaisys_mapping.tsdf_config import TsdfConfig
-from oaisys_mapping.volume_file import (
+from oaisys_mapping.voxels.block_mesh import BlockMesh
+from oaisys_mapping.voxels.blocks import Coordinates, packed, unpacked
+from oaisys_mapping.voxels.config import TsdfConfig
+from oaisys_mapping.voxels.fusing import POOL, FusionRules, fuse
+from oaisys_mapping.voxels.label_cells import CELL_FIELDS, LabelCells
+from oaisys_mapping.voxels.observation import FreeSpace, Observation, observation
+from oaisys_mapping.voxels.semantic_fusion import SEMANTIC_FIELDS
+from oaisys_mapping.voxels.volume_file import (
     CELL_BLOCKS,
     VOXEL_BLOCKS,
     StoredGrid,
@@ -32,7 +32,7 @@ from oaisys_mapping.volume_file import (
     read_volume,
     write_volume,
 )
-from oaisys_mapping.voxel_queries import (
+from oaisys_mapping.voxels.voxel_queries import (
     ClassVotes,
     ObservedVoxels,
     classes_at,
@@ -40,7 +40,7 @@ from oaisys_mapping.voxel_queries import (
     is_seen,
     observed_voxels,
 )
-from oaisys_mapping.working_set import Readied, VolumeFullError, WorkingSet, check_room
+from oaisys_mapping.voxels.working_set import Readied, VolumeFullError, WorkingSet, check_room
 
 __all__ = ["TsdfConfig", "TsdfVolume", "VolumeFullError"]
 
@@ -228,7 +228,7 @@ class TsdfVolume:
     def save(self, path: Path) -> None:
         """Write the volume's content to an ``.npz`` file; inverse: `load`.
 
-        See `oaisys_mapping.volume_file`: equal views in equal order give equal bytes.
+        See `oaisys_mapping.voxels.volume_file`: equal views in equal order give equal bytes.
         """
         header = VolumeHeader(
             self.config.voxel_size_m, self.config.truncation_m, self.frames, unpacked(self._free)

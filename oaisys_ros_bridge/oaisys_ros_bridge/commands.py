@@ -49,7 +49,7 @@ def bag_info(
     bag: Annotated[Path, typer.Argument(help="A bag's folder or its .mcap file.")],
 ) -> None:
     """List a bag's topics, types and message counts."""
-    from oaisys_ros_bridge.bag_info import summary_of
+    from oaisys_ros_bridge.bags.info import summary_of
 
     for line in summary_of(bag):
         typer.echo(line)
@@ -63,8 +63,8 @@ def bag_recover(
     ] = None,
 ) -> None:
     """Copy what a recorder that was killed had written into a bag that opens everywhere."""
-    from oaisys_ros_bridge.bag_info import mcap_file
-    from oaisys_ros_bridge.bag_recovery import recover
+    from oaisys_ros_bridge.bags.info import mcap_file
+    from oaisys_ros_bridge.bags.recovery import recover
 
     file = mcap_file(bag)
     folder = bag if bag.is_dir() else bag.with_suffix("")
@@ -128,7 +128,7 @@ def ros_reference(
     out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
 ) -> None:
     """Write the page that lists every topic, service, action and parameter of the nodes."""
-    from oaisys_ros_bridge.reference import reference_text
+    from oaisys_ros_bridge.parameters.reference import reference_text
 
     text = reference_text()
     if out is None:

@@ -13,7 +13,7 @@ from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.backend.blender import BlenderBackend, cycles
 from oaisys_core.backend.blender.denoiser import blenders_denoiser
-from oaisys_core.backend.budget import EFFORTS
+from oaisys_core.backend.blender.time_budget import EFFORTS
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.types import RGB
 

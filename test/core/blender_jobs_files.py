@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from oaisys_core.backend.blender.meshes import new_mesh, new_object
+from oaisys_core.backend.blender.objects.meshes import new_mesh, new_object
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.simulation import Simulation

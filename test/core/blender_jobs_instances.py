@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-# Must come before anything that loads Open3D, see oaisys_core.raycast.
+# Must come before anything that loads Open3D, see oaisys_core.backend.raycast.triangles.
 import bpy  # noqa: F401
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.crowd import Shapes, Standing
-from oaisys_core.backend.embree import blenders_embree
-from oaisys_core.backend.instances import InstanceCaster
-from oaisys_core.raycast import RayCaster
+from oaisys_core.backend.raycast.embree import blenders_embree
+from oaisys_core.backend.raycast.instance_arrays import Shapes, Standing
+from oaisys_core.backend.raycast.instances import InstanceCaster
+from oaisys_core.backend.raycast.triangles import RayCaster
 from oaisys_core.types import FloatArray, TriangleMesh
 
 Rays = tuple[FloatArray, FloatArray, FloatArray | None]

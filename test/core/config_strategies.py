@@ -13,8 +13,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
-from oaisys_core.config.groups import GroupConfig
-from oaisys_core.config.materials import LayerConfig
+from oaisys_core.config.sections.groups import GroupConfig
+from oaisys_core.config.sections.materials import LayerConfig
 from oaisys_core.errors import ConfigError
 from oaisys_core.scatter.shapes import SHAPES
 from oaisys_core.terrain.presets import PRESETS

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from oaisys_core.backend.aside import CORES, computed_aside
+from oaisys_core.backend.blender.background_geometry import CORES, computed_aside
 from oaisys_core.errors import CancelledError, RenderError
 from oaisys_core.types import Frame, PinholeIntrinsics, Progress
 

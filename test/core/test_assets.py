@@ -13,7 +13,7 @@ from oaisys_core import geometry
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.module import World
-from oaisys_core.modules.assets import AssetsModule
+from oaisys_core.modules.assets.module import AssetsModule
 from oaisys_core.scatter.ids import FAR, added_id, group_blocks, rock_block
 from oaisys_core.scene import HeightField, Placement
 from oaisys_core.simulation import Simulation

@@ -12,7 +12,12 @@ import open3d as o3d
 import pytest
 from typer.testing import CliRunner
 
-from oaisys_core.audit import (
+from oaisys_core.cli.main import app
+from oaisys_core.config import config_from_mapping
+from oaisys_core.simulation import Simulation
+from oaisys_core.terrain.presets import PRESETS
+from oaisys_core.types import ModuleMetadata, Pose, Sample
+from oaisys_core.verification.audit import (
     WINDOW_PX,
     WINDOWS,
     Audited,
@@ -20,12 +25,7 @@ from oaisys_core.audit import (
     audit_sample,
     audit_views,
 )
-from oaisys_core.cli import app
-from oaisys_core.config import config_from_mapping
-from oaisys_core.numpy_caster import NumpyCaster
-from oaisys_core.simulation import Simulation
-from oaisys_core.terrain.presets import PRESETS
-from oaisys_core.types import ModuleMetadata, Pose, Sample
+from oaisys_core.verification.numpy_caster import NumpyCaster
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from synthetic_worlds import camera, rocky_world, settings
 
-from oaisys_core.backend import objects, sight
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.crowd import Shapes, Standing
-from oaisys_core.backend.instances import InstanceCaster
+from oaisys_core.backend.raycast import scene_objects as objects
+from oaisys_core.backend.raycast import visible_pixels as sight
+from oaisys_core.backend.raycast.instance_arrays import Shapes, Standing
+from oaisys_core.backend.raycast.instances import InstanceCaster
+from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, RayCaster
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
-from oaisys_core.raycast import NO_TRIANGLE, RayCaster
 from oaisys_core.scene import MeshPrototype, Placement, Scene, merge_meshes
 from oaisys_core.types import (
     DEPTH,

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from oaisys_core.backend.bands import BAND_PIXELS, bands
+from oaisys_core.backend.raycast.bands import BAND_PIXELS, bands
 from oaisys_core.config import config_from_mapping
-from oaisys_core.config.sensors import CameraConfig, optics_bounds_px
+from oaisys_core.config.sections.sensors import CameraConfig, optics_bounds_px
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.interruption import interruptible, stop_if_unwanted

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from typer.main import get_command
 
-from oaisys_core.cli import app
+from oaisys_core.cli.main import app
 
 OAISYS = Path(sys.executable).with_name("oaisys")
 
@@ -138,7 +138,7 @@ HEAVY = ("bpy", "cv2", "google", "grpc", "numpy", "open3d", "pydantic", "rclpy",
 def test_help_imports_nothing_that_takes_long() -> None:
     code = f"""
 import sys
-from oaisys_core.cli import main
+from oaisys_core.cli.main import main
 sys.argv = ["oaisys", "--help"]
 try:
     main()

@@ -12,9 +12,9 @@ import yaml
 from original_config import document, write
 from rich.console import Console
 
+from oaisys_core.cli.render_progress import RenderProgress
 from oaisys_core.config import SimulationConfig, config_from_mapping, load_config
 from oaisys_core.output.poses import read_poses
-from oaisys_core.render_progress import RenderProgress
 from oaisys_core.types import Progress
 
 REPOSITORY = Path(__file__).parents[2]

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from oaisys_core.cli import app
+from oaisys_core.cli.main import app
 from oaisys_core.config import config_from_mapping
-from oaisys_core.config_check import name_faults
+from oaisys_core.config.checking import name_faults
 
 ROOT = Path(__file__).parents[2] / "config"
 

@@ -12,8 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from oaisys_core import extensions, randomness
-from oaisys_core.config.environment import EnvironmentConfig
 from oaisys_core.config.loading import config_from_mapping
+from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.environment import effects
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_at

@@ -9,7 +9,7 @@ from astral import Observer
 from astral import sun as astral_sun
 from pydantic import ValidationError
 
-from oaisys_core.config.environment import SunFromTimeConfig
+from oaisys_core.config.sections.environment import SunFromTimeConfig
 from oaisys_core.environment.sun import azimuth_in_map, sun_position
 
 UTC = timezone.utc  # noqa: UP017 - as in Python 3.10

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from oaisys_core.exr import read_channels
+from oaisys_core.output.exr import read_channels
 from oaisys_core.output.reader import read_sample
 from oaisys_core.types import Sample
 

@@ -14,7 +14,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.output.poses import read_poses
 from oaisys_core.output.reader import read_sample
 from oaisys_core.output.writer import SampleWriter
-from oaisys_core.sensor_faults import DepthFaults, PoseDrift, Shot, measured_frame
+from oaisys_core.sensing.faults import DepthFaults, PoseDrift, Shot, measured_frame
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, ModuleMetadata, Sample
 

@@ -14,10 +14,10 @@ import yaml
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import CancelledError, InvalidInputError
-from oaisys_core.height_grids import MOST_CELLS
 from oaisys_core.output.heights import read_heights, write_heights
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import HeightGrid, Progress
+from oaisys_core.world.height_grids import MOST_CELLS
 
 SPHERE = {"shape": "sphere", "radius_m": 2.0, "position_m": [3.0, -1.0, 1.0]}
 

@@ -16,13 +16,13 @@ from original_config import Json, document, space, write
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
-from oaisys_core.cli import app
+from oaisys_core.cli.main import app
 from oaisys_core.config import adjusted, config_from_mapping, load_config
+from oaisys_core.config.checking import name_faults
 from oaisys_core.config.importing.document import key_paths
 from oaisys_core.config.importing.frames import blender_rotation, mount, rig_pose
 from oaisys_core.config.importing.importer import import_file
 from oaisys_core.config.importing.inventory import fate_of
-from oaisys_core.config_check import name_faults
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.output.poses import read_poses
 from oaisys_core.simulation import Simulation

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.config.materials import ConditionConfig
+from oaisys_core.config.sections.materials import ConditionConfig
 from oaisys_core.modules.materials import condition_gate
 from oaisys_core.scene import HeightField
 from oaisys_core.terrain.conditions import has_steep_parts, relief_of

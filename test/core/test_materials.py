@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from oaisys_core import randomness
-from oaisys_core.config.materials import MaterialsConfig
+from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.module import World
 from oaisys_core.modules import MaterialsModule

@@ -19,9 +19,9 @@ from oaisys_core.scene import (
     TerrainLayer,
     TerrainMaterial,
 )
-from oaisys_core.terrain_material import LabelImage, Variation
-from oaisys_core.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 from oaisys_core.types import DEPTH, RGB, SEMANTIC_0, FloatArray, PinholeIntrinsics
+from oaisys_core.world.terrain_material import LabelImage, Variation
+from oaisys_core.world.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 
 pytestmark = pytest.mark.blender
 

@@ -14,7 +14,7 @@ from trimesh.visual.material import PBRMaterial
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.mesh_files import load_mesh
+from oaisys_core.meshes.files import load_mesh
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oaisys_core.backend.pixel_filter import (
+from oaisys_core.backend.blender.pixel_filter import (
     CYCLES_WIDTH_PX,
     SAMPLED_WIDTH_PX,
     shared,

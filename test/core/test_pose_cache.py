@@ -16,7 +16,7 @@ from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import CancelledError
 from oaisys_core.fingerprint import Fingerprints
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.pose_cache import PoseCache, View
+from oaisys_core.sensing.view_cache import PoseCache, View
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (
     Frame,

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from synthetic_worlds import CENTRED, SKEWED, camera, rocky_world
 
+from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, RayCaster
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.raycast import NO_TRIANGLE, RayCaster
 from oaisys_core.types import TriangleMesh
 
 

@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.spatial import cKDTree
 
 from oaisys_core import randomness
-from oaisys_core.config.groups import GroupConfig
+from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.scatter.density import band, make_density
 from oaisys_core.scatter.groups import scatter_group
 from oaisys_core.scatter.rocks import make_rock

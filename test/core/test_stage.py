@@ -10,10 +10,11 @@ import pytest
 import trimesh
 from matplotlib.tri import LinearTriInterpolator, Triangulation
 
-from oaisys_core import exr, geometry
+from oaisys_core import geometry
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError, NotReadyError
-from oaisys_core.mesh_files import LoadedMesh
+from oaisys_core.meshes.files import LoadedMesh
+from oaisys_core.output import exr
 from oaisys_core.simulation import Simulation
 from oaisys_core.stage_store import load_stage
 from oaisys_core.terrain.mesh_ground import MeshGround, mesh_ground

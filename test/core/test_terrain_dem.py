@@ -12,8 +12,8 @@ import pytest
 import rasterio
 from rasterio.transform import Affine, from_origin
 
-from oaisys_core import exr
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.output import exr
 from oaisys_core.scene import HeightField
 from oaisys_core.terrain.dem import degree_m, import_dem, write_dem
 from oaisys_core.terrain.holes import filled

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.exr import write_grey
+from oaisys_core.output.exr import write_grey
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures import TEXTURES, default_cache_dir, load_texture_folder, texture_set
 from oaisys_core.textures.fields import normals_from_height

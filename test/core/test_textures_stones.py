@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from oaisys_core.textures.stones import Bed, Pour
+from oaisys_core.textures.recipes.stones import Bed, Pour
 
 SIZE = 256
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.textures import strokes
-from oaisys_core.textures.strokes import Ribbons, Thicket
+from oaisys_core.textures.recipes import strokes
+from oaisys_core.textures.recipes.strokes import Ribbons, Thicket
 
 SIZE = 64
 

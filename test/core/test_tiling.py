@@ -6,8 +6,8 @@ import pytest
 from numpy.typing import NDArray
 
 from oaisys_core.scene import PbrMaps, TerrainLayer, TerrainMaterial
-from oaisys_core.terrain_material import LabelImage, grain_numbers
-from oaisys_core.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
+from oaisys_core.world.terrain_material import LabelImage, grain_numbers
+from oaisys_core.world.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 
 TILE_M = 1.7
 EXTENT_M = (-20.0, -20.0, 20.0, 20.0)

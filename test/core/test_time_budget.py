@@ -9,7 +9,14 @@ from math import inf
 import numpy as np
 import pytest
 
-from oaisys_core.backend.budget import Cost, Effort, Plan, TimeBudget, effort_for, least_effort
+from oaisys_core.backend.blender.time_budget import (
+    Cost,
+    Effort,
+    Plan,
+    TimeBudget,
+    effort_for,
+    least_effort,
+)
 
 PIXELS = 640 * 480
 MOST_SAMPLES = 128

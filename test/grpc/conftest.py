@@ -11,7 +11,7 @@ import pytest
 from leak_check import LeakCheck
 from served_simulator import FLAT_WORLD, Server
 
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 
 
 @pytest.fixture

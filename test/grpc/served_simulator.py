@@ -18,7 +18,7 @@ import psutil
 import yaml
 
 from oaisys_core.errors import OaisysError
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 
 PATIENCE_S = 60.0
 """For what should take a second: a busy machine must not fail a test."""

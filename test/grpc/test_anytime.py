@@ -16,8 +16,8 @@ from served_simulator import FLAT_WORLD, PATIENCE_S, Server, code_of
 from oaisys_core.errors import DeadlineExceededError, NotFoundError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Frame, FrameName, ModuleMetadata, SampleOutline
-from oaisys_grpc import conversions
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_grpc.contract import conversions
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 

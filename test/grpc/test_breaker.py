@@ -13,14 +13,14 @@ from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, wait_unti
 
 from oaisys_core.errors import BackendUnavailableError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_grpc.breaker import (
+from oaisys_grpc.server.health import REASON_KEY
+from oaisys_grpc.server.supervision.breaker import (
     CRASH_WINDOW_S,
     CRASHES_ALLOWED,
     FIRST_PAUSE_S,
     LONGEST_PAUSE_S,
     Breaker,
 )
-from oaisys_grpc.health import REASON_KEY
 
 CRASH = WorkerLostError("the worker was ended by SIGSEGV")
 LOAD_S = 20.0

@@ -28,23 +28,23 @@ from oaisys_core.types import (
     SimulatorInfo,
     TriangleMesh,
 )
-from oaisys_grpc import chunks, conversions, encodings
-from oaisys_grpc.errors import STATUS_CODES, error_from_status, status_from_error
-from oaisys_grpc.faults import ERROR_TYPES, error_from_fault, fault_from_error
-from oaisys_grpc.frame_placement import FramePlacement
-from oaisys_grpc.messages import Part, response
-from oaisys_grpc.operation import (
+from oaisys_grpc.client.sample_stream import sample_from_parts
+from oaisys_grpc.contract import chunks, conversions, encodings
+from oaisys_grpc.contract.array_messages import Part, response
+from oaisys_grpc.contract.errors import STATUS_CODES, error_from_status, status_from_error
+from oaisys_grpc.contract.faults import ERROR_TYPES, error_from_fault, fault_from_error
+from oaisys_grpc.contract.operation import (
     Kind,
     OperationStatus,
     State,
     status_from_proto,
     status_to_proto,
 )
+from oaisys_grpc.contract.transfer import CHUNK_BYTES
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-from oaisys_grpc.sample_stream import sample_from_parts
-from oaisys_grpc.shared_memory import segment_of
-from oaisys_grpc.transfer import CHUNK_BYTES
-from oaisys_grpc.wire import Connection
+from oaisys_grpc.worker.frame_placement import FramePlacement
+from oaisys_grpc.worker.protocol import Connection
+from oaisys_grpc.worker.shared_memory import segment_of
 
 POSE = Pose((1.25, -2.5, 1e-9), (0.5, -0.5, 0.5, math.sqrt(0.25)))
 INTRINSICS = PinholeIntrinsics(640, 480, 541.14, 540.9, 319.5, 239.25)

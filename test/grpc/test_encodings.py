@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_grpc import encodings
+from oaisys_grpc.contract import encodings
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 LIMIT = 1 << 30

@@ -14,8 +14,8 @@ from oaisys_core.errors import (
     QueueFullError,
     WorkerLostError,
 )
-from oaisys_grpc.errors import status_from_error
-from oaisys_grpc.faults import OvertakenError
+from oaisys_grpc.contract.errors import status_from_error
+from oaisys_grpc.contract.faults import OvertakenError
 
 
 def detail_of(error: OaisysError, kind: type[Any]) -> Any:

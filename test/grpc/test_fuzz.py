@@ -17,7 +17,7 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from served_simulator import FLAT_WORLD, PATIENCE_S, Server
 
 from oaisys_core.geometry import pose_looking_down
-from oaisys_grpc import conversions
+from oaisys_grpc.contract import conversions
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 StartServer = Callable[..., Server]

@@ -30,11 +30,12 @@ from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, wait_u
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import ModuleMetadata
-from oaisys_grpc import conversions, open_calls
-from oaisys_grpc.malformed import GuardedCalls
-from oaisys_grpc.open_calls import REQUEST_PATIENCE_S
+from oaisys_grpc.contract import conversions
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-from oaisys_grpc.request_bounds import MAX_FIELDS, check_bounds
+from oaisys_grpc.server.limits import open_calls
+from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
+from oaisys_grpc.server.limits.open_calls import REQUEST_PATIENCE_S
+from oaisys_grpc.server.limits.request_bounds import MAX_FIELDS, check_bounds
 
 StartServer = Callable[..., Server]
 

@@ -11,7 +11,7 @@ import grpc
 from served_simulator import PATIENCE_S
 
 from oaisys_core.errors import NotReadyError, OaisysError
-from oaisys_grpc.errors import abort
+from oaisys_grpc.contract.errors import abort
 
 CALLS = 20
 METHOD = "/test.Service/Refuse"

@@ -25,7 +25,7 @@ from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, wait_u
 from oaisys_core.config.importing.frames import mount
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 
 StartServer = Callable[..., Server]
 

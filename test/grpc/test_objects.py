@@ -13,7 +13,7 @@ from served_simulator import FLAT_WORLD, Server
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import MAX_OBJECTS, ModuleMetadata, ObjectQuery
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 
 StartServer = Callable[..., Server]
 

@@ -18,15 +18,15 @@ from oaisys_core.errors import (
 )
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Pose, Progress
-from oaisys_grpc.client import SimulatorClient
-from oaisys_grpc.errors import error_from_rpc
-from oaisys_grpc.faults import OvertakenError
-from oaisys_grpc.operation import OperationStatus, State
-from oaisys_grpc.operations import QUEUE_LIMIT
+from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_grpc.contract.errors import error_from_rpc
+from oaisys_grpc.contract.faults import OvertakenError
+from oaisys_grpc.contract.operation import OperationStatus, State
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
-from oaisys_grpc.sample_store import MAX_SAMPLES
-from oaisys_grpc.stream_limits import LIMITS, SHARE_OF_CONNECTION
+from oaisys_grpc.server.jobs.queue import QUEUE_LIMIT
+from oaisys_grpc.server.jobs.sample_store import MAX_SAMPLES
+from oaisys_grpc.server.limits.stream_limits import LIMITS, SHARE_OF_CONNECTION
 
 POSES = [pose_looking_down(-10 + i, 5 - i / 2, 4 + i / 4) for i in range(20)]
 

@@ -7,7 +7,7 @@ import pytest
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_grpc.addresses import check_address
-from oaisys_grpc.worker_process import worker_environment
+from oaisys_grpc.server.supervision.worker_process import worker_environment
 
 ROS_ENVIRONMENT = {
     "PATH": "/bin",

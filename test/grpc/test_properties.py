@@ -14,7 +14,7 @@ from served_simulator import FLAT_WORLD, PATIENCE_S, Server
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata, Pose
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 
 CAMERA = {"width_px": 16, "height_px": 12, "fx_px": 14.0, "fy_px": 14.0}
 MANY = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))

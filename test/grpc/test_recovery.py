@@ -28,13 +28,13 @@ from served_simulator import (
 from oaisys_core.errors import DeadlineExceededError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.types import Progress, Sample, ignore_progress
-from oaisys_grpc.call_limit import CANCEL_IDLE_S, CANCEL_WORK_S, Limit
-from oaisys_grpc.client import SimulatorClient
-from oaisys_grpc.faults import ServerUnavailableError
-from oaisys_grpc.worker_effort import Effort
-from oaisys_grpc.worker_folder import PREFIX
-from oaisys_grpc.worker_log import WorkerLog
-from oaisys_grpc.worker_process import WorkerProcess
+from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_grpc.contract.faults import ServerUnavailableError
+from oaisys_grpc.server.supervision.call_limit import CANCEL_IDLE_S, CANCEL_WORK_S, Limit
+from oaisys_grpc.server.supervision.worker_effort import Effort
+from oaisys_grpc.server.supervision.worker_folder import PREFIX
+from oaisys_grpc.server.supervision.worker_log import WorkerLog
+from oaisys_grpc.server.supervision.worker_process import WorkerProcess
 
 StartServer = Callable[..., Server]
 POSES = [pose_looking_down(1, 1, 11, 0.4), pose_looking_at((-6, -5, 7), (2, 3, 0))]

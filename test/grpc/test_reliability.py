@@ -38,7 +38,7 @@ from oaisys_core.errors import (
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose, Progress, Sample
-from oaisys_grpc.client import SERVICE, SimulatorClient
+from oaisys_grpc.client.simulator_client import SERVICE, SimulatorClient
 
 StartServer = Callable[..., Server]
 POSES = [pose_looking_down(1, 1, 11, 0.4), pose_looking_at((-6, -5, 7), (2, 3, 0))]
@@ -219,7 +219,7 @@ def test_a_worker_that_grows_within_a_frame_is_killed(start_server: StartServer)
 
 CLIENT = """
 import sys
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 SimulatorClient(sys.argv[1]).render_sample(on_progress=lambda p: print(p.stage, flush=True))
 """
 

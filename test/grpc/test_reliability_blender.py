@@ -18,7 +18,7 @@ from served_simulator import PATIENCE_S, ROCKY_WORLD, Server
 from oaisys_core.errors import WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.types import ModuleMetadata, Progress, Sample
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 
 pytestmark = pytest.mark.blender
 

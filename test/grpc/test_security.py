@@ -25,7 +25,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import ModuleMetadata
 from oaisys_grpc.addresses import check_address
-from oaisys_grpc.client import ClientTls, SimulatorClient
+from oaisys_grpc.client.simulator_client import ClientTls, SimulatorClient
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.tls import ServerTls

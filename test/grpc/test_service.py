@@ -18,10 +18,10 @@ from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, code_o
 from oaisys_core.config import config_from_mapping, config_sha256
 from oaisys_core.errors import InvalidInputError, NotFoundError, NotReadyError
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
-from oaisys_core.sensor_faults import DepthFaults, PoseDrift, Shot, measured_depth
+from oaisys_core.sensing.faults import DepthFaults, PoseDrift, Shot, measured_depth
 from oaisys_core.types import ModuleMetadata, Odometry, Pose, Progress
-from oaisys_grpc.client import SimulatorClient
-from oaisys_grpc.operation import State
+from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_grpc.contract.operation import State
 
 StartServer = Callable[..., Server]
 NADIR = pose_looking_down(1, 2, 7)

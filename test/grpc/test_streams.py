@@ -13,7 +13,7 @@ from served_simulator import FLAT_WORLD, Server, stepped_server
 
 from oaisys_core.errors import CancelledError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 
 ROUNDS = 5
 

@@ -23,13 +23,15 @@ from test_conversions import assert_same, make_sample
 from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Frame, Sample, SampleOutline
-from oaisys_grpc import chunks, messages, shared_memory, transfer
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.sample_stream import SampleStream, sample_from_parts
+from oaisys_grpc.client.shared_memory_reader import Reader, SharedMemoryError, found_token, opened
+from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_grpc.contract import array_messages as messages
+from oaisys_grpc.contract import chunks, transfer
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
-from oaisys_grpc.sample_stream import SampleStream, sample_from_parts
-from oaisys_grpc.shared_memory import Place, Probe, Segment, SegmentWriter
-from oaisys_grpc.shared_memory_reader import Reader, SharedMemoryError, found_token, opened
+from oaisys_grpc.worker import shared_memory
+from oaisys_grpc.worker.shared_memory import Place, Probe, Segment, SegmentWriter
 
 StartServer = Callable[..., Server]
 CAMERA = {"width_px": 320, "height_px": 240, "fx_px": 270.0, "fy_px": 270.0}

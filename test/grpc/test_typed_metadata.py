@@ -14,14 +14,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from served_simulator import FLAT_WORLD, Server, stepped_server
 
-from oaisys_core.config.environment import EnvironmentConfig, HazeConfig, SkyConfig
-from oaisys_core.config.environment import SunFromTimeConfig as SunFromTime
-from oaisys_core.config.render import BloomConfig, EffectsConfig, RenderConfig, SensorNoiseConfig
-from oaisys_core.config.sensors import DistortionConfig, LensConfig, OpticsConfig
+from oaisys_core.config.sections.environment import EnvironmentConfig, HazeConfig, SkyConfig
+from oaisys_core.config.sections.environment import SunFromTimeConfig as SunFromTime
+from oaisys_core.config.sections.render import (
+    BloomConfig,
+    EffectsConfig,
+    RenderConfig,
+    SensorNoiseConfig,
+)
+from oaisys_core.config.sections.sensors import DistortionConfig, LensConfig, OpticsConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.modules.asset_metadata import AssetMetadata, GroupEdit, ObjectEdit
+from oaisys_core.modules.assets.metadata import AssetMetadata, GroupEdit, ObjectEdit
 from oaisys_core.types import ModuleMetadata
-from oaisys_grpc import conversions
+from oaisys_grpc.contract import conversions
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 

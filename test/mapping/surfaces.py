@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_looking_down, pose_to_matrix
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
+from oaisys_mapping.evaluation.visibility import View
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.visibility import View
 
 CAMERA = PinholeIntrinsics(160, 120, 135.285, 135.285, 79.5, 59.5)
 

@@ -7,8 +7,8 @@ from surfaces import depth_seen, grid_mesh
 from test_tsdf import CAMERA, camera_at, plane_depth_m
 
 from oaisys_core.types import TriangleMesh
+from oaisys_mapping.evaluation.visibility import View, raycasting_scene
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_mapping.visibility import View, raycasting_scene
 
 UP = np.array([0.0, 0.0, 1.0])
 ABOVE = camera_at((0.01, 0, 6), (0, 0, 0))

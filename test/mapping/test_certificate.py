@@ -14,25 +14,25 @@ from surfaces import colored, down, hills
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import TriangleMesh
-from oaisys_mapping.certificate import (
+from oaisys_mapping.certificate.certificate import (
     Statement,
     read_certificate,
     sign_certificate,
     write_certificate,
 )
-from oaisys_mapping.certificate_check import (
+from oaisys_mapping.certificate.checking import (
     Finding,
     check_content,
     check_file,
     check_limits,
     measure_again,
 )
-from oaisys_mapping.faults import FaultRecord
+from oaisys_mapping.certificate.perturbations import FaultRecord
+from oaisys_mapping.certificate.signature import read_private_key, read_public_key
+from oaisys_mapping.evaluation.metrics import evaluate_reconstruction
+from oaisys_mapping.evaluation.thresholds import Thresholds, survey_thresholds
+from oaisys_mapping.evaluation.truth_io import as_stored, read_truth, write_truth
 from oaisys_mapping.mesh_io import read_ply, write_ply
-from oaisys_mapping.metrics import evaluate_reconstruction
-from oaisys_mapping.signature import read_private_key, read_public_key
-from oaisys_mapping.thresholds import Thresholds, survey_thresholds
-from oaisys_mapping.truth_io import as_stored, read_truth, write_truth
 
 VOXEL_M, RANGE_M, SEED = 0.1, 60.0, 5
 CONFIG = {"seed": SEED, "stage": {"extent_m": 12.0}}

@@ -17,12 +17,12 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
 from oaisys_mapping import stages
+from oaisys_mapping.certificate.view_files import read_views, write_views
+from oaisys_mapping.evaluation.metrics import Extras, evaluate_reconstruction
+from oaisys_mapping.evaluation.truth_io import read_truth
+from oaisys_mapping.evaluation.visibility import View
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply, write_ply, write_truth
-from oaisys_mapping.metrics import Extras, evaluate_reconstruction
-from oaisys_mapping.truth_io import read_truth
-from oaisys_mapping.view_files import read_views, write_views
-from oaisys_mapping.visibility import View
 
 
 def square(z_m: float) -> tuple[np.ndarray, np.ndarray]:

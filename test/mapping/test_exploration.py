@@ -16,8 +16,8 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, PinholeIntrinsics
-from oaisys_mapping.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
+from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.exploration.gain import GainWeights, ViewScorer
 from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
 from oaisys_mapping.exploration.planners import OWN, make_planner, vantage_points

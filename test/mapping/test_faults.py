@@ -5,9 +5,9 @@ import pytest
 from surfaces import depth_seen, down, hills
 
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
-from oaisys_mapping.faults import FAULTS, FaultRecord, PosedDepth, challenge
-from oaisys_mapping.thresholds import Thresholds
-from oaisys_mapping.true_surface import true_surface
+from oaisys_mapping.certificate.perturbations import FAULTS, FaultRecord, PosedDepth, challenge
+from oaisys_mapping.evaluation.thresholds import Thresholds
+from oaisys_mapping.evaluation.true_surface import true_surface
 from oaisys_mapping.tsdf import TsdfConfig
 
 CAMERA = PinholeIntrinsics(160, 120, 135.285, 135.285, 79.5, 59.5)

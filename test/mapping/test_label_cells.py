@@ -7,9 +7,9 @@ import pytest
 from test_tsdf import CAMERA, camera_at, plane_depth_m, sphere_depth_m
 
 from oaisys_core.types import FloatArray
-from oaisys_mapping.blocks import distinct_blocks
-from oaisys_mapping.label_cells import BLOCK_SHARE
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_mapping.voxels.blocks import distinct_blocks
+from oaisys_mapping.voxels.label_cells import BLOCK_SHARE
 
 GROUND, ROCK = 4, 9
 RADIUS_M = 0.4

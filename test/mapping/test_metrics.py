@@ -13,11 +13,11 @@ from oaisys_core.geometry import (
     pose_to_matrix,
 )
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
+from oaisys_mapping.evaluation.metrics import ReconstructionMetrics, evaluate_reconstruction
+from oaisys_mapping.evaluation.thresholds import Thresholds
+from oaisys_mapping.evaluation.visibility import View
 from oaisys_mapping.mesh import ColoredMesh, sample_surface, triangle_areas_m2
-from oaisys_mapping.metrics import ReconstructionMetrics, evaluate_reconstruction
-from oaisys_mapping.thresholds import Thresholds
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_mapping.visibility import View
 
 VOXEL_M = 0.10
 IMAGE_AT_6_M_M2 = (159 / 135.285 * 6) * (119 / 135.285 * 6)

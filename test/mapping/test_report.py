@@ -15,13 +15,13 @@ import pytest
 from browser import Page, browser_page
 
 from oaisys_core.types import TriangleMesh
-from oaisys_mapping import pictures
+from oaisys_mapping.evaluation.metrics import evaluate_reconstruction
+from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.mesh_viewer import Layer, packed, thinned
-from oaisys_mapping.metrics import evaluate_reconstruction
-from oaisys_mapping.report import SurveyReport, ViewRecord, write_report
-from oaisys_mapping.three_js import FOLDER_VARIABLE, load_three
-from oaisys_mapping.thresholds import Thresholds
+from oaisys_mapping.report import pictures
+from oaisys_mapping.report.mesh_viewer import Layer, packed, thinned
+from oaisys_mapping.report.report import SurveyReport, ViewRecord, write_report
+from oaisys_mapping.report.three_js import FOLDER_VARIABLE, load_three
 
 
 def square(z_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -8,11 +8,11 @@ from scipy.spatial import cKDTree
 from surfaces import colored, down, grid_mesh, hills, sphere
 
 from oaisys_core.types import FloatArray, TriangleMesh
+from oaisys_mapping.evaluation.metrics import Extras, ReconstructionMetrics, evaluate_reconstruction
+from oaisys_mapping.evaluation.semantics import class_agreement
+from oaisys_mapping.evaluation.thresholds import Thresholds
+from oaisys_mapping.evaluation.visibility import View
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.metrics import Extras, ReconstructionMetrics, evaluate_reconstruction
-from oaisys_mapping.semantics import class_agreement
-from oaisys_mapping.thresholds import Thresholds
-from oaisys_mapping.visibility import View
 
 VOXEL_M = 0.10
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_looking_at, pose_to_matrix
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-from oaisys_mapping import blocks
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume, VolumeFullError
+from oaisys_mapping.voxels import blocks
 
 CAMERA = PinholeIntrinsics(320, 240, 270.57, 270.57, 159.5, 119.5)
 

@@ -15,11 +15,16 @@ from test_tsdf import CAMERA, camera_at, plane_depth_m, sphere_depth_m
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray
-from oaisys_mapping.marching_cubes import triangle_table
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_class_names, read_ply, write_ply
-from oaisys_mapping.semantic_fusion import CLASSES_KEPT, class_color, fuse_classes, most_likely
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume, VolumeFullError
+from oaisys_mapping.voxels.marching_cubes import triangle_table
+from oaisys_mapping.voxels.semantic_fusion import (
+    CLASSES_KEPT,
+    class_color,
+    fuse_classes,
+    most_likely,
+)
 
 UP = np.array([0.0, 0.0, 1.0])
 ABOVE = camera_at((0.01, 0, 6), (0, 0, 0))

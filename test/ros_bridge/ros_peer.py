@@ -27,10 +27,10 @@ from std_msgs.msg import Bool, Header
 
 from oaisys_core.types import Pose
 from oaisys_msgs.srv import SetPose
-from oaisys_ros_bridge.bag_info import repeats_of
+from oaisys_ros_bridge.bags.info import repeats_of
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
+from oaisys_ros_bridge.experiments.survey_client import DIAGNOSTICS_DEPTH, SUBSCRIBERS
 from oaisys_ros_bridge.qos import LATCHED_QOS
-from oaisys_ros_bridge.survey_client import DIAGNOSTICS_DEPTH, SUBSCRIBERS
 
 SAMPLE_TYPES = {
     "/camera/color/image_raw": "sensor_msgs/msg/Image",

@@ -9,9 +9,9 @@ from rosbags.highlevel import AnyReader
 from std_msgs.msg import String
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
-from oaisys_ros_bridge.bag_info import summary_of
-from oaisys_ros_bridge.bag_recovery import recover
+from oaisys_ros_bridge.bags.info import summary_of
+from oaisys_ros_bridge.bags.recovery import recover
+from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 
 TOPIC = RecordedTopic(
     "/chatter",

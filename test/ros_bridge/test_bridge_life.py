@@ -16,9 +16,9 @@ from std_srvs.srv import Trigger
 
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_ros_bridge import survey_client
+from oaisys_ros_bridge.experiments import survey_client
+from oaisys_ros_bridge.experiments.survey_client import SurveyClient
 from oaisys_ros_bridge.qos import DEEP_QOS, SENSOR_QOS
-from oaisys_ros_bridge.survey_client import SurveyClient
 
 pytestmark = pytest.mark.ros
 

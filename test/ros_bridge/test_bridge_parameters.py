@@ -16,8 +16,8 @@ from rclpy.parameter import Parameter as RclpyParameter
 from ros_peer import Stage, User
 from served_simulator import FLAT_WORLD, PATIENCE_S
 
-from oaisys_ros_bridge.parameter_table import Changeable, ParameterRow
-from oaisys_ros_bridge.parameters import BRIDGE
+from oaisys_ros_bridge.parameters.bridge import BRIDGE
+from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow
 
 pytestmark = pytest.mark.ros
 

@@ -15,7 +15,7 @@ from sensor_msgs.msg import CompressedImage
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.compressed import (
+from oaisys_ros_bridge.publishing.compressed import (
     Compression,
     compressed_depth_to_msg,
     compressed_to_msg,

@@ -15,21 +15,26 @@ from std_msgs.msg import Header
 from oaisys_core.errors import InvalidInputError, OaisysError, RenderError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics
+from oaisys_mapping.certificate.view_files import read_views
 from oaisys_mapping.exploration.planner import Planner, Vehicle, level_pose
 from oaisys_mapping.exploration.voxel_map import Bounds
-from oaisys_mapping.view_files import read_views
+from oaisys_ros_bridge.bridge.requests import poses_of_trajectory
 from oaisys_ros_bridge.conversions import pose_from_msg
-from oaisys_ros_bridge.explore_plan import flight_box, planners_of, start_pose, worlds_of
-from oaisys_ros_bridge.explorer import (
+from oaisys_ros_bridge.experiments.explore.explorer import (
     LOST_POSES,
     ExplorationLimits,
     explore,
     poses_along,
     trajectory_to_msg,
 )
-from oaisys_ros_bridge.fusion import DepthFrame
-from oaisys_ros_bridge.requests import poses_of_trajectory
-from oaisys_ros_bridge.survey_client import ReceivedView
+from oaisys_ros_bridge.experiments.explore.plan import (
+    flight_box,
+    planners_of,
+    start_pose,
+    worlds_of,
+)
+from oaisys_ros_bridge.experiments.survey_client import ReceivedView
+from oaisys_ros_bridge.mapper.fusion import DepthFrame
 
 WORLD = """
 seed: 4

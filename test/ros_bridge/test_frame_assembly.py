@@ -19,8 +19,12 @@ from oaisys_ros_bridge.conversions import (
     odometry_to_msg,
     transform_to_msg,
 )
-from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, MOST_WITHOUT_POSE, FrameAssembler
-from oaisys_ros_bridge.synchronizer import PENDING
+from oaisys_ros_bridge.subscribing.frame_assembly import (
+    COLOR_WAIT_S,
+    MOST_WITHOUT_POSE,
+    FrameAssembler,
+)
+from oaisys_ros_bridge.subscribing.synchronizer import PENDING
 
 CAMERA = PinholeIntrinsics(8, 6, 10.0, 10.0, 3.5, 2.5)
 RIG = pose_looking_down(1.0, 2.0, 9.0, yaw_rad=0.5)

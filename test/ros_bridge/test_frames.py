@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
-from oaisys_ros_bridge.frames import HISTORY, MOST_STAMPS, FrameBuffer
+from oaisys_ros_bridge.subscribing.transforms import HISTORY, MOST_STAMPS, FrameBuffer
 
 
 def test_a_chain_of_moving_and_fixed_frames_multiplies_from_the_root():

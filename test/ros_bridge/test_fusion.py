@@ -9,7 +9,7 @@ import pytest
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.tsdf import TsdfConfig
-from oaisys_ros_bridge.fusion import QUEUE_FRAMES, DepthFrame, Fusion
+from oaisys_ros_bridge.mapper.fusion import QUEUE_FRAMES, DepthFrame, Fusion
 
 CAMERA = PinholeIntrinsics(64, 48, 50.0, 50.0, 31.5, 23.5)
 LOOKING_DOWN = np.array([[0.0, -1, 0, 0], [-1, 0, 0, 0], [0, 0, -1, 5], [0, 0, 0, 1]])

@@ -10,7 +10,8 @@ from typing import Any, get_args, get_type_hints
 import pytest
 import typer
 
-from oaisys_ros_bridge.explore_command import explore
+from oaisys_ros_bridge.experiments.explore.command import explore
+from oaisys_ros_bridge.experiments.survey.command import survey
 from oaisys_ros_bridge.launching.arguments import (
     EXPLORE,
     OPTIONS,
@@ -21,7 +22,6 @@ from oaisys_ros_bridge.launching.arguments import (
     Argument,
     command_line,
 )
-from oaisys_ros_bridge.survey_command import survey
 
 LAUNCH_FILES = Path(__file__).resolve().parents[2] / "launch"
 TABLES = {"survey": SURVEY, "explore": EXPLORE, "simulator": SIMULATOR}

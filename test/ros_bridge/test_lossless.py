@@ -24,7 +24,7 @@ from oaisys_core.geometry import pose_looking_down
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.msg import MapStatus, SampleInfo, SampleReceipt
 from oaisys_msgs.srv import SaveMesh
-from oaisys_ros_bridge.bag_losses import METADATA_NAME, BagLosses
+from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.qos import LATCHED_QOS, RECEIPTS_QOS, SAMPLE_INFO_QOS
 from tools.soak.counts import busy_loops, stamps_of
 

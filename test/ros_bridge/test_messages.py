@@ -19,7 +19,8 @@ from visualization_msgs.msg import Marker
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics, Pose
-from oaisys_ros_bridge import clouds, conversions, markers
+from oaisys_ros_bridge import clouds, conversions
+from oaisys_ros_bridge.publishing import markers
 
 HEADER = Header(stamp=Time(sec=7, nanosec=9), frame_id="somewhere")
 CAMERA = PinholeIntrinsics(8, 6, 7.5, 7.25, 3.5, 2.25)

@@ -11,7 +11,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.node import Node
 
-from oaisys_ros_bridge.node_process import WaitingExecutor
+from oaisys_ros_bridge.nodes.node_process import WaitingExecutor
 
 pytestmark = pytest.mark.ros
 

@@ -11,7 +11,7 @@ from rcl_interfaces.srv import GetParameters
 from ros_peer import Stage
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_ros_bridge.node_settings import node_settings
+from oaisys_ros_bridge.parameters.node_settings import node_settings
 
 FILE = """
 /**/oaisys_mapper:

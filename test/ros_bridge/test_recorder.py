@@ -20,8 +20,8 @@ from sensor_msgs.msg import Image
 from served_simulator import FLAT_WORLD
 
 from oaisys_core.geometry import pose_looking_down
+from oaisys_ros_bridge.bags.message_definition import message_definition, nested_types, type_hash
 from oaisys_ros_bridge.conversions import image_from_msg
-from oaisys_ros_bridge.message_definition import message_definition, nested_types, type_hash
 from oaisys_ros_bridge.qos import SENSOR_QOS
 
 VIEWS = 3

@@ -13,8 +13,8 @@ from rcl_interfaces.srv import ListParameters
 from ros_peer import Stage
 from served_simulator import FLAT_WORLD
 
-from oaisys_ros_bridge.interface_table import Kind
-from oaisys_ros_bridge.reference import NODES, DescribedNode, reference_text
+from oaisys_ros_bridge.parameters.interface_table import Kind
+from oaisys_ros_bridge.parameters.reference import NODES, DescribedNode, reference_text
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "ros.md"
 CONFIG = PAGE.parents[1] / "config"

@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from oaisys_core.geometry import pose_looking_down
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import SaveMesh
-from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
+from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
 METRICS = "oaisys_mapper/metrics"
@@ -232,7 +232,7 @@ def test_what_cannot_be_played_is_refused(
 FILL = """
 import resource, sys
 from pathlib import Path
-from oaisys_ros_bridge.bag import BagWriter, RecordedTopic
+from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (4_000_000, resource.RLIM_INFINITY))
 with BagWriter(Path(sys.argv[1])) as bag:

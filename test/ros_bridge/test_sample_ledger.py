@@ -7,8 +7,13 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from oaisys_ros_bridge.bag_losses import BagLosses
-from oaisys_ros_bridge.sample_ledger import LOST_AFTER_S, SampleLedger, SampleName, shortfall
+from oaisys_ros_bridge.bags.losses import BagLosses
+from oaisys_ros_bridge.subscribing.sample_ledger import (
+    LOST_AFTER_S,
+    SampleLedger,
+    SampleName,
+    shortfall,
+)
 
 INFO = "/oaisys_bridge/sample_info"
 DEPTH, COLOR, POSE = "/camera/depth/image_raw", "/camera/color/image_raw", "/tf"

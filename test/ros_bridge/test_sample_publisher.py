@@ -34,13 +34,13 @@ from oaisys_core.types import (
     modality_spec,
 )
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
-from oaisys_ros_bridge import sensor_topics
 from oaisys_ros_bridge.clouds import cloud_from_msg
 from oaisys_ros_bridge.conversions import image_from_msg, odometry_from_msg, transform_from_msg
-from oaisys_ros_bridge.parameters import BRIDGE
-from oaisys_ros_bridge.publication import Publication
+from oaisys_ros_bridge.parameters.bridge import BRIDGE
+from oaisys_ros_bridge.publishing import sensor_topics
+from oaisys_ros_bridge.publishing.publication import Publication
+from oaisys_ros_bridge.publishing.sample_publisher import SamplePublisher
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TRACE_QOS
-from oaisys_ros_bridge.sample_publisher import SamplePublisher
 
 pytestmark = pytest.mark.ros
 

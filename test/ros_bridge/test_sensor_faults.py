@@ -11,7 +11,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.sensor_faults import (
+from oaisys_core.sensing.faults import (
     NOISE_LAWS,
     DepthFaults,
     NoiseLaw,
@@ -23,9 +23,9 @@ from oaisys_core.sensor_faults import (
 )
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Pose
-from oaisys_ros_bridge.parameters import BRIDGE
-from oaisys_ros_bridge.publishing_options import PublishingOptions
-from oaisys_ros_bridge.sample_publisher import measured as of_the_bridge
+from oaisys_ros_bridge.parameters.bridge import BRIDGE
+from oaisys_ros_bridge.publishing.options import PublishingOptions
+from oaisys_ros_bridge.publishing.sample_publisher import measured as of_the_bridge
 
 SHAPE = (240, 320)
 FX_PX = 541.14

@@ -15,7 +15,7 @@ from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
-from oaisys_ros_bridge.serialized_stamps import stamp_reader
+from oaisys_ros_bridge.bags.serialized_stamps import stamp_reader
 
 HEADER = Header(stamp=Time(sec=7, nanosec=890), frame_id="map")
 STAMP_NS = 7_000_000_890

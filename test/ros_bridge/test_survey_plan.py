@@ -5,7 +5,7 @@ import pytest
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import PinholeIntrinsics
-from oaisys_ros_bridge.survey_plan import plan_survey, survey_columns
+from oaisys_ros_bridge.experiments.survey.plan import plan_survey, survey_columns
 
 CAMERA = PinholeIntrinsics(640, 480, 541.14, 541.14, 319.5, 239.5)
 STAGE = (-32.0, -32.0, 32.0, 32.0)

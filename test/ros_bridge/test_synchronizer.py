@@ -1,6 +1,6 @@
 """Messages brought together by their exact stamp."""
 
-from oaisys_ros_bridge.synchronizer import PENDING, ExactSynchronizer
+from oaisys_ros_bridge.subscribing.synchronizer import PENDING, ExactSynchronizer
 
 
 def test_a_stamp_is_complete_with_its_last_kind_in_any_order():

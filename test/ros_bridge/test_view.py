@@ -19,8 +19,8 @@ from served_simulator import FLAT_WORLD, Server
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_at
 from oaisys_core.types import PinholeIntrinsics
-from oaisys_mapping.live_view import SeenView, cloud_of
-from oaisys_mapping.visibility import View
+from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.report.live_view import SeenView, cloud_of
 
 DEADLINE_S = 120.0
 CAMERA = PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5)
@@ -92,7 +92,7 @@ def test_what_others_render_is_shown_over_grpc(server, tmp_path):
 NEVER_STOPPING = """
 import sys, time, viser
 viser.ViserServer.stop = lambda server: time.sleep(3600)
-from oaisys_core.cli import main
+from oaisys_core.cli.main import main
 sys.argv[0] = "oaisys"
 main()
 """

@@ -22,7 +22,7 @@ PLAIN_CORE = {
     "oaisys_core.geometry",
     "oaisys_core.errors",
     # Numpy and scipy alone: simulator and bridge must draw the same noise by the same code.
-    "oaisys_core.sensor_faults",
+    "oaisys_core.sensing.faults",
 }
 COMMAND_LINE = {"rich", "typer"}
 CORE_LIBRARIES = {
@@ -50,14 +50,14 @@ GRPC_LIBRARIES = {
 }
 MAPPING_LIBRARIES = {"numpy", "open3d", "scipy"}
 PRESENTATION = {
-    "oaisys_mapping.live_view",
-    "oaisys_mapping.mesh_layers",
-    "oaisys_mapping.pictures",
-    "oaisys_mapping.report",
+    "oaisys_mapping.report.live_view",
+    "oaisys_mapping.report.mesh_layers",
+    "oaisys_mapping.report.pictures",
+    "oaisys_mapping.report.report",
 }
 PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib", "trimesh", "viser"}
 """What draws reports and pages may draw; the algorithms may not."""
-SIGNING = {"oaisys_mapping.signature"}
+SIGNING = {"oaisys_mapping.certificate.signature"}
 BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml", "zstandard"}
 ROS = {
     "action_msgs", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
@@ -66,7 +66,11 @@ ROS = {
     "sensor_msgs", "simulation_interfaces", "std_msgs", "std_srvs", "tf2_msgs", "trajectory_msgs",
     "visualization_msgs",
 }  # fmt: skip
-CLIENT_SIDE = ("oaisys_grpc.client", "oaisys_grpc.conversions", "oaisys_grpc.memory")
+CLIENT_SIDE = (
+    "oaisys_grpc.client.simulator_client",
+    "oaisys_grpc.contract.conversions",
+    "oaisys_grpc.memory",
+)
 
 
 def modules() -> Iterator[tuple[str, Path]]:
@@ -129,7 +133,7 @@ def allowed_for(module: str) -> set[str]:
         signing = {"cryptography"} if module in SIGNING else set()
         return MAPPING_LIBRARIES | COMMAND_LINE | PLAIN_CORE | drawing | signing
     if package == "oaisys_ros_bridge":
-        client = {"oaisys_grpc.client", "oaisys_grpc.memory", "oaisys_mapping"}
+        client = {"oaisys_grpc.client.simulator_client", "oaisys_grpc.memory", "oaisys_mapping"}
         return BRIDGE_LIBRARIES | COMMAND_LINE | ROS | PLAIN_CORE | client
     if module in client_modules():
         return GRPC_LIBRARIES | PLAIN_CORE
@@ -149,7 +153,11 @@ def test_module_imports_only_what_its_side_may(module: str, file: Path) -> None:
 
 
 def test_client_side_does_not_reach_the_server() -> None:
-    server_side = {"oaisys_grpc.server", "oaisys_grpc.supervisor", "oaisys_grpc.worker"}
+    server_side = {
+        "oaisys_grpc.server.server",
+        "oaisys_grpc.server.supervision.supervisor",
+        "oaisys_grpc.worker.program",
+    }
     assert server_side <= {module for module, _ in modules()}
     assert not client_modules() & server_side
 

@@ -7,13 +7,13 @@ import time
 from pathlib import Path
 from typing import Annotated
 
-# Must come before anything that loads Open3D, see oaisys_core.raycast.
+# Must come before anything that loads Open3D, see oaisys_core.backend.raycast.triangles.
 import bpy  # noqa: F401
 import typer
 
+from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 from oaisys_core.simulation import Simulation
-from oaisys_core.standard_output import own_stdout
 from oaisys_core.types import ModuleMetadata
 from tools.gallery.page import Entry, Shot, write_page, write_shots
 from tools.gallery.scenes import Picture, pictures

@@ -22,7 +22,7 @@ from oaisys_core.types import (
     Sample,
     semantic_level,
 )
-from oaisys_mapping import pictures
+from oaisys_mapping.report import pictures
 
 FLOW_RANGE_PX = 40.0
 """Motion that is drawn in full colour."""

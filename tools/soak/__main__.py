@@ -15,10 +15,15 @@ import typer
 from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Pose
-from oaisys_ros_bridge.interruption import interrupt_on_signals, raise_if_interrupted
-from oaisys_ros_bridge.progress import Reporter
-from oaisys_ros_bridge.survey_client import SurveyClient
-from oaisys_ros_bridge.system import MAP_TIMEOUT_S, System, SystemOptions, running_system
+from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals, raise_if_interrupted
+from oaisys_ros_bridge.experiments.progress import Reporter
+from oaisys_ros_bridge.experiments.survey_client import SurveyClient
+from oaisys_ros_bridge.experiments.system import (
+    MAP_TIMEOUT_S,
+    System,
+    SystemOptions,
+    running_system,
+)
 from tools.soak.counts import busy_loops, missing_in_bag
 from tools.soak.gauges import Gauge, read_gauges
 

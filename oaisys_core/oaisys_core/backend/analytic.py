@@ -16,12 +16,12 @@ from oaisys_core.backend.base import (
 )
 from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.passes import frame_of, frames_of
-from oaisys_core.backend.shading import Palette, encoded, shaded
-from oaisys_core.backend.solids import flat_ground
+from oaisys_core.backend.raycast.shading import Palette, encoded, shaded
+from oaisys_core.backend.raycast.solids import flat_ground
 from oaisys_core.backend.surface import Surface, View, ground_mesh
-from oaisys_core.effects import with_effects
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import PlacedCamera, Scene, stands_on
+from oaisys_core.sensing.effects import with_effects
 from oaisys_core.types import ALBEDO, RGB, FloatArray, Frame, Progress, TriangleMesh
 
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from oaisys_core.effects import NO_EFFECTS, Effects
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.sensing.effects import NO_EFFECTS, Effects
 from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh
 
 ProgressCallback = Callable[[Progress], None]

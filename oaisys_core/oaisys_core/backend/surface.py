@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.bands import bands
-from oaisys_core.backend.beyond import BeyondPart, stage_of
-from oaisys_core.backend.crowd import placed
-from oaisys_core.backend.embree import blenders_embree
-from oaisys_core.backend.id_table import IdTable, table_of
-from oaisys_core.backend.objects import Objects
-from oaisys_core.backend.parts import Part, SolidPart, TrianglePart
-from oaisys_core.backend.solids import flat_ground, solid_of, tessellated
+from oaisys_core.backend.raycast.bands import bands
+from oaisys_core.backend.raycast.embree import blenders_embree
+from oaisys_core.backend.raycast.far_plain import BeyondPart, stage_of
+from oaisys_core.backend.raycast.id_table import IdTable, table_of
+from oaisys_core.backend.raycast.instance_arrays import placed
+from oaisys_core.backend.raycast.ray_targets import Part, SolidPart, TrianglePart
+from oaisys_core.backend.raycast.scene_objects import Objects
+from oaisys_core.backend.raycast.solids import flat_ground, solid_of, tessellated
+from oaisys_core.backend.raycast.triangles import RayCaster, TreeMaker
 from oaisys_core.geometry import pixel_rays
-from oaisys_core.raycast import RayCaster, TreeMaker
 from oaisys_core.scene import PlacedCamera, Scene, id_of_level, merge_meshes
 from oaisys_core.types import FloatArray, TriangleMesh
 

@@ -1,19 +1,24 @@
 """One typed configuration: each default stands here once, each value is checked once."""
 
 from oaisys_core.config.adjusting import adjusted
-from oaisys_core.config.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
-from oaisys_core.config.environment import EnvironmentConfig
 from oaisys_core.config.loading import (
     canonical_json,
     config_from_mapping,
     config_sha256,
     load_config,
 )
-from oaisys_core.config.materials import LayerConfig, MaskConfig, MaterialsConfig
 from oaisys_core.config.model import SimulationConfig
-from oaisys_core.config.render import RenderConfig
-from oaisys_core.config.sensors import CameraConfig, LensConfig, SensorsConfig, StereoConfig
-from oaisys_core.config.stage import StageConfig
+from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
+from oaisys_core.config.sections.environment import EnvironmentConfig
+from oaisys_core.config.sections.materials import LayerConfig, MaskConfig, MaterialsConfig
+from oaisys_core.config.sections.render import RenderConfig
+from oaisys_core.config.sections.sensors import (
+    CameraConfig,
+    LensConfig,
+    SensorsConfig,
+    StereoConfig,
+)
+from oaisys_core.config.sections.stage import StageConfig
 
 __all__ = [
     "AssetsConfig",

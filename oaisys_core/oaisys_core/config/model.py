@@ -9,14 +9,14 @@ from typing import Any, Literal
 
 from pydantic import Field, model_validator
 
-from oaisys_core.config.assets import AssetsConfig
-from oaisys_core.config.environment import EnvironmentConfig
-from oaisys_core.config.materials import MaterialsConfig
-from oaisys_core.config.output import OutputConfig
-from oaisys_core.config.render import RenderConfig
 from oaisys_core.config.section import Labelled, Section
-from oaisys_core.config.sensors import SensorsConfig
-from oaisys_core.config.stage import StageConfig
+from oaisys_core.config.sections.assets import AssetsConfig
+from oaisys_core.config.sections.environment import EnvironmentConfig
+from oaisys_core.config.sections.materials import MaterialsConfig
+from oaisys_core.config.sections.output import OutputConfig
+from oaisys_core.config.sections.render import RenderConfig
+from oaisys_core.config.sections.sensors import SensorsConfig
+from oaisys_core.config.sections.stage import StageConfig
 
 
 class SimulationConfig(Section):

@@ -7,9 +7,9 @@ from abc import abstractmethod
 import numpy as np
 from pydantic import ValidationError
 
-from oaisys_core.config.environment import EffectConfig
 from oaisys_core.config.expectations import refusal
 from oaisys_core.config.section import Section
+from oaisys_core.config.sections.environment import EffectConfig
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.extensions import EFFECTS as GROUP
 from oaisys_core.extensions import load, names

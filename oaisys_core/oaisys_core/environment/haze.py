@@ -7,7 +7,7 @@ from math import log
 import numpy as np
 
 from oaisys_core.color import linear
-from oaisys_core.config.environment import HazeConfig
+from oaisys_core.config.sections.environment import HazeConfig
 from oaisys_core.environment.draws import Draws
 from oaisys_core.sky import Haze
 

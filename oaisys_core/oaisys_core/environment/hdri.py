@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.config.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
+from oaisys_core.config.sections.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.exr import read_channels
+from oaisys_core.output.exr import read_channels
 from oaisys_core.scene import id_of_level
 from oaisys_core.sky import SkyImage
 

@@ -1,6 +1,6 @@
 """What to build: one module per aspect of the world. None of them knows Blender."""
 
-from oaisys_core.modules.assets import AssetsModule
+from oaisys_core.modules.assets.module import AssetsModule
 from oaisys_core.modules.environment import EnvironmentModule
 from oaisys_core.modules.materials import MaterialsModule
 from oaisys_core.modules.render import RenderModule

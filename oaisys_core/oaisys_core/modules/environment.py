@@ -8,7 +8,7 @@ from math import radians
 import numpy as np
 
 from oaisys_core.color import linear
-from oaisys_core.config.environment import EnvironmentConfig, HdriConfig, SkyConfig
+from oaisys_core.config.sections.environment import EnvironmentConfig, HdriConfig, SkyConfig
 from oaisys_core.environment.draws import Draws
 from oaisys_core.environment.effects import load_effects
 from oaisys_core.environment.haze import haze_of

@@ -10,14 +10,19 @@ from math import radians
 import numpy as np
 
 from oaisys_core import randomness
-from oaisys_core.config.materials import LayerConfig, LookConfig, MaterialsConfig, PoolConfig
+from oaisys_core.config.sections.materials import (
+    LayerConfig,
+    LookConfig,
+    MaterialsConfig,
+    PoolConfig,
+)
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.terrain_material import LabelImage, PbrMaps, TerrainLayer
 from oaisys_core.textures import TEXTURES, default_cache_dir, load_texture_folder, texture_set
 from oaisys_core.textures.adjusting import ColorChange, recolored, with_relief
 from oaisys_core.textures.folder import COLOR_MAP_EXPECTED, has_color_map, texture_folders
 from oaisys_core.textures.label_image import load_label_image
-from oaisys_core.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
+from oaisys_core.world.terrain_material import LabelImage, PbrMaps, TerrainLayer
+from oaisys_core.world.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 
 FOLDER_TILE_M = 2.0
 """Edge length of a tile of a user's texture folder that does not say its own."""

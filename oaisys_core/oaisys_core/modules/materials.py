@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from oaisys_core import randomness
-from oaisys_core.config.materials import ConditionConfig, LayerConfig, MaterialsConfig
+from oaisys_core.config.sections.materials import ConditionConfig, LayerConfig, MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.modules.layers import (
@@ -26,7 +26,7 @@ from oaisys_core.scene import Ground, HeightField
 from oaisys_core.terrain.conditions import Relief, has_steep_parts, relief_of
 from oaisys_core.terrain.displacement import displaced
 from oaisys_core.terrain.masks import LayerNoise, blend_masks, gate, layered_masks
-from oaisys_core.terrain_material import TerrainMaterial, Variation
+from oaisys_core.world.terrain_material import TerrainMaterial, Variation
 
 NO_SHARE = 1.0
 """Share of a layer that gives none, where another one does."""

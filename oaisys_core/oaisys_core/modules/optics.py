@@ -7,7 +7,7 @@ from math import radians
 from typing import Any
 
 from oaisys_core import geometry
-from oaisys_core.config.sensors import CameraConfig, OpticsConfig, optics_bounds_px
+from oaisys_core.config.sections.sensors import CameraConfig, OpticsConfig, optics_bounds_px
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.modules.overrides import overridden
 from oaisys_core.scene import Lens

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from oaisys_core.backend.base import RenderSettings
-from oaisys_core.config.render import EffectsConfig, RenderConfig
-from oaisys_core.effects import Bloom, Effects, SensorNoise
+from oaisys_core.config.sections.render import EffectsConfig, RenderConfig
 from oaisys_core.module import Metadata, World, drawn
 from oaisys_core.modules.overrides import SectionModule
+from oaisys_core.sensing.effects import Bloom, Effects, SensorNoise
 from oaisys_core.types import ALBEDO, DEPTH, FLOW, INSTANCE, NORMAL, RANGE, RGB
 
 LIGHT_SEED = 0

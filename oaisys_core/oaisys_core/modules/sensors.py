@@ -11,9 +11,9 @@ from pydantic import TypeAdapter, ValidationError
 
 from oaisys_core import geometry, randomness
 from oaisys_core.config.expectations import refusal
-from oaisys_core.config.faults import FaultsConfig
-from oaisys_core.config.motion import AnyMotion
-from oaisys_core.config.sensors import CameraConfig, PosePolicy, SensorsConfig
+from oaisys_core.config.sections.faults import FaultsConfig
+from oaisys_core.config.sections.motion import AnyMotion
+from oaisys_core.config.sections.sensors import CameraConfig, PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.module import Metadata, Module, World, drawn
 from oaisys_core.modules.clearance import Extent, HeightLookup, admitted

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.config.stage import ReuseConfig, StageConfig, StageMeshConfig
+from oaisys_core.config.sections.stage import ReuseConfig, StageConfig, StageMeshConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.mesh_files import load_mesh
+from oaisys_core.meshes.files import load_mesh
 from oaisys_core.module import Metadata, Module, World
 from oaisys_core.modules.overrides import overridden
 from oaisys_core.scene import Ground

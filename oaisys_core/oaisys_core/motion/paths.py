@@ -11,7 +11,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from oaisys_core import geometry
-from oaisys_core.config.motion import CsvMotion, GridMotion, SplineMotion
+from oaisys_core.config.sections.motion import CsvMotion, GridMotion, SplineMotion
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.motion.base import Motion, Step, at_height, index_in, looking_at, on_ground, posed
 from oaisys_core.output.poses import read_poses

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from oaisys_core.config.motion import HoverMotion, RandomMotion
+from oaisys_core.config.sections.motion import HoverMotion, RandomMotion
 from oaisys_core.motion.base import Motion, Step, at_height, attitude, drawn_from, posed
 from oaisys_core.types import Pose
 

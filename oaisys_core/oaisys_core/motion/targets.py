@@ -6,7 +6,7 @@ from math import cos, radians, sin
 
 import numpy as np
 
-from oaisys_core.config.motion import AroundTargetMotion, LookAtMotion, TargetConfig
+from oaisys_core.config.sections.motion import AroundTargetMotion, LookAtMotion, TargetConfig
 from oaisys_core.motion.base import Motion, Step, at_height, drawn_from, looking_at, on_ground
 from oaisys_core.types import FloatArray, Pose
 

@@ -23,7 +23,7 @@ from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
 
 from oaisys_core.errors import InvalidInputError, RenderError
-from oaisys_core.exr import GREY, read_channels, write_channels
+from oaisys_core.output.exr import GREY, read_channels, write_channels
 from oaisys_core.output.files import whole, write_bytes
 from oaisys_core.types import (
     DEPTH,

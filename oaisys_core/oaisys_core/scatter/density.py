@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from oaisys_core import randomness
-from oaisys_core.config.density import (
+from oaisys_core.config.sections.density import (
     DensityConfig,
     HeightDensity,
     ImageDensity,

@@ -10,7 +10,7 @@ from scipy.ndimage import binary_dilation
 from scipy.spatial.transform import Rotation
 
 from oaisys_core import randomness
-from oaisys_core.config.groups import GroupConfig
+from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.scatter.density import Density, make_density
 from oaisys_core.scatter.placement import (
     MOST_BURIED,

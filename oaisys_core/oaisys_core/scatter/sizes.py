@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import truncnorm
 
-from oaisys_core.config.groups import GroupConfig
+from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.scatter.placement import power_law_sizes
 from oaisys_core.types import FloatArray
 

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.config.objects import TrajectoryConfig
+from oaisys_core.config.sections.objects import TrajectoryConfig
 from oaisys_core.geometry import pose_to_matrix, transform
 from oaisys_core.output.poses import read_poses
 from oaisys_core.types import FloatArray

@@ -16,8 +16,8 @@ import rasterio
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from scipy.interpolate import RectBivariateSpline
 
-from oaisys_core import exr
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.output import exr
 from oaisys_core.scene import HeightField
 from oaisys_core.terrain.holes import filled, number_of_holes
 from oaisys_core.types import FloatArray

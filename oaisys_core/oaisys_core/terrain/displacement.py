@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.scene import HeightField
-from oaisys_core.terrain_material import TerrainLayer, TerrainMaterial
 from oaisys_core.types import FloatArray
+from oaisys_core.world.terrain_material import TerrainLayer, TerrainMaterial
 
 ROWS = 128
 """Rows of the ground that are moved at once."""

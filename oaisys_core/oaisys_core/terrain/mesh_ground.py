@@ -8,10 +8,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.backend.raycast.triangles import RayCaster
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.mesh_checks import MOST
-from oaisys_core.mesh_files import LoadedMesh
-from oaisys_core.raycast import RayCaster
+from oaisys_core.meshes.checks import MOST
+from oaisys_core.meshes.files import LoadedMesh
 from oaisys_core.types import FloatArray, TriangleMesh
 
 AXES = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
 from oaisys_core.color import encoded, linear
-from oaisys_core.terrain_material import PbrMaps
 from oaisys_core.textures.fields import normals_from_height
 from oaisys_core.types import FloatArray
+from oaisys_core.world.terrain_material import PbrMaps
 
 CHANNELS = ("red", "green", "blue")
 ALL_CHANNELS = "combined"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.color import srgb
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.exr import read_channels
+from oaisys_core.output.exr import read_channels
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures.fields import normals_from_height
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.terrain_material import LabelImage
+from oaisys_core.world.terrain_material import LabelImage
 
 
 def load_label_image(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import encoded, linear
-from oaisys_core.terrain_material import PbrMaps
+from oaisys_core.world.terrain_material import PbrMaps
 
 LEAST_PX = 8
 """Edge length below which a texture is not made smaller."""

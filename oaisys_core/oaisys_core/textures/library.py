@@ -12,7 +12,7 @@ from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures import cache
 from oaisys_core.textures.fields import normals_from_height
-from oaisys_core.textures.procedural import RECIPES
+from oaisys_core.textures.recipes.all_recipes import RECIPES
 
 TEXTURES = frozenset(RECIPES)
 

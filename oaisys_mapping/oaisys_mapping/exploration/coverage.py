@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import FloatArray, Pose, TriangleMesh
+from oaisys_mapping.evaluation.visibility import View, raycasting_scene, visible_from_any
 from oaisys_mapping.exploration.planner import Vehicle, level_pose
 from oaisys_mapping.exploration.voxel_map import Bounds
 from oaisys_mapping.mesh import SurfacePoints, sample_surface
-from oaisys_mapping.visibility import View, raycasting_scene, visible_from_any
 
 MOST_POINTS = 60_000
 """Points that stand for the true surface."""

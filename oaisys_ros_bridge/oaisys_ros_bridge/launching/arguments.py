@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from oaisys_ros_bridge.node_settings import LOG_LEVELS
+from oaisys_ros_bridge.parameters.node_settings import LOG_LEVELS
 
 SWITCH = ("true", "false")
 

@@ -9,7 +9,7 @@ from launch.substitutions import LaunchConfiguration
 
 from launch import LaunchContext
 from oaisys_ros_bridge.launching.arguments import Argument
-from oaisys_ros_bridge.node_settings import NodeSettings, node_settings
+from oaisys_ros_bridge.parameters.node_settings import NodeSettings, node_settings
 
 
 def declare(arguments: Mapping[str, Argument]) -> list[DeclareLaunchArgument]:

@@ -16,13 +16,13 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchContext
-from oaisys_ros_bridge.bag_parameters import RECORDER
 from oaisys_ros_bridge.launching.declaring import settings_of, value_of
 from oaisys_ros_bridge.launching.ending import end_all
 from oaisys_ros_bridge.launching.readiness import WatchReadiness, on_ready
 from oaisys_ros_bridge.launching.views import rviz
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC, require_namespace
-from oaisys_ros_bridge.node_settings import NodeSettings
+from oaisys_ros_bridge.parameters.bags import RECORDER
+from oaisys_ros_bridge.parameters.node_settings import NodeSettings
 
 PACKAGE = "oaisys_ros_bridge"
 READY = b"ready: "

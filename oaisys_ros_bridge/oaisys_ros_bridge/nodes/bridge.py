@@ -16,40 +16,46 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_core.types import SampleOutline, SimulatorInfo
-from oaisys_grpc.client import client_tls
+from oaisys_grpc.client.simulator_client import client_tls
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
-from oaisys_ros_bridge.command_queue import CommandQueue
-from oaisys_ros_bridge.diagnostics import (
+from oaisys_ros_bridge.bridge.command_queue import CommandQueue
+from oaisys_ros_bridge.bridge.diagnostics import (
     FIRST_BATCH_ERROR,
     FIRST_BATCH_RETRIED,
     diagnostics_msg,
     resident_mb,
     simulator_values,
 )
-from oaisys_ros_bridge.managed_node import ACTIVE, FINALIZED, INACTIVE, UNCONFIGURED, ManagedNode
-from oaisys_ros_bridge.node_parameters import ParameterNode
-from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
-from oaisys_ros_bridge.parameter_table import Changeable, ParameterRow
-from oaisys_ros_bridge.parameters import BRIDGE
-from oaisys_ros_bridge.publication import Publication
-from oaisys_ros_bridge.qos import LATCHED_QOS, NEWEST_QOS
-from oaisys_ros_bridge.readers import Readers
-from oaisys_ros_bridge.rendering import Renderer, View
-from oaisys_ros_bridge.requests import (
+from oaisys_ros_bridge.bridge.readers import Readers
+from oaisys_ros_bridge.bridge.rendering import Renderer, View
+from oaisys_ros_bridge.bridge.requests import (
     metadata_of_module,
     metadata_of_modules,
     poses_of_trajectory,
 )
-from oaisys_ros_bridge.simulation import Simulation
-from oaisys_ros_bridge.simulator_link import LinkState, SimulatorLink
-from oaisys_ros_bridge.sweep import sweep_server
-from oaisys_ros_bridge.turns import Turns
-from oaisys_ros_bridge.world_topics import WorldTopics
-from oaisys_ros_bridge.worlds import WorldRequest
+from oaisys_ros_bridge.bridge.simulator_link import LinkState, SimulatorLink
+from oaisys_ros_bridge.bridge.sweep import sweep_server
+from oaisys_ros_bridge.bridge.turns import Turns
+from oaisys_ros_bridge.nodes.managed_node import (
+    ACTIVE,
+    FINALIZED,
+    INACTIVE,
+    UNCONFIGURED,
+    ManagedNode,
+)
+from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK, run_node
+from oaisys_ros_bridge.parameters.bridge import BRIDGE
+from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
+from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow
+from oaisys_ros_bridge.publishing.publication import Publication
+from oaisys_ros_bridge.publishing.world_topics import WorldTopics
+from oaisys_ros_bridge.qos import LATCHED_QOS, NEWEST_QOS
+from oaisys_ros_bridge.simulation_interfaces.simulation import Simulation
+from oaisys_ros_bridge.simulation_interfaces.worlds import WorldRequest
 
 if TYPE_CHECKING:
-    from oaisys_ros_bridge.simulation_services import SimulationServices
+    from oaisys_ros_bridge.simulation_interfaces.services import SimulationServices
 
 DIAGNOSTICS_PERIOD_S = 1.0
 ACTIVATION_TIMEOUT_S = 5.0
@@ -63,7 +69,7 @@ class BridgeNode(ParameterNode, ManagedNode):
 
     A managed node: configured, it knows the simulator and offers its topics; active, it renders.
     By default it goes there by itself, and again whenever the simulator has come back.
-    Its parameters are the rows of `oaisys_ros_bridge.parameters.BRIDGE`.
+    Its parameters are the rows of `oaisys_ros_bridge.parameters.bridge.BRIDGE`.
 
     Args:
         stop: Set once somebody has shut the node down: there is no way back from that.
@@ -208,7 +214,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         if not self.parameters["simulation_interfaces"]:
             return None
         try:
-            from oaisys_ros_bridge.simulation_services import SimulationServices
+            from oaisys_ros_bridge.simulation_interfaces.services import SimulationServices
         except ImportError as error:
             self.get_logger().warning(f"simulation_interfaces are not offered: {error}")
             return None

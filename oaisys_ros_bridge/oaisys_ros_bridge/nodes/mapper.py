@@ -30,25 +30,30 @@ from visualization_msgs.msg import Marker
 from oaisys_core.errors import DeadlineExceededError, NotReadyError, OaisysError
 from oaisys_core.types import DEPTH, RGB
 from oaisys_grpc.memory import keep_freed_memory
+from oaisys_mapping.evaluation.metrics import Extras, evaluate_reconstruction
+from oaisys_mapping.evaluation.truth_io import read_truth
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import write_ply
-from oaisys_mapping.metrics import Extras, evaluate_reconstruction
-from oaisys_mapping.semantic_fusion import class_colors
-from oaisys_mapping.truth_io import read_truth
 from oaisys_mapping.tsdf import TsdfVolume
+from oaisys_mapping.voxels.semantic_fusion import class_colors
 from oaisys_msgs.msg import MapStatus, SampleInfo, SemanticLabels
 from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
-from oaisys_ros_bridge.frame_assembly import COLOR_WAIT_S, FrameAssembler
-from oaisys_ros_bridge.fusion import DepthFrame, Fusion
-from oaisys_ros_bridge.mapper_parameters import MAPPER, tsdf_config
-from oaisys_ros_bridge.node_parameters import ParameterNode
-from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
+from oaisys_ros_bridge.mapper.fusion import DepthFrame, Fusion
+from oaisys_ros_bridge.mapper.surface_messages import at_most
+from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK, run_node
+from oaisys_ros_bridge.parameters.mapper import MAPPER, tsdf_config
+from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
+from oaisys_ros_bridge.publishing.stamps import nanoseconds
 from oaisys_ros_bridge.qos import DEEP_QOS, DEEP_TF_QOS, LATCHED_QOS, SAMPLE_INFO_QOS, TF_STATIC_QOS
-from oaisys_ros_bridge.sample_ledger import LedgerState, shortfall
-from oaisys_ros_bridge.sample_watch import SampleWatch, counting_losses, losses_msg, name_of
-from oaisys_ros_bridge.stamps import nanoseconds
-from oaisys_ros_bridge.surface import at_most
+from oaisys_ros_bridge.subscribing.frame_assembly import COLOR_WAIT_S, FrameAssembler
+from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
+from oaisys_ros_bridge.subscribing.sample_watch import (
+    SampleWatch,
+    counting_losses,
+    losses_msg,
+    name_of,
+)
 
 BATCH_TOPIC = "oaisys_bridge/batch"
 SAMPLE_INFO_TOPIC = "oaisys_bridge/sample_info"

@@ -14,11 +14,11 @@ from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError, NotFoundError, OaisysError
-from oaisys_ros_bridge.bag_parameters import PLAYER
-from oaisys_ros_bridge.bag_reader import BagReader, RecordedMessage
-from oaisys_ros_bridge.node_parameters import ParameterNode
-from oaisys_ros_bridge.node_process import run_node
-from oaisys_ros_bridge.played_topic import PlayedTopic
+from oaisys_ros_bridge.bags.played_topic import PlayedTopic
+from oaisys_ros_bridge.bags.reading import BagReader, RecordedMessage
+from oaisys_ros_bridge.nodes.node_process import run_node
+from oaisys_ros_bridge.parameters.bags import PLAYER
+from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 
 CLOCK = "/clock"
 LOOK_PERIOD_S = 0.05

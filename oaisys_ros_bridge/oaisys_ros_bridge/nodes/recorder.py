@@ -24,22 +24,22 @@ from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.bag import BagWriter, RecordedTopic, qos_entry
-from oaisys_ros_bridge.bag_info import SAMPLE_INFO_TYPE, TF_TYPE
-from oaisys_ros_bridge.bag_losses import BagLosses
-from oaisys_ros_bridge.bag_parameters import RECORDER
-from oaisys_ros_bridge.message_definition import message_class
+from oaisys_ros_bridge.bags.info import SAMPLE_INFO_TYPE, TF_TYPE
+from oaisys_ros_bridge.bags.losses import BagLosses
+from oaisys_ros_bridge.bags.message_definition import message_class
+from oaisys_ros_bridge.bags.serialized_stamps import StampReader, stamp_reader
+from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.namespaces import TF
-from oaisys_ros_bridge.node_parameters import ParameterNode
-from oaisys_ros_bridge.node_process import OWN_CLOCK, run_node
+from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK, run_node
+from oaisys_ros_bridge.parameters.bags import RECORDER
+from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.qos import DEEP_TF_QOS, LATCHED_QOS, SAMPLE_INFO_QOS
-from oaisys_ros_bridge.sample_watch import (
+from oaisys_ros_bridge.subscribing.sample_watch import (
     SAMPLE_INFO,
     SampleWatch,
     counting_losses,
     name_of,
 )
-from oaisys_ros_bridge.serialized_stamps import StampReader, stamp_reader
 
 TELL_PERIOD_S = 3.0
 """Between two looks at which topics are still without a publisher."""

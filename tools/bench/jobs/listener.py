@@ -22,8 +22,8 @@ from oaisys_core.types import Pose
 from oaisys_msgs.msg import SampleInfo
 from oaisys_msgs.srv import SetMetadata, SetPose
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
+from oaisys_ros_bridge.experiments.survey_client import DIAGNOSTICS_DEPTH, SUBSCRIBERS
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS
-from oaisys_ros_bridge.survey_client import DIAGNOSTICS_DEPTH, SUBSCRIBERS
 
 TIMEOUT_S = 300.0
 COLOR, DEPTH = "/camera/color/image_raw", "/camera/depth/image_raw"

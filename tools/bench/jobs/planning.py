@@ -17,7 +17,7 @@ from oaisys_core.types import DEPTH, FloatArray, ModuleMetadata, Pose, merged
 from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
 from oaisys_mapping.exploration.planners import CANDIDATES, NextBestViewPlanner
 from oaisys_mapping.exploration.voxel_map import VoxelMap
-from oaisys_ros_bridge.explore_plan import flight_box, start_pose
+from oaisys_ros_bridge.experiments.explore.plan import flight_box, start_pose
 from tools.bench.jobs.processes import camera
 from tools.bench.settings import Say, Settings
 

@@ -14,7 +14,7 @@ import psutil
 import yaml
 
 from oaisys_core.types import merged
-from oaisys_ros_bridge.processes import ManagedProcess
+from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from tools.bench.settings import CONFIG, Settings
 
 START_TIMEOUT_S = 300.0

@@ -10,7 +10,7 @@ import psutil
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.types import Pose, merged
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_ros_bridge.transport import prepare_transport
 from tools.bench.jobs.listener import COLORED, DEPTH, TOPICS, Listener
 from tools.bench.jobs.processes import (

@@ -8,7 +8,7 @@ from typing import Any
 from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, Pose, merged
-from oaisys_grpc.client import SimulatorClient
+from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.memory import keep_freed_memory
 from tools.bench.jobs.memory import peak_memory_mb
 from tools.bench.jobs.processes import SERVER, SMALL_WORLD, WORKER, camera, child, server

@@ -14,14 +14,14 @@ from oaisys_core.backend.blender.compat import DIFFUSE_COLOR
 from oaisys_core.backend.blender.denoiser import Denoiser, blenders_denoiser
 from oaisys_core.backend.blender.devices import use_device
 from oaisys_core.backend.blender.engine import Rendered, render_scene
-from oaisys_core.backend.blender.view_transform import VIEW_TRANSFORMS, to_pixels
-from oaisys_core.backend.budget import Effort
-from oaisys_core.backend.pixel_filter import (
+from oaisys_core.backend.blender.pixel_filter import (
     CYCLES_WIDTH_PX,
     SAMPLED_WIDTH_PX,
     shared,
     shared_guide,
 )
+from oaisys_core.backend.blender.time_budget import Effort
+from oaisys_core.backend.blender.view_transform import VIEW_TRANSFORMS, to_pixels
 from oaisys_core.color import encoded
 from oaisys_core.errors import RenderError
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.budget import Effort
+from oaisys_core.backend.blender.time_budget import Effort
 from oaisys_core.errors import RenderError
 
 Image = NDArray[np.float32]

@@ -14,7 +14,7 @@ import numpy as np
 from cycles import CyclesRender
 from numpy.typing import NDArray
 
-from oaisys_core.standard_output import without_c_output
+from oaisys_core.cli.standard_output import without_c_output
 
 _SAMPLE = re.compile(r"Sample (\d+)/\d+")
 

@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 from oaisys_core.backend.blender.camera import place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.engine import render_scene
-from oaisys_core.backend.blender.instances import ID, ids_of
-from oaisys_core.backend.blender.nodes import NodeTree
+from oaisys_core.backend.blender.materials.nodes import NodeTree
+from oaisys_core.backend.blender.objects.instances import ID, ids_of
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.scene import PlacedCamera, Scene, TerrainMaterial, id_of_level
-from oaisys_core.terrain_material import grain_numbers
 from oaisys_core.types import DEPTH, INSTANCE, SEMANTIC_0, FloatArray, semantic_level
+from oaisys_core.world.terrain_material import grain_numbers
 
 FILTER_WIDTH_PX = 0.01
 """Least width of the pixel filter."""

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.backend.aside import Aside, computed_aside
 from oaisys_core.backend.base import (
     Backend,
     FramesCallback,
@@ -24,20 +23,27 @@ from oaisys_core.backend.base import (
     ignore_frames,
     in_order,
 )
+from oaisys_core.backend.blender.background_geometry import Aside, computed_aside
 from oaisys_core.backend.blender.camera import moving, new_camera, place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.cycles import Cycles
 from oaisys_core.backend.blender.distortion import covering_pinhole, distorted_image, scaled_pinhole
 from oaisys_core.backend.blender.engine import Rendered
-from oaisys_core.backend.blender.footprint import set_pixel_angle
-from oaisys_core.backend.blender.lights import Lights
-from oaisys_core.backend.blender.world import World
-from oaisys_core.backend.budget import Cost, Effort, TimeBudget, effort_for, least_effort
+from oaisys_core.backend.blender.materials.footprint import set_pixel_angle
+from oaisys_core.backend.blender.objects.lights import Lights
+from oaisys_core.backend.blender.objects.world import World
+from oaisys_core.backend.blender.time_budget import (
+    Cost,
+    Effort,
+    TimeBudget,
+    effort_for,
+    least_effort,
+)
 from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.passes import frame_of, geometry_frames
 from oaisys_core.backend.surface import Surface
-from oaisys_core.effects import with_effects
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import Lens, PlacedCamera, Scene, Sky
+from oaisys_core.sensing.effects import with_effects
 from oaisys_core.types import (
     ALBEDO,
     RGB,

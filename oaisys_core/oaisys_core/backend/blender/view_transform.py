@@ -12,8 +12,8 @@ import numpy as np
 import PyOpenColorIO
 from numpy.typing import NDArray
 
-from oaisys_core.backend.aside import CORES
 from oaisys_core.backend.base import ViewTransform
+from oaisys_core.backend.blender.background_geometry import CORES
 
 VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
 """Blender's names of ours. All end in sRGB, but for raw, whose values are linear."""

@@ -1,0 +1,1 @@
+"""Materials as Blender's shader nodes."""

@@ -1,0 +1,85 @@
+"""Haze in materials: what is far is dimmed and veiled, in linear light, as the camera sees it.
+
+A volume would make Cycles march through the air of every ray, at many times the noise and time;
+in homogeneous air its single-scattered light is this closed form (Koschmieder).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
+from oaisys_core.environment.light import veil_radiance
+from oaisys_core.sky import Color, Haze, Sky
+
+GROUP = "haze"
+"""Node group that all materials share, so that a change of the air rebuilds none of them."""
+
+COLOR, VEIL = 0, 1
+"""Outputs of the group."""
+
+
+def through_haze(tree: NodeTree, color: Any) -> tuple[Socket, Socket]:
+    """Return a surface's colour as the camera sees it through the air, and the air's radiance.
+
+    The second is what the surface must emit in addition. Other rays than the camera's see the
+    surface as it is. Give the material to `without_light_sampling` as well.
+    """
+    node = tree.add("Group", node_tree=_group())
+    tree.connect(color, node.inputs[0])
+    return node.outputs[COLOR], node.outputs[VEIL]
+
+
+def without_light_sampling(material: Any) -> None:
+    """Keep Cycles from treating every triangle of a veiled material as a lamp."""
+    material.cycles.emission_sampling = "NONE"
+
+
+def set_haze(sky: Sky) -> None:
+    """Make the air so in all materials."""
+    group = _group()
+    group.nodes.clear()
+    tree = NodeTree(group)
+    color = group.nodes.new("NodeGroupInput").outputs[0]
+    output = group.nodes.new("NodeGroupOutput")
+    veil: Any = None
+    if sky.haze is not None:
+        color, veil = _before_materials(tree, color, sky.haze, veil_radiance(sky, sky.haze))
+    group.links.new(color, output.inputs[COLOR])
+    if veil is not None:
+        group.links.new(veil, output.inputs[VEIL])
+
+
+def clear_share(tree: NodeTree, haze: Haze, distance_m: Socket) -> Socket:
+    """Return the share of light, by colour, that is left after a distance."""
+    factor = -np.array(haze.extinction_per_m) / np.log(2.0)
+    # Powers of two: there is a vector operation for powers, but none for exponentials.
+    return tree.vector("POWER", 2.0, tree.scaled(tuple(factor.tolist()), distance_m))
+
+
+def _before_materials(
+    tree: NodeTree, color: Socket, haze: Haze, veil: Color
+) -> tuple[Socket, Socket]:
+    away_m = tree.add("CameraData").outputs["View Distance"]
+    seen_m = tree.math("MULTIPLY", away_m, tree.add("LightPath").outputs["Is Camera Ray"])
+    clear = clear_share(tree, haze, seen_m)
+    hidden = tree.vector("SUBTRACT", 1.0, clear)
+    return tree.vector("MULTIPLY", color, clear), tree.vector("MULTIPLY", hidden, veil)
+
+
+def _group() -> Any:
+    group = bpy.data.node_groups.get(GROUP)
+    if group is not None:
+        return group
+    group = bpy.data.node_groups.new(GROUP, "ShaderNodeTree")
+    # Outlives a purge between two worlds.
+    group.use_fake_user = True
+    for name, direction in (("Color", "INPUT"), ("Color", "OUTPUT"), ("Veil", "OUTPUT")):
+        socket = group.interface.new_socket(name, in_out=direction, socket_type="NodeSocketColor")
+        socket.default_value = (0.0, 0.0, 0.0, 1.0)
+    nodes = group.nodes
+    group.links.new(nodes.new("NodeGroupInput").outputs[0], nodes.new("NodeGroupOutput").inputs[0])
+    return group

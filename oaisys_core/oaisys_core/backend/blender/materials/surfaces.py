@@ -1,0 +1,114 @@
+"""Materials of what stands on the ground: textured from three sides, or of one colour."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.materials.footprint import by_footprint
+from oaisys_core.backend.blender.materials.haze import through_haze, without_light_sampling
+from oaisys_core.backend.blender.materials.images import ImageStore
+from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
+from oaisys_core.backend.blender.objects.instances import SIZE
+from oaisys_core.backend.raycast.shading import linear, mean_color
+from oaisys_core.scene import PbrMaps
+
+BOX_BLEND = 0.25
+"""Share of a rock's surface over which projections from two sides run into each other."""
+
+ROCK_BUMP_M = 0.02
+"""Height that a rock texture's full range stands for."""
+
+ROCK_BRIGHTNESS = (0.85, 0.3)
+"""Least brightness of a rock, and how much more it may have at random."""
+
+
+def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
+    """Return a material that projects a texture from three sides.
+
+    A texel has one size on rocks of all sizes; their places shift the texture, so that no two
+    look alike.
+    """
+    result = new_material(maps.name)
+    tree = NodeTree(node_tree_of(result))
+    info = tree.add("ObjectInfo")
+    position = tree.vector(
+        "MULTIPLY_ADD",
+        tree.add("TexCoord").outputs["Object"],
+        tree.add("Attribute", attribute_type="INSTANCER", attribute_name=SIZE).outputs["Fac"],
+        info.outputs["Location"],
+    )
+    place = tree.scaled(position, 1.0 / maps.tile_m)
+    least, range_ = ROCK_BRIGHTNESS
+    brightness = tree.math("MULTIPLY_ADD", info.outputs["Random"], range_, least)
+    veil: Socket = None
+    surfaces = []
+    levels = images.levels(maps)
+    for level in levels:
+        color = tree.scaled(_box(tree, images.color(level), place).outputs["Color"], brightness)
+        height = _box(tree, images.height(level), place).outputs["Color"]
+        bump = tree.add("Bump", {"Height": height, "Distance": ROCK_BUMP_M, "Strength": 1.0})
+        roughness = float(level.roughness.mean()) / 255
+        surface, veil = diffuse(tree, color, roughness, bump.outputs[0])
+        surfaces.append(surface)
+    texel_m = maps.tile_m / len(maps.color_srgb)
+    bounds_m = [texel_m * 2**step for step in range(1, len(levels))]
+    seen = by_footprint(tree, bounds_m, surfaces)
+    red, green, blue = mean_color(levels[-1])
+    color = tree.scaled((red, green, blue), brightness)
+    mean = tree.add("BsdfDiffuse", {"Color": color, "Roughness": roughness}).outputs[0]
+    show(tree, without_detail(tree, seen, mean), veil)
+    return result
+
+
+def without_detail(tree: NodeTree, seen: Socket, mean: Socket) -> Socket:
+    """Return a surface that is ``mean`` to light on its way from it to something dull.
+
+    Nobody can tell by such light what detail it came from, and to look it up takes time.
+    """
+    return tree.mixed(tree.add("LightPath").outputs["Is Diffuse Ray"], seen, mean)
+
+
+def plain_material(color_srgb: tuple[float, float, float]) -> Any:
+    """Return a dull material of one colour."""
+    result = new_material("plain")
+    red, green, blue = linear(color_srgb)
+    tree = NodeTree(node_tree_of(result))
+    show(tree, *diffuse(tree, (red, green, blue, 1.0), 0.5, None))
+    return result
+
+
+def new_material(name: str) -> Any:
+    """Return a material without nodes of its own."""
+    material = bpy.data.materials.new(name)
+    without_light_sampling(material)
+    return material
+
+
+def _box(tree: NodeTree, image: Any, place: Socket) -> Any:
+    return tree.add(
+        "TexImage", {"Vector": place}, image=image, projection="BOX", projection_blend=BOX_BLEND
+    )
+
+
+def diffuse(
+    tree: NodeTree, color: Any, roughness: Any, normal: Socket | None
+) -> tuple[Socket, Socket]:
+    """Return a diffuse surface in hazy air, and the radiance of that air.
+
+    On dry ground, gloss costs noise and shows nothing.
+    """
+    color, veil = through_haze(tree, color)
+    inputs: dict[str | int, Any] = {"Color": color, "Roughness": roughness}
+    if normal is not None:
+        inputs["Normal"] = normal
+    return tree.add("BsdfDiffuse", inputs).outputs[0], veil
+
+
+def show(tree: NodeTree, surface: Socket, veil: Socket) -> None:
+    """Make a surface and the air before it a material's output."""
+    air = tree.add("Emission", {"Color": veil}).outputs[0]
+    both = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
+    tree.add("OutputMaterial", {"Surface": both})

@@ -1,0 +1,1 @@
+"""A scene's ground, objects, light and sky as Blender's objects."""

@@ -1,0 +1,138 @@
+"""What is seen, and shines, where nothing stands: sky, sky images and the far plain."""
+
+from __future__ import annotations
+
+from math import cos, pi, sin
+from typing import Any
+
+import bpy
+import numpy as np
+
+from oaisys_core.backend.blender.compat import SKY_SCALE, node_tree_of, set_up_sky_node
+from oaisys_core.backend.blender.materials.haze import clear_share
+from oaisys_core.backend.blender.materials.images import new_image
+from oaisys_core.backend.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
+from oaisys_core.environment.light import plain_radiance, sun_color, veil_radiance
+from oaisys_core.sky import Color, Haze, Hdri, Sky, SkyImage
+
+LEAST_UP = 1e-4
+"""Upward component of a ray at the horizon and below, for what has no end there."""
+
+LEAST_DISC_RAD = 1e-4
+"""Radius of the sun's disc in the picture, at least: a point would be infinitely bright."""
+
+
+class Background:
+    """Blender's world: its shader is built anew whenever the sky changes."""
+
+    def __init__(self) -> None:
+        self._world = bpy.data.worlds.new("world")
+        bpy.context.scene.world = self._world
+        self._image: Any = None
+        self._image_of: SkyImage | None = None
+
+    def set(self, sky: Sky) -> None:
+        """Make the sky so."""
+        self._keep_image(sky.hdri.image if sky.hdri else None)
+        # An image may hold a sun, at which rays must be aimed. Of a sky without its disc, rays that
+        # bounce find enough, and the lamp is then never passed over in its favour: half the noise.
+        self._world.cycles.sampling_method = "AUTOMATIC" if sky.hdri else "NONE"
+        tree = NodeTree(node_tree_of(self._world))
+        ray = tree.add("TexCoord").outputs["Generated"]
+        if sky.hdri is not None:
+            color = self._hdri_color(tree, sky.hdri, ray)
+        else:
+            color = _sky_color(tree, sky, ray)
+        if sky.sun_disc > 0:
+            color = tree.vector("ADD", color, _disc_color(tree, sky, ray))
+        if sky.shows_plain:
+            color = _above_plain(tree, sky, ray, color)
+        if sky.haze is not None:
+            color = _behind_haze(tree, sky, sky.haze, ray, color)
+        background = tree.add("Background", {"Color": color})
+        tree.add("OutputWorld", {"Surface": background.outputs[0]})
+
+    def _hdri_color(self, tree: NodeTree, hdri: Hdri, ray: Socket) -> Socket:
+        turned = tree.add(
+            "VectorRotate", {"Vector": ray, "Angle": -hdri.rotation_rad}, rotation_type="Z_AXIS"
+        ).outputs[0]
+        texel = tree.add("TexEnvironment", {"Vector": turned}, image=self._image)
+        return tree.scaled(texel.outputs["Color"], hdri.strength)
+
+    def _keep_image(self, image: SkyImage | None) -> None:
+        if image is self._image_of:
+            return
+        if self._image is not None:
+            bpy.data.images.remove(self._image)
+        self._image = None if image is None else _new_image(image)
+        self._image_of = image
+
+
+def _sky_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
+    if sky.model == "none":
+        return _constant(tree, (0.0, 0.0, 0.0))
+    if sky.model == "plain":
+        return tree.scaled(_gradient_color(tree, sky, ray), sky.sky_strength)
+    node = tree.add("TexSky")
+    set_up_sky_node(node, sky)
+    return tree.scaled(node.outputs[0], SKY_SCALE * sky.sky_strength)
+
+
+def _gradient_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
+    gradient = sky.gradient
+    up = tree.math("MAXIMUM", _up(tree, ray), 0.0)
+    zenith, horizon = np.array(gradient.zenith), np.array(gradient.horizon)
+    change = tree.scaled(tuple((zenith - horizon).tolist()), tree.math("SQRT", up))
+    color = tree.vector("ADD", change, gradient.horizon)
+    angle = tree.math("ARCCOSINE", _towards_sun(tree, sky, ray))
+    share = tree.math("EXPONENT", tree.math("DIVIDE", angle, -gradient.glow_rad))
+    return tree.vector("ADD", color, tree.scaled(gradient.glow, share))
+
+
+def _disc_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
+    """Return what the camera sees of the sun's disc; the light itself comes from the lamp."""
+    radius = max(sky.sun_angular_diameter_rad / 2, LEAST_DISC_RAD)
+    radiance = sky.sun_disc * sky.sun_strength_w_m2 / (pi * sin(radius) ** 2)
+    inside = tree.math("GREATER_THAN", _towards_sun(tree, sky, ray), cos(radius))
+    is_seen = tree.math("MULTIPLY", inside, tree.add("LightPath").outputs["Is Camera Ray"])
+    return tree.scaled(tuple(radiance * share for share in sun_color(sky)), is_seen)
+
+
+def _above_plain(tree: NodeTree, sky: Sky, ray: Socket, color: Socket) -> Socket:
+    """Return the sky's colour above the horizon and a far plain's below it.
+
+    It lights things from below; what the camera sees there is the plain's own mesh.
+    """
+    is_below = tree.math("LESS_THAN", _up(tree, ray), 0.0)
+    return tree.color_mix(is_below, color, (*plain_radiance(sky), 1.0)).outputs[MIX_RESULT]
+
+
+def _behind_haze(tree: NodeTree, sky: Sky, haze: Haze, ray: Socket, color: Socket) -> Socket:
+    """Return the colour behind a layer of haze, of which less and less is seen towards zenith."""
+    up = tree.math("MAXIMUM", _up(tree, ray), LEAST_UP)
+    clear = clear_share(tree, haze, tree.math("DIVIDE", haze.thickness_m, up))
+    veil = tree.vector("MULTIPLY", tree.vector("SUBTRACT", 1.0, clear), veil_radiance(sky, haze))
+    return tree.vector("ADD", tree.vector("MULTIPLY", color, clear), veil)
+
+
+def _up(tree: NodeTree, ray: Socket) -> Socket:
+    return tree.add("SeparateXYZ", {0: ray}).outputs["Z"]
+
+
+def _towards_sun(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
+    """Return the cosine of the angle between the ray and the direction of the sun."""
+    product = tree.add("VectorMath", {0: ray, 1: sky.to_sun}, operation="DOT_PRODUCT")
+    return tree.math("MINIMUM", product.outputs["Value"], 1.0)
+
+
+def _constant(tree: NodeTree, color: Color) -> Socket:
+    socket = tree.add("RGB").outputs[0]
+    socket.default_value = (*color, 1.0)
+    return socket
+
+
+def _new_image(image: SkyImage) -> Any:
+    rows, cols, _ = image.radiance.shape
+    pixels = np.ones((rows, cols, 4), dtype=np.float32)
+    pixels[..., :3] = image.radiance[::-1]
+    return new_image(image.name, pixels, is_float=True, is_color=False)

@@ -1,0 +1,97 @@
+"""A scene's ground and objects as Blender's objects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from oaisys_core.backend.blender.materials.ground import ground_material
+from oaisys_core.backend.blender.materials.images import ImageStore
+from oaisys_core.backend.blender.objects.far_plain import Plain
+from oaisys_core.backend.blender.objects.ground_mesh import GroundMeshes
+from oaisys_core.backend.blender.objects.meshes import evaluated_mesh, new_object
+from oaisys_core.backend.blender.objects.things import Objects
+from oaisys_core.scene import Scene, stands_on
+from oaisys_core.types import TriangleMesh
+
+
+class World:
+    """Everything solid in Blender's scene."""
+
+    def __init__(self) -> None:
+        self._images = ImageStore()
+        self._ground: Any = None
+        self._ground_meshes = GroundMeshes()
+        self._plain = Plain()
+        self._scene: Scene | None = None
+        self._objects = Objects(self._images)
+
+    def clear(self, scene: Scene) -> bool:
+        """Remove all objects; return whether ``scene`` stands on the same ground, which stays."""
+        self._objects.clear()
+        if self._ground is None:
+            return False
+        stays = stands_on(self._scene, scene)
+        if not stays:
+            self._remove_ground()
+        return stays
+
+    def build_ground(self, scene: Scene) -> None:
+        """Make the ground where none was kept."""
+        self._scene = scene
+        if self._ground is not None:
+            return
+        mesh = self._ground_meshes.make(scene.ground)
+        mesh.materials.append(ground_material(scene.material, self._images))
+        self._ground = new_object("ground", mesh, np.eye(4))
+        self._plain.build(scene, mesh.materials[0])
+
+    def show_plain(self, is_shown: bool) -> None:
+        """Let the ground go on beyond the stage, or not."""
+        self._plain.show(is_shown)
+
+    def build_objects(self, scene: Scene) -> None:
+        """Make all that stands on the ground, then drop what nothing uses any more."""
+        self._objects.update(scene)
+        self._purge()
+
+    def update(self, scene: Scene) -> bool:
+        """Take over what a sample changed, and return whether the ground is another."""
+        before = self._scene
+        if before is None:
+            return False
+        is_new_ground = scene.ground is not before.ground
+        if is_new_ground and scene.material is before.material:
+            self._reshape_ground(scene)
+        elif scene.material is not before.material:
+            self._remove_ground()
+            self.build_ground(scene)
+        self._scene = scene
+        self._objects.update(scene)
+        parts = ("material", "prototypes", "primitives")
+        if any(getattr(scene, part) is not getattr(before, part) for part in parts):
+            self._purge()
+        return is_new_ground
+
+    def ground_mesh(self) -> TriangleMesh:
+        """Return the ground as it renders, without ids."""
+        return evaluated_mesh(self._ground)
+
+    def _reshape_ground(self, scene: Scene) -> None:
+        """Give the ground other triangles; its material, and what lies beyond, stay."""
+        old = self._ground.data
+        mesh = self._ground_meshes.make(scene.ground)
+        mesh.materials.append(old.materials[0])
+        self._ground.data = mesh
+        bpy.data.meshes.remove(old)
+
+    def _remove_ground(self) -> None:
+        bpy.data.batch_remove([self._ground])
+        self._ground = None
+        self._plain.clear()
+
+    def _purge(self) -> None:
+        bpy.data.orphans_purge(do_recursive=True)
+        self._images.remove_unused()

@@ -1,0 +1,1 @@
+"""Exact depth and labels by ray casting, shared by all backends."""

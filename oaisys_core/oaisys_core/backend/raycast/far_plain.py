@@ -1,0 +1,154 @@
+"""The ground beyond the stage: it slopes down to a plain that is level up to the horizon.
+
+Colour is rendered from its triangles (`rings`), depth and labels are cast at the same ones and,
+where they are level, at the plane that they lie in. The ground truth mesh ends with the stage.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.backend.raycast.ray_targets import NO_ELEMENT, TrianglePart
+from oaisys_core.backend.raycast.triangles import RayCaster
+from oaisys_core.scene import Ground
+from oaisys_core.terrain.detail import DetailedGround
+from oaisys_core.types import FloatArray, TriangleMesh
+
+EDGE_POINTS = 192
+"""Points along each edge of the stage."""
+
+FLAT_AT = 3.0
+"""Distance from the stage's centre, in shares of its edge's, from which the plain is level."""
+
+FARTHEST = 2000.0
+"""Distance at which its triangles end, likewise: at eye height their rim and the horizon are one.
+"""
+
+SLOPE = (0.9995, 1.0, 1.03, 1.08, 1.15, 1.25, 1.4, 1.6, 1.85, 2.1, 2.4, 2.7, FLAT_AT)
+LEVEL = (10.0, FARTHEST)
+"""Distances of the rings of points, likewise."""
+
+SUNK_M = 0.3
+"""Depth of the innermost ring below the stage, whose edge has more points."""
+
+
+class BeyondPart(TrianglePart):
+    """The ground beyond the stage, as rays meet it.
+
+    Attributes:
+        stage: The ground that it lies around.
+    """
+
+    def __init__(self, stage: Ground) -> None:
+        """Lay it around a stage, see `stage_of`."""
+        self.stage = stage
+        vertices_m, triangles = rings(stage, SLOPE)
+        self._slope = RayCaster([TriangleMesh(vertices_m.astype(np.float64), triangles)])
+        super().__init__(self._slope)
+        self._level_element = len(triangles)
+        self._level_m = float(vertices_m[-1, 2])
+        x0, y0, x1, y1 = stage.extent_m
+        self._low_m, self._high_m = np.array((x0, y0)), np.array((x1, y1))
+        self._inset_m = (self._high_m - self._low_m) / 2 * (1 - SLOPE[0])
+
+    def nearest(
+        self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
+    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        """See `Part`; ``directions`` are (R, 3)."""
+        found = np.full(limits.shape, np.inf)
+        elements = np.full(limits.shape, NO_ELEMENT, np.int64)
+        rays = np.flatnonzero(self._may_meet(origin_m, directions, limits))
+        if not len(rays):
+            return found, elements
+        slope_m, slope_elements = self._slope.intersect(origin_m, directions[rays])
+        level_m = self._to_level(origin_m, directions[rays])
+        found[rays] = np.minimum(slope_m, level_m)
+        elements[rays] = np.where(level_m < slope_m, self._level_element, slope_elements)
+        return found, elements
+
+    def normals(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
+        """See `Part`."""
+        normals = np.tile((0.0, 0.0, 1.0), (len(elements), 1))
+        of_slope = elements != self._level_element
+        normals[of_slope] = super().normals(elements[of_slope], points_m[of_slope])
+        return normals
+
+    def instance_ids(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
+        """See `Part`; it is ground."""
+        return np.zeros(elements.shape, np.uint32)
+
+    def height_m(self, xy_m: FloatArray) -> FloatArray:
+        """Return NaN: heights are asked of the stage alone."""
+        return np.full(len(xy_m), np.nan)
+
+    def _may_meet(
+        self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
+    ) -> NDArray[np.bool_]:
+        """Return (R,) which rays may get there: those that leave the stage before they end."""
+        low, high = self._low_m + self._inset_m, self._high_m - self._inset_m
+        xy = origin_m[:2]
+        may = np.ones(len(directions), bool)
+        if origin_m[2] > self._slope.high_m[2]:
+            may = directions[:, 2] < 0
+        if (xy < low).any() or (xy > high).any():
+            return may
+        along = directions[:, :2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            leaves = (np.where(along > 0, high, low) - xy) / along
+        leaves[along == 0] = np.inf
+        return np.asarray(may & (leaves.min(axis=1) < limits))
+
+    def _to_level(self, origin_m: FloatArray, directions: FloatArray) -> FloatArray:
+        """Return (R,) distances to the level plane outside of the stage, ``+inf`` for none."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            t = (self._level_m - origin_m[2]) / directions[:, 2]
+            xy = origin_m[:2] + t[:, None] * directions[:, :2]
+        outside = ((xy < self._low_m) | (xy > self._high_m)).any(axis=1)
+        return np.where((t > 0) & np.isfinite(t) & outside, t, np.inf)
+
+
+def stage_of(ground: Ground) -> Ground:
+    """Return the ground as it is without finer parts near the cameras: its edge stays."""
+    return ground.coarse if isinstance(ground, DetailedGround) else ground
+
+
+def rings(
+    stage: Ground, scales: tuple[float, ...]
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return (V, 3) vertices and (T, 3) triangles of rings around a stage.
+
+    They only fall, from the stage's edge to the edge's lowest point.
+
+    Args:
+        stage: See `stage_of`.
+        scales: Of the rings, the first one in shares of the distance of the stage's edge.
+    """
+    x0, y0, x1, y1 = stage.extent_m
+    half_m = np.array(((x1 - x0) / 2, (y1 - y0) / 2))
+    centre_m = np.array((x0, y0)) + half_m
+    t = np.linspace(-1.0, 1.0, EDGE_POINTS, endpoint=False)
+    one = np.ones(EDGE_POINTS)
+    sides = ((t, -one), (one, t), (-t, one), (-one, -t))
+    edge = np.concatenate([np.column_stack(side) for side in sides])
+    # Just inside, for an edge is no part of every kind of ground.
+    height_m = stage.height_at(centre_m + edge * half_m * 0.9999)
+    lowest_m = np.nanmin(height_m) if np.isfinite(height_m).any() else 0.0
+    height_m = np.where(np.isfinite(height_m), height_m, lowest_m)
+
+    scale = np.array(scales)[:, None]
+    share = np.clip((scale - 1.0) / (FLAT_AT - 1.0), 0.0, 1.0)
+    z = lowest_m + (height_m - lowest_m) * (1.0 - share) ** 2 * (1.0 + 2.0 * share)
+    z[0] -= SUNK_M
+    xy = centre_m + scale[..., None] * edge * half_m
+    vertices = np.concatenate((xy, z[..., None]), axis=-1).reshape(-1, 3).astype(np.float32)
+    return vertices, _between_rings(len(scale), len(edge))
+
+
+def _between_rings(rings: int, points: int) -> NDArray[np.int32]:
+    """Return (T, 3) triangles, counter-clockwise from above, of rings one around the other."""
+    index = np.arange(rings * points, dtype=np.int32).reshape(rings, points)
+    a, b = index[:-1], index[1:]
+    a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
+    corners = np.stack((a, b, b_next, a, b_next, a_next), axis=-1).reshape(-1, 3)
+    return np.asarray(corners, dtype=np.int32)

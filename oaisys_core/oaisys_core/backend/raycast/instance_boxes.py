@@ -1,0 +1,141 @@
+"""Instances found by the boxes around them, where Embree's own instances are not to be had.
+
+A first structure holds one box around each instance; the rays that meet a box are then cast at
+that instance's prototype, in its own frame.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.backend.raycast.instance_arrays import Crowd, keep_nearer, turned
+from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, embree_scene
+from oaisys_core.backend.raycast.visible_pixels import BOX_CORNERS
+from oaisys_core.interruption import stop_if_unwanted
+from oaisys_core.types import FloatArray
+
+BOX_MARGIN = 0.01
+"""Share of a box's size by which it is enlarged, so that rays do not slip past it by rounding, and
+start outside of what it holds."""
+
+RAYS_AT_A_TIME = 10_000
+"""A ray that grazes the ground may meet thousands of boxes, each of them a pair to remember."""
+
+BOX_TRIANGLES = np.array(
+    [
+        *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5)),
+        *((0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6)),
+        *((0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)),
+    ],
+    np.int32,
+)
+"""Two per face: lower and upper x, then y, then z."""
+
+
+class BoxFinder:
+    """See `Finder`; what lies beyond the distances to lower need not be looked at."""
+
+    def __init__(self, crowd: Crowd) -> None:
+        self._crowd = crowd
+        reach_m = max(np.abs(crowd.low_m).max(), np.abs(crowd.high_m).max())
+        size_m = (crowd.high_m - crowd.low_m).max(axis=1, keepdims=True)
+        margin_m = BOX_MARGIN * size_m + 1e-6 * reach_m
+        self._low_m, self._high_m = crowd.low_m - margin_m, crowd.high_m + margin_m
+        self._origin_m = (self._low_m.min(axis=0) + self._high_m.max(axis=0)) / 2
+        low_m, high_m = self._low_m[:, None], self._high_m[:, None]
+        vertices = np.where(BOX_CORNERS == 0, low_m, high_m) - self._origin_m
+        first = (np.arange(len(vertices), dtype=np.int32) * 8)[:, None, None]
+        self._boxes = embree_scene(vertices.reshape(-1, 3), (BOX_TRIANGLES + first).reshape(-1, 3))
+
+    def find(
+        self,
+        origins_m: FloatArray,
+        directions: FloatArray,
+        best: FloatArray,
+        found: NDArray[np.int64],
+    ) -> None:
+        """See `Finder.find`: rays are cast at the instances of their boxes, from the nearest on."""
+        for first in range(0, len(directions), RAYS_AT_A_TIME):
+            some = slice(first, first + RAYS_AT_A_TIME)
+            origins = origins_m if origins_m.ndim == 1 else origins_m[some]
+            self._find(origins, directions[some], best[some], found[some])
+
+    def _find(
+        self,
+        origins_m: FloatArray,
+        directions: FloatArray,
+        best: FloatArray,
+        found: NDArray[np.int64],
+    ) -> None:
+        """Do so for some rays.
+
+        More boxes are tried in each round, as the rays that are left need ever more of them.
+        """
+        stop_if_unwanted()
+        rays, instances, enters = self._candidates(origins_m, directions, best)
+        origins = np.broadcast_to(origins_m, (*directions.shape[:-1], 3)).reshape(-1, 3)
+        ranks = np.arange(len(rays)) - np.searchsorted(rays, rays)
+        first, many = 0, 1
+        while first <= ranks.max(initial=-1):
+            stop_if_unwanted()
+            tried = (ranks >= first) & (ranks < first + many) & (enters < best[rays])
+            pairs = (rays[tried], instances[tried], enters[tried])
+            self._try(pairs, origins, directions, best, found)
+            first, many = first + many, 2 * many
+
+    def _candidates(
+        self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
+        """Return pairs of ray and instance with the distance to its box, by ray, nearest first."""
+        import open3d as o3d
+
+        rays_in_box = np.empty((len(directions), 6), np.float32)
+        rays_in_box[:, :3] = origins_m.reshape(-1, 3) - self._origin_m
+        rays_in_box[:, 3:] = directions
+        met = self._boxes.list_intersections(o3d.core.Tensor(rays_in_box))
+        rays, triangles, enters = (
+            met[name].numpy() for name in ("ray_ids", "primitive_ids", "t_hit")
+        )
+        instances, corner = np.divmod(triangles.astype(np.int64), len(BOX_TRIANGLES))
+        axis, is_upper = corner // 4, corner // 2 % 2 == 1
+        into = (directions.ravel()[3 * rays.astype(np.int64) + axis] < 0) == is_upper
+        near = into & (enters < limits[rays])
+        rays, instances = rays[near].astype(np.int64), instances[near]
+        enters = enters[near].astype(np.float64)
+        if origins_m.ndim == 1:
+            around = (self._low_m <= origins_m) & (origins_m <= self._high_m)
+            inside = np.flatnonzero(around.all(axis=1))
+            rays = np.concatenate((np.repeat(np.arange(len(directions)), len(inside)), rays))
+            instances = np.concatenate((np.tile(inside, len(directions)), instances))
+            enters = np.concatenate((np.zeros(len(inside) * len(directions)), enters))
+        order = np.lexsort((enters, rays))
+        return rays[order], instances[order], enters[order]
+
+    def _try(
+        self,
+        pairs: tuple[NDArray[np.int64], NDArray[np.int64], FloatArray],
+        origins_m: FloatArray,
+        directions: FloatArray,
+        best: FloatArray,
+        found: NDArray[np.int64],
+    ) -> None:
+        """Cast rays at one instance each, in its frame and from its box on; keep what is nearer."""
+        crowd = self._crowd
+        rays, instances, enters = pairs
+        entries_m = origins_m[rays] + enters[:, None] * directions[rays]
+        T = crowd.T_object_map[instances]
+        origins = turned(T[:, :3, :3], entries_m) + T[:, :3, 3]
+        local_directions = turned(T[:, :3, :3], directions[rays])
+        distances = np.empty(len(rays))
+        triangle_ids = np.empty(len(rays), np.int64)
+        for group, rows in crowd.by_group(instances):
+            distances[rows], triangle_ids[rows] = crowd.shapes[group].caster.intersect(
+                origins[rows], local_directions[rows]
+            )
+        hit = triangle_ids != NO_TRIANGLE
+        rays, distances = rays[hit], (enters + distances)[hit]
+        triangle_ids = triangle_ids[hit] + crowd.first[instances[hit]]
+        farthest_first = np.argsort(-distances, kind="stable")
+        of_hits = (each[farthest_first] for each in (rays, distances, triangle_ids))
+        keep_nearer(best, found, *of_hits)

@@ -1,0 +1,91 @@
+"""Simple colour for rays that were cast: mean colours under Lambert's law, and a graded sky."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.backend.raycast.id_table import table_of
+from oaisys_core.backend.raycast.skylight import in_haze, sky_irradiance_w_m2, sky_radiance
+from oaisys_core.backend.surface import View
+from oaisys_core.color import encoded, linear
+from oaisys_core.scene import MeshPrototype, PbrMaps, Scene, Sky
+from oaisys_core.types import FloatArray
+
+__all__ = ["Palette", "encoded", "linear", "mean_color", "shaded"]
+
+
+class Palette:
+    """Linear colours of everything in a scene."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._means: dict[int, tuple[object, FloatArray]] = {}
+        self.update(scene)
+
+    def update(self, scene: Scene) -> None:
+        """Take over a changed scene; the means of textures are kept."""
+        self._material = scene.material
+        self._layers = np.array([self._mean_of(layer.maps) for layer in scene.material.layers])
+        of_placements = [self._mean_of(scene.prototypes[p.prototype]) for p in scene.placements]
+        of_primitives = [linear(p.color_srgb) for p in scene.primitives]
+        self._of_instance = table_of(scene, of_placements, of_primitives, np.float64)
+
+    def albedo(self, view: View) -> FloatArray:
+        """Return the (H, W, 3) linear reflectance of what a view sees, 0 for nothing."""
+        albedo = np.zeros_like(view.points_m)
+        ground_xy_m = view.points_m[view.is_ground][:, :2]
+        albedo[view.is_ground] = self._material.weights_at(ground_xy_m) @ self._layers
+        on_object = view.instance_ids > 0
+        if on_object.any():
+            albedo[on_object] = self._of_instance(view.instance_ids[on_object])
+        return albedo
+
+    def _mean_of(self, thing: PbrMaps | MeshPrototype) -> FloatArray:
+        if id(thing) not in self._means:
+            color = mean_color(thing) if isinstance(thing, PbrMaps) else prototype_color(thing)
+            self._means[id(thing)] = (thing, color)
+        return self._means[id(thing)][1]
+
+
+def shaded(
+    view: View, normals: FloatArray, palette: Palette, sky: Sky, exposure_ev: float
+) -> NDArray[np.uint8]:
+    """Return the (H, W, 3) sRGB colour of a view.
+
+    Radiance is albedo / π times the irradiance of sun and sky; the sky's share falls to half on
+    a wall (a uniform hemisphere above level ground). White is a radiance of 1 at 0 EV.
+    """
+    sun_w_m2 = sky.lamp_w_m2 * np.maximum(normals @ np.array(sky.to_sun), 0.0)
+    sky_w_m2 = sky_irradiance_w_m2(sky) * (1 + normals[..., 2]) / 2
+    radiance = palette.albedo(view) * ((sun_w_m2 + sky_w_m2) / pi)[..., None]
+    seen = view.is_hit
+    if sky.haze is not None:
+        distance_m = view.depth_m[seen] * np.linalg.norm(view.directions[seen], axis=-1)
+        radiance[seen] = in_haze(radiance[seen], distance_m, sky.haze, sky)
+    radiance[~seen] = sky_radiance(sky, view.directions[~seen])
+    return encoded(radiance * 2.0**exposure_ev)
+
+
+def prototype_color(prototype: MeshPrototype) -> FloatArray:
+    """Return the (3,) mean linear colour of a mesh, of whatever gives it one."""
+    if prototype.maps is not None:
+        return mean_color(prototype.maps)
+    if prototype.color_image_srgb is not None and prototype.uv is not None:
+        return _mean_of_bytes(prototype.color_image_srgb)
+    if prototype.vertex_colors_srgb is not None:
+        return _mean_of_bytes(prototype.vertex_colors_srgb)
+    return linear(prototype.color_srgb)
+
+
+def mean_color(maps: PbrMaps) -> FloatArray:
+    """Return the (3,) mean linear colour of a texture."""
+    return _mean_of_bytes(maps.color_srgb)
+
+
+def _mean_of_bytes(srgb: NDArray[np.uint8]) -> FloatArray:
+    levels = linear(np.arange(256) / 255)
+    channels = srgb.reshape(-1, 3).T
+    counts = [np.bincount(channel, minlength=256) for channel in channels]
+    return np.array(counts) @ levels / len(srgb.reshape(-1, 3))

@@ -1,0 +1,1 @@
+"""The ``oaisys`` command and the core's own sub-commands."""

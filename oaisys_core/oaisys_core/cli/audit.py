@@ -1,0 +1,112 @@
+"""The shell command ``oaisys audit``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import Progress as ProgressBar
+from rich.table import Table
+
+from oaisys_core.cli.options import (
+    BackendOption,
+    ConfigOption,
+    QualityOption,
+    SeedOption,
+    SizeOption,
+)
+from oaisys_core.cli.standard_output import own_stdout
+from oaisys_core.errors import OaisysError
+
+if TYPE_CHECKING:
+    from oaisys_core.config import SimulationConfig
+    from oaisys_core.verification.audit import Audited
+
+LARGEST_WRONG_SHARE = 5e-4
+
+
+class AuditFailedError(OaisysError):
+    """More pixels are wrong than a modality may have."""
+
+
+def audit(
+    config: ConfigOption = None,
+    views: Annotated[int, typer.Option(help="Random views of the world.", min=1)] = 10,
+    batches: Annotated[int, typer.Option(help="Worlds.", min=1)] = 1,
+    seed: SeedOption = None,
+    backend: BackendOption = None,
+    quality: QualityOption = None,
+    size: SizeOption = None,
+    limit: Annotated[
+        float, typer.Option(help="Largest share of wrong pixels off edges.", min=0, max=1)
+    ] = LARGEST_WRONG_SHARE,
+    out: Annotated[Path | None, typer.Option(help="JSON file for the figures.")] = None,
+) -> None:
+    """Compare depth and labels of random views with an independent ray cast.
+
+    Exit code 1 where more pixels off edges are wrong than the limit says.
+    """
+    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    from oaisys_core.config import SimulationConfig, adjusted, load_config
+
+    loaded = load_config(config) if config else SimulationConfig()
+    chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    with own_stdout():
+        found = _audited(chosen, batches, views)
+    figures = [
+        {
+            "sensor": f.sensor,
+            "modality": f.modality,
+            "pixels": f.pixels,
+            "wrong": f.wrong,
+            "wrong_share": f.wrong_share,
+            "worst_m": f.worst_m,
+        }
+        for f in found
+    ]
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    Console().print(_table(found))
+    worst = max(found, key=lambda f: f.wrong_share)
+    if worst.wrong_share > limit:
+        raise AuditFailedError(
+            f"{worst.sensor}/{worst.modality}: {worst.wrong_share:.4%} of the pixels off edges are"
+            f" wrong, expected at most {limit:.4%}"
+        )
+
+
+def _audited(config: SimulationConfig, batches: int, views: int) -> list[Audited]:
+    import numpy as np
+
+    from oaisys_core.simulation import Simulation
+    from oaisys_core.types import ModuleMetadata
+    from oaisys_core.verification.audit import audit_views, summed
+
+    simulation = Simulation(config)
+    console = Console(stderr=True)
+    found: list[Audited] = []
+    try:
+        with ProgressBar(console=console, disable=not console.is_terminal) as bar:
+            task = bar.add_task("auditing", total=batches * views)
+            for batch in range(batches):
+                # What is audited is the truth, whatever sensors.faults says.
+                simulation.step_batch(ModuleMetadata(sensor={"faults": {"enabled": False}}))
+                rng = np.random.default_rng([config.seed, batch])
+                found += audit_views(simulation, views, rng, lambda _: bar.advance(task))
+    finally:
+        simulation.close()
+    return summed(found)
+
+
+def _table(found: list[Audited]) -> Table:
+    table = Table("sensor", "modality", "pixels off edges", "wrong", "share", "worst error")
+    for f in found:
+        worst = f"{f.worst_m * 1000:.3f} mm" if f.modality == "depth" else ""
+        table.add_row(
+            f.sensor, f.modality, f"{f.pixels:,}", f"{f.wrong:,}", f"{f.wrong_share:.4%}", worst
+        )
+    return table

@@ -1,0 +1,132 @@
+"""The core's shell commands: ``oaisys render`` and ``oaisys config``.
+
+``oaisys --help`` reads this module, too: what takes long to import waits until it is used.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from oaisys_core.cli.options import (
+    BackendOption,
+    ConfigOption,
+    QualityOption,
+    SeedOption,
+    SizeOption,
+)
+from oaisys_core.cli.rendering import render
+from oaisys_core.errors import InvalidInputError
+
+__all__ = ["config_app", "render"]
+
+config_app = typer.Typer(
+    help="Check configuration files.", no_args_is_help=True, add_completion=False
+)
+
+
+@config_app.command("check")
+def check(file: Annotated[Path, typer.Argument(help="YAML file to check.")]) -> None:
+    """Validate FILE; every fault is told with its line, its path and what was expected.
+
+    Names count, too: of terrain, textures, shapes, effects, extensions, and what files hold.
+    """
+    from oaisys_core.config import config_sha256, load_config
+    from oaisys_core.config.checking import name_faults
+    from oaisys_core.config.loading import with_lines
+    from oaisys_core.errors import ConfigError
+
+    config = load_config(file)
+    faults = name_faults(config)
+    if faults:
+        raise ConfigError("\n".join(with_lines(file, faults)))
+    typer.echo(f"{file}: valid, sha256 {config_sha256(config)}")
+
+
+@config_app.command("show")
+def show(
+    config: ConfigOption = None,
+    seed: SeedOption = None,
+    backend: BackendOption = None,
+    quality: QualityOption = None,
+    size: SizeOption = None,
+) -> None:
+    """Print the whole configuration, defaults included, as JSON (which is also YAML)."""
+    from oaisys_core.config import SimulationConfig, adjusted, load_config
+
+    loaded = load_config(config) if config else SimulationConfig()
+    shown = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    typer.echo(json.dumps(shown.model_dump(mode="json"), indent=2))
+
+
+@config_app.command("schema")
+def schema(
+    out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
+) -> None:
+    """Write the JSON Schema of configuration files, which editors and other programs understand."""
+    from oaisys_core.config.schema import schema_text
+
+    _write_or_print(schema_text(), out)
+
+
+@config_app.command("reference")
+def reference(
+    out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
+) -> None:
+    """Write the page that lists every key with its type, range, default and meaning."""
+    from oaisys_core.config.reference import reference_text
+
+    _write_or_print(reference_text(), out)
+
+
+@config_app.command("import")
+def import_(
+    file: Annotated[Path, typer.Argument(help="JSON file of the original simulator.")],
+    out: Annotated[
+        Path | None, typer.Option(help="YAML file to write; else it is printed.")
+    ] = None,
+    assets: Annotated[
+        Path | None, typer.Option(help="Folder that the file's relative paths are taken from.")
+    ] = None,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Missing files and unknown keys are errors.")
+    ] = False,
+    stand_ins: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder in which material folders, meshes and images are made for"
+            " those that are missing."
+        ),
+    ] = None,
+) -> None:
+    """Turn an original OAISYS configuration into ours; tell what becomes of every key."""
+    from oaisys_core.config import config_from_mapping
+    from oaisys_core.config.checking import name_faults
+    from oaisys_core.config.importing.importer import import_file
+    from oaisys_core.errors import ConfigError
+
+    imported = import_file(file, assets, out, strict=strict, stand_ins=stand_ins)
+    faults = name_faults(config_from_mapping(imported.config))
+    if faults and strict:
+        raise ConfigError("\n".join(f"{file}: {fault}" for fault in faults))
+    imported = replace(imported, warnings=(*imported.warnings, *faults))
+    _write_or_print(imported.text(file.name), out)
+    if out is not None:
+        counts = Counter(fate.kind for fate in imported.fates.values())
+        told = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
+        typer.echo("\n".join([*imported.notes(), f"{out}: {len(imported.fates)} keys: {told}"]))
+
+
+def _write_or_print(text: str, out: Path | None) -> None:
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    try:
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InvalidInputError("out", str(out), f"a file that can be written ({error})") from error

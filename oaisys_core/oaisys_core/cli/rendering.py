@@ -1,0 +1,173 @@
+"""``oaisys render``: batches and samples to files, without ROS and without a server."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.console import Console
+
+from oaisys_core.cli.options import (
+    BackendOption,
+    ConfigOption,
+    QualityOption,
+    SeedOption,
+    SizeOption,
+)
+from oaisys_core.cli.render_progress import RenderProgress
+from oaisys_core.cli.standard_output import own_stdout
+from oaisys_core.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from oaisys_core.cli.metadata_file import SampleRequest, Steps
+    from oaisys_core.config import SimulationConfig
+    from oaisys_core.output.writer import SampleWriter
+    from oaisys_core.simulation import Simulation
+    from oaisys_core.types import Sample
+
+
+def render(
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for the files.")] = None,
+    config: ConfigOption = None,
+    batches: Annotated[int | None, typer.Option(help="Worlds to build.", min=1)] = None,
+    samples: Annotated[int | None, typer.Option(help="Views of each world.", min=1)] = None,
+    poses: Annotated[
+        Path | None,
+        typer.Option(help="CSV of rig poses, as poses.csv is written; its rows are the views."),
+    ] = None,
+    metadata: Annotated[
+        Path | None,
+        typer.Option(help="YAML or JSON list of the samples' metadata; its entries are the views."),
+    ] = None,
+    seed: SeedOption = None,
+    backend: BackendOption = None,
+    quality: QualityOption = None,
+    size: SizeOption = None,
+    batch_offset: Annotated[
+        int | None, typer.Option(help="Added to the numbers of batch folders.", min=0)
+    ] = None,
+    save_blend: Annotated[
+        bool | None,
+        typer.Option("--save-blend/--no-save-blend", help="Save each world as a .blend file."),
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
+) -> None:
+    """Render batches and samples to files, without ROS and without a server.
+
+    Without --poses, --metadata and a motion in the configuration, the rig stays above the ground's
+    centre, looking down.
+    """
+    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_core.output.writer import SampleWriter
+    from oaisys_core.simulation import Simulation
+
+    loaded = load_config(config) if config else SimulationConfig()
+    chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
+    given = {"folder": out, "batches": batches, "samples": samples}
+    given |= {"batch_offset": batch_offset, "save_blend": save_blend}
+    output = chosen.output.model_copy(update={k: v for k, v in given.items() if v is not None})
+    if output.folder is None:
+        raise InvalidInputError("out", None, "a folder, as --out or output.folder")
+    if output.save_blend and chosen.backend != "blender":
+        expected = "the backend blender, or --no-save-blend"
+        raise InvalidInputError("output.save_blend", chosen.backend, expected)
+    steps = _steps(poses, metadata, output.samples)
+    writer = SampleWriter(output.folder, output.batch_offset)
+    with own_stdout():
+        simulation = Simulation(chosen)
+        try:
+            run = _Run(simulation, writer, steps, output.batches, output.save_blend)
+            run.start(chosen, is_resumed=resume)
+            run.finish()
+        finally:
+            simulation.close()
+
+
+def _steps(poses: Path | None, metadata: Path | None, samples: int) -> Steps:
+    from oaisys_core.cli.metadata_file import SampleRequest, Steps, load_steps
+    from oaisys_core.output.poses import read_poses
+    from oaisys_core.types import ModuleMetadata
+
+    if poses is not None and metadata is not None:
+        raise InvalidInputError("metadata", str(metadata), "either --poses or --metadata")
+    if metadata is not None:
+        return load_steps(metadata)
+    views = [SampleRequest()] * samples
+    if poses is not None:
+        sensors = [{"pose": pose} for pose in read_poses(poses)]
+        views = [SampleRequest(ModuleMetadata(sensor=sensor)) for sensor in sensors]
+    return Steps(ModuleMetadata(), tuple(views))
+
+
+class _Run:
+    """All batches and samples of one command."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        writer: SampleWriter,
+        steps: Steps,
+        batches: int,
+        saves_worlds: bool,
+    ) -> None:
+        self._simulation = simulation
+        self._writer = writer
+        self._steps = steps
+        self._batches = batches
+        self._saves_worlds = saves_worlds
+        self._console = Console()
+
+    def start(self, config: SimulationConfig, *, is_resumed: bool) -> None:
+        """Prepare the folder; build the world again in which an earlier run was stopped."""
+        if not is_resumed:
+            self._writer.begin(config)
+            return
+        state = self._writer.resume(config)
+        if state is not None:
+            self._simulation.restore(state)
+
+    def finish(self) -> None:
+        """Render all that is missing."""
+        views = self._steps.samples
+        info = self._simulation.info()
+        batch_id, done = info.batch_id, info.sample_id
+        total = self._batches * len(views)
+        before = max(0, batch_id - 1) * len(views) + done
+        with RenderProgress(total, before, self._console) as shown:
+            batch_id = batch_id or self._build(1, shown)
+            while True:
+                for number, view in enumerate(views[done:], start=done + 1):
+                    shown.begin(f"world {batch_id}, view {number} of {len(views)}")
+                    self._render(view, shown)
+                    shown.view_done()
+                if self._saves_worlds:
+                    self._save(batch_id)
+                if batch_id >= self._batches:
+                    break
+                batch_id, done = self._build(batch_id + 1, shown), 0
+
+    def _build(self, batch_id: int, shown: RenderProgress) -> int:
+        shown.begin(f"world {batch_id}")
+        return self._simulation.step_batch(self._steps.batch, progress=shown)
+
+    def _render(self, view: SampleRequest, shown: RenderProgress) -> None:
+        sample = self._simulation.step_sample(
+            view.metadata, modalities=view.modalities, sensors=view.sensors, progress=shown
+        )
+        self._writer.write(sample, self._simulation.info().semantic_labels)
+        self._writer.write_state(self._simulation.state())
+        self._report(sample)
+
+    def _save(self, batch_id: int) -> None:
+        path = self._writer.blend_file(batch_id)
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._simulation.save(path)
+
+    def _report(self, sample: Sample) -> None:
+        if not self._console.is_terminal:
+            typer.echo(
+                f"batch {sample.batch_id} sample {sample.sample_id}: {sample.render_time_s:.2f} s"
+            )

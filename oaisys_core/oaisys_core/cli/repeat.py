@@ -1,0 +1,123 @@
+"""``oaisys repeat``: renders recorded samples again and compares."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from oaisys_core.cli.standard_output import own_stdout
+from oaisys_core.errors import InvalidInputError, OaisysError
+
+if TYPE_CHECKING:
+    from oaisys_core.config import SimulationConfig
+    from oaisys_core.simulation import Simulation
+    from oaisys_core.types import RecordedSample, Sample
+    from oaisys_core.verification.recorded_samples import Comparison
+
+LEAST_PSNR_DB = 40.0
+
+
+class DifferentSampleError(OaisysError):
+    """A sample did not come out as it was recorded."""
+
+
+def repeat(
+    record: Annotated[
+        Path,
+        typer.Argument(
+            help="A sample's JSON file or the folder of `oaisys render`, or a bag (its folder or "
+            "one .mcap file)."
+        ),
+    ],
+    sample: Annotated[
+        list[str] | None,
+        typer.Option("--sample", help="BATCH/SAMPLE; may be given again; default: the newest."),
+    ] = None,
+    every: Annotated[bool, typer.Option("--all", help="All samples of the record.")] = False,
+    config: Annotated[
+        Path | None, typer.Option("--config", help="YAML file; default: what the record holds.")
+    ] = None,
+    least_psnr: Annotated[
+        float, typer.Option(help="In dB: colours may differ by so much.", min=0)
+    ] = LEAST_PSNR_DB,
+) -> None:
+    """Render recorded samples again from their provenance, and compare with what was recorded.
+
+    Depth, labels, instance ids and normals must be equal to the byte, colours within --least-psnr.
+    The configuration is the one in the record, unless --config gives one; its hash must be the
+    recorded one. Exit code 0: equal; 1: something differs; 2: the record cannot be used.
+    """
+    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    from oaisys_core.config import config_from_mapping, load_config
+    from oaisys_core.simulation import Simulation
+    from oaisys_core.verification.recorded_samples import chosen_ids, open_records
+
+    source = open_records(record)
+    wanted = chosen_ids(source, sample or (), every=every)
+    told = None if config else source.config_json()
+    if config is None and told is None:
+        expected = "--config FILE, because the record has no configuration"
+        raise InvalidInputError("config", None, expected)
+    chosen = load_config(config) if config else config_from_mapping(json.loads(told or "{}"))
+    different = count = 0
+    with own_stdout():
+        simulation = Simulation(chosen)
+        try:
+            for each in source.read(wanted):
+                different += not _repeated(simulation, each, chosen, least_psnr)
+                count += 1
+        finally:
+            simulation.close()
+    if count < len(wanted):
+        raise InvalidInputError("record", str(record), f"{len(wanted)} samples, not {count}")
+    if different:
+        raise DifferentSampleError(f"{different} of {count} samples came out otherwise")
+
+
+def _repeated(
+    simulation: Simulation, record: RecordedSample, config: SimulationConfig, least_psnr_db: float
+) -> bool:
+    """Render a sample again, print how it compares, and return whether it is the same."""
+    from oaisys_core.config import config_sha256
+    from oaisys_core.verification.recorded_samples import compared
+
+    outline = record.outline
+    how = outline.provenance
+    if how.config_sha256 != config_sha256(config):
+        expected = f"the configuration of sha256 {how.config_sha256}, as recorded (--config FILE)"
+        raise InvalidInputError("config", f"sha256 {config_sha256(config)}", expected)
+    again = simulation.repeat(outline)
+    comparisons = compared(record, again, least_psnr_db)
+    is_same = all(each.is_equal for each in comparisons)
+    verdict = "equal" if is_same else "DIFFERENT"
+    typer.echo(f"batch {outline.batch_id} sample {outline.sample_id}: {verdict}")
+    for line in (*map(_told, comparisons), *_notes(record, again)):
+        typer.echo(f"  {line}")
+    return is_same
+
+
+def _told(each: Comparison) -> str:
+    name = f"{each.name.sensor}/{each.name.modality}"
+    if not each.different_px:
+        return f"{name}: equal, {each.pixels} pixels"
+    told = f"{name}: {each.different_px} of {each.pixels} pixels differ"
+    if each.psnr_db is not None:
+        told += f", PSNR {each.psnr_db:.1f} dB"
+        return told + (", within the tolerance" if each.is_equal else "")
+    return told + (", not judged" if each.is_equal else "")
+
+
+def _notes(record: RecordedSample, again: Sample) -> list[str]:
+    """Return what else there is to say: images that are not there, another renderer."""
+    recorded = {(frame.sensor, frame.modality) for frame in record.frames}
+    missing = [n for n in record.outline.frames if (n.sensor, n.modality) not in recorded]
+    notes = [f"{name.sensor}/{name.modality}: not in the record" for name in missing]
+    then, now = record.outline.provenance, again.provenance
+    for field in ("backend_version", "device"):
+        before, here = getattr(then, field), getattr(now, field)
+        if before != here:
+            notes.append(f"note: {field} was {before}, here it is {here}")
+    return notes

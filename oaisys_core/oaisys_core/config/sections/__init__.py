@@ -1,0 +1,1 @@
+"""The sections of the configuration: keys, bounds and defaults, each stated once."""

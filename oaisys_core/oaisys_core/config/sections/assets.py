@@ -1,0 +1,154 @@
+"""Things that stand on the ground.
+
+Lengths are metres, angles degrees (a person types them).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from oaisys_core.config.section import (
+    MOST_M,
+    Labelled,
+    Position,
+    Positive,
+    Section,
+    SemanticId,
+    Vector3,
+)
+from oaisys_core.config.sections.groups import Count, GroupConfig
+from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, unit_quaternion
+
+MOST_GROUPS, MOST_OBJECTS = 1000, 2500
+"""How many there may be, so that each has instance ids of its own."""
+
+
+class RockGroupConfig(Labelled):
+    """Rocks of one kind, scattered at random.
+
+    Attributes:
+        kind: Shape, see ``oaisys_core.scatter.rocks``.
+        count: (least, most) number of rocks.
+        size_m: (smallest, largest) longest axis.
+        size_exponent: Power law of sizes: the number above size D goes as D**-exponent.
+        variants: Different meshes of the kind.
+        sink: (least, most) share of a rock's height that is in the ground.
+        max_slope_deg: No rock stands on ground steeper than this.
+    """
+
+    kind: str = "angular"
+    count: tuple[Count, Count] = (120, 120)
+    size_m: tuple[float, float] = (0.15, 1.2)
+    size_exponent: Positive = 1.8
+    variants: int = Field(default=3, ge=1, le=64)
+    sink: tuple[float, float] = (0.15, 0.4)
+    max_slope_deg: float = Field(default=40.0, ge=0, le=90)
+    label: str = "rock"
+    semantic_id: SemanticId = 10
+
+    @field_validator("count", "size_m", "sink")
+    @classmethod
+    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] < 0 or value[0] > value[1]:
+            raise ValueError("expected [least, most], the least at least 0")
+        return value
+
+    @field_validator("size_m")
+    @classmethod
+    def _positive(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] <= 0 or value[1] > MOST_M:
+            raise ValueError(f"expected sizes above 0 and at most {MOST_M:g} m")
+        return value
+
+
+def _radius_too(schema: dict[str, Any]) -> None:
+    """Tell in the schema that a sphere may be given by its radius."""
+    schema["properties"]["radius_m"] = {"exclusiveMinimum": 0, "type": "number"} | {
+        "description": "Radius of a sphere, in place of `size_m`."
+    }
+    schema["required"].remove("size_m")
+    schema["anyOf"] = [{"required": ["size_m"]}, {"required": ["radius_m"]}]
+
+
+class PrimitiveConfig(Labelled):
+    """An exact sphere or box, for calibration.
+
+    Attributes:
+        shape: What it is.
+        size_m: Radius (thrice, or once as ``radius_m``) of a sphere, edge lengths of a box.
+        position_m, quat_xyzw: Pose of its centre in ``map``.
+        color_srgb: Its plain colour.
+    """
+
+    model_config = ConfigDict(json_schema_extra=_radius_too)
+
+    shape: Literal["sphere", "box"]
+    size_m: Position
+    position_m: Position
+    quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    label: str = "target"
+    semantic_id: SemanticId = 20
+    color_srgb: Vector3 = (0.6, 0.3, 0.2)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _radius_alone(cls, data: object) -> object:
+        """Let a sphere be given by its radius."""
+        if isinstance(data, dict) and "radius_m" in data and "size_m" not in data:
+            radius_m = data["radius_m"]
+            rest = {key: value for key, value in data.items() if key != "radius_m"}
+            return {**rest, "size_m": (radius_m, radius_m, radius_m)}
+        return data
+
+    @model_validator(mode="after")
+    def _solid(self) -> PrimitiveConfig:
+        if min(self.size_m) <= 0:
+            raise ValueError("size_m must be above 0")
+        if self.shape == "sphere" and len(set(self.size_m)) != 1:
+            raise ValueError("a sphere has one radius")
+        return self
+
+    _unit = field_validator("quat_xyzw")(unit_quaternion)
+
+
+class AssetsConfig(Section):
+    """Things that stand on the ground.
+
+    Attributes:
+        rocks: Scattered rocks, all drawn from one random stream.
+        primitives: Exact solids.
+        groups: Scattered things of any shape, each group drawn by itself.
+        objects: Things at fixed places.
+        movers: Things that move from sample to sample.
+        rock_texture: Built-in texture set of the rocks.
+        rock_tile_m: Edge length of one tile of it on the rocks.
+    """
+
+    rocks: tuple[RockGroupConfig, ...] = (
+        RockGroupConfig(kind="angular", count=(650, 650), size_m=(0.15, 1.2)),
+        RockGroupConfig(kind="rounded", count=(400, 400), size_m=(0.15, 0.9)),
+        RockGroupConfig(kind="slab", count=(160, 160), size_m=(0.3, 1.4)),
+        RockGroupConfig(kind="boulder", count=(60, 60), size_m=(0.8, 2.4), variants=4),
+    )
+    primitives: tuple[PrimitiveConfig, ...] = ()
+    groups: tuple[GroupConfig, ...] = Field(default=(), max_length=MOST_GROUPS)
+    objects: tuple[ObjectConfig, ...] = Field(default=(), max_length=MOST_OBJECTS)
+    movers: tuple[MoverConfig, ...] = Field(default=(), max_length=MOST_OBJECTS)
+    rock_texture: str = "rock"
+    rock_tile_m: Positive = 1.6
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> AssetsConfig:
+        for part in (self.groups, self.objects, self.movers):
+            names = [thing.name for thing in part]
+            twice = {name for name in names if names.count(name) > 1}
+            if twice:
+                raise ValueError(f"two of a kind are called {', '.join(sorted(twice))}")
+        return self
+
+    @property
+    def labelled(self) -> tuple[Labelled, ...]:
+        """Everything in it that carries labels."""
+        return (*self.rocks, *self.primitives, *self.groups, *self.objects, *self.movers)

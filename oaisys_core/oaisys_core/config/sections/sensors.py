@@ -1,0 +1,259 @@
+"""The rig, its cameras and how it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, Field, field_validator, model_validator
+
+from oaisys_core import geometry
+from oaisys_core.config.section import Position, Positive, Section, is_unit_quaternion
+from oaisys_core.config.sections.faults import FaultsConfig
+from oaisys_core.config.sections.motion import AnyMotion, GivenMotion
+from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, expected_modality, modality_spec
+
+MAX_IMAGE_SIDE_PX = 16384
+
+LEAST_FOCAL, MOST_FOCAL, MOST_CENTRE = 0.01, 1000.0, 100.0
+"""Bounds of focal lengths and of how far a principal point may be, in widths of the image."""
+
+Coefficient = Annotated[float, Field(ge=-1000, le=1000)]
+"""Of a lens's distortion."""
+
+FrameName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+
+
+def _known(modality: str) -> str:
+    try:
+        modality_spec(modality)
+    except KeyError:
+        raise ValueError(f"expected {expected_modality(modality)}") from None
+    return modality
+
+
+Modality = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidator(_known)]
+
+
+class DistortionConfig(Section):
+    """Brown-Conrady distortion, as OpenCV and ROS's ``plumb_bob`` have it.
+
+    Attributes:
+        k1, k2, k3: Radial coefficients.
+        p1, p2: Tangential coefficients.
+    """
+
+    k1: Coefficient = 0.0
+    k2: Coefficient = 0.0
+    p1: Coefficient = 0.0
+    p2: Coefficient = 0.0
+    k3: Coefficient = 0.0
+
+
+class LensConfig(Section):
+    """A lens with an aperture, for depth of field in colour.
+
+    Attributes:
+        focus_distance_m: What is sharp, along the optical axis.
+        f_number: Focal length over the aperture's diameter.
+        blades: Of the aperture; below 3: round.
+        blade_rotation_deg: Turn of the blades.
+        ratio: Width over height of blur, 1 for a spherical lens, above it for an anamorphic one.
+    """
+
+    focus_distance_m: float = Field(default=10.0, ge=1e-3, le=1e6)
+    f_number: float = Field(default=2.8, ge=0.01, le=1e4)
+    blades: int = Field(default=0, ge=0, le=16)
+    blade_rotation_deg: float = 0.0
+    ratio: float = Field(default=1.0, ge=0.1, le=10)
+
+
+class OpticsConfig(Section):
+    """What a sample's metadata may change of a camera.
+
+    Attributes:
+        fx_px, fy_px: Focal lengths; pixels are not square where they differ. From 0.01 to 1,000
+            widths of the image.
+        cx_px, cy_px: Principal point, pixel centres at integers; None: the image's centre. At most
+            100 widths of the image from its corner.
+        distortion: Of the lens; None: none.
+        lens: Depth of field; None: everything is sharp.
+        shutter_share: Share of the way from the camera's previous pose during which the shutter
+            is open; 0: no motion blur.
+    """
+
+    fx_px: Positive = 541.14
+    fy_px: Positive = 541.14
+    cx_px: float | None = None
+    cy_px: float | None = None
+    distortion: DistortionConfig | None = None
+    lens: LensConfig | None = None
+    shutter_share: float = Field(default=0.0, ge=0, le=1)
+
+
+def optics_bounds_px(width_px: int) -> dict[str, tuple[float, float]]:
+    """Return the least and the most of each field of a camera's matrix, for images of a width."""
+    focal = (LEAST_FOCAL * width_px, MOST_FOCAL * width_px)
+    centre = (-MOST_CENTRE * width_px, MOST_CENTRE * width_px)
+    return {"fx_px": focal, "fy_px": focal, "cx_px": centre, "cy_px": centre}
+
+
+class CameraConfig(OpticsConfig):
+    """A camera on the rig.
+
+    Attributes:
+        name: Of the sensor, its folder, and its topics.
+        width_px, height_px: Size of its images.
+        mount_position_m, mount_quat_xyzw: Pose of the camera's link (x forward) in ``base_link``.
+        modalities: What it renders.
+        step_interval: It renders every so many samples.
+        step_offset: Samples before its first.
+        modality_intervals: It renders these modalities only every so many samples, out of those
+            at which it renders; all others always.
+    """
+
+    name: FrameName = "camera"
+    width_px: int = Field(default=640, ge=1, le=MAX_IMAGE_SIDE_PX)
+    height_px: int = Field(default=480, ge=1, le=MAX_IMAGE_SIDE_PX)
+    mount_position_m: Position = (0.0, 0.0, 0.0)
+    mount_quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    modalities: tuple[Modality, ...] = Field(
+        default=("rgb", "depth", "semantic_0", "instance"), min_length=1
+    )
+    step_interval: int = Field(default=1, ge=1)
+    step_offset: int = Field(default=0, ge=0)
+    modality_intervals: dict[Modality, Annotated[int, Field(ge=1)]] = Field(default_factory=dict)
+
+    @property
+    def intrinsics(self) -> PinholeIntrinsics:
+        """The camera as all else sees it."""
+        d = self.distortion
+        return PinholeIntrinsics(
+            width_px=self.width_px,
+            height_px=self.height_px,
+            fx_px=self.fx_px,
+            fy_px=self.fy_px,
+            cx_px=(self.width_px - 1) / 2 if self.cx_px is None else self.cx_px,
+            cy_px=(self.height_px - 1) / 2 if self.cy_px is None else self.cy_px,
+            distortion=() if d is None else (d.k1, d.k2, d.p1, d.p2, d.k3),
+        )
+
+    @model_validator(mode="after")
+    def _bounded(self) -> CameraConfig:
+        if self.width_px * self.height_px > MAX_IMAGE_PX:
+            raise ValueError(f"an image has at most {MAX_IMAGE_PX} pixels")
+        if not is_unit_quaternion(self.mount_quat_xyzw):
+            raise ValueError("mount_quat_xyzw must be a unit quaternion")
+        return self
+
+    @model_validator(mode="after")
+    def _within_reach(self) -> CameraConfig:
+        for name, (least_px, most_px) in optics_bounds_px(self.width_px).items():
+            value_px = getattr(self, name)
+            if value_px is not None and not least_px <= value_px <= most_px:
+                raise ValueError(
+                    f"{name} is {value_px:g}, expected {least_px:g} to {most_px:g} for an image "
+                    f"{self.width_px} pixels wide"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _of_its_own(self) -> CameraConfig:
+        if len(set(self.modalities)) != len(self.modalities):
+            raise ValueError("modalities must differ")
+        for modality in self.modality_intervals:
+            if modality not in self.modalities:
+                raise ValueError(f"modality_intervals names {modality!r}, which it does not render")
+        return self
+
+    @model_validator(mode="after")
+    def _invertible(self) -> CameraConfig:
+        if not geometry.is_invertible(self.intrinsics):
+            raise ValueError(
+                "distortion folds the image: two directions would meet in one pixel, or none would"
+            )
+        return self
+
+
+class StereoConfig(CameraConfig):
+    """Two equal cameras side by side, called ``<name>_left`` and ``<name>_right``.
+
+    Attributes:
+        baseline_m: The right camera's distance from the left one, along the image's rows; the
+            mount is the left one's.
+    """
+
+    name: FrameName = "stereo"
+    baseline_m: float = Field(default=0.1, gt=0, le=1000)
+
+    def cameras(self) -> tuple[CameraConfig, CameraConfig]:
+        """Return the left and the right camera."""
+        shared = self.model_dump(exclude={"baseline_m", "name"})
+        mount = geometry.checked_pose(self.mount_position_m, self.mount_quat_xyzw)
+        to_right = geometry.transform(_NO_TURN, (0.0, -self.baseline_m, 0.0))
+        right = geometry.pose_from_matrix(geometry.pose_to_matrix(mount) @ to_right)
+        return (
+            CameraConfig.model_validate({**shared, "name": f"{self.name}_left"}),
+            CameraConfig.model_validate(
+                {**shared, "name": f"{self.name}_right", "mount_position_m": right.position_m}
+            ),
+        )
+
+
+_NO_TURN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+PosePolicy = Literal["reject", "clamp", "allow"]
+"""What happens to a pose under the ground or off the stage."""
+
+
+class SensorsConfig(Section):
+    """The rig.
+
+    Attributes:
+        cameras: One each; where only stereo pairs are given, there is no other camera.
+        stereo: Pairs of cameras.
+        motion: How the rig moves where no pose is given.
+        pose_policy: What happens to a pose under the ground or off the stage: ``reject``,
+            ``clamp`` (to the least clearance, inside the stage) or ``allow``.
+        min_clearance_m: Least height of every camera above the topmost surface.
+        faults: What the sensors get wrong; by default nothing.
+    """
+
+    cameras: tuple[CameraConfig, ...] = (CameraConfig(),)
+    stereo: tuple[StereoConfig, ...] = ()
+    motion: AnyMotion = GivenMotion()
+    pose_policy: PosePolicy = "reject"
+    min_clearance_m: float = Field(default=0.05, ge=0)
+    faults: FaultsConfig = FaultsConfig()
+
+    @property
+    def all_cameras(self) -> tuple[CameraConfig, ...]:
+        """The cameras, then the left and right ones of each pair."""
+        return (*self.cameras, *(camera for pair in self.stereo for camera in pair.cameras()))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _stereo_alone(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and data.get("stereo") and "cameras" not in data:
+            return {**data, "cameras": ()}
+        return data
+
+    @field_validator("cameras")
+    @classmethod
+    def _unique_names(cls, value: tuple[CameraConfig, ...]) -> tuple[CameraConfig, ...]:
+        names = [camera.name for camera in value]
+        if len(set(names)) != len(names):
+            raise ValueError("expected camera names that differ")
+        return value
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SensorsConfig:
+        names = [camera.name for camera in self.all_cameras]
+        if not names:
+            raise ValueError("there must be a camera or a stereo pair")
+        if len(set(names)) != len(names):
+            raise ValueError("names of cameras and of those of stereo pairs must differ")
+        if self.motion.kind == "grid" and self.motion.camera not in (None, *names):
+            raise ValueError(f"motion.camera must be one of {', '.join(names)}")
+        return self

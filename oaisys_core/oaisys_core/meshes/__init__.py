@@ -1,0 +1,1 @@
+"""Users' meshes: read from files, and checked before they are rendered."""

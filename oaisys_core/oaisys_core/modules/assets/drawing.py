@@ -1,0 +1,289 @@
+"""What stands on the ground of a batch, before anything about it is changed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core import geometry, randomness
+from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
+from oaisys_core.config.sections.groups import MOST_INSTANCES, GroupConfig
+from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, StandingConfig
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.modules.assets.ids import IdPlan
+from oaisys_core.modules.assets.looks import Looks
+from oaisys_core.modules.assets.metadata import AssetMetadata
+from oaisys_core.scatter.groups import scatter_group
+from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, Block
+from oaisys_core.scatter.placement import scatter_on
+from oaisys_core.scatter.rocks import make_rock
+from oaisys_core.scatter.stance import build_of, pose_on_ground
+from oaisys_core.scatter.trajectories import Trajectory, make_trajectory
+from oaisys_core.scene import Ground, MeshPrototype, PbrMaps, Placement, Primitive
+from oaisys_core.types import FloatArray, Pose
+
+LARGE_ROCK_M = 1.3
+"""Rocks that may become larger than this have four times as many triangles."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Placements that belong together.
+
+    Attributes:
+        group: Name of the group, or "" for all that is none.
+        hidden: Whether they are hidden as configured.
+    """
+
+    placement: Placement
+    group: str = ""
+    hidden: bool = False
+
+
+@dataclass(frozen=True)
+class Mover:
+    """What moves one of the placements.
+
+    Attributes:
+        index: Into `Drawn.standing`.
+        foot_m: Radius of its foot where it stands on the ground, None where it does not.
+    """
+
+    index: int
+    trajectory: Trajectory
+    scale: float
+    foot_m: float | None
+
+    def pose_at(self, sample_id: int, ground: Ground) -> FloatArray:
+        """Return its (4, 4) pose, scaled, at a sample."""
+        T = self.trajectory(sample_id)
+        if self.foot_m is not None:
+            yaw_rad = float(np.arctan2(T[1, 0], T[0, 0]))
+            T = pose_on_ground(ground, (T[0, 3], T[1, 3]), yaw_rad, self.foot_m)
+        return scaled(T, self.scale)
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """All that a batch has drawn.
+
+    Attributes:
+        first_prototype: Index of the first prototype of each group, object and mover by name.
+    """
+
+    prototypes: tuple[MeshPrototype, ...]
+    standing: tuple[Standing, ...]
+    primitives: tuple[Primitive, ...]
+    movers: tuple[Mover, ...]
+    first_prototype: dict[str, int]
+
+    @cached_property
+    def instances(self) -> dict[int, int]:
+        """Index into ``standing`` by instance id."""
+        return {
+            instance_id: index
+            for index, each in enumerate(self.standing)
+            for instance_id in each.placement.instance_ids.tolist()
+        }
+
+    @property
+    def primitive_ids(self) -> set[int]:
+        """Instance ids of the exact solids."""
+        return {primitive.instance_id for primitive in self.primitives}
+
+
+class Drawing:
+    """Draws the things of one batch, part by part."""
+
+    def __init__(
+        self,
+        config: AssetsConfig,
+        looks: Looks,
+        plan: IdPlan,
+        ground: Ground,
+        rng: np.random.Generator,
+    ) -> None:
+        self._config, self._looks, self._plan = config, looks, plan
+        self._ground, self._rng = ground, rng
+        self._prototypes: list[MeshPrototype] = []
+        self._standing: list[Standing] = []
+        self._movers: list[Mover] = []
+        self._first: dict[str, int] = {}
+
+    def draw(self, metadata: AssetMetadata) -> Drawn:
+        """Return everything that stands on the ground.
+
+        Raises:
+            ConfigError: The image of a density cannot be read.
+        """
+        number = self._draw_rocks(metadata.count_factor)
+        ids = self._plan.rocks.ids(number + len(self._config.primitives))[number:]
+        primitives = tuple(
+            make_primitive(primitive, int(instance_id))
+            for primitive, instance_id in zip(self._config.primitives, ids, strict=True)
+        )
+        for group, block in zip(self._config.groups, self._plan.groups, strict=True):
+            factor = metadata.count_factor * metadata.group(group.name).count_factor
+            self._draw_group(group, block, factor)
+        for index, thing in enumerate(self._config.objects):
+            self._add_object(thing, FIRST_OBJECT_ID + index)
+        for index, mover in enumerate(self._config.movers):
+            self._add_mover(mover, FIRST_MOVER_ID + index)
+        return Drawn(
+            tuple(self._prototypes),
+            tuple(self._standing),
+            primitives,
+            tuple(self._movers),
+            self._first,
+        )
+
+    def _draw_rocks(self, factor: float) -> int:
+        """Draw the rocks, one after the other from one stream; return how many there are."""
+        number = 0
+        maps = self._looks.rock_maps() if self._config.rocks else None
+        for group in self._config.rocks:
+            shapes = _rock_shapes(group, maps, self._rng)
+            T_map_object = _rock_poses(group, factor, self._ground, shapes, self._rng)
+            shape_of = self._rng.integers(len(shapes), size=len(T_map_object))
+            ids = self._plan.rocks.ids(number + len(T_map_object))[number:]
+            number += len(T_map_object)
+            self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids)
+        return number
+
+    def _draw_group(self, group: GroupConfig, block: Block, factor: float) -> None:
+        rng = randomness.child(self._rng, f"group/{group.name}")
+        shapes = self._looks.group_prototypes(group, randomness.child(rng, "forms"))
+        count = 0
+        if randomness.child(rng, "presence").uniform() < group.probability:
+            drawn = int(randomness.child(rng, "count").integers(*group.count, endpoint=True))
+            count = min(round(factor * drawn), MOST_INSTANCES)
+        T_map_object, shape_of = scatter_group(group, count, shapes, self._ground, rng)
+        ids = block.ids(len(T_map_object))
+        self._first[group.name] = len(self._prototypes)
+        self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids, group)
+
+    def _place(
+        self,
+        shapes: list[MeshPrototype],
+        shape_of: NDArray[np.int64],
+        semantic_ids: tuple[int, ...],
+        T_map_object: FloatArray,
+        ids: NDArray[np.uint32],
+        group: GroupConfig | None = None,
+    ) -> None:
+        """Add things of several shapes, one placement for each shape."""
+        for variant in range(len(shapes)):
+            chosen = shape_of == variant
+            placement = Placement(
+                len(self._prototypes) + variant, semantic_ids, T_map_object[chosen], ids[chosen]
+            )
+            hidden = group is not None and group.hidden
+            self._standing.append(Standing(placement, group.name if group else "", hidden))
+        self._prototypes.extend(shapes)
+
+    def _add_object(self, thing: ObjectConfig, instance_id: int) -> None:
+        rng = randomness.child(self._rng, f"object/{thing.name}")
+        T_map_object = standing_pose(thing, self._ground, f"assets.objects.{thing.name}")
+        self._add_single(self._looks.prototype(thing, rng), thing, T_map_object, instance_id)
+
+    def _add_mover(self, mover: MoverConfig, instance_id: int) -> None:
+        rng = randomness.child(self._rng, f"mover/{mover.name}")
+        look = self._looks.prototype(mover, rng)
+        foot_m = build_of(look).foot_m * mover.scale if mover.on_ground else None
+        moves = Mover(len(self._standing), make_trajectory(mover.trajectory), mover.scale, foot_m)
+        self._movers.append(moves)
+        T_map_object = moves.pose_at(0, self._ground)
+        self._add_single(look, mover, T_map_object, instance_id, is_moving=True)
+
+    def _add_single(
+        self,
+        look: MeshPrototype,
+        config: ObjectConfig | MoverConfig,
+        T_map_object: FloatArray,
+        instance_id: int,
+        is_moving: bool = False,
+    ) -> None:
+        index = len(self._prototypes)
+        self._first.setdefault(config.name, index)
+        self._prototypes.append(look)
+        placement = single(index, config.semantic_ids, T_map_object, instance_id)
+        self._standing.append(
+            Standing(replace(placement, is_moving=is_moving), hidden=config.hidden)
+        )
+
+
+def single(
+    prototype: int, semantic_ids: tuple[int, ...], T_map_object: FloatArray, instance_id: int
+) -> Placement:
+    """Return the placement of one thing."""
+    ids = np.array([instance_id], np.uint32)
+    return Placement(prototype, semantic_ids, T_map_object[None], ids)
+
+
+def scaled(T_map_object: FloatArray, scale: float) -> FloatArray:
+    """Return a (4, 4) pose of something ``scale`` times as large."""
+    T = T_map_object.copy()
+    T[:3, :3] *= scale
+    return T
+
+
+def standing_pose(config: StandingConfig, ground: Ground, field: str) -> FloatArray:
+    """Return the (4, 4) pose, scaled, of a thing at a fixed place; ``field`` is for errors.
+
+    Raises:
+        InvalidInputError: It shall stand on the ground, but there is none.
+    """
+    T = geometry.pose_to_matrix(geometry.checked_pose(config.position_m, config.quat_xyzw))
+    if config.on_ground:
+        ground_m = float(ground.height_at([config.position_m[:2]])[0])
+        if not np.isfinite(ground_m):
+            path = f"{field}.position_m"
+            raise InvalidInputError(path, list(config.position_m), "a place on the stage")
+        T[2, 3] += ground_m
+    return scaled(T, config.scale)
+
+
+def make_primitive(config: PrimitiveConfig, instance_id: int) -> Primitive:
+    """Return an exact solid."""
+    return Primitive(
+        shape=config.shape,
+        size_m=config.size_m,
+        T_map_object=geometry.pose_to_matrix(Pose(config.position_m, config.quat_xyzw)),
+        instance_id=instance_id,
+        semantic_ids=config.semantic_ids,
+        color_srgb=config.color_srgb,
+    )
+
+
+def _rock_shapes(
+    group: RockGroupConfig, maps: PbrMaps | None, rng: np.random.Generator
+) -> list[MeshPrototype]:
+    subdivisions = 4 if group.size_m[1] > LARGE_ROCK_M else 3
+    return [
+        replace(make_rock(group.kind, rng, subdivisions), maps=maps) for _ in range(group.variants)
+    ]
+
+
+def _rock_poses(
+    group: RockGroupConfig,
+    factor: float,
+    ground: Ground,
+    shapes: list[MeshPrototype],
+    rng: np.random.Generator,
+) -> FloatArray:
+    least, most = group.count
+    count = min(round(factor * int(rng.integers(least, most, endpoint=True))), MOST_INSTANCES)
+    T_map_object, _ = scatter_on(
+        ground,
+        count,
+        group.size_m,
+        rng,
+        size_exponent=group.size_exponent,
+        sink=group.sink,
+        max_slope_deg=group.max_slope_deg,
+        height_share=float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes])),
+    )
+    return T_map_object

@@ -1,0 +1,309 @@
+"""Things as they stand after what metadata has changed about them."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from oaisys_core import randomness
+from oaisys_core.config.section import Labelled
+from oaisys_core.config.sections.objects import ShapedConfig
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.interruption import stop_if_unwanted
+from oaisys_core.module import World, drawn
+from oaisys_core.modules.assets.drawing import Drawn, Standing, single, standing_pose
+from oaisys_core.modules.assets.looks import Looks
+from oaisys_core.modules.assets.metadata import (
+    PART,
+    AddedConfig,
+    AssetMetadata,
+    GroupEdit,
+    ObjectEdit,
+)
+from oaisys_core.modules.clearance import MOST_EXTENTS
+from oaisys_core.scatter.ids import added_id
+from oaisys_core.scene import Ground, MeshPrototype, Placement, Primitive
+from oaisys_core.types import FloatArray
+
+T = TypeVar("T")
+
+LABELS = set(Labelled.model_fields)
+"""Keys of a thing that do not change what it looks like."""
+
+Changed = tuple[Hashable, Placement, Placement]
+"""What was changed about a placement, the placement as drawn, and as changed."""
+
+
+@dataclass
+class Memory:
+    """What was made of a batch's things so far, so that what stays as it is stays the same object.
+
+    Attributes:
+        standing: The placements, movers where they are now.
+        prototypes: The batch's own, and those of what was added.
+        shared: Index into ``prototypes`` by what added things look like.
+        changed: By index into ``standing``, or by an added thing's name.
+        own_labels: Ids in the world's labels for the sake of what was added.
+        edits: Those that the primitives have now.
+    """
+
+    standing: list[Standing]
+    prototypes: list[MeshPrototype]
+    shared: dict[Hashable, int] = field(default_factory=dict)
+    changed: dict[object, Changed] = field(default_factory=dict)
+    own_labels: set[int] = field(default_factory=set)
+    edits: dict[int, ObjectEdit] | None = None
+
+    def copy(self) -> Memory:
+        """Return an equal one that can be changed by itself."""
+        return replace(
+            self,
+            standing=list(self.standing),
+            prototypes=list(self.prototypes),
+            shared=dict(self.shared),
+            changed=dict(self.changed),
+            own_labels=set(self.own_labels),
+        )
+
+
+class EditedAssets:
+    """A batch's things, and what became of them; what nobody changed stays the same object.
+
+    Args:
+        world: The world that they stand in.
+        rng: Gives the form of what is added, each by its name.
+    """
+
+    def __init__(
+        self,
+        things: Drawn,
+        world: World,
+        looks: Looks,
+        rng: np.random.Generator,
+        memory: Memory | None = None,
+    ) -> None:
+        self._drawn, self._world, self._looks, self._rng = things, world, looks, rng
+        self._memory = memory or Memory(list(things.standing), list(things.prototypes))
+
+    def in_world(self, world: World) -> EditedAssets:
+        """Return the same things in another world; what is changed there is not changed here."""
+        return EditedAssets(self._drawn, world, self._looks, self._rng, self._memory.copy())
+
+    def check(self, metadata: AssetMetadata) -> None:
+        """Refuse changes to what is not there, and additions that do not fit in.
+
+        Raises:
+            InvalidInputError: Its path begins with ``metadata.asset``.
+        """
+        known = self._drawn.instances.keys() | self._drawn.primitive_ids
+        self._check_reach(metadata)
+        for key in metadata.objects:
+            if int(key) not in known:
+                path = f"metadata.{PART}.objects.{key}"
+                raise InvalidInputError(path, key, "the id of an instance of this batch")
+        labels = {
+            semantic_id: label
+            for semantic_id, label in self._world.semantic_labels.items()
+            if semantic_id not in self._memory.own_labels
+        }
+        check_labels(metadata, labels)
+        for name, spec in metadata.added.items():
+            standing_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
+
+    @property
+    def groups(self) -> list[str]:
+        """Name of each placement's group, or empty, in the order of the world's; none of added."""
+        return [each.group for each in self._memory.standing]
+
+    def _check_reach(self, metadata: AssetMetadata) -> None:
+        """Refuse places that are farther away than a camera may be."""
+        x0, y0, x1, y1 = self._ground.extent_m
+        reach_m = MOST_EXTENTS * max(x1 - x0, y1 - y0)
+        centre_m = np.array(((x0 + x1) / 2, (y0 + y1) / 2, 0.0))
+        places = {f"add.{name}": spec.position_m for name, spec in metadata.added.items()} | {
+            f"objects.{key}": edit.position_m
+            for key, edit in metadata.objects.items()
+            if edit is not None and edit.position_m is not None
+        }
+        for name, position_m in places.items():
+            if np.abs(position_m - centre_m).max() > reach_m:
+                expected = f"at most {reach_m:g} m from the stage's centre along each axis"
+                path = f"metadata.{PART}.{name}.position_m"
+                raise InvalidInputError(path, list(position_m), expected)
+
+    def apply(self, metadata: AssetMetadata) -> None:
+        """Put the things into the world as the metadata says, at the sample it is at."""
+        world = self._world
+        self._move(world.sample_id)
+        edits = self._edits_by_placement(metadata)
+        placements = [
+            self._edited(index, each, metadata.group(each.group), edits.get(index, ()))
+            for index, each in enumerate(self._memory.standing)
+        ]
+        placements += [self._added(name, spec) for name, spec in metadata.added.items()]
+        world.placements = _kept(world.placements, placements)
+        edits_of_all = metadata.object_edits
+        if edits_of_all != self._memory.edits:
+            world.primitives = changed_primitives(self._drawn.primitives, edits_of_all)
+            self._memory.edits = edits_of_all
+        world.prototypes = _kept(world.prototypes, self._memory.prototypes)
+        self._label(metadata)
+
+    @property
+    def _ground(self) -> Ground:
+        return drawn(self._world.ground)
+
+    def _move(self, sample_id: int) -> None:
+        """Put the movers where they are at a sample; one that rests stays the same object."""
+        for mover in self._drawn.movers:
+            each = self._memory.standing[mover.index]
+            T_map_object = mover.pose_at(sample_id, self._ground)[None]
+            if not np.array_equal(T_map_object, each.placement.T_map_object):
+                moved = replace(each.placement, T_map_object=T_map_object)
+                self._memory.standing[mover.index] = replace(each, placement=moved)
+
+    def _edits_by_placement(
+        self, metadata: AssetMetadata
+    ) -> dict[int, tuple[tuple[int, ObjectEdit], ...]]:
+        """Return the changes to single things, by the index of their placement."""
+        edits: dict[int, tuple[tuple[int, ObjectEdit], ...]] = {}
+        for instance_id, edit in sorted(metadata.object_edits.items()):
+            index = self._drawn.instances.get(instance_id)
+            if index is not None:
+                edits[index] = (*edits.get(index, ()), (instance_id, edit))
+        return edits
+
+    def _edited(
+        self,
+        index: int,
+        each: Standing,
+        group: GroupEdit,
+        edits: Sequence[tuple[int, ObjectEdit]],
+    ) -> Placement:
+        change = (group.scale, group.hidden, *edits)
+        if change == (1.0, None) and not each.hidden:
+            return each.placement
+        known = self._memory.changed.get(index)
+        if known is None or known[0] != change or known[1] is not each.placement:
+            known = (change, each.placement, changed_placement(each, group, edits))
+            self._memory.changed[index] = known
+        return known[2]
+
+    def _added(self, name: str, spec: AddedConfig) -> Placement:
+        known = self._memory.changed.get(name)
+        if known is None or known[0] != spec:
+            prototype = self._prototype_of(name, spec)
+            T_map_object = standing_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
+            placement = single(prototype, spec.semantic_ids, T_map_object, added_id(name))
+            shown = _shown(placement, np.array([not spec.hidden]))
+            known = self._memory.changed[name] = (spec, placement, shown)
+        return known[2]
+
+    def _prototype_of(self, name: str, spec: AddedConfig) -> int:
+        """Return the index of what an added thing looks like; what is known is shared."""
+        if spec.prototype is not None:
+            return self._drawn.first_prototype[spec.prototype]
+        look = spec.model_dump_json(include=set(ShapedConfig.model_fields) - LABELS)
+        key = (name if spec.file is None else "", look)
+        if key not in self._memory.shared:
+            stop_if_unwanted()
+            rng = randomness.child(self._rng, f"add/{name}")
+            self._memory.shared[key] = len(self._memory.prototypes)
+            self._memory.prototypes.append(self._looks.prototype(spec, rng))
+        return self._memory.shared[key]
+
+    def _label(self, metadata: AssetMetadata) -> None:
+        """Name the ids of what is added; forget those of what is gone."""
+        labels = self._world.semantic_labels
+        wanted = {k: v for spec in metadata.added.values() for k, v in spec.labels.items()}
+        for semantic_id in self._memory.own_labels - wanted.keys():
+            del labels[semantic_id]
+        self._memory.own_labels &= wanted.keys()
+        for semantic_id, label in wanted.items():
+            if semantic_id in self._memory.own_labels or semantic_id not in labels:
+                labels[semantic_id] = label
+                self._memory.own_labels.add(semantic_id)
+
+
+def check_labels(metadata: AssetMetadata, labels: Mapping[int, str]) -> None:
+    """Refuse additions that call an id by another name than ``labels`` or each other.
+
+    Raises:
+        InvalidInputError: Its path begins with ``metadata.asset.add``.
+    """
+    names = dict(labels)
+    for name, spec in metadata.added.items():
+        for semantic_id, label in spec.labels.items():
+            known = names.setdefault(semantic_id, label)
+            if known != label:
+                path = f"metadata.{PART}.add.{name}.label"
+                raise InvalidInputError(path, label, f"{known!r}, the name of {semantic_id}")
+
+
+def changed_placement(
+    each: Standing, group: GroupEdit, edits: Sequence[tuple[int, ObjectEdit]]
+) -> Placement:
+    """Return a placement after changes to its group and to single things of it."""
+    placement = each.placement
+    T_map_object = placement.T_map_object.copy()
+    T_map_object[:, :3, :3] *= group.scale
+    hidden = each.hidden if group.hidden is None else group.hidden
+    is_shown = np.full(len(T_map_object), not hidden)
+    row_of = {instance_id: row for row, instance_id in enumerate(placement.instance_ids.tolist())}
+    for instance_id, edit in edits:
+        row = row_of[instance_id]
+        T_map_object[row] = edited_pose(T_map_object[row], edit)
+        if edit.hidden is not None:
+            is_shown[row] = not edit.hidden
+    return _shown(replace(placement, T_map_object=T_map_object), is_shown)
+
+
+def edited_pose(T_map_object: FloatArray, edit: ObjectEdit) -> FloatArray:
+    """Return a (4, 4) pose, rotation times uniform scale, after a change to the thing."""
+    T = T_map_object.copy()
+    if edit.position_m is not None:
+        T[:3, 3] = edit.position_m
+    if edit.quat_xyzw is not None:
+        size = float(np.linalg.norm(T[:3, 0]))
+        T[:3, :3] = size * Rotation.from_quat(edit.quat_xyzw).as_matrix()
+    T[:3, :3] *= edit.scale
+    return T
+
+
+def changed_primitives(
+    primitives: tuple[Primitive, ...], edits: Mapping[int, ObjectEdit]
+) -> tuple[Primitive, ...]:
+    """Return exact solids after changes, the hidden ones left out; without any, as they were."""
+    if not any(primitive.instance_id in edits for primitive in primitives):
+        return primitives
+    result = []
+    for primitive in primitives:
+        edit = edits.get(primitive.instance_id)
+        if edit is None:
+            result.append(primitive)
+        elif not edit.hidden:
+            pose = edited_pose(primitive.T_map_object, edit.model_copy(update={"scale": 1.0}))
+            a, b, c = (size_m * edit.scale for size_m in primitive.size_m)
+            result.append(replace(primitive, T_map_object=pose, size_m=(a, b, c)))
+    return tuple(result)
+
+
+def _shown(placement: Placement, is_shown: NDArray[np.bool_]) -> Placement:
+    if is_shown.all():
+        return placement
+    return replace(
+        placement,
+        T_map_object=placement.T_map_object[is_shown],
+        instance_ids=placement.instance_ids[is_shown],
+    )
+
+
+def _kept(old: tuple[T, ...], new: Sequence[T]) -> tuple[T, ...]:
+    """Return ``old`` itself where it holds the very same objects as ``new``."""
+    same = len(old) == len(new) and all(a is b for a, b in zip(old, new, strict=True))
+    return old if same else tuple(new)

@@ -1,0 +1,212 @@
+"""Things that stand on the ground: rocks, groups, objects, movers and calibration solids."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from oaisys_core.config.sections.assets import AssetsConfig
+from oaisys_core.config.sections.groups import MOST_INSTANCES
+from oaisys_core.config.sections.objects import ShapedConfig
+from oaisys_core.errors import ConfigError, InvalidInputError, one_of
+from oaisys_core.module import Metadata, Module, World, drawn
+from oaisys_core.modules.assets.drawing import Drawing, Drawn
+from oaisys_core.modules.assets.edits import EditedAssets, check_labels
+from oaisys_core.modules.assets.ids import IdPlan
+from oaisys_core.modules.assets.looks import Looks
+from oaisys_core.modules.assets.metadata import PART, AssetMetadata, asset_metadata
+from oaisys_core.modules.assets.object_list import Things, box_of, check_query, page_of, solid
+from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, added_id
+from oaisys_core.scatter.rocks import ROCK_KINDS
+from oaisys_core.scene import Ground
+from oaisys_core.textures import TEXTURES
+from oaisys_core.types import ObjectPage, ObjectQuery, merged
+
+
+class AssetsModule(Module):
+    """Puts things on the ground anew for each batch; samples may move, hide and add some."""
+
+    name = "assets"
+    metadata_part = PART
+
+    def __init__(self, config: AssetsConfig, texture_size_px: int, texture_seed: int) -> None:
+        self._config = config
+        self._plan = IdPlan(config)
+        self._looks = Looks(config.rock_texture, config.rock_tile_m, texture_size_px, texture_seed)
+        faults = [str(fault) for fault in self._faults()]
+        if faults:
+            raise ConfigError("\n".join(faults))
+        self._metadata: Mapping[str, Any] = {}
+        self._edited: EditedAssets | None = None
+        self._last: _Last | None = None
+
+    def setup(self) -> None:
+        """Load or make the rocks' texture set."""
+        if self._config.rocks:
+            self._looks.rock_maps()
+
+    def check(self, metadata: Metadata) -> None:
+        """Refuse unknown keys, values out of range, and ids that no batch has."""
+        checked = asset_metadata({}, metadata)
+        self._check_groups(checked)
+        self._check_added(checked)
+        labels = {k: v for thing in self._config.labelled for k, v in thing.labels.items()}
+        check_labels(checked, labels)
+        for key in checked.objects:
+            if not self._plan.knows(int(key)):
+                path = f"metadata.{PART}.objects.{key}"
+                raise InvalidInputError(path, key, "an instance id of this configuration")
+
+    def check_sample(self, metadata: Metadata) -> None:
+        """Refuse unknown keys, values out of range, ids that this batch has not, and numbers."""
+        if not metadata:
+            return
+        _refuse_counts(metadata)
+        checked = asset_metadata(self._metadata, metadata)
+        self._check_groups(checked)
+        self._check_added(checked)
+        drawn(self._edited).check(checked)
+
+    def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Replace all objects of the world; changes to ids that it has not are passed over."""
+        checked = asset_metadata({}, metadata)
+        things = self._drawn(drawn(world.ground), checked, rng)
+        world.primitives = things.primitives
+        for thing in self._config.labelled:
+            world.semantic_labels.update(thing.labels)
+        self._metadata = merged({}, metadata)
+        self._edited = EditedAssets(things, world, self._looks, rng)
+        self._edited.apply(checked)
+
+    def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Move what moves by itself, and change what the metadata says from here on."""
+        self._metadata = merged(self._metadata, metadata)
+        # A sample that fails brings the old module back, so what it holds must not change.
+        self._edited = drawn(self._edited).in_world(world)
+        self._edited.apply(asset_metadata({}, self._metadata))
+
+    def listed(self, world: World, metadata: Metadata, query: ObjectQuery) -> ObjectPage:
+        """Return what stands in a world, as it will once ``metadata`` has been applied, too.
+
+        Raises:
+            InvalidInputError: The query cannot be answered, or the metadata applied.
+        """
+        check_query(query)
+        self.check_sample(metadata)
+        later = replace(world, semantic_labels=dict(world.semantic_labels))
+        edited = drawn(self._edited).in_world(later)
+        checked = asset_metadata(self._metadata, metadata)
+        edited.apply(checked)
+        return page_of(self._things(later, edited, checked), later.semantic_labels, query)
+
+    def _things(
+        self, world: World, edited: EditedAssets, metadata: AssetMetadata
+    ) -> Iterable[Things]:
+        """Yield the things of a world, look by look."""
+        yield from map(solid, world.primitives)
+        names = {FIRST_OBJECT_ID + i: each.name for i, each in enumerate(self._config.objects)}
+        names |= {FIRST_MOVER_ID + i: each.name for i, each in enumerate(self._config.movers)}
+        names |= {added_id(name): name for name in metadata.added}
+        groups = edited.groups
+        for index, placement in enumerate(world.placements):
+            if not len(placement.instance_ids):
+                continue
+            prototype = world.prototypes[placement.prototype]
+            kind, group = "added", ""
+            if index < len(groups):
+                kind = self._plan.kind_of(int(placement.instance_ids[0]))
+                group = prototype.name if kind == "rock" else groups[index]
+            yield Things(
+                kind,
+                group,
+                placement.semantic_ids[0],
+                placement.T_map_object,
+                placement.instance_ids,
+                *box_of(prototype),
+                names,
+            )
+
+    def _drawn(self, ground: Ground, metadata: AssetMetadata, rng: np.random.Generator) -> Drawn:
+        """Draw all things, or return those of the last batch where they would be the same."""
+        before = rng.bit_generator.state
+        last = self._last
+        if last and last.ground is ground and (last.metadata, last.before) == (metadata, before):
+            rng.bit_generator.state = last.after
+            return last.things
+        things = Drawing(self._config, self._looks, self._plan, ground, rng).draw(metadata)
+        self._last = _Last(ground, metadata, before, rng.bit_generator.state, things)
+        return things
+
+    def _faults(self) -> Iterable[InvalidInputError]:
+        """Yield what the configuration names and is not there."""
+        for index, group in enumerate(self._config.rocks):
+            if group.kind not in ROCK_KINDS:
+                path = f"assets.rocks.{index}.kind"
+                yield InvalidInputError(path, group.kind, one_of(ROCK_KINDS, group.kind))
+        rock_texture = self._config.rock_texture
+        if rock_texture not in TEXTURES:
+            expected = one_of(TEXTURES, rock_texture)
+            yield InvalidInputError("assets.rock_texture", rock_texture, expected)
+        for field, thing in self._shaped():
+            try:
+                self._looks.check(thing, field)
+            except InvalidInputError as error:
+                yield error
+
+    def _shaped(self) -> Iterable[tuple[str, ShapedConfig]]:
+        """Yield everything that has a shape of its own, with its path."""
+        for part in ("groups", "objects", "movers"):
+            for index, thing in enumerate(getattr(self._config, part)):
+                yield f"assets.{part}.{index}", thing
+
+    def _check_groups(self, metadata: AssetMetadata) -> None:
+        counts = {group.name: group.count[1] for group in self._config.groups}
+        for name, edit in metadata.groups.items():
+            path = f"metadata.{PART}.groups.{name}"
+            if name not in counts:
+                known = ", ".join(sorted(counts)) or "none is configured"
+                raise InvalidInputError(path, name, f"the name of a group ({known})")
+            factor = metadata.count_factor * (edit.count_factor if edit else 1.0)
+            if factor * counts[name] > MOST_INSTANCES:
+                expected = f"at most {MOST_INSTANCES} things in the group"
+                raise InvalidInputError(f"{path}.count_factor", factor, expected)
+
+    def _check_added(self, metadata: AssetMetadata) -> None:
+        names = {getattr(thing, "name", "") for _, thing in self._shaped()}
+        ids: dict[int, str] = {}
+        for name, spec in metadata.added.items():
+            path = f"metadata.{PART}.add.{name}"
+            self._looks.check(spec, path)
+            if spec.prototype is not None and spec.prototype not in names:
+                known = ", ".join(sorted(names)) or "none is configured"
+                expected = f"the name of a group, object or mover ({known})"
+                raise InvalidInputError(f"{path}.prototype", spec.prototype, expected)
+            other = ids.setdefault(added_id(name), name)
+            if other != name:
+                raise InvalidInputError(path, name, f"a name whose id is not that of {other!r}")
+
+
+class _Last(NamedTuple):
+    """What a batch has drawn, from what, and the generator's states before and after."""
+
+    ground: Ground
+    metadata: AssetMetadata
+    before: Mapping[str, Any]
+    after: Mapping[str, Any]
+    things: Drawn
+
+
+def _refuse_counts(metadata: Mapping[str, Any]) -> None:
+    """Refuse numbers of things, which are drawn once a batch."""
+    expected = "none at a sample step: how many there are is drawn once a batch"
+    path = f"metadata.{PART}"
+    if "count_factor" in metadata:
+        raise InvalidInputError(f"{path}.count_factor", metadata["count_factor"], expected)
+    groups = metadata.get("groups")
+    for name, edit in groups.items() if isinstance(groups, Mapping) else ():
+        if isinstance(edit, Mapping) and "count_factor" in edit:
+            received = edit["count_factor"]
+            raise InvalidInputError(f"{path}.groups.{name}.count_factor", received, expected)

@@ -1,0 +1,1 @@
+"""Independent checks of what was rendered: the label-geometry audit, and recorded samples."""

@@ -1,0 +1,132 @@
+"""All modules of a simulator: each given its part of the metadata and its own random stream."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from oaisys_core import randomness
+from oaisys_core.backend.base import ProgressCallback
+from oaisys_core.config import SimulationConfig
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.extension_modules import make_modules
+from oaisys_core.module import Module, World
+from oaisys_core.modules import (
+    AssetsModule,
+    EnvironmentModule,
+    MaterialsModule,
+    RenderModule,
+    SensorsModule,
+    StageModule,
+)
+from oaisys_core.types import OWN_PARTS, ModuleMetadata, Progress
+from oaisys_core.world.batch import Batch
+from oaisys_core.world.reuse import OF_STAGE, Origin, same_stage
+
+DRAW_SHARE = 0.5
+"""Share of a batch's progress until the backend begins to build."""
+
+
+@dataclass(frozen=True)
+class ModuleSet:
+    """The modules in the order in which they draw.
+
+    Attributes:
+        stage, assets, sensors: Those of `all` that are asked for more than a module's life.
+    """
+
+    stage: StageModule
+    assets: AssetsModule
+    sensors: SensorsModule
+    all: tuple[Module, ...]
+
+    @classmethod
+    def of(cls, config: SimulationConfig) -> ModuleSet:
+        """Make the modules of a configuration; none is set up yet.
+
+        Raises:
+            ConfigError: The configuration names something that does not exist.
+        """
+        stage, sensors = StageModule(config.stage), SensorsModule(config.sensors)
+        materials = config.materials
+        assets = AssetsModule(config.assets, materials.texture_size_px, materials.texture_seed)
+        modules: tuple[Module, ...] = (
+            stage,
+            MaterialsModule(materials),
+            assets,
+            EnvironmentModule(config.environment),
+            sensors,
+            RenderModule(config.render),
+            *make_modules(config.extensions),
+        )
+        return cls(stage, assets, sensors, modules)
+
+    def setup(self) -> None:
+        """Set all up, once."""
+        for module in self.all:
+            module.setup()
+
+    def check(self, metadata: ModuleMetadata, *, is_batch: bool) -> None:
+        """Refuse metadata that some module refuses, or that are for none.
+
+        Raises:
+            InvalidInputError: Naming the field.
+        """
+        known = {module.metadata_part for module in self.all} - OWN_PARTS
+        for name, value in metadata.custom.items():
+            if name not in known or not isinstance(value, Mapping):
+                expected = f"a mapping for one of the modules {', '.join(sorted(known))}"
+                raise InvalidInputError(f"metadata.custom.{name}", value, expected)
+        for module in self.all:
+            check = module.check if is_batch else module.check_sample
+            check(metadata.part(module.metadata_part))
+
+    def in_force(self, metadata: ModuleMetadata) -> ModuleMetadata:
+        """Return what a batch can begin with to stand as the modules do now.
+
+        Args:
+            metadata: All since the batch began, merged.
+        """
+        parts = {
+            module.metadata_part: dict(module.in_force(metadata.part(module.metadata_part)) or {})
+            for module in self.all
+        }
+        custom = {name: part for name, part in parts.items() if name not in OWN_PARTS and part}
+        own = {name: part for name, part in parts.items() if name in OWN_PARTS}
+        return ModuleMetadata(**own, custom=custom)
+
+    def draw(
+        self,
+        origin: Origin,
+        metadata: ModuleMetadata,
+        kept: Batch | None,
+        progress: ProgressCallback,
+    ) -> World:
+        """Return a new world.
+
+        Args:
+            kept: The batch before, whose stage is taken over where the new one's is the same.
+            progress: Told how far it is, up to `DRAW_SHARE`; may raise `CancelledError`.
+        """
+        world = World()
+        for index, module in enumerate(self.all):
+            progress(Progress(module.name, DRAW_SHARE * index / len(self.all)))
+            if module.name in OF_STAGE and kept and same_stage(origin, metadata, kept):
+                world.keep_stage(kept.world)
+                continue
+            rng = randomness.stream(_seed_of(module, origin), module.name)
+            module.step_batch(world, metadata.part(module.metadata_part), rng)
+        return world
+
+    def step_sample(self, batch: Batch, metadata: ModuleMetadata) -> None:
+        """Change a batch's world for its next sample."""
+        batch.world.sample_id = batch.sample_id + 1
+        for module in self.all:
+            rng = randomness.stream(batch.seed, module.name, batch.sample_id + 1)
+            module.step_sample(batch.world, metadata.part(module.metadata_part), rng)
+
+
+def _seed_of(module: Module, origin: Origin) -> int:
+    if module.name in OF_STAGE:
+        return origin.stage_seed
+    return origin.asset_seed if isinstance(module, AssetsModule) else origin.seed

@@ -1,0 +1,1 @@
+"""A typed client of the simulator, without Blender or protobuf in its interface."""

@@ -1,0 +1,96 @@
+"""``oaisys heights``: ground and surface of a world on a grid, as a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from oaisys_core.cli.options import BackendOption, ConfigOption, SeedOption
+from oaisys_core.cli.standard_output import own_stdout
+from oaisys_core.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from oaisys_core.types import HeightGrid
+    from oaisys_core.world.height_grids import Extent
+
+
+def heights(
+    out: Annotated[
+        Path, typer.Option("--out", help="File to write: .tif (GeoTIFF, two bands) or .npz.")
+    ],
+    resolution: Annotated[float, typer.Option(help="Edge of a cell in metres.")] = 0.1,
+    extent: Annotated[
+        str | None,
+        typer.Option(help="min_x,min_y,max_x,max_y in map, metres; default: the whole stage."),
+    ] = None,
+    config: ConfigOption = None,
+    seed: SeedOption = None,
+    backend: BackendOption = None,
+    batch: Annotated[int, typer.Option(help="Which world of the configuration.", min=1)] = 1,
+    address: Annotated[
+        str | None,
+        typer.Option(help="host:port of a running server: the world that stands there."),
+    ] = None,
+) -> None:
+    """Write the heights of ground and topmost surface at the centres of a grid's cells.
+
+    Metres in the frame map, float32, NaN off the stage. Surface includes what stands on the ground.
+    GeoTIFF has row 0 in the north (+y), NPZ in the south, with origin_xy_m and spacing_m.
+    """
+    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    from oaisys_core.output.heights import SUFFIXES, write_heights
+
+    if out.suffix not in SUFFIXES:
+        raise InvalidInputError("out", str(out), f"a file that ends in {', '.join(SUFFIXES)}")
+    wanted = None if extent is None else _parsed(extent)
+    if address is not None:
+        grid = _served(address, resolution, wanted)
+    else:
+        grid = _built(config, seed, backend, batch, resolution, wanted)
+    write_heights(out, grid)
+    rows, columns = grid.ground_m.shape
+    typer.echo(f"{out}: {columns} x {rows} cells of {grid.spacing_m:g} m")
+
+
+def _served(address: str, resolution_m: float, extent_m: Extent | None) -> HeightGrid:
+    from oaisys_grpc.client.simulator_client import SimulatorClient
+
+    with SimulatorClient(address) as client:
+        return client.height_grid(resolution_m, extent_m)
+
+
+def _built(
+    config: Path | None,
+    seed: int | None,
+    backend: str | None,
+    batch: int,
+    resolution_m: float,
+    extent_m: Extent | None,
+) -> HeightGrid:
+    from oaisys_core import randomness
+    from oaisys_core.config import SimulationConfig, adjusted, load_config
+    from oaisys_core.simulation import Simulation
+    from oaisys_core.world.height_grids import grid_shape
+
+    # Before a world is built for a resolution that is none.
+    grid_shape(resolution_m, extent_m or (0.0, 0.0, resolution_m, resolution_m))
+    loaded = load_config(config) if config else SimulationConfig()
+    chosen = adjusted(loaded, seed=seed, backend=backend)
+    with own_stdout():
+        simulation = Simulation(chosen)
+        try:
+            simulation.step_batch(seed=randomness.batch_seed(chosen.seed, batch))
+            return simulation.height_grid(resolution_m, extent_m)
+        finally:
+            simulation.close()
+
+
+def _parsed(extent: str) -> Extent:
+    expected = "min_x,min_y,max_x,max_y in metres, such as -5,-5,5,5"
+    try:
+        x0, y0, x1, y1 = (float(part) for part in extent.split(","))
+    except ValueError as error:
+        raise InvalidInputError("extent", extent, expected) from error
+    return (x0, y0, x1, y1)

@@ -1,0 +1,219 @@
+"""A sample as a client gets it: frame by frame, as they are rendered."""
+
+from __future__ import annotations
+
+import functools
+import logging
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+
+from oaisys_core.errors import OaisysError
+from oaisys_core.types import Frame, FrameName, Sample, SampleOutline
+from oaisys_grpc.client.shared_memory_reader import Reader, SharedMemoryError
+from oaisys_grpc.contract import conversions, encodings
+from oaisys_grpc.contract.array_messages import Part, RawChunk, RawGroup
+from oaisys_grpc.contract.chunks import ArrayAssembly, frame_from_header
+from oaisys_grpc.contract.transfer import MAX_FRAME_BYTES, place_from_proto
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.worker.shared_memory import Segment
+
+_LOG = logging.getLogger(__name__)
+
+
+class SampleStream:
+    """Iterates over the frames of a sample as they come: depth and labels before any colour.
+
+    Frames of a stream that raises belong to no sample and must be thrown away: its ids will be
+    those of another one. `sample` is there once the iteration has ended by itself.
+
+    Attributes:
+        largest_copied_bytes: Of the frames that came through the connection.
+    """
+
+    def __init__(
+        self,
+        parts: Iterable[Part],
+        *,
+        limit: int = MAX_FRAME_BYTES,
+        reader: Reader | None = None,
+        fetch: Callable[[int, int], Sample] | None = None,
+        cancel: Callable[[], object] = lambda: None,
+    ) -> None:
+        """Read nothing yet.
+
+        Args:
+            limit: Most bytes that a frame may have; a larger one is refused before it is received.
+            reader: Of frames that stay in the server's memory; None: they cannot be read.
+            fetch: Brings the complete sample of a batch and sample id as bytes, for frames that
+                could not be read there.
+            cancel: Ends the call that the parts come by.
+        """
+        self._parts = iter(parts)
+        self._cancel = cancel
+        self._limit = limit
+        self._reader = reader
+        self._fetch = fetch
+        self._frames: dict[FrameName, Frame] = {}
+        self._unread: list[FrameName] = []
+        self._files: dict[bytes, Segment] = {}
+        self._begun: tuple[pb.FrameHeader, ArrayAssembly] | None = None
+        self._header: pb.SampleHeader | None = None
+        self._sample: Sample | None = None
+        self.largest_copied_bytes = 0
+
+    @functools.cached_property
+    def outline(self) -> SampleOutline:
+        """What the sample will be; there from its first frame on.
+
+        Raises:
+            OaisysError: It has not come yet.
+        """
+        header = self._header
+        if header is None:
+            raise OaisysError("the sample has not begun yet")
+        return SampleOutline(
+            batch_id=header.batch_id,
+            sample_id=header.sample_id,
+            rig_pose=conversions.pose_from_proto(header.rig_pose),
+            frames=tuple(FrameName(name.sensor, name.modality) for name in header.frames),
+            provenance=conversions.provenance_from_proto(header.provenance),
+            from_cache=header.from_cache,
+            odometry=conversions.odometry_from_proto(header),
+        )
+
+    @property
+    def sample(self) -> Sample:
+        """The whole sample.
+
+        Raises:
+            OaisysError: Not all of it has come.
+        """
+        if self._sample is None:
+            raise OaisysError("the sample is incomplete: its end has not come")
+        return self._sample
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield each frame as soon as all of it has come.
+
+        Raises:
+            OaisysError: The render failed, or parts are missing or contradict each other.
+        """
+        for part in self._parts:
+            yield from self._take(part)
+            if self._sample is not None:
+                return  # what still comes is the call's status, and that can only be good
+
+    def cancel(self) -> None:
+        """Stop the render; a thread that iterates gets a `CancelledError`."""
+        self._cancel()
+
+    def read(self) -> Sample:
+        """Read to the end and return the sample."""
+        for _ in self:
+            pass
+        return self.sample
+
+    def _take(self, part: Part) -> Iterator[Frame]:
+        """Take the next part; yield the frames that are complete by it."""
+        if isinstance(part, RawChunk):
+            yield from self._add(part)
+            return
+        if isinstance(part, RawGroup):
+            for raw in part.parts:
+                yield from self._take(raw)
+            return
+        kind = part.WhichOneof("part")
+        if kind == "sample":
+            self._header = part.sample
+        elif kind == "frame":
+            yield from self._completed()
+            yield from self._begin(part.frame)
+        elif kind == "chunk":
+            yield from self._add(part.chunk)
+        elif kind == "group":
+            for member in part.group.parts:
+                yield from self._take(member)
+        elif kind == "end":
+            yield from self._completed()
+            yield from self._fetched()
+            self._finish(part.end)
+
+    def _begin(self, header: pb.FrameHeader) -> Iterator[Frame]:
+        content = header.WhichOneof("content")
+        if content == "shared_memory":
+            yield from self._shared(header)
+            return
+        self._begun = header, ArrayAssembly(header.array, self._limit)
+        size = encodings.checked_nbytes(header.array, self._limit)
+        self.largest_copied_bytes = max(self.largest_copied_bytes, size)
+        if content == "data":
+            yield from self._add(RawChunk(header.index, 0, memoryview(header.data)))
+
+    def _add(self, chunk: pb.Chunk | RawChunk) -> Iterator[Frame]:
+        if self._begun is None or chunk.index != self._begun[0].index:
+            raise OaisysError("a chunk came without its frame")
+        self._begun[1].add(chunk)
+        if self._begun[1].is_complete:
+            yield from self._completed()
+
+    def _completed(self) -> Iterator[Frame]:
+        """Yield the frame that has begun, if there is one."""
+        if self._begun is None:
+            return
+        header, assembly = self._begun
+        self._begun = None
+        yield self._kept(frame_from_header(header, assembly.array()))
+
+    def _shared(self, header: pb.FrameHeader) -> Iterator[Frame]:
+        """Yield a frame that stayed in the server's memory, or note that it must be fetched."""
+        size = encodings.checked_nbytes(header.array, self._limit)
+        try:
+            if self._reader is None:
+                raise SharedMemoryError("this client reads no shared memory")
+            data = self._reader.read(place_from_proto(header.shared_memory), size, self._files)
+        except SharedMemoryError as error:
+            _LOG.info("%s; the frame is fetched instead", error)
+            self._unread.append(FrameName(header.sensor, header.modality))
+            return
+        yield self._kept(frame_from_header(header, encodings.decoded(header.array, data)))
+
+    def _fetched(self) -> Iterator[Frame]:
+        if not self._unread or self._fetch is None:
+            return
+        sample = self._fetch(self.outline.batch_id, self.outline.sample_id)
+        for name in self._unread:
+            yield self._kept(sample.frame(name.sensor, name.modality))
+
+    def _kept(self, frame: Frame) -> Frame:
+        self._frames[FrameName(frame.sensor, frame.modality)] = frame
+        return frame
+
+    def _finish(self, end: pb.SampleEnd) -> None:
+        outline = self.outline
+        begun = outline.provenance
+        if outline.frames != tuple(name for name in outline.frames if name in self._frames):
+            raise OaisysError("the sample is incomplete: frames are missing")
+        self._sample = Sample(
+            batch_id=outline.batch_id,
+            sample_id=outline.sample_id,
+            rig_pose=outline.rig_pose,
+            frames=tuple(self._frames[name] for name in outline.frames),
+            render_time_s=end.render_time_s,
+            provenance=replace(
+                conversions.provenance_from_proto(end.provenance),
+                metadata_json=begun.metadata_json,
+                previous_poses_json=begun.previous_poses_json,
+            ),
+            from_cache=outline.from_cache,
+            finished_ns=end.finished_monotonic_ns,
+            odometry=outline.odometry,
+        )
+
+
+def sample_from_parts(parts: Iterable[Part]) -> Sample:
+    """Return the sample whose parts these are; inverse of `sample_to_parts`.
+
+    Raises:
+        OaisysError: Parts are missing or contradict each other.
+    """
+    return SampleStream(parts).read()

@@ -1,0 +1,150 @@
+"""How a client receives samples: which way, within which limits, and from where."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+
+from oaisys_core.errors import OaisysError
+from oaisys_core.types import Progress, Sample
+from oaisys_grpc.addresses import is_this_machine
+from oaisys_grpc.client.channel import Channel, translated
+from oaisys_grpc.client.sample_stream import SampleStream
+from oaisys_grpc.client.shared_memory_reader import Reader, SharedMemoryError, found_token
+from oaisys_grpc.contract import conversions
+from oaisys_grpc.contract.array_messages import Part, RawPart
+from oaisys_grpc.contract.transfer import (
+    Transfer,
+    place_from_proto,
+    transfer_to_proto,
+)
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.worker.shared_memory import SHARED_FROM_BYTES
+
+_LOG = logging.getLogger(__name__)
+
+ProgressListener = Callable[[Progress], None]
+
+MAX_FRAME_BYTES = 1 << 30
+"""Of a frame or of an array of a mesh, decoded, where the caller sets no limit."""
+
+_INLINE_BYTES = 64 << 10
+"""Larger ones are faster in chunks."""
+
+_MESSAGE_BYTES = 1 << 20
+"""Of array data. gRPC copies each message three times on its way in: of larger ones, what was
+copied first has left the processor's cache when it is copied again."""
+
+_ASK_AGAIN_S = 10.0
+_ASK_TIMEOUT_S = 2.0
+
+
+class SampleClient:
+    """Receives samples: through shared memory where that works, otherwise as bytes."""
+
+    def __init__(
+        self,
+        channel: Channel,
+        *,
+        shared_memory: bool,
+        encodings: tuple[int, ...],
+        max_frame_bytes: int,
+    ) -> None:
+        self._channel = channel
+        self._reader = Reader()
+        self._wanted = Transfer(
+            encodings=encodings,
+            inline_bytes=_INLINE_BYTES,
+            chunk_bytes=_MESSAGE_BYTES,
+            frame_bytes=max_frame_bytes,
+            grouped=True,
+            group_bytes=_MESSAGE_BYTES,
+        )
+        self._token = b""
+        self._ask_from_s = 0.0 if shared_memory and is_this_machine(channel.address) else None
+        self._lock = threading.Lock()
+
+    def transfer(self, timeout_s: float) -> Transfer:
+        """Return how frames shall come; asks the server once whether it shares its memory."""
+        return replace(self._wanted, token=self._found_token(timeout_s))
+
+    @contextlib.contextmanager
+    def rendered(
+        self,
+        request: pb.RenderSampleRequest,
+        timeout_s: float,
+        on_progress: ProgressListener | None,
+    ) -> Iterator[SampleStream]:
+        """Have a sample rendered; leaving the block early cancels that."""
+        with translated(), self._channel.render_sample(request, timeout=timeout_s) as call:
+            parts = _parts_after_progress(call, on_progress)
+            stream = self._stream(parts, timeout_s, call.cancel)
+            yield stream
+            self._learn(request.transfer, stream)
+
+    def fetched(
+        self, batch_id: int, sample_id: int, timeout_s: float, transfer: Transfer | None = None
+    ) -> Sample:
+        """Return a sample that was rendered lately."""
+        options = transfer_to_proto(transfer or self.transfer(timeout_s))
+        request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id, transfer=options)
+        with translated(), self._channel.get_sample(request, timeout=timeout_s) as answers:
+            parts = (a.part if isinstance(a, pb.GetSampleResponse) else a for a in answers)
+            stream = self._stream(parts, timeout_s)
+            sample = stream.read()
+        self._learn(options, stream)
+        return sample
+
+    def _stream(
+        self,
+        parts: Iterable[Part],
+        timeout_s: float,
+        cancel: Callable[[], object] = lambda: None,
+    ) -> SampleStream:
+        def fetch(batch_id: int, sample_id: int) -> Sample:
+            return self.fetched(batch_id, sample_id, timeout_s, self._wanted)
+
+        limit = self._wanted.frame_bytes
+        return SampleStream(parts, limit=limit, reader=self._reader, fetch=fetch, cancel=cancel)
+
+    def _found_token(self, timeout_s: float) -> bytes:
+        with self._lock:
+            now_s = time.monotonic()
+            if self._token or self._ask_from_s is None or now_s < self._ask_from_s:
+                return self._token
+            self._ask_from_s = now_s + _ASK_AGAIN_S
+            request = pb.GetSimulatorInfoRequest()
+            try:
+                with translated():
+                    stub = self._channel.stub
+                    info = stub.GetSimulatorInfo(request, timeout=min(timeout_s, _ASK_TIMEOUT_S))
+                if info.HasField("shared_memory_probe"):
+                    self._token = found_token(place_from_proto(info.shared_memory_probe))
+            except (OaisysError, SharedMemoryError) as error:
+                _LOG.info("no shared memory with %s: %s", self._channel.address, error)
+            return self._token
+
+    def _learn(self, options: pb.TransferOptions, stream: SampleStream) -> None:
+        """Forget a token that large frames came in spite of: the server is another one by now."""
+        if options.shared_memory_token and stream.largest_copied_bytes >= SHARED_FROM_BYTES:
+            with self._lock:
+                if self._token == options.shared_memory_token:
+                    self._token, self._ask_from_s = b"", 0.0
+
+
+def _parts_after_progress(
+    events: Iterable[pb.RenderSampleResponse | RawPart], on_progress: ProgressListener | None
+) -> Iterator[Part]:
+    """Tell the listener of progress; yield the sample's parts."""
+    with translated():
+        for event in events:
+            if not isinstance(event, pb.RenderSampleResponse):
+                yield event
+            elif event.HasField("part"):
+                yield event.part
+            elif on_progress is not None:
+                on_progress(conversions.progress_from_proto(event.operation.progress))

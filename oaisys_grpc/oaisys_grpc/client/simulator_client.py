@@ -1,0 +1,343 @@
+"""A typed client of the simulator: the core's types and errors, without Blender or protobuf."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.types import (
+    HeightGrid,
+    HeightQuery,
+    ModuleMetadata,
+    ObjectPage,
+    ObjectQuery,
+    Pose,
+    Sample,
+    SampleFramesCallback,
+    SimulatorInfo,
+    TriangleMesh,
+    ignore_sample_frames,
+)
+from oaisys_grpc.addresses import DEFAULT_ADDRESS
+from oaisys_grpc.client import requests
+from oaisys_grpc.client.channel import SERVICE, Channel, translated
+from oaisys_grpc.client.sample_stream import SampleStream
+from oaisys_grpc.client.samples import MAX_FRAME_BYTES, ProgressListener, SampleClient
+from oaisys_grpc.contract import chunks, conversions
+from oaisys_grpc.contract.encodings import encodings_from_names
+from oaisys_grpc.contract.object_messages import page_from_proto, query_to_proto
+from oaisys_grpc.contract.operation import OperationStatus, status_from_proto
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.tls import ClientTls, client_tls
+
+__all__ = [
+    "DEFAULT_ADDRESS",
+    "SERVICE",
+    "ClientTls",
+    "ProgressListener",
+    "SampleStream",
+    "SimulatorClient",
+    "client_tls",
+]
+
+DEFAULT_TIMEOUT_S = 120.0
+
+_HEIGHTS_PER_CALL = 50_000
+
+
+class SimulatorClient:
+    """Talks to one simulator; a context manager, and safe to share between threads.
+
+    Every method raises the same `oaisys_core.errors` that the simulator raised, an
+    `InvalidInputError` with its field, and besides `DeadlineExceededError` after ``timeout_s`` and
+    `oaisys_grpc.contract.faults.ServerUnavailableError` where no server answers.
+    """
+
+    def __init__(
+        self,
+        address: str = DEFAULT_ADDRESS,
+        *,
+        timeout_s: float = DEFAULT_TIMEOUT_S,
+        tls: ClientTls | None = None,
+        shared_memory: bool = True,
+        encodings: Sequence[str] = (),
+        max_array_bytes: int = MAX_FRAME_BYTES,
+    ) -> None:
+        """Prepare a connection; nothing is sent yet.
+
+        Args:
+            address: ``host:port`` or ``unix:PATH``.
+            timeout_s: How long a call may take, rendering and waiting in the queue included.
+            tls: For a server that encrypts; None: without.
+            shared_memory: Read images in the server's memory where that is on this machine; they
+                come through the connection where it is not.
+            encodings: In which of ``png`` and ``shuffled_zlib`` images may come through the
+                connection, the dearest first; none: not compressed. They are lossless.
+            max_array_bytes: A larger image, or array of a mesh, is refused before it is received.
+
+        Raises:
+            InvalidInputError: A certificate or key cannot be used, or there is no such encoding.
+        """
+        self._timeout_s = timeout_s
+        self._max_array_bytes = max_array_bytes
+        accepted = encodings_from_names(encodings)
+        self._channel = Channel(address, tls)
+        self._stub = self._channel.stub
+        self._samples = SampleClient(
+            self._channel,
+            shared_memory=shared_memory,
+            encodings=accepted,
+            max_frame_bytes=max_array_bytes,
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def wait_ready(self, timeout_s: float) -> None:
+        """Wait until the simulator serves.
+
+        Raises:
+            DeadlineExceededError: It does not within ``timeout_s`` seconds.
+        """
+        self._channel.wait_ready(timeout_s)
+
+    def is_ready(self, timeout_s: float = 1.0) -> bool:
+        """Return whether the simulator says within ``timeout_s`` seconds that it serves."""
+        return self._channel.is_ready(timeout_s)
+
+    def info(self) -> SimulatorInfo:
+        """Return what the simulator is and where it stands."""
+        with translated():
+            request = pb.GetSimulatorInfoRequest()
+            message = self._stub.GetSimulatorInfo(request, timeout=self._timeout_s)
+        return conversions.info_from_proto(message)
+
+    def config_json(self) -> str:
+        """Return the simulator's whole configuration as JSON; empty: the server is older."""
+        with translated():
+            request = pb.GetSimulatorInfoRequest(with_config=True)
+            message = self._stub.GetSimulatorInfo(request, timeout=self._timeout_s)
+        return message.config_json
+
+    def step_batch(
+        self,
+        *,
+        seed: int | None = None,
+        reuse_stage: bool = False,
+        metadata: ModuleMetadata | None = None,
+        on_progress: ProgressListener | None = None,
+    ) -> int:
+        """Build a new world, wait until it stands, and return its batch id.
+
+        Args:
+            seed: Seed of this world; None derives it from the root seed and the batch id.
+            reuse_stage: Keep the ground and its materials.
+            metadata: Parts for the modules.
+            on_progress: Told how far it is, on this thread.
+        """
+        name = self.start_batch(seed=seed, reuse_stage=reuse_stage, metadata=metadata)
+        try:
+            for status in self.watch_operation(name):
+                if on_progress is not None:
+                    on_progress(status.progress)
+        except BaseException:
+            with contextlib.suppress(OaisysError):
+                self.cancel_operation(name)
+            raise
+        if status.error is not None:
+            raise status.error
+        return status.batch_id
+
+    def render_sample(
+        self,
+        pose: Pose | None = None,
+        *,
+        metadata: ModuleMetadata | None = None,
+        modalities: Sequence[str] = (),
+        sensors: Sequence[str] = (),
+        on_progress: ProgressListener | None = None,
+        on_frames: SampleFramesCallback = ignore_sample_frames,
+    ) -> Sample:
+        """Move the rig, render, and return the frames.
+
+        Args:
+            pose: Where the rig goes, in ``map``; None: where it is, or where the metadata says.
+            metadata: What else changes from here on.
+            modalities: Which of them to render; none named: all of each sensor.
+            sensors: Which of them to render; none named: all.
+            on_progress: Told how far it is, on this thread. If it raises, the render is cancelled.
+            on_frames: Told each frame as soon as it comes: depth and labels before any colour. If
+                this method raises afterwards, these frames belong to no sample.
+        """
+        with self.stream_sample(
+            pose,
+            metadata=metadata,
+            modalities=modalities,
+            sensors=sensors,
+            on_progress=on_progress,
+        ) as stream:
+            for frame in stream:
+                on_frames(stream.outline, (frame,))
+            return stream.sample
+
+    @contextlib.contextmanager
+    def stream_sample(
+        self,
+        pose: Pose | None = None,
+        *,
+        metadata: ModuleMetadata | None = None,
+        modalities: Sequence[str] = (),
+        sensors: Sequence[str] = (),
+        on_progress: ProgressListener | None = None,
+    ) -> Iterator[SampleStream]:
+        """Move the rig and render, in a ``with`` block: iterate over the frames as they come.
+
+        Leaving the block before the last frame cancels the render. See `render_sample`.
+        """
+        transfer = self._samples.transfer(self._timeout_s)
+        request = requests.render_sample(pose, metadata, modalities, sensors, transfer)
+        with self._samples.rendered(request, self._timeout_s, on_progress) as stream:
+            yield stream
+
+    def start_batch(
+        self,
+        *,
+        seed: int | None = None,
+        reuse_stage: bool = False,
+        metadata: ModuleMetadata | None = None,
+        request_id: str = "",
+    ) -> str:
+        """Ask for a new world and return the operation's name at once.
+
+        Args:
+            request_id: Makes a repeated request harmless; empty: this call is a new request.
+        """
+        request = requests.step_batch(
+            self._timeout_s, seed, reuse_stage, metadata, request_id=request_id
+        )
+        with translated():
+            answer = self._stub.StepBatch(request, timeout=self._timeout_s)
+        return answer.operation.name
+
+    def start_sample(
+        self,
+        pose: Pose | None = None,
+        *,
+        metadata: ModuleMetadata | None = None,
+        modalities: Sequence[str] = (),
+        sensors: Sequence[str] = (),
+        request_id: str = "",
+    ) -> str:
+        """Ask for a sample and return the operation's name at once; see `render_sample`."""
+        request = requests.step_sample(
+            self._timeout_s, pose, metadata, modalities, sensors, request_id=request_id
+        )
+        with translated():
+            answer = self._stub.StepSample(request, timeout=self._timeout_s)
+        return answer.operation.name
+
+    def get_operation(self, name: str) -> OperationStatus:
+        """Return how an operation stands."""
+        with translated():
+            request = pb.GetOperationRequest(name=name)
+            answer = self._stub.GetOperation(request, timeout=self._timeout_s)
+        return status_from_proto(answer.operation)
+
+    def watch_operation(self, name: str) -> Iterator[OperationStatus]:
+        """Yield how an operation stands, at each change until it has ended."""
+        request = pb.WatchOperationRequest(name=name)
+        with translated(), self._channel.watch_operation(request, timeout=self._timeout_s) as call:
+            for answer in call:
+                yield status_from_proto(answer.operation)
+
+    def cancel_operation(self, name: str) -> OperationStatus:
+        """Ask an operation to stop, and return how it stands now."""
+        with translated():
+            request = pb.CancelOperationRequest(name=name)
+            answer = self._stub.CancelOperation(request, timeout=self._timeout_s)
+        return status_from_proto(answer.operation)
+
+    def get_sample(self, batch_id: int, sample_id: int) -> Sample:
+        """Return a sample that was rendered lately."""
+        return self._samples.fetched(batch_id, sample_id, self._timeout_s)
+
+    def ground_truth_mesh(self) -> TriangleMesh:
+        """Return the surface of the world as rendered, in ``map``."""
+        with translated():
+            request = pb.GetGroundTruthMeshRequest()
+            with self._channel.ground_truth_mesh(request, timeout=self._timeout_s) as parts:
+                return chunks.mesh_from_parts(parts, self._max_array_bytes)
+
+    def height_grid(
+        self, resolution_m: float, extent_m: tuple[float, float, float, float] | None = None
+    ) -> HeightGrid:
+        """Return the heights of ground and topmost surface on a grid.
+
+        Args:
+            resolution_m: Edge of a cell.
+            extent_m: (min_x, min_y, max_x, max_y) in ``map``; None: the whole stage.
+        """
+        request = pb.GetHeightFieldRequest(resolution_m=resolution_m)
+        if extent_m is not None:
+            x0, y0, x1, y1 = extent_m
+            extent = pb.StageExtent(min_x_m=x0, min_y_m=y0, max_x_m=x1, max_y_m=y1)
+            request.extent.CopyFrom(extent)
+        with (
+            translated(),
+            self._channel.height_field(request, timeout=self._timeout_s) as parts,
+        ):
+            return chunks.heights_from_parts(parts, self._max_array_bytes)
+
+    def query_height(self, points_m: ArrayLike) -> HeightQuery:
+        """Return the heights under (N, 3) points in ``map``; NaN off the stage."""
+        points = np.asarray(points_m, dtype=np.float64)
+        if points.ndim != 2 or points.shape[1] != 3:
+            raise InvalidInputError("points_m", points.shape, "(N, 3) coordinates")
+        answers = []
+        for begin in range(0, max(1, len(points)), _HEIGHTS_PER_CALL):
+            block = points[begin : begin + _HEIGHTS_PER_CALL]
+            request = pb.QueryHeightRequest(points_m=block.ravel().tolist())
+            with translated():
+                message = self._stub.QueryHeight(request, timeout=self._timeout_s)
+            answers.append(conversions.heights_from_proto(message))
+        return HeightQuery(
+            ground_height_m=np.concatenate([a.ground_height_m for a in answers]),
+            surface_height_m=np.concatenate([a.surface_height_m for a in answers]),
+            clearance_m=np.concatenate([a.clearance_m for a in answers]),
+        )
+
+    def list_objects(
+        self, query: ObjectQuery | None = None, metadata: ModuleMetadata | None = None
+    ) -> ObjectPage:
+        """Return things that stand in the world, a page of them.
+
+        Args:
+            query: Which of them, and how many at most; None: the first thousand.
+            metadata: As they will be once a sample has brought this, too; it is checked.
+        """
+        with translated():
+            request = query_to_proto(query or ObjectQuery(), metadata)
+            return page_from_proto(self._stub.ListObjects(request, timeout=self._timeout_s))
+
+    def end_simulation(self) -> None:
+        """End the simulator: its worker and the server's process."""
+        with translated():
+            self._stub.EndSimulation(pb.EndSimulationRequest(), timeout=self._timeout_s)
+
+    def close(self) -> None:
+        """Close the connection; the simulator goes on."""
+        self._channel.close()

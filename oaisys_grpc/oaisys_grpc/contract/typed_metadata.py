@@ -1,0 +1,145 @@
+"""Metadata as typed messages, and as the mappings that modules take; in pairs.
+
+The contract's fields have the names of the modules' keys, so that a new field needs nothing here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from google.protobuf.descriptor import FieldDescriptor
+from google.protobuf.message import Message
+from google.protobuf.struct_pb2 import Struct
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_grpc.contract.structs import struct_from_proto, struct_to_proto, whole_as_int
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+
+_LISTS = {
+    kind.DESCRIPTOR.full_name: tuple(kind.DESCRIPTOR.fields_by_name)
+    for kind in (pb.Range, pb.Color, pb.Vector3, pb.Quaternion)
+}
+"""Messages that stand for a list of numbers, and their fields in its order."""
+
+_STRUCT = Struct.DESCRIPTOR.full_name
+_RANGE = pb.Range.DESCRIPTOR.full_name
+_INT32 = range(-(2**31), 2**31)
+
+
+class _NotTypedError(ValueError):
+    """A value that no typed field can hold so that it comes back as it was."""
+
+
+def values_of(message: Message) -> dict[str, Any]:
+    """Return what is set in a typed message, by key; inverse: `fill`."""
+    return {field.name: _value(field, value) for field, value in message.ListFields()}
+
+
+def fill(message: Message, values: Mapping[str, Any], keys: Iterable[str]) -> dict[str, Any]:
+    """Set those of ``keys`` that a typed message can hold; return all values that it cannot."""
+    rest = dict(values)
+    fields: Any = message.DESCRIPTOR.fields_by_name
+    for key in keys:
+        if key not in values:
+            continue
+        try:
+            _set(message, fields[key], values[key])
+        except (_NotTypedError, InvalidInputError, UnicodeError, OverflowError):
+            message.ClearField(key)
+        else:
+            del rest[key]
+    return rest
+
+
+def joined(path: str, open_ended: dict[str, Any], typed: dict[str, Any]) -> dict[str, Any]:
+    """Return the values that came open-ended and those that came typed.
+
+    Raises:
+        InvalidInputError: A key came both ways.
+    """
+    for key in open_ended:
+        if key in typed:
+            expected = "a value in the typed message or in the Struct, not in both"
+            raise InvalidInputError(f"{path}.{key}", open_ended[key], expected)
+    return {**open_ended, **typed}
+
+
+def _value(field: Any, value: Any) -> Any:
+    if _is_map(field):
+        inner = field.message_type.fields_by_name["value"]
+        return {key: _single(inner, entry) for key, entry in value.items()}
+    return list(value) if field.is_repeated else _single(field, value)
+
+
+def _single(field: Any, value: Any) -> Any:
+    kind = field.message_type
+    if kind is None:
+        return whole_as_int(value) if isinstance(value, float) else value
+    if kind.full_name == _STRUCT:
+        return struct_from_proto(value)
+    if kind.full_name == _RANGE and not value.HasField("most"):
+        return whole_as_int(value.least)
+    if kind.full_name in _LISTS:
+        return [whole_as_int(getattr(value, name)) for name in _LISTS[kind.full_name]]
+    return values_of(value)
+
+
+def _set(message: Any, field: Any, value: Any) -> None:
+    target = getattr(message, field.name)
+    if _is_map(field):
+        _check(isinstance(value, Mapping) and bool(value))
+        for key, inner in value.items():
+            _check(isinstance(key, str))
+            _set_message(target[key], inner)
+    elif field.is_repeated:
+        _check(isinstance(value, list | tuple) and bool(value))
+        for inner in value:
+            _check(isinstance(inner, str))
+            target.append(inner)
+    elif field.message_type is None:
+        setattr(message, field.name, _scalar(field, value))
+    else:
+        target.SetInParent()
+        _set_message(target, value)
+
+
+def _set_message(message: Any, value: Any) -> None:
+    name = message.DESCRIPTOR.full_name
+    if name == _RANGE and _is_number(value):
+        message.least = value
+    elif name in _LISTS:
+        numbers = isinstance(value, list | tuple) and all(map(_is_number, value))
+        _check(numbers and len(value) == len(_LISTS[name]))
+        for key, number in zip(_LISTS[name], value, strict=True):
+            setattr(message, key, number)
+    elif name == _STRUCT:
+        _check(isinstance(value, Mapping))
+        message.CopyFrom(struct_to_proto(value, "metadata"))
+    else:
+        _check(isinstance(value, Mapping))
+        _check(not fill(message, value, message.DESCRIPTOR.fields_by_name))
+
+
+def _scalar(field: Any, value: Any) -> Any:
+    fits = {
+        FieldDescriptor.CPPTYPE_DOUBLE: _is_number(value),
+        FieldDescriptor.CPPTYPE_INT32: type(value) is int and value in _INT32,
+        FieldDescriptor.CPPTYPE_BOOL: isinstance(value, bool),
+        FieldDescriptor.CPPTYPE_STRING: isinstance(value, str),
+    }
+    _check(fits[field.cpp_type])
+    return value
+
+
+def _is_map(field: Any) -> bool:
+    return field.message_type is not None and bool(field.message_type.GetOptions().map_entry)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _check(fits: bool) -> None:
+    if not fits:
+        raise _NotTypedError

@@ -1,0 +1,1 @@
+"""The original's service, ``oaisys.Oaisys``, beside ours."""

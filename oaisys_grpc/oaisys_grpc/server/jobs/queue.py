@@ -1,0 +1,283 @@
+"""Work for the worker, one at a time, with a record of each.
+
+First in, first out for each connection; connections take turns.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import secrets
+import threading
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from oaisys_core.errors import (
+    CancelledError,
+    InvalidInputError,
+    NotFoundError,
+    OaisysError,
+    QueueFullError,
+)
+from oaisys_core.types import Progress, Sample
+from oaisys_grpc.contract.faults import OvertakenError, ServerUnavailableError
+from oaisys_grpc.contract.operation import Kind, OperationStatus, State
+from oaisys_grpc.server.jobs.estimates import Estimates, Run
+from oaisys_grpc.server.jobs.job import Operation, Work
+from oaisys_grpc.server.jobs.sample_store import SampleStore
+from oaisys_grpc.server.supervision.supervisor import Supervisor
+
+_LOG = logging.getLogger(__name__)
+
+QUEUE_LIMIT = 32
+"""How many operations may wait."""
+
+QUEUE_LIMIT_OF_NEWCOMERS = 96
+"""How many may wait so that a connection of which none waits can still add one."""
+
+QUEUE_BYTES = 32 << 20
+"""Of all requests that wait together; one alone may have as many as a request may."""
+
+HISTORY_LIMIT = 256
+"""How many operations are remembered after they ended."""
+
+_DRAIN_LOOK_S = 0.05
+_DEADLINE_LOOK_S = 0.05
+_WAKE_S = 0.25
+"""How often an idle runner looks after the worker."""
+
+
+class Operations:
+    """The queue, the thread that works it off, and what is remembered."""
+
+    def __init__(self, supervisor: Supervisor, samples: SampleStore) -> None:
+        # Names of an earlier server must not mean other operations of this one.
+        self._instance = secrets.token_hex(4)
+        self._estimates = Estimates()
+        self._run: Run | None = None
+        self._supervisor = supervisor
+        self._samples = samples
+        self._waiting: deque[Operation] = deque()
+        self._running: Operation | None = None
+        self._known: OrderedDict[str, Operation] = OrderedDict()
+        self._by_request: dict[str, Operation] = {}
+        self._count = 0
+        self._turns = 0
+        self._served: dict[str, int] = {}
+        self._lock = threading.Condition()
+        self._closed = False
+        self._ending = threading.Event()
+
+    def run(self) -> None:
+        """Work until `end`, on the thread that started the worker."""
+        threading.Thread(target=self._watch, name="deadlines", daemon=True).start()
+        while not self._ending.is_set():
+            operation = self._next()
+            if operation is None:
+                with contextlib.suppress(OaisysError):
+                    self._supervisor.tend()
+                continue
+            self._work_off(operation)
+            with self._lock:
+                self._running = None
+
+    def drain(self, timeout_s: float, at_once: Callable[[], bool]) -> None:
+        """Refuse new work; wait up to ``timeout_s`` for what there is, unless told ``at_once``."""
+        end_s = time.monotonic() + timeout_s
+        with self._lock:
+            self._closed = True
+            while self._waiting or self._running is not None:
+                if at_once() or time.monotonic() >= end_s:
+                    return
+                self._lock.wait(_DRAIN_LOOK_S)
+
+    def end(self) -> None:
+        """Stop everything and let `run` return."""
+        self._ending.set()
+        error = ServerUnavailableError("the simulator has been ended")
+        with self._lock:
+            open_operations = [*self._waiting, *filter(None, [self._running])]
+            self._waiting.clear()
+            self._lock.notify_all()
+        for operation in open_operations:
+            operation.stop(error)
+
+    def submit(self, work: Work) -> Operation:
+        """Enqueue work; a repeated request gets the operation that it got before.
+
+        A request whose operation failed or was cancelled is not repeated but done: its id may be
+        used again, for the same request.
+
+        Raises:
+            QueueFullError: Too many wait.
+            InvalidInputError: The request id came with another body before.
+        """
+        with self._lock:
+            before = self._by_request.get(work.request_id)
+            if before is not None and _is_repeated(before, work):
+                return before
+            if self._closed or self._ending.is_set():
+                raise ServerUnavailableError("the simulator is being ended")
+            self._waiting = deque(o for o in self._waiting if not o.status.state.ended)
+            is_batch = work.kind is Kind.BATCH
+            ahead = [o for o in self._waiting if not (is_batch and o.work.kind is Kind.SAMPLE)]
+            _check_room(ahead, work)
+            overtaken = self._overtaken() if is_batch else []
+            operation = self._record(work)
+            self._waiting.append(operation)
+            self._lock.notify_all()
+        for sample in overtaken:
+            sample.stop(OvertakenError(f"overtaken by the batch of {operation.status.name}"))
+        return operation
+
+    def get(self, name: str) -> Operation:
+        """Return an operation by name.
+
+        Raises:
+            NotFoundError: There is none, or it ended long ago.
+        """
+        with self._lock:
+            operation = self._known.get(name)
+        if operation is None:
+            raise NotFoundError(f"there is no operation {name!r}; ended ones are forgotten in time")
+        return operation
+
+    def cancel(self, name: str) -> Operation:
+        """Cancel an operation by name; one that has ended stays as it is."""
+        operation = self.get(name)
+        operation.stop(CancelledError("cancelled by CancelOperation"))
+        return operation
+
+    def timed(self, operation: Operation, status: OperationStatus) -> OperationStatus:
+        """Return a status with the seconds that are left until the operation ends, if known."""
+        left_s = None if status.state.ended else self._left_s(operation)
+        return replace(status, progress=replace(status.progress, seconds_left=left_s))
+
+    def _left_s(self, operation: Operation) -> float | None:
+        """Return how long an operation, and all that goes before it, will take."""
+        with self._lock:
+            run = self._run
+            waiting = [o for o in self._waiting if not o.status.state.ended]
+        left_s = 0.0 if run is None else run.left_s()
+        if operation not in waiting:
+            return left_s if run is not None else None
+        ahead = waiting[: waiting.index(operation) + 1]
+        totals_s = [left_s, *(self._estimates.total_s(o.work.like) for o in ahead)]
+        known_s = [total_s for total_s in totals_s if total_s is not None]
+        return sum(known_s) if len(known_s) == len(totals_s) else None
+
+    def _watch(self) -> None:
+        """End what is overdue, though the worker may not have noticed yet; tidy up."""
+        while not self._ending.wait(_DEADLINE_LOOK_S):
+            with self._lock:
+                candidates = [*self._waiting, *filter(None, [self._running])]
+            for operation in candidates:
+                operation.expire()
+            self._samples.tidy()
+
+    def _next(self) -> Operation | None:
+        with self._lock:
+            self._lock.wait_for(lambda: self._waiting or self._ending.is_set(), _WAKE_S)
+            if not self._waiting:
+                return None
+            self._running = self._first_of_next_peer()
+            return self._running
+
+    def _first_of_next_peer(self) -> Operation:
+        """Take the first operation of the connection that was served longest ago.
+
+        None goes before a batch that was asked for earlier.
+        """
+        batches = (i for i, o in enumerate(self._waiting) if o.work.kind is Kind.BATCH)
+        candidates = [*self._waiting][: next(batches, len(self._waiting)) or 1]
+        operation = min(candidates, key=lambda o: self._served.get(o.work.peer, 0))
+        self._waiting.remove(operation)
+        self._turns += 1
+        self._served = {o.work.peer: self._served.get(o.work.peer, 0) for o in self._waiting}
+        self._served[operation.work.peer] = self._turns
+        return operation
+
+    def _work_off(self, operation: Operation) -> None:
+        work = operation.work
+        operation.expire()
+        if not operation.update(state=State.RUNNING, progress=Progress("started", 0.0)):
+            return
+        self._run = run = self._estimates.begin(work.like)
+
+        def advance(progress: Progress) -> None:
+            run.mark(progress.fraction)
+            operation.advance(progress)
+
+        try:
+            result = self._supervisor.call(
+                work.method,
+                work.arguments,
+                timeout_s=operation.deadline_s - time.monotonic(),
+                cancelled=operation.cancelled,
+                progress=advance,
+                on_frames=operation.add_frames,
+            )
+        except OaisysError as error:
+            operation.stop(error)
+            return
+        except Exception as error:  # noqa: BLE001 - one failed call must not end the queue
+            _LOG.exception("%s failed in the server", work.method)
+            operation.stop(OaisysError(f"internal error: {type(error).__name__}: {error}"))
+            return
+        finally:
+            self._run = None
+        if not isinstance(result, Sample):
+            operation.succeed(result, result if work.kind is Kind.BATCH else 0, sample_id=0)
+        elif not operation.complete(result, keep=self._samples.add):
+            self._supervisor.withdraw()
+            return
+        if not (isinstance(result, Sample) and result.from_cache):
+            self._estimates.learn(work.like, run)
+
+    def _record(self, work: Work) -> Operation:
+        self._count += 1
+        name = f"operations/{self._instance}-{self._count}"
+        status = OperationStatus(name, work.kind or Kind.SAMPLE)
+        operation = Operation(work, status, time.monotonic() + work.timeout_s)
+        if work.kind is None:
+            return operation
+        self._known[name] = operation
+        if work.request_id:
+            self._by_request[work.request_id] = operation
+        for old in list(self._known.values())[:-HISTORY_LIMIT]:
+            if old.status.state.ended:
+                del self._known[old.status.name]
+                if self._by_request.get(old.work.request_id) is old:
+                    del self._by_request[old.work.request_id]
+        return operation
+
+    def _overtaken(self) -> list[Operation]:
+        """Take the samples out of the queue, and return them and one that renders."""
+        candidates = [*self._waiting, *filter(None, [self._running])]
+        overtaken = [o for o in candidates if o.work.kind is Kind.SAMPLE]
+        self._waiting = deque(o for o in self._waiting if o.work.kind is not Kind.SAMPLE)
+        return overtaken
+
+
+def _check_room(ahead: Sequence[Operation], work: Work) -> None:
+    """Refuse work where too much waits ahead of it."""
+    limit = QUEUE_LIMIT_OF_NEWCOMERS
+    if any(operation.work.peer == work.peer for operation in ahead):
+        limit = QUEUE_LIMIT
+    if len(ahead) >= limit:
+        raise QueueFullError(f"{len(ahead)} operations wait already; try again later")
+    waiting_bytes = sum(operation.work.request_bytes for operation in ahead)
+    if waiting_bytes + work.request_bytes > QUEUE_BYTES:
+        raise QueueFullError(f"{waiting_bytes} bytes of requests wait already; try again later")
+
+
+def _is_repeated(before: Operation, work: Work) -> bool:
+    """Return whether a request is answered by the operation that its id stands for."""
+    if before.work.body != work.body:
+        raise InvalidInputError(
+            "request_id", work.request_id, "a new id, or the request that came with it before"
+        )
+    state = before.status.state
+    return not state.ended or state is State.SUCCEEDED

@@ -1,0 +1,1 @@
+"""Limits that keep one client from holding up the others."""

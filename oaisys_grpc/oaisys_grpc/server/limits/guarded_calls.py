@@ -1,0 +1,110 @@
+"""Requests are read with care: what is no message, or too much of one, ends the call quietly.
+
+This holds for every service at the port, gRPC's own included. Bytes that cannot be used end with
+INVALID_ARGUMENT and leave no traceback in the log; a request that never comes ends the call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import grpc
+from google.protobuf.message import DecodeError
+
+from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_grpc.contract.errors import abort
+from oaisys_grpc.server.limits.open_calls import OpenCall, OpenCalls, Phase, counted
+from oaisys_grpc.server.limits.request_bounds import check_bounds, malformed
+from oaisys_grpc.server.limits.stream_limits import StreamLimits
+
+Handler = Any
+"""A ``grpc.RpcMethodHandler``, or None for a call that nobody serves."""
+
+Context = grpc.ServicerContext
+
+
+class GuardedCalls(grpc.ServerInterceptor):
+    """Reads requests in place of gRPC, which would call bad ones internal errors of the server.
+
+    All handlers become handlers of streams of bytes: on the wire this is the same, and a thread
+    that waits for a request is known, so that it can be freed.
+    """
+
+    def __init__(self, calls: OpenCalls) -> None:
+        self._calls = calls
+        self._limits = StreamLimits()
+
+    def intercept_service(
+        self,
+        continuation: Callable[[grpc.HandlerCallDetails], Handler],
+        handler_call_details: grpc.HandlerCallDetails,
+    ) -> Handler:
+        """Return the call's handler, reading its requests with care."""
+        handler = continuation(handler_call_details)
+        if handler is None:
+            return handler
+        self._calls.make_room()
+        name = handler_call_details.method.rpartition("/")[2]
+        behavior = handler.unary_unary or handler.unary_stream
+        behavior = behavior or handler.stream_unary or handler.stream_stream
+        read = handler.request_deserializer
+        make_argument = _each if handler.request_streaming else _only
+
+        def streamed(requests: Iterator[bytes], context: Context) -> Iterator[Any]:
+            call = self._calls.add(context, name)
+            try:
+                argument = make_argument(requests, read, call)
+                with self._limits.slot(call):
+                    yield from counted(behavior(argument, context), call)
+            except OaisysError as error:
+                abort(context, error)
+
+        def answered(requests: Iterator[bytes], context: Context) -> Any:
+            call = self._calls.add(context, name)
+            try:
+                argument = make_argument(requests, read, call)
+                self._limits.take(call, context)
+                answer = behavior(argument, context)
+            except OaisysError as error:
+                abort(context, error)
+            call.enter(Phase.READER)
+            return answer
+
+        if handler.response_streaming:
+            return grpc.stream_stream_rpc_method_handler(
+                streamed, response_serializer=handler.response_serializer
+            )
+        return grpc.stream_unary_rpc_method_handler(
+            answered, response_serializer=handler.response_serializer
+        )
+
+
+def _only(requests: Iterator[bytes], read: Callable[[bytes], Any], call: OpenCall) -> Any:
+    """Wait for the only request of a call and return it."""
+    for request in _each(requests, read, call):
+        return request
+    raise InvalidInputError("request", "none", "one message")
+
+
+def _each(requests: Iterator[bytes], read: Callable[[bytes], Any], call: OpenCall) -> Iterator[Any]:
+    """Yield the requests of a call as they come."""
+    call.enter(Phase.REQUEST)
+    for data in requests:
+        call.enter(Phase.WORK)
+        yield _message(data, read)
+        call.enter(Phase.REQUEST)
+    call.enter(Phase.WORK)
+
+
+def _message(data: bytes, read: Callable[[bytes], Any]) -> Any:
+    """Return the message that some bytes are.
+
+    Raises:
+        InvalidInputError: They are none, or one with too much in it.
+    """
+    check_bounds(data, getattr(read, "__self__").DESCRIPTOR)  # noqa: B009 - a message's FromString
+    try:
+        return read(data)
+    except DecodeError:
+        raise malformed(data) from None

@@ -1,0 +1,291 @@
+"""The server: owns the port, the queue and the worker; never imports Blender."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import os
+import select
+import signal
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import grpc
+from grpc_health.v1 import health, health_pb2, health_pb2_grpc
+from grpc_reflection.v1alpha import reflection
+
+from oaisys_core.config import SimulationConfig
+from oaisys_core.config.sections.sensors import PosePolicy
+from oaisys_core.errors import OaisysError
+from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket
+from oaisys_grpc.contract.array_messages import add_servicer
+from oaisys_grpc.contract.limits import MAX_REQUEST_BYTES
+from oaisys_grpc.legacy.files import LegacyFiles
+from oaisys_grpc.legacy.servicer import LEGACY_SERVICE, LegacyServicer
+from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2
+from oaisys_grpc.server.health import TellingHealth
+from oaisys_grpc.server.jobs.queue import Operations
+from oaisys_grpc.server.jobs.sample_store import SampleStore
+from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
+from oaisys_grpc.server.limits.open_calls import OpenCalls
+from oaisys_grpc.server.limits.stream_limits import THREADS
+from oaisys_grpc.server.options import ServerOptions
+from oaisys_grpc.server.servicer import SimulatorServicer
+from oaisys_grpc.server.supervision.supervisor import Supervisor
+from oaisys_grpc.server.supervision.worker_folder import remove_abandoned
+
+_LOG = logging.getLogger(__name__)
+
+SERVICE = simulator_pb2.DESCRIPTOR.services_by_name["SimulatorService"].full_name
+HEALTH_NAMES = ("", SERVICE, LEGACY_SERVICE)
+"""What health is told of; "" is the server as a whole."""
+
+_LOOK_UP_MS = 200
+_STOP_S = 1.0
+_WORKER_END_S = 0.8
+_CALLS_END_S = 0.5
+"""For calls to notice that they were cancelled."""
+
+_LAST_S = 4.8
+"""From the end being asked for until the process exits, whatever still runs in it."""
+
+_CONNECTION_OPTIONS = (
+    # A client that was stopped, or whose machine is gone, is found out within half a minute.
+    ("grpc.keepalive_time_ms", 20_000),
+    ("grpc.keepalive_timeout_ms", 10_000),
+    ("grpc.keepalive_permit_without_calls", 1),
+    # Clients of ours, and gRPC's own, may ask as often for signs of life.
+    ("grpc.http2.min_ping_interval_without_data_ms", 5_000),
+    ("grpc.server_handshake_timeout_ms", 10_000),
+)
+
+
+class SimulatorServer:
+    """A simulator on a port, from `start` to `stop`."""
+
+    def __init__(
+        self,
+        config: SimulationConfig,
+        address: str,
+        options: ServerOptions,
+        *,
+        on_end: Callable[[], None],
+    ) -> None:
+        """Bind the address; nothing runs yet.
+
+        Args:
+            address: ``host:port``, port 0 for any free one, or ``unix:PATH``.
+            on_end: Told that a client asked for the end.
+
+        Raises:
+            OaisysError: The address cannot be bound.
+            InvalidInputError: A certificate or key cannot be used.
+        """
+        self._options = options
+        self._health = TellingHealth()
+        self._set_ready(False)
+        self._supervisor = Supervisor(config, options, self._set_ready)
+        self._health.why_not = lambda: self._supervisor.refusal
+        self._samples = SampleStore()
+        self._operations = Operations(self._supervisor, self._samples)
+        self._on_end = on_end
+        files = LegacyFiles(options.legacy_folder, config)
+        self._legacy = LegacyServicer(
+            self._supervisor,
+            self._operations,
+            self._samples,
+            files,
+            on_end,
+            _legacy_pose_policy(config, options),
+        )
+        self._started: Future[None] = Future()
+        self._runner = threading.Thread(target=self._run, name="runner")
+        # Two servers must not share a port by accident.
+        channel_options = [
+            ("grpc.so_reuseport", 0),
+            # Whole images at a time: 7 instead of 9.5 ms for a sample of 640x480.
+            ("grpc.http2.write_buffer_size", 16 << 20),
+            ("grpc.http2.bdp_probe", 0),
+            ("grpc.max_receive_message_length", MAX_REQUEST_BYTES),
+            *_CONNECTION_OPTIONS,
+        ]
+        self._calls = OpenCalls()
+        self._server = grpc.server(
+            ThreadPoolExecutor(THREADS, "rpc"),
+            interceptors=[GuardedCalls(self._calls)],
+            options=channel_options,
+        )
+        self._add_services()
+        self.address = self._bind(address)
+
+    def start(self) -> Future[None]:
+        """Answer calls; return what is done once the worker is ready, or has failed to start."""
+        remove_abandoned()
+        if self._options.worker_log_folder is not None:
+            self._supervisor.log.open(self._options.worker_log_folder, self.address)
+        self._server.start()
+        self._runner.start()
+        return self._started
+
+    def stop(self, at_once: Callable[[], bool] = lambda: True) -> None:
+        """End everything within 5 s: calls, worker, port.
+
+        Args:
+            at_once: Asked again and again whether calls under way must not be waited for.
+        """
+        self._health.enter_graceful_shutdown()
+        self._operations.drain(self._options.shutdown_grace_s, at_once)
+        self._operations.end()
+        stopped = self._server.stop(_STOP_S)
+        self._legacy.close()
+        self._runner.join(0.0 if at_once() else _WORKER_END_S)
+        self._supervisor.strike()
+        self._runner.join(_WORKER_END_S)
+        if not stopped.wait(_STOP_S + _CALLS_END_S):
+            _LOG.warning("calls of clients did not end; they are left")
+        self._calls.close()
+        remove_socket(self.address)
+
+    def _add_services(self) -> None:
+        """Add all that answers at the port."""
+        servicer = SimulatorServicer(
+            self._supervisor,
+            self._operations,
+            self._samples,
+            self._on_end,
+            shared_memory=self._options.shared_memory,
+        )
+        add_servicer(servicer, self._server)
+        oaisys_pb2_grpc.add_OaisysServicer_to_server(self._legacy, self._server)
+        health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
+        names = (SERVICE, LEGACY_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)
+        reflection.enable_server_reflection(names, self._server)
+
+    def _run(self) -> None:
+        """Start the worker and work off the queue; the worker lives as long as this thread."""
+        try:
+            self._supervisor.start()
+        except Exception as error:  # noqa: BLE001 - the main thread raises it
+            self._started.set_exception(error)
+        else:
+            self._started.set_result(None)
+            self._operations.run()
+        finally:
+            self._supervisor.end()
+
+    def _bind(self, address: str) -> str:
+        tls = self._options.tls
+        credentials = None if tls is None else tls.credentials()
+        try:
+            with private_socket(address):
+                if credentials is None:
+                    port = self._server.add_insecure_port(address)
+                else:
+                    port = self._server.add_secure_port(address, credentials)
+        except RuntimeError as error:
+            raise OaisysError(f"cannot listen on {address}: {error}") from error
+        return address if address.startswith(UNIX) else f"{host_and_port(address)[0]}:{port}"
+
+    def _set_ready(self, ready: bool) -> None:
+        answer = health_pb2.HealthCheckResponse
+        for name in HEALTH_NAMES:
+            self._health.set(name, answer.SERVING if ready else answer.NOT_SERVING)
+
+
+def _legacy_pose_policy(config: SimulationConfig, options: ServerOptions) -> PosePolicy:
+    """Return what the original's service does with a pose; by default it refuses none."""
+    configured = config.sensors.pose_policy
+    return options.legacy_pose_policy or ("clamp" if configured == "reject" else configured)
+
+
+def serve(
+    config: SimulationConfig,
+    address: str,
+    options: ServerOptions,
+    *,
+    on_ready: Callable[[str], None],
+) -> None:
+    """Serve until SIGINT, SIGTERM or a client ends it; call on the main thread.
+
+    Calls under way may go on for a moment, unless a second signal comes. Signals are ignored
+    afterwards, so that none interrupts the program on its way out.
+
+    Args:
+        on_ready: Told the address, with its real port, once the worker is ready.
+
+    Raises:
+        OaisysError: The address cannot be bound, or the worker does not start.
+    """
+    end = EndRequest()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: end.request())
+    server = SimulatorServer(config, address, options, on_end=end.request)
+    started = server.start()
+
+    def tell(started: Future[None]) -> None:
+        if started.exception():
+            end.request()
+        else:
+            on_ready(server.address)
+
+    started.add_done_callback(tell)
+    try:
+        end.wait()
+        asked = not started.done()
+    finally:
+        _exit_at_last(started)
+        server.stop(lambda: end.repeated)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+    if not asked and (failure := started.exception()):
+        raise failure
+
+
+def _exit_at_last(started: Future[None]) -> None:
+    """Have the process exit soon, even where a thread of a call, or of a library, does not end."""
+    failed = started.done() and started.exception() is not None
+
+    def leave() -> None:
+        _LOG.warning("something did not end within %g s; the process exits without it", _LAST_S)
+        logging.shutdown()
+        os._exit(1 if failed else 0)
+
+    timer = threading.Timer(_LAST_S, leave)
+    timer.daemon = True
+    timer.start()
+
+
+class EndRequest:
+    """Lets a thread wait until another one, or a signal handler, asks for the end.
+
+    A pipe, because a handler that runs while its own thread holds an event's lock waits for ever.
+    """
+
+    def __init__(self) -> None:
+        self._read, self._write = os.pipe()
+        os.set_blocking(self._write, False)
+        self._requests = 0
+
+    def request(self) -> None:
+        """Ask for the end; any thread and any signal handler may, more than once."""
+        self._requests += 1
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._write, b"e")
+
+    @property
+    def repeated(self) -> bool:
+        """Whether the end was asked for more than once: it shall come at once."""
+        return self._requests > 1
+
+    def wait(self) -> None:
+        """Return once the end was asked for.
+
+        Looks up now and then: a signal that comes just before a blocking call begins does not
+        interrupt it, and its handler would have to wait.
+        """
+        readable = select.poll()
+        readable.register(self._read, select.POLLIN)
+        while not readable.poll(_LOOK_UP_MS):
+            pass

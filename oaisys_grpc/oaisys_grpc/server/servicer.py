@@ -1,0 +1,349 @@
+"""The service's calls: message in, work enqueued, message out."""
+# ruff: noqa: N802 - the contract names the calls
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+import threading
+from collections.abc import Callable, Iterator
+from importlib.metadata import version
+from typing import Any
+
+import grpc
+import numpy as np
+
+from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError
+from oaisys_core.types import FrameName, ModuleMetadata, TriangleMesh
+from oaisys_grpc.contract import chunks, conversions
+from oaisys_grpc.contract.array_messages import RawChunk, response
+from oaisys_grpc.contract.errors import abort
+from oaisys_grpc.contract.limits import names, request_id_of
+from oaisys_grpc.contract.object_messages import page_to_proto, query_from_proto
+from oaisys_grpc.contract.operation import Kind, OperationStatus, State, status_to_proto
+from oaisys_grpc.contract.transfer import (
+    Transfer,
+    granted,
+    limits_message,
+    place_to_proto,
+    transfer_from_proto,
+)
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
+from oaisys_grpc.server.jobs.job import Operation, Work
+from oaisys_grpc.server.jobs.queue import Operations
+from oaisys_grpc.server.jobs.sample_sender import SampleSender
+from oaisys_grpc.server.jobs.sample_store import SampleStore
+from oaisys_grpc.server.supervision.supervisor import Supervisor
+from oaisys_grpc.worker.shared_memory import AVAILABLE, Probe
+
+OPERATION_TIMEOUT_S = 600.0
+"""For work whose caller sets no limit, and the largest that one may set."""
+
+STATUS_PATIENCE_S = 0.02
+"""How long the status of a sample may wait for something better to tell."""
+
+MAX_POINTS = 100_000
+"""Of one question about heights."""
+
+Context = grpc.ServicerContext
+
+
+def _translated(method: Callable[..., Any]) -> Callable[..., Any]:
+    """Let a call that raises one of our errors end with its status."""
+    if inspect.isgeneratorfunction(method):
+
+        @functools.wraps(method)
+        def stream(self: object, request: object, context: Context) -> Iterator[Any]:
+            try:
+                yield from method(self, request, context)
+            except OaisysError as error:
+                abort(context, error)
+
+        return stream
+
+    @functools.wraps(method)
+    def unary(self: object, request: object, context: Context) -> Any:
+        try:
+            return method(self, request, context)
+        except OaisysError as error:
+            abort(context, error)
+
+    return unary
+
+
+class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
+    """Serves one simulator; every method may run on any thread."""
+
+    def __init__(
+        self,
+        supervisor: Supervisor,
+        operations: Operations,
+        samples: SampleStore,
+        on_end: Callable[[], None],
+        *,
+        shared_memory: bool,
+    ) -> None:
+        """Take over what the calls work with.
+
+        Args:
+            on_end: Told that a client ended the simulation; must return at once.
+            shared_memory: Offer frames to clients on this machine without copying them.
+        """
+        self._supervisor = supervisor
+        self._operations = operations
+        self._samples = samples
+        self._on_end = on_end
+        self._probe = Probe() if shared_memory and AVAILABLE else None
+
+    @_translated
+    def GetSimulatorInfo(
+        self, request: pb.GetSimulatorInfoRequest, _context: Context
+    ) -> pb.GetSimulatorInfoResponse:
+        """Answer from what the worker said last."""
+        message = conversions.info_to_proto(self._supervisor.info)
+        message.server_version = version("oaisys_grpc")
+        message.worker_restarts = self._supervisor.restarts
+        message.worker_recycles = self._supervisor.recycles
+        message.transfer_limits.CopyFrom(limits_message())
+        if request.with_config:
+            message.config_json = self._supervisor.config_json
+        if self._probe is not None:
+            message.shared_memory_probe.CopyFrom(place_to_proto(self._probe.place))
+        return message
+
+    @_translated
+    def StepBatch(self, request: pb.StepBatchRequest, context: Context) -> pb.StepBatchResponse:
+        """Enqueue a batch."""
+        work = Work(
+            kind=Kind.BATCH,
+            method="step_batch",
+            arguments={
+                "metadata": _metadata(request),
+                "seed": request.seed if request.HasField("seed") else None,
+                "reuse_stage": request.reuse_stage,
+            },
+            timeout_s=_operation_timeout_s(request),
+            request_id=request_id_of(request.request_id),
+            body=_body(request),
+            like=("batch", request.reuse_stage),
+            request_bytes=request.ByteSize(),
+            peer=context.peer(),
+        )
+        operation = self._operations.submit(work)
+        return pb.StepBatchResponse(operation=self._status(operation))
+
+    @_translated
+    def StepSample(self, request: pb.StepSampleRequest, context: Context) -> pb.StepSampleResponse:
+        """Enqueue a sample."""
+        work = _sample_work(request, _operation_timeout_s(request), context)
+        operation = self._operations.submit(work)
+        return pb.StepSampleResponse(operation=self._status(operation))
+
+    @_translated
+    def GetOperation(
+        self, request: pb.GetOperationRequest, _context: Context
+    ) -> pb.GetOperationResponse:
+        """Answer at once."""
+        operation = self._operations.get(request.name)
+        return pb.GetOperationResponse(operation=self._status(operation))
+
+    @_translated
+    def WatchOperation(
+        self, request: pb.WatchOperationRequest, context: Context
+    ) -> Iterator[pb.WatchOperationResponse]:
+        """Send the status until the operation has ended."""
+        operation = self._operations.get(request.name)
+        for status in operation.changes(_gone(context)):
+            yield pb.WatchOperationResponse(operation=self._status(operation, status))
+
+    @_translated
+    def CancelOperation(
+        self, request: pb.CancelOperationRequest, _context: Context
+    ) -> pb.CancelOperationResponse:
+        """Cancel, and answer with how it stands now."""
+        operation = self._operations.cancel(request.name)
+        return pb.CancelOperationResponse(operation=self._status(operation))
+
+    @_translated
+    def GetSample(
+        self, request: pb.GetSampleRequest, _context: Context
+    ) -> Iterator[pb.GetSampleResponse | bytes]:
+        """Send a sample that was rendered lately."""
+        sample = self._samples.get(request.batch_id, request.sample_id)
+        for part in chunks.sample_to_parts(sample, self._granted(request)):
+            yield response(pb.GetSampleResponse, part)
+
+    @_translated
+    def GetFrame(self, request: pb.GetFrameRequest, _context: Context) -> pb.GetFrameResponse:
+        """Answer with one frame of a sample that was rendered lately."""
+        sample = self._samples.get(request.batch_id, request.sample_id)
+        name = FrameName(request.sensor, request.modality)
+        return chunks.frame_response(sample, name, request.accepted_encodings)
+
+    @_translated
+    def RenderSample(
+        self, request: pb.RenderSampleRequest, context: Context
+    ) -> Iterator[pb.RenderSampleResponse | bytes]:
+        """Enqueue a sample; send its progress, and its frames as soon as they are ready."""
+        operation = self._operations.submit(_sample_work(request, _remaining_s(context), context))
+        sender = SampleSender(self._granted(request))
+        with operation.followed():
+            for event in operation.events(_gone(context), STATUS_PATIENCE_S):
+                if not isinstance(event, OperationStatus):
+                    for part in sender.early(*event):
+                        yield response(pb.RenderSampleResponse, part)
+                elif not event.state.ended:
+                    yield pb.RenderSampleResponse(operation=self._status(operation, event))
+            status = operation.status
+            if status.error is not None:
+                raise status.error
+            if status.state is not State.SUCCEEDED:
+                return  # the caller is gone
+            sample = operation.result
+            if sample is None:
+                sample = self._samples.get(status.batch_id, status.sample_id)
+            for part in sender.rest(sample):
+                yield response(pb.RenderSampleResponse, part)
+
+    @_translated
+    def GetGroundTruthMesh(
+        self, _request: pb.GetGroundTruthMeshRequest, context: Context
+    ) -> Iterator[pb.GetGroundTruthMeshResponse | bytes]:
+        """Ask the worker for the mesh and send it."""
+        mesh: TriangleMesh = self._asked("ground_truth_mesh", {}, context)
+        for part in chunks.mesh_to_parts(mesh):
+            if isinstance(part, RawChunk):
+                yield response(pb.GetGroundTruthMeshResponse, part)
+            else:
+                yield part
+
+    @_translated
+    def GetHeightField(
+        self, request: pb.GetHeightFieldRequest, context: Context
+    ) -> Iterator[pb.GetHeightFieldResponse | bytes]:
+        """Ask the worker for the heights and send them."""
+        extent = request.extent
+        extent_m = (extent.min_x_m, extent.min_y_m, extent.max_x_m, extent.max_y_m)
+        given = extent_m if request.HasField("extent") else None
+        arguments = {"resolution_m": request.resolution_m, "extent_m": given}
+        for part in chunks.heights_to_parts(self._asked("height_grid", arguments, context)):
+            if isinstance(part, RawChunk):
+                yield response(pb.GetHeightFieldResponse, part)
+            else:
+                yield part
+
+    @_translated
+    def QueryHeight(
+        self, request: pb.QueryHeightRequest, context: Context
+    ) -> pb.QueryHeightResponse:
+        """Ask the worker for heights."""
+        count = len(request.points_m)
+        if count % 3 or count > 3 * MAX_POINTS:
+            expected = f"x, y, z of at most {MAX_POINTS} points"
+            raise InvalidInputError("points_m", f"{count} numbers", expected)
+        points_m = np.array(request.points_m, dtype=np.float64).reshape(-1, 3)
+        heights = self._asked("query_height", {"points_m": points_m}, context)
+        return conversions.heights_to_proto(heights)
+
+    @_translated
+    def ListObjects(
+        self, request: pb.ListObjectsRequest, context: Context
+    ) -> pb.ListObjectsResponse:
+        """Ask the worker for things of the world."""
+        arguments = {"query": query_from_proto(request), "metadata": _metadata(request)}
+        return page_to_proto(self._asked("list_objects", arguments, context))
+
+    @_translated
+    def EndSimulation(
+        self, _request: pb.EndSimulationRequest, _context: Context
+    ) -> pb.EndSimulationResponse:
+        """Answer, and have everything end."""
+        self._on_end()
+        return pb.EndSimulationResponse()
+
+    def _granted(self, request: pb.GetSampleRequest | pb.RenderSampleRequest) -> Transfer:
+        return granted(transfer_from_proto(request.transfer), self._probe)
+
+    def _asked(self, method: str, arguments: dict[str, Any], context: Context) -> Any:
+        """Enqueue a question, wait, and return the worker's answer."""
+        work = Work(None, method, arguments, _remaining_s(context), peer=context.peer())
+        operation = self._operations.submit(work)
+        with operation.followed():
+            for _ in operation.changes(_gone(context)):
+                pass
+            status = operation.status
+            if status.error is not None:
+                raise status.error
+            if status.state is not State.SUCCEEDED:
+                raise CancelledError("the caller is gone")  # whom nobody can answer
+            return operation.result
+
+    def _status(self, operation: Operation, status: OperationStatus | None = None) -> pb.Operation:
+        return status_to_proto(self._operations.timed(operation, status or operation.status))
+
+
+def _sample_work(
+    request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float, context: Context
+) -> Work:
+    metadata = _metadata(request)
+    quality = str(((metadata and metadata.render) or {}).get("quality", ""))
+    return Work(
+        kind=Kind.SAMPLE,
+        method="step_sample",
+        arguments={
+            "metadata": metadata,
+            "modalities": names(request.modalities, "modalities"),
+            "sensors": names(request.sensors, "sensors"),
+        },
+        timeout_s=timeout_s,
+        request_id=request_id_of(request.request_id),
+        body=_body(request),
+        like=("sample", hash((*request.modalities, "", *request.sensors, "", quality))),
+        request_bytes=request.ByteSize(),
+        peer=context.peer(),
+    )
+
+
+def _metadata(
+    request: pb.StepBatchRequest
+    | pb.StepSampleRequest
+    | pb.RenderSampleRequest
+    | pb.ListObjectsRequest,
+) -> ModuleMetadata | None:
+    if not request.HasField("metadata"):
+        return None
+    return conversions.metadata_from_proto(request.metadata)
+
+
+def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest) -> bytes:
+    """Return a digest that is equal for equal requests, however they are answered."""
+    if isinstance(request, pb.RenderSampleRequest) and request.HasField("transfer"):
+        asked, request = request, pb.RenderSampleRequest()
+        request.CopyFrom(asked)
+        request.ClearField("transfer")
+    content = request.DESCRIPTOR.name.encode() + request.SerializeToString(deterministic=True)
+    return hashlib.sha256(content).digest()
+
+
+def _operation_timeout_s(request: pb.StepBatchRequest | pb.StepSampleRequest) -> float:
+    if not request.HasField("timeout"):
+        return OPERATION_TIMEOUT_S
+    timeout_s = request.timeout.seconds + request.timeout.nanos * 1e-9
+    if timeout_s <= 0:
+        raise InvalidInputError("timeout", timeout_s, "a positive time")
+    return min(timeout_s, OPERATION_TIMEOUT_S)
+
+
+def _remaining_s(context: Context) -> float:
+    remaining_s = context.time_remaining()
+    return OPERATION_TIMEOUT_S if remaining_s is None else min(remaining_s, OPERATION_TIMEOUT_S)
+
+
+def _gone(context: Context) -> threading.Event:
+    """Return an event that is set when the caller has ended the call, however it did."""
+    gone = threading.Event()
+    if not context.add_callback(gone.set):
+        gone.set()
+    return gone

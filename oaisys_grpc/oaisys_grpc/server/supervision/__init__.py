@@ -1,0 +1,1 @@
+"""Keeps a worker process running, within its limits of time and memory."""

@@ -1,0 +1,108 @@
+"""When a call of the worker must stop, and what sees to it."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+
+from oaisys_core.errors import CancelledError, DeadlineExceededError
+from oaisys_grpc.server.supervision.worker_effort import Effort
+
+CANCEL_WORK_S = 0.8
+"""Of its busiest thread's time on a processor, for a worker to stop a sample that was cancelled."""
+
+CANCEL_IDLE_S = 2.0
+"""Without any time on a processor, for such a worker: it hangs."""
+
+_WATCH_S = 0.25
+
+
+class Watchdog:
+    """Strikes a worker that hangs in the middle of a message, which blocks who called it.
+
+    It looks at the time now and then: a timer for each call would be a thread for each call.
+    """
+
+    def __init__(self, strike: Callable[[], None]) -> None:
+        self._strike = strike
+        self._strike_s = math.inf
+        self._ended = threading.Event()
+        threading.Thread(target=self._watch, name="watchdog", daemon=True).start()
+
+    def arm(self, left_s: float) -> None:
+        """Strike in so many seconds, unless disarmed before."""
+        self._strike_s = time.monotonic() + left_s
+
+    def disarm(self) -> None:
+        """Strike no more."""
+        self._strike_s = math.inf
+
+    def end(self) -> None:
+        """Let the thread end."""
+        self._ended.set()
+
+    def _watch(self) -> None:
+        while not self._ended.wait(_WATCH_S):
+            if time.monotonic() >= self._strike_s:
+                self._strike()
+
+
+class Limit:
+    """When a call must stop: when its owner says so, or when its time is over.
+
+    A worker that does not stop within a grace period after its deadline is killed. One that was
+    only cancelled keeps its time, unless the call is worth a new worker: then it is killed once it
+    has worked for `CANCEL_WORK_S` since, or has not worked at all for `CANCEL_IDLE_S`. How long
+    that takes depends on what else the machine does.
+    """
+
+    def __init__(
+        self,
+        timeout_s: float,
+        grace_s: float,
+        cancelled: threading.Event,
+        *,
+        worth_a_worker: bool = False,
+    ) -> None:
+        self._deadline_s = time.monotonic() + timeout_s
+        self._grace_s = grace_s
+        self._cancelled = cancelled
+        self._worth_a_worker = worth_a_worker
+
+    @property
+    def cancelled(self) -> bool:
+        """Whether its owner wants it no more."""
+        return self._cancelled.is_set()
+
+    @property
+    def over(self) -> bool:
+        """Whether the deadline has passed."""
+        return time.monotonic() >= self._deadline_s
+
+    def left_s(self) -> float:
+        """Return the seconds until a worker that hangs is killed."""
+        return max(0.0, self._deadline_s + self._grace_s - time.monotonic())
+
+    def must_stop(self) -> bool:
+        """Whether the call must be cancelled."""
+        return self._cancelled.is_set() or self.over
+
+    def must_kill(self, since_told: Effort | None) -> bool:
+        """Whether the worker had its chance.
+
+        Args:
+            since_told: What it has done since it was told to stop; None: it was not told yet.
+        """
+        if self._worth_a_worker and self._cancelled.is_set() and since_told is not None:
+            worked_s, idle_s = since_told.look()
+            if worked_s >= CANCEL_WORK_S or idle_s >= CANCEL_IDLE_S:
+                return True
+        return time.monotonic() >= self._deadline_s + self._grace_s
+
+    def error(self) -> CancelledError | DeadlineExceededError:
+        """Return why the call was stopped."""
+        if self._cancelled.is_set():
+            return CancelledError("cancelled by the caller")
+        return DeadlineExceededError("the operation did not end within its deadline")

@@ -1,0 +1,1 @@
+"""Signed certificates of reconstructions, and the deliberate faults that they must reject."""

@@ -1,0 +1,236 @@
+"""Checks a closure certificate again: its hash, its signature, its files and its figures."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.types import TriangleMesh
+from oaisys_mapping.certificate.certificate import (
+    CLOSED,
+    LENGTH_TOLERANCE_M,
+    OPEN,
+    RATIO_TOLERANCE,
+    RELATIVE_TOLERANCE,
+    canonical,
+    content_sha256,
+    file_sha256,
+)
+from oaisys_mapping.certificate.signature import is_signature_of
+from oaisys_mapping.certificate.view_files import views_from_json
+from oaisys_mapping.evaluation.metrics import Extras, evaluate_reconstruction
+from oaisys_mapping.evaluation.semantics import ClassField
+from oaisys_mapping.evaluation.thresholds import (
+    Criterion,
+    Thresholds,
+    exploration_thresholds,
+    survey_thresholds,
+)
+from oaisys_mapping.mesh import ColoredMesh
+
+COMPARED = (
+    *("accuracy_mean_m", "accuracy_median_m", "rmse_m", "completion_mean_m", "chamfer_m"),
+    *("offset_m", "completion_mean_all_m", "completion_ratio", "completion_ratio_2", "precision"),
+    *("precision_2", "f_score", "f_score_2", "hole_ratio", "gap_ratio", "overlap_hole_ratio"),
+    *("completion_ratio_all", "f_score_all", "visible_share", "surveyed_area_m2"),
+)
+"""Figures that are measured again; counts of holes may differ by a point at their edge."""
+
+NEEDED = ("rmse_m", "completion_ratio", "f_score")
+"""Figures without a limit on which a verdict says nothing."""
+
+
+SURVEY, EXPLORATION = "a survey", "an exploration"
+
+USUAL: Mapping[str, Callable[[float], Thresholds]] = {
+    SURVEY: survey_thresholds,
+    EXPLORATION: exploration_thresholds,
+}
+"""The limits of each kind of experiment, for a voxel's size."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was checked.
+
+    Attributes:
+        what: In words.
+        holds: None where it could not be checked.
+    """
+
+    what: str
+    holds: bool | None
+
+    def __str__(self) -> str:
+        word = {True: "ok", False: "FAILED", None: "not checked"}[self.holds]
+        return f"{word}: {self.what}"
+
+
+def check_content(certificate: Mapping[str, Any], public_key: str | None = None) -> list[Finding]:
+    """Check what a certificate says of itself.
+
+    Args:
+        certificate: As `read_certificate` returns it.
+        public_key: Who must have signed it, as hexadecimal digits; None: anybody or nobody.
+
+    Raises:
+        InvalidInputError: Something is missing from it.
+    """
+    content = certificate["content"]
+    is_whole = certificate.get("sha256") == content_sha256(content)
+    findings = [Finding("the hash over the content", is_whole), _signature(certificate, public_key)]
+    config = hashlib.sha256(canonical(_part(content, "config"))).hexdigest()
+    agrees = config == _part(content, "facts").get("config_sha256")
+    findings.append(Finding("the hash of the configuration", agrees))
+    return [*findings, *_verdict(content)]
+
+
+def _signature(certificate: Mapping[str, Any], public_key: str | None) -> Finding:
+    signature = certificate.get("signature")
+    if signature is None:
+        return Finding("it is not signed", None if public_key is None else False)
+    if not is_signature_of(signature, canonical(certificate["content"])):
+        return Finding("the signature", False)
+    signer = signature["public_key"]
+    if public_key is None:
+        return Finding(f"the signature of {signer}; whether to trust it is yours to say", True)
+    return Finding(f"signed by {signer}, expected {public_key}", signer == public_key)
+
+
+def _verdict(content: Mapping[str, Any]) -> list[Finding]:
+    """Check that criteria are of the figures, and the verdict of the criteria."""
+    figures = _part(content, "figures")
+    criteria = _criteria(content)
+    missing = set(NEEDED) - {one.name for one in criteria}
+    findings = [Finding(f"a limit on {name}", False) for name in sorted(missing)]
+    for one in criteria:
+        is_same = figures.get(one.name) == one.value
+        findings.append(Finding(f"{one}", is_same and one.holds))
+    said = content.get("verdict")
+    follows = CLOSED if all(one.holds for one in criteria) else OPEN
+    findings.append(Finding(f"the verdict, {said}, follows from the criteria", said == follows))
+    for record in content.get("faults", []):
+        is_right = bool(record["rejected"]) == (record["name"] != "none")
+        word = "rejected" if record["rejected"] else "not rejected"
+        findings.append(Finding(f"fault {record['name']}: {word}", is_right))
+    return findings
+
+
+def _criteria(content: Mapping[str, Any]) -> list[Criterion]:
+    try:
+        return [
+            Criterion(one["name"], float(one["value"]), float(one["limit"]), one["is_upper"])
+            for one in content["criteria"]
+        ]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError("FILE: criteria", str(error), "name, value, limit") from error
+
+
+def check_limits(content: Mapping[str, Any], *, allow_loosened: bool = False) -> list[Finding]:
+    """Compare a certificate's limits with those that `oaisys` asks for.
+
+    A limit that is missing, as in certificates from before it was asked for, is one that was
+    loosened only where the figure does not keep the usual one.
+
+    Args:
+        content: Of the certificate.
+        allow_loosened: Show what was loosened, but do not hold it against the certificate.
+
+    Raises:
+        InvalidInputError: Something is missing from it.
+    """
+    figures = _part(content, "figures")
+    experiment = _experiment(content)
+    try:
+        usual = USUAL[experiment](float(figures["voxel_size_m"])).asked_of(figures)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError("FILE: figures", str(error), "figures and voxel_size_m") from error
+    given = {one.name: one for one in _criteria(content)}
+    findings = []
+    for one in usual:
+        own = given.get(one.name)
+        if own is not None and own.is_looser_than(one):
+            what = (
+                f"LOOSENED: {own.asked} is asked of {one.name}; usual for {experiment}: {one.asked}"
+            )
+        elif own is None and not one.holds:
+            what = f"LOOSENED: nothing is asked of {one.name}; usual for {experiment}: {one}"
+        else:
+            continue
+        findings.append(Finding(what, None if allow_loosened else False))
+    if not findings:
+        findings.append(
+            Finding(f"the limits are at least as tight as usual for {experiment}", True)
+        )
+    return findings
+
+
+def _experiment(content: Mapping[str, Any]) -> str:
+    """Return which of `USUAL` a certificate is of, by the command that it says it came from."""
+    words = str(_part(content, "facts").get("command", "")).split()[:2]
+    return EXPLORATION if "explore" in words else SURVEY
+
+
+def check_file(content: Mapping[str, Any], what: str, path: Path) -> Finding:
+    """Check that a file is the one that a certificate names as its ``mesh`` or ``truth``."""
+    said = _part(_part(content, "files"), what)
+    return Finding(f"the hash of {what} {path}", file_sha256(path) == said.get("sha256"))
+
+
+def measure_again(
+    content: Mapping[str, Any],
+    mesh: ColoredMesh,
+    truth: TriangleMesh,
+    classes: ClassField | None = None,
+) -> list[Finding]:
+    """Measure a map against a truth as the certificate says it was, and compare the figures.
+
+    Args:
+        content: Of the certificate.
+        mesh: The map's surface.
+        truth: The true surface.
+        classes: The map's classes; without them the IoU cannot be compared.
+
+    Raises:
+        InvalidInputError: The certificate lacks something, or the meshes are empty.
+    """
+    figures = _part(content, "figures")
+    try:
+        voxel_size_m = float(figures["voxel_size_m"])
+        max_range_m, seed = float(content["max_range_m"]), int(content["sampling_seed"])
+        labels = {int(number): str(name) for number, name in content["labels"].items()}
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInputError("FILE", str(error), "how the map was measured") from error
+    views = views_from_json(_part(content, "views"), "FILE: views")
+    rng = np.random.default_rng(seed)
+    extras = Extras(labels=labels, classes=classes)
+    found = evaluate_reconstruction(mesh, truth, views, voxel_size_m, max_range_m, rng, extras)
+    measured = found.metrics.to_dict()
+    names = COMPARED if classes is None else (*COMPARED, "least_iou")
+    return [
+        _compared(name, figures[name], measured.get(name))
+        for name in names
+        if figures.get(name) is not None
+    ]
+
+
+def _compared(name: str, said: float, found: float | None) -> Finding:
+    if found is None:
+        return Finding(f"{name}: {said:.6g} in the certificate, cannot be measured", False)
+    allowed = RATIO_TOLERANCE
+    if name.endswith(("_m", "_m2")):
+        allowed = LENGTH_TOLERANCE_M + RELATIVE_TOLERANCE * abs(said)
+    what = f"{name}: {said:.6g} in the certificate, {found:.6g} measured again (± {allowed:.2g})"
+    return Finding(what, abs(found - said) <= allowed)
+
+
+def _part(content: Mapping[str, Any], name: str) -> Any:
+    if not isinstance(content.get(name), dict | list):
+        raise InvalidInputError(f"FILE: {name}", content.get(name), "an object or a list")
+    return content[name]

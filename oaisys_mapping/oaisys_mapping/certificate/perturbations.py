@@ -1,0 +1,194 @@
+"""Deliberate faults: what a certificate must reject, made from frames that are right.
+
+Each is a mistake that real systems made: a focal length with a fudge factor, a camera that is
+mounted two centimetres from where the model has it, ray length sold as depth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.geometry import pixel_rays
+from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
+from oaisys_mapping.evaluation.metrics import ReconstructionMetrics, evaluate_against
+from oaisys_mapping.evaluation.thresholds import Thresholds
+from oaisys_mapping.evaluation.true_surface import TrueSurface
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_mapping.voxels.rectification import rectified, rectified_camera
+
+FOCAL_FACTOR = 1.0855
+"""By which the original's depth had to be divided for its maps to close."""
+
+POSE_ERROR_M = 0.02
+SCATTER_SEED = 0
+
+SHOWN = (
+    "rmse_m",
+    "accuracy_mean_m",
+    "accuracy_median_m",
+    "offset_m",
+    "completion_ratio",
+    "precision",
+    "f_score",
+    "chamfer_m",
+    "hole_ratio",
+    "overlap_hole_count",
+)
+"""Figures that are told of a map with a fault."""
+
+
+@dataclass(frozen=True, repr=False)
+class PosedDepth(ShortRepr):
+    """A depth image and where it was taken.
+
+    Attributes:
+        depth_m: (H, W) float32 planar depth.
+        intrinsics: The camera; images of one that distorts are rectified before they are fused.
+        T_map_camera: (4, 4) pose of its optical frame.
+    """
+
+    depth_m: NDArray[np.float32]
+    intrinsics: PinholeIntrinsics
+    T_map_camera: FloatArray
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A mistake.
+
+    Attributes:
+        name: For programs.
+        what: In words.
+        applied: Makes it: given a right frame and which one it is.
+    """
+
+    name: str
+    what: str
+    applied: Callable[[PosedDepth, int], PosedDepth]
+
+
+@dataclass(frozen=True)
+class FaultRecord:
+    """A map that was made with a fault, or, as the first of several, with none.
+
+    Attributes:
+        figures: Those of `SHOWN`.
+        missed: One sentence for each threshold it misses.
+    """
+
+    name: str
+    what: str
+    figures: Mapping[str, float]
+    missed: Sequence[str]
+
+    @property
+    def rejected(self) -> bool:
+        """Whether it misses a threshold."""
+        return bool(self.missed)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {
+            "name": self.name,
+            "what": self.what,
+            "figures": dict(self.figures),
+            "missed": list(self.missed),
+            "rejected": self.rejected,
+        }
+
+
+def _unchanged(frame: PosedDepth, _: int) -> PosedDepth:
+    return frame
+
+
+def _wrong_focal_length(frame: PosedDepth, _: int) -> PosedDepth:
+    camera = frame.intrinsics
+    fx_px, fy_px = FOCAL_FACTOR * camera.fx_px, FOCAL_FACTOR * camera.fy_px
+    return replace(frame, intrinsics=replace(camera, fx_px=fx_px, fy_px=fy_px))
+
+
+def _shifted(frame: PosedDepth, shift_m: FloatArray) -> PosedDepth:
+    T_map_camera = frame.T_map_camera.copy()
+    T_map_camera[:3, 3] += shift_m
+    return replace(frame, T_map_camera=T_map_camera)
+
+
+def _beside(frame: PosedDepth, _: int) -> PosedDepth:
+    return _shifted(frame, POSE_ERROR_M * np.array((1.0, 0.0, 0.0)))
+
+
+def _above(frame: PosedDepth, _: int) -> PosedDepth:
+    return _shifted(frame, POSE_ERROR_M * np.array((0.0, 0.0, 1.0)))
+
+
+def _scattered(frame: PosedDepth, index: int) -> PosedDepth:
+    direction = np.random.default_rng([SCATTER_SEED, index]).normal(size=3)
+    return _shifted(frame, POSE_ERROR_M * direction / np.linalg.norm(direction))
+
+
+def _range_as_depth(frame: PosedDepth, _: int) -> PosedDepth:
+    rays = pixel_rays(frame.intrinsics).reshape(*frame.depth_m.shape, 3)
+    range_m = frame.depth_m * np.linalg.norm(rays, axis=-1)
+    return replace(frame, depth_m=range_m.astype(np.float32))
+
+
+NO_FAULT = Fault("none", "the frames as they are", _unchanged)
+FAULTS = (
+    Fault("focal_length", f"focal length times {FOCAL_FACTOR:g}", _wrong_focal_length),
+    Fault("pose_beside", f"every pose {POSE_ERROR_M * 100:g} cm to the east", _beside),
+    Fault("pose_above", f"every pose {POSE_ERROR_M * 100:g} cm too high", _above),
+    Fault(
+        "pose_scattered",
+        f"every pose {POSE_ERROR_M * 100:g} cm off, each to another side",
+        _scattered,
+    ),
+    Fault("range_as_depth", "length along the ray taken for depth along z", _range_as_depth),
+)
+
+
+def fused(frames: Sequence[PosedDepth], fault: Fault, config: TsdfConfig) -> ColoredMesh:
+    """Return the surface of frames with a fault, made as a mapper makes it."""
+    volume = TsdfVolume(config)
+    for index, right in enumerate(frames):
+        frame = fault.applied(right, index)
+        depth_m, _ = rectified(frame.depth_m, None, frame.intrinsics)
+        volume.integrate(depth_m, None, rectified_camera(frame.intrinsics), frame.T_map_camera)
+    return volume.extract_mesh()
+
+
+def challenge(
+    frames: Sequence[PosedDepth],
+    surface: TrueSurface,
+    thresholds: Thresholds,
+    config: TsdfConfig,
+    seed: int,
+) -> Iterator[FaultRecord]:
+    """Yield what becomes of the map without a fault and then with each of `FAULTS`.
+
+    Args:
+        frames: As they were recorded.
+        surface: What the poses could truly see.
+        thresholds: Must hold without a fault and be missed with each.
+        config: Of the map.
+        seed: Of the points that are measured.
+    """
+    for fault in (NO_FAULT, *FAULTS):
+        mesh = fused(frames, fault, config)
+        if not len(mesh.triangles):
+            yield FaultRecord(fault.name, fault.what, {}, ["no surface is left"])
+            continue
+        rng = np.random.default_rng(seed)
+        metrics = evaluate_against(surface, mesh, config.voxel_size_m, rng).metrics
+        missed = thresholds.missed_by(metrics)
+        yield FaultRecord(fault.name, fault.what, shown_of(metrics), missed)
+
+
+def shown_of(metrics: ReconstructionMetrics) -> dict[str, float]:
+    """Return the figures that are told of a map with a fault."""
+    return {name: getattr(metrics, name) for name in SHOWN}

@@ -1,0 +1,1 @@
+"""How true a reconstruction is, measured against the true surface."""

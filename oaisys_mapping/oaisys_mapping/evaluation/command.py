@@ -1,0 +1,133 @@
+"""The shell command ``oaisys evaluate``."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from oaisys_core.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from oaisys_mapping.tsdf import TsdfVolume
+
+LengthOption = Annotated[float | None, typer.Option(help="Metres.", min=0)]
+MedianOption = Annotated[
+    float | None, typer.Option(help="Metres; half of the map is no further off.", min=0)
+]
+OffsetOption = Annotated[
+    float | None, typer.Option(help="Metres that the map lies beside the truth.", min=0)
+]
+CompletionOption = Annotated[
+    float | None, typer.Option(help="Share of visible truth within a voxel.", min=0, max=1)
+]
+FScoreOption = Annotated[float | None, typer.Option(help="At one voxel.", min=0, max=1)]
+HolesOption = Annotated[
+    float | None, typer.Option(help="Share of the surveyed surface.", min=0, max=1)
+]
+OverlapHolesOption = Annotated[
+    int | None, typer.Option(help="Number of holes where two views or more see.", min=0)
+]
+IouOption = Annotated[
+    float | None, typer.Option(help="Of each class with 1 % of the surface.", min=0, max=1)
+]
+TausOption = Annotated[
+    list[float] | None, typer.Option("--tau", help="Metres; an F-score at it too, repeatable.")
+]
+VolumeOption = Annotated[
+    Path | None, typer.Option(help="The mapper's volume (.npz): its distances at the truth, too.")
+]
+
+
+def evaluate(
+    mesh: Annotated[Path, typer.Option(help="Reconstructed mesh (PLY, OBJ, STL, GLB).")],
+    truth: Annotated[Path, typer.Option(help="True mesh, in the same frame and in metres.")],
+    poses: Annotated[
+        Path | None,
+        typer.Option(help="poses.json of a survey: only truth that these views saw counts."),
+    ] = None,
+    volume: VolumeOption = None,
+    voxel_size: Annotated[float, typer.Option(help="Metres; the tolerance.", min=1e-6)] = 0.10,
+    max_range: Annotated[float, typer.Option(help="Metres of depth that count.", min=1e-3)] = 60.0,
+    tau: TausOption = None,
+    max_rmse: LengthOption = None,
+    max_median: MedianOption = None,
+    max_offset: OffsetOption = None,
+    min_completion: CompletionOption = None,
+    min_f_score: FScoreOption = None,
+    max_holes: HolesOption = None,
+    max_overlap_holes: OverlapHolesOption = None,
+    min_iou: IouOption = None,
+    seed: Annotated[int, typer.Option(help="Of the points that are measured.", min=0)] = 0,
+    json_path: Annotated[
+        Path | None, typer.Option("--json", help="Write the figures here too.")
+    ] = None,
+) -> None:
+    """Measure a reconstruction against the truth: figures as JSON, exit 1 if a threshold is missed.
+
+    Without --poses all of the truth counts as visible.
+    """
+    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    import numpy as np
+
+    from oaisys_mapping.certificate.view_files import read_views
+    from oaisys_mapping.evaluation.metrics import Extras, evaluate_reconstruction
+    from oaisys_mapping.evaluation.thresholds import Thresholds
+    from oaisys_mapping.evaluation.truth_io import read_truth
+    from oaisys_mapping.mesh_io import read_ply
+    from oaisys_mapping.stages import StageLines
+
+    if json_path is not None and not json_path.parent.is_dir():
+        raise InvalidInputError("--json", str(json_path), "a file in an existing folder")
+    taus_m = tuple(tau or ())
+    if any(not (np.isfinite(tau_m) and tau_m > 0) for tau_m in taus_m):
+        raise InvalidInputError("--tau", list(taus_m), "metres above 0")
+    views = None if poses is None else read_views(poses)
+    field = None if volume is None else _volume(volume, voxel_size)
+    with StageLines("measuring") as on_stage:
+        on_stage("reading the meshes")
+        evaluation = evaluate_reconstruction(
+            read_ply(mesh),
+            read_truth(truth),
+            views,
+            voxel_size,
+            max_range,
+            np.random.default_rng(seed),
+            Extras(taus_m, field, on_stage=on_stage),
+        )
+    thresholds = Thresholds(
+        max_rmse_m=max_rmse,
+        min_completion=min_completion,
+        min_f_score=min_f_score,
+        max_holes=max_holes,
+        max_median_m=max_median,
+        max_offset_m=max_offset,
+        max_overlap_holes=max_overlap_holes,
+        min_iou=min_iou,
+    )
+    missed = thresholds.missed_by(evaluation.metrics)
+    figures = {
+        **evaluation.metrics.to_dict(),
+        "max_range_m": max_range,
+        "visible_from": "everywhere" if views is None else f"{len(views)} poses",
+        "thresholds": asdict(thresholds),
+        "missed": missed,
+        "closed": not missed,
+    }
+    text = json.dumps(figures, indent=2)
+    if json_path is not None:
+        json_path.write_text(f"{text}\n", encoding="utf-8")
+    typer.echo(text)
+    if missed:
+        raise typer.Exit(1)
+
+
+def _volume(path: Path, voxel_size_m: float) -> TsdfVolume:
+    from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+
+    found = TsdfVolume(TsdfConfig(voxel_size_m=voxel_size_m))
+    found.load(path)
+    return found

@@ -1,0 +1,66 @@
+"""How true a map's distances are at the true surface, where they should be 0.
+
+As voxblox's evaluation does it (Oleynikova et al., "Voxblox", IROS 2017): the error at a point of
+the true surface is the absolute value of the interpolated distance, clipped; points at which the
+map knows none are counted apart.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from oaisys_core.types import FloatArray
+from oaisys_mapping.evaluation.true_surface import TrueSurface
+
+CLIP_VOXELS = 3
+"""Errors count as at most this."""
+
+
+class DistanceField(Protocol):
+    """A map that knows signed distances to the surface where it was observed."""
+
+    def distance_at(self, points_m: FloatArray) -> FloatArray:
+        """Return (N,) signed distances in metres at (N, 3) points, NaN where it knows none."""
+        ...
+
+    @property
+    def observed_volume_m3(self) -> float:
+        """How much space was observed."""
+        ...
+
+
+@dataclass(frozen=True)
+class FieldMetrics:
+    """Figures of a distance field.
+
+    Attributes:
+        tsdf_rmse_m: Root mean square of distances at visible truth, each clipped at three voxels;
+            None where the map knows none.
+        unknown_share, unknown_share_all: Share of the visible, and of all the truth at which the
+            map knows no distance.
+        observed_volume_m3: Space in which it knows one.
+    """
+
+    tsdf_rmse_m: float | None
+    unknown_share: float
+    unknown_share_all: float
+    observed_volume_m3: float
+
+
+def field_metrics(surface: TrueSurface, volume: DistanceField, voxel_size_m: float) -> FieldMetrics:
+    """Return the figures of a map of a true surface."""
+    at_truth_m = volume.distance_at(surface.visible.points_m)
+    known_m = at_truth_m[np.isfinite(at_truth_m)]
+    error_m = np.minimum(np.abs(known_m), CLIP_VOXELS * voxel_size_m)
+    parts = [(at_truth_m, surface.visible.area_m2)]
+    parts += [(volume.distance_at(p.points_m), p.area_m2) for p in surface.unseen]
+    unknown_m2 = sum(float((~np.isfinite(at_m)).sum()) * area_m2 for at_m, area_m2 in parts)
+    return FieldMetrics(
+        tsdf_rmse_m=float(np.sqrt(np.square(error_m).mean())) if len(known_m) else None,
+        unknown_share=1 - len(known_m) / len(at_truth_m),
+        unknown_share_all=unknown_m2 / sum(len(at_m) * area_m2 for at_m, area_m2 in parts),
+        observed_volume_m3=volume.observed_volume_m3,
+    )

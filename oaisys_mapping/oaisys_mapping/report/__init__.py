@@ -1,0 +1,1 @@
+"""Reports and live pages for people; ``report.json`` for programs."""

@@ -1,0 +1,264 @@
+"""A page that shows what a simulator sees as it sees it: cameras, images, clouds, the mesh."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import cv2
+import numpy as np
+import trimesh
+import viser
+from numpy.typing import NDArray
+
+from oaisys_core.geometry import depth_to_points, pose_from_matrix
+from oaisys_core.types import FloatArray, ShortRepr
+from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.report import pictures
+from oaisys_mapping.report.mesh_viewer import thinned
+
+MOST_CAMERAS = 200
+"""The oldest ones go."""
+
+MOST_POINTS = 80_000
+"""Of one view's cloud."""
+
+MOST_TRIANGLES = 200_000
+"""Of the mesh, which is sent whole each time."""
+
+THUMBNAIL_WIDTH_PX = 160
+FRUSTUM_M = 1.0
+"""How far a camera's drawn image is before it."""
+
+OVERVIEW_M = (-22.0, -28.0, 22.0)
+"""Where a visitor stands at first, looking at the middle of the world."""
+
+
+@dataclass(frozen=True, repr=False)
+class SeenView(ShortRepr):
+    """What a camera saw at one time.
+
+    Attributes:
+        name: Of the view; one of the same name is replaced.
+        rgb: (H, W, 3) uint8, or None.
+        depth_m: (H, W) float32 planar depth, or None; what is not finite is left out.
+        semantic_ids: (H, W) uint16, or None.
+        camera: The camera without distortion and where it was.
+    """
+
+    name: str
+    rgb: NDArray[np.uint8] | None
+    depth_m: NDArray[np.float32] | None
+    semantic_ids: NDArray[np.uint16] | None
+    camera: View
+
+
+class LiveView:
+    """Serves the page; use it in a ``with`` block.
+
+    Attributes:
+        labels: Names of semantic ids, which choose their colours.
+    """
+
+    def __init__(self, host: str, port: int, max_range_m: float) -> None:
+        """Begin to serve an empty page.
+
+        Args:
+            host: Address to listen on.
+            port: 0 for a free one; where it is taken, the next free one.
+            max_range_m: What is farther away is not part of clouds.
+        """
+        with redirect_stdout(StringIO()):
+            self._server = viser.ViserServer(host=host, port=port, label="OAISYS", verbose=False)
+        self._max_range_m = max_range_m
+        self.labels: Mapping[int, str] = {}
+        self._cameras: deque[Any] = deque()
+        self._mesh: Any = None
+        self._cloud: Any = None
+        self._views = 0
+        self._images: dict[str, Any] = {}
+        scene = self._server.scene
+        scene.set_up_direction("+z")
+        scene.world_axes.visible = True
+        self._server.initial_camera.position = OVERVIEW_M
+        self._server.initial_camera.look_at = (0.0, 0.0, 0.0)
+        self._server.gui.configure_theme(control_layout="collapsible", show_logo=False)
+        self._facts = self._server.gui.add_markdown("Waiting for a view.")
+        self._shown = {
+            name: self._server.gui.add_checkbox(name, initial_value=True)
+            for name in ("mesh", "cloud", "cameras")
+        }
+        for box in self._shown.values():
+            box.on_update(self._show_chosen)
+
+    def __enter__(self) -> Self:
+        """Return the page that is being served."""
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Stop serving."""
+        with redirect_stdout(StringIO()):
+            self._server.stop()
+
+    @property
+    def url(self) -> str:
+        """Where a browser finds the page."""
+        host = self._server.get_host()
+        shown = "localhost" if host in ("0.0.0.0", "::") else host  # noqa: S104
+        return f"http://{shown}:{self._server.get_port()}"
+
+    def add(self, view: SeenView) -> None:
+        """Show a view: its camera and cloud in the scene, its images at the side."""
+        self._views += 1
+        with self._server.atomic():
+            self._add_camera(view)
+            self._show_cloud(view)
+            self._show_images(view)
+            self._tell(view)
+
+    def set_mesh(self, mesh: ColoredMesh) -> None:
+        """Show a mesh instead of the one before."""
+        if not len(mesh.triangles):
+            return
+        shown = thinned(mesh, MOST_TRIANGLES)
+        solid = trimesh.Trimesh(
+            shown.vertices_m, shown.triangles, vertex_colors=shown.colors_rgb, process=False
+        )
+        self._mesh = self._server.scene.add_mesh_trimesh(
+            "/mesh", solid, visible=self._shown["mesh"].value
+        )
+
+    def clear(self) -> None:
+        """Forget all views and the mesh: another world stands."""
+        for handle in (*self._cameras, self._mesh, self._cloud):
+            if handle is not None:
+                handle.remove()
+        self._cameras.clear()
+        self._mesh = self._cloud = None
+        self._views = 0
+
+    def save(self, path: Path) -> None:
+        """Write the scene as it is now as a page that needs neither a server nor a network."""
+        path.write_text(self._server.scene.as_html(), encoding="utf-8")
+
+    def _add_camera(self, view: SeenView) -> None:
+        camera = view.camera.intrinsics
+        T_map_camera = view.camera.T_map_camera
+        handle = self._server.scene.add_camera_frustum(
+            f"/cameras/{view.name}",
+            fov=2 * float(np.arctan2(camera.height_px / 2, camera.fy_px)),
+            aspect=camera.width_px * camera.fy_px / (camera.height_px * camera.fx_px),
+            scale=FRUSTUM_M,
+            color=(210, 105, 30),
+            image=None if view.rgb is None else _thumbnail(view.rgb),
+            wxyz=_quat_wxyz(T_map_camera),
+            position=T_map_camera[:3, 3],
+            visible=self._shown["cameras"].value,
+        )
+        handle.on_click(lambda event: _look_from(event.client, T_map_camera))
+        self._cameras.append(handle)
+        while len(self._cameras) > MOST_CAMERAS:
+            self._cameras.popleft().remove()
+
+    def _show_cloud(self, view: SeenView) -> None:
+        if view.depth_m is None:
+            return
+        points_m, colors_rgb = cloud_of(view, self._max_range_m, MOST_POINTS)
+        T_map_camera = view.camera.T_map_camera
+        self._cloud = self._server.scene.add_point_cloud(
+            "/cloud",
+            points=points_m.astype(np.float32),
+            colors=colors_rgb,
+            point_size=0.04,
+            wxyz=_quat_wxyz(T_map_camera),
+            position=T_map_camera[:3, 3],
+            visible=self._shown["cloud"].value,
+        )
+
+    def _show_images(self, view: SeenView) -> None:
+        images: dict[str, NDArray[np.uint8]] = {}
+        if view.rgb is not None:
+            images["colour"] = view.rgb
+        if view.depth_m is not None:
+            images["depth"] = pictures.depth_picture(view.depth_m, *_range_m(view.depth_m))
+        if view.semantic_ids is not None:
+            images["classes"] = pictures.semantic_picture(view.semantic_ids, self.labels)
+        for name, image in images.items():
+            if name in self._images:
+                self._images[name].image = image
+            else:
+                self._images[name] = self._server.gui.add_image(image, label=name, format="jpeg")
+
+    def _tell(self, view: SeenView) -> None:
+        x_m, y_m, z_m = view.camera.T_map_camera[:3, 3]
+        self._facts.content = (
+            f"**{self._views}** views; the newest, {view.name}, from "
+            f"({x_m:.1f}, {y_m:.1f}, {z_m:.1f}) m. Click a camera to look from there."
+        )
+
+    def _show_chosen(self, _event: Any) -> None:
+        chosen = {name: box.value for name, box in self._shown.items()}
+        for camera in self._cameras:
+            camera.visible = chosen["cameras"]
+        if self._mesh is not None:
+            self._mesh.visible = chosen["mesh"]
+        if self._cloud is not None:
+            self._cloud.visible = chosen["cloud"]
+
+
+def cloud_of(view: SeenView, max_range_m: float, most: int) -> tuple[FloatArray, NDArray[np.uint8]]:
+    """Return at most so many (N, 3) points in the optical frame and their (N, 3) colours.
+
+    Raises:
+        ValueError: The view has no depth.
+    """
+    if view.depth_m is None:
+        raise ValueError("a cloud needs depth")
+    stride = max(1, int(np.ceil(np.sqrt(view.depth_m.size / most))))
+    part = (slice(None, None, stride),) * 2
+    points_m = depth_to_points(view.depth_m, view.camera.intrinsics)[part].reshape(-1, 3)
+    with np.errstate(invalid="ignore"):
+        kept = np.isfinite(points_m).all(axis=1) & (points_m[:, 2] <= max_range_m)
+    if view.rgb is None or view.rgb.shape[:2] != view.depth_m.shape:
+        colors_rgb = np.full((len(points_m), 3), 150, np.uint8)
+    else:
+        colors_rgb = view.rgb[part].reshape(-1, 3)
+    return np.asarray(points_m[kept]), np.asarray(colors_rgb[kept])
+
+
+def _range_m(depth_m: NDArray[np.float32]) -> tuple[float, float]:
+    finite = depth_m[np.isfinite(depth_m)]
+    if not len(finite):
+        return 0.0, 1.0
+    near_m, far_m = np.percentile(finite, (1, 99))
+    return float(near_m), float(far_m)
+
+
+def _thumbnail(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    height, width = image.shape[:2]
+    size = (THUMBNAIL_WIDTH_PX, max(1, round(THUMBNAIL_WIDTH_PX * height / width)))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _quat_wxyz(T_map_camera: FloatArray) -> FloatArray:
+    x, y, z, w = pose_from_matrix(T_map_camera).quat_xyzw
+    return np.array((w, x, y, z))
+
+
+def _look_from(client: Any, T_map_camera: FloatArray) -> None:
+    """Move a visitor to where a camera was."""
+    with client.atomic():
+        client.camera.position = T_map_camera[:3, 3]
+        client.camera.look_at = T_map_camera[:3, 3] + 5.0 * T_map_camera[:3, 2]

@@ -1,0 +1,1 @@
+"""Voxel blocks of a truncated signed distance field: fusion, storage, queries, meshes."""

@@ -1,0 +1,202 @@
+"""A mesh kept region by region, so that after a view only what changed is meshed anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.types import FloatArray
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, Coordinates, Slots, packed, unpacked
+from oaisys_mapping.voxels.fusing import POOL
+from oaisys_mapping.voxels.marching_cubes import (
+    NEIGHBOURS,
+    REGION_BLOCKS,
+    REGION_SAMPLES,
+    ClassesAt,
+    RegionSurfaces,
+    region_surfaces,
+)
+
+PART_REGIONS = 8
+"""Regions that are meshed at a time."""
+
+Source = Callable[[Coordinates], tuple[Mapping[str, NDArray[Any]], Slots]]
+"""Gives fields of voxels, and the slots of (N, 3) blocks in them, -1 where there is none."""
+
+_REGION_VOXELS = REGION_BLOCKS * BLOCK_VOXELS
+_IN_REGION = np.indices(3 * (REGION_BLOCKS,)).reshape(3, -1).T
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """The surface in one region; see `RegionSurfaces`.
+
+    Attributes:
+        shared: Vertices on the region's border, which neighbours have, too.
+        shared_key: (len(shared),) the same number for the same vertex in all of them.
+    """
+
+    vertices_m: FloatArray
+    triangles: NDArray[np.int32]
+    colors_rgb: NDArray[np.uint8]
+    class_ids: NDArray[np.uint16]
+    class_probabilities: NDArray[np.float32]
+    shared: NDArray[np.intp]
+    shared_key: NDArray[np.int64]
+
+
+class BlockMesh:
+    """The surfaces of regions of blocks, and which of them are out of date.
+
+    Args:
+        voxel_size_m: Edge length of a voxel.
+        classes_at: Tells the classes of (N, 3) points, and their shares; None: there are none.
+    """
+
+    def __init__(self, voxel_size_m: float, classes_at: ClassesAt | None) -> None:
+        self._voxel_size_m = voxel_size_m
+        self._classes_at = classes_at
+        self._pieces: dict[int, _Piece] = {}
+        self._stale: list[NDArray[np.int64]] = []
+
+    def change(self, blocks: Coordinates) -> None:
+        """Take note that voxels of (N, 3) blocks are others now: cubes behind them are stale."""
+        if len(blocks):
+            behind = (blocks[:, None] - NEIGHBOURS).reshape(-1, 3) // REGION_BLOCKS
+            self._stale.append(np.unique(packed(behind)))
+
+    def keep_only(self, blocks: Coordinates) -> None:
+        """Forget the surfaces of regions in which none of (N, 3) blocks lies, stale ones, too."""
+        kept = np.unique(packed(blocks // REGION_BLOCKS))
+        known = set(kept.tolist())
+        self._pieces = {number: piece for number, piece in self._pieces.items() if number in known}
+        self._stale = [np.intersect1d(stale, kept) for stale in self._stale]
+
+    def update(self, source: Source) -> int:
+        """Mesh what is stale; return how many regions that were."""
+        stale = np.unique(np.concatenate([_NO_NUMBERS, *self._stale]))
+        self._stale.clear()
+        for number in stale.tolist():
+            self._pieces.pop(number, None)
+        self._pieces.update(self._surfaces(stale, source))
+        return len(stale)
+
+    def mesh(self, others: Coordinates, source: Source) -> ColoredMesh:
+        """Return the mesh of all regions kept here, and of those of (N, 3) other blocks.
+
+        Vertices are in the order of regions, so equal surfaces have equal bytes.
+        """
+        pieces = dict(self._pieces)
+        regions = np.unique(packed(others // REGION_BLOCKS))
+        missing = np.setdiff1d(regions, np.fromiter(pieces, np.int64, len(pieces)))
+        pieces.update(self._surfaces(missing, source))
+        return self._joined([pieces[number] for number in sorted(pieces)])
+
+    def _surfaces(self, regions: NDArray[np.int64], source: Source) -> Iterable[tuple[int, _Piece]]:
+        parts = [regions[i : i + PART_REGIONS] for i in range(0, len(regions), PART_REGIONS)]
+
+        def work(part: NDArray[np.int64]) -> list[tuple[int, _Piece]]:
+            corners = unpacked(part)
+            blocks = (corners[:, None] * REGION_BLOCKS + _IN_REGION).reshape(-1, 3)
+            is_there = np.flatnonzero(source(blocks)[1] >= 0)
+            blocks, region = blocks[is_there], is_there // len(_IN_REGION)
+            arrays, slots = source((blocks[:, None] + NEIGHBOURS).reshape(-1, 3))
+            slots = slots.reshape(-1, len(NEIGHBOURS))
+            size_m, classes_at = self._voxel_size_m, self._classes_at
+            found = region_surfaces(arrays, blocks, slots, region, len(part), size_m, classes_at)
+            return _split(part, corners, found)
+
+        for done in POOL.map(work, parts):
+            yield from done
+
+    def _joined(self, pieces: list[_Piece]) -> ColoredMesh:
+        if not pieces:
+            return _no_mesh(has_classes=self._classes_at is not None)
+        counts = np.array([len(piece.vertices_m) for piece in pieces])
+        faces = np.array([len(piece.triangles) for piece in pieces])
+        first = np.cumsum(counts) - counts
+        kept, number = _welded(pieces, first, int(counts.sum()))
+        local = np.concatenate([piece.triangles for piece in pieces])
+        local += np.repeat(first, faces).astype(np.int32)[:, None]
+        ids, probabilities = None, None
+        if self._classes_at is not None:
+            ids = np.concatenate([piece.class_ids for piece in pieces])[kept]
+            probabilities = np.concatenate([piece.class_probabilities for piece in pieces])[kept]
+        return ColoredMesh(
+            np.concatenate([piece.vertices_m for piece in pieces]).take(kept, axis=0),
+            number[local],
+            np.concatenate([piece.colors_rgb for piece in pieces]).take(kept, axis=0),
+            ids,
+            probabilities,
+        )
+
+
+def _split(
+    regions: NDArray[np.int64], corners: Coordinates, found: RegionSurfaces
+) -> list[tuple[int, _Piece]]:
+    """Return the surfaces of the regions that have one, each in memory of its own."""
+    samples = np.column_stack(np.unravel_index(found.key // 3, 3 * (REGION_SAMPLES,)))[:, ::-1]
+    is_shared = ((samples == 0) | (samples == _REGION_VOXELS)).any(axis=1)
+    pieces = []
+    for index, number in enumerate(regions.tolist()):
+        part = slice(*found.vertex_ends[index : index + 2].tolist())
+        if part.start == part.stop:
+            continue
+        faces = slice(*found.triangle_ends[index : index + 2].tolist())
+        shared = np.flatnonzero(is_shared[part])
+        sample = samples[part][shared] + _REGION_VOXELS * corners[index].astype(np.int64)
+        piece = _Piece(
+            found.vertices_m[part].copy(),
+            found.triangles[faces] - np.int32(part.start),
+            found.colors_rgb[part].copy(),
+            _NO_IDS if found.class_ids is None else found.class_ids[part].copy(),
+            _NO_SHARES
+            if found.class_probabilities is None
+            else found.class_probabilities[part].copy(),
+            shared,
+            _edge_numbers(sample, found.key[part][shared] % 3),
+        )
+        pieces.append((number, piece))
+    return pieces
+
+
+def _edge_numbers(sample: NDArray[np.int64], axis: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return one number for each edge of the grid, from where it begins and its axis."""
+    x, y, z = sample.T + (1 << 19)
+    return np.asarray(((x << 40) | (y << 20) | z) * 3 + axis)
+
+
+def _welded(
+    pieces: list[_Piece], first: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
+    """Return which vertices stay, the first of each edge, and every vertex's new number."""
+    sizes = [len(piece.shared) for piece in pieces]
+    shared = np.concatenate([piece.shared for piece in pieces]) + np.repeat(first, sizes)
+    key = np.concatenate([piece.shared_key for piece in pieces])
+    order = np.argsort(key, kind="stable")
+    is_first = np.ones(len(order), bool)
+    is_first[1:] = key[order[1:]] != key[order[:-1]]
+    leader = order[is_first][np.cumsum(is_first) - 1]
+    is_kept = np.ones(count, bool)
+    is_kept[shared[order[~is_first]]] = False
+    kept = np.flatnonzero(is_kept)
+    number = np.cumsum(is_kept, dtype=np.int32) - np.int32(1)
+    number[shared[order]] = number[shared[leader]]
+    return kept, number
+
+
+def _no_mesh(*, has_classes: bool) -> ColoredMesh:
+    classes = (_NO_IDS, _NO_SHARES) if has_classes else (None, None)
+    return ColoredMesh(
+        np.zeros((0, 3)), np.zeros((0, 3), np.int32), np.zeros((0, 3), np.uint8), *classes
+    )
+
+
+_NO_NUMBERS = np.zeros(0, np.int64)
+_NO_IDS = np.zeros(0, np.uint16)
+_NO_SHARES = np.zeros(0, np.float32)

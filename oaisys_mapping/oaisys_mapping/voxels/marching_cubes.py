@@ -1,0 +1,275 @@
+"""The zero level of blocks of voxels as triangles: marching cubes, vectorised over blocks.
+
+Lorensen and Cline, SIGGRAPH 1987, with a table that is computed: on every face of a cube the
+crossings around each run of inside corners are joined, which depends on the face alone, so that
+neighbouring cubes always agree and the surface has no holes (Bloomenthal, "Polygonization of
+implicit surfaces", 1988).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.types import FloatArray
+from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, VOXELS, Coordinates
+
+PADDED = BLOCK_VOXELS + 1
+"""Samples along an edge of a block's cubes: its own, and its neighbours' first."""
+
+REGION_BLOCKS = 4
+"""Blocks along an edge of a region, whose surface is made and kept as one."""
+
+REGION_SAMPLES = REGION_BLOCKS * BLOCK_VOXELS + 1
+
+NEIGHBOURS = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
+"""The block itself and those that lie ahead along x, y and z: corner i of a cube, too."""
+
+EDGES = tuple((corner, axis) for corner in range(8) for axis in range(3) if not corner >> axis & 1)
+"""A cube's edges: the corner where each begins, and its axis."""
+
+NO_COLOR = 128 / 255
+"""Where no image told a colour."""
+
+ClassesAt = Callable[[FloatArray], tuple[NDArray[np.uint16], NDArray[np.float32]]]
+
+_SAMPLES = PADDED**3
+_STEPS = np.array((1, PADDED, PADDED**2))
+_REGION_STEPS = np.array((1, REGION_SAMPLES, REGION_SAMPLES**2))
+
+
+@dataclass(frozen=True)
+class RegionSurfaces:
+    """The surface in some regions, one after the other.
+
+    Attributes:
+        vertices_m: (V, 3) float64.
+        key: (V,) sample of the region that the vertex's edge begins at, and its axis:
+            ``3 * (x + 33 (y + 33 z)) + axis``; vertices are sorted by region, then by it.
+        triangles: (T, 3) int32 vertices, by region.
+        colors_rgb: (V, 3) uint8.
+        class_ids, class_probabilities: (V,), or None.
+        vertex_ends, triangle_ends: (R + 1,) where each region's begin and end.
+    """
+
+    vertices_m: FloatArray
+    key: NDArray[np.int32]
+    triangles: NDArray[np.int32]
+    colors_rgb: NDArray[np.uint8]
+    class_ids: NDArray[np.uint16] | None
+    class_probabilities: NDArray[np.float32] | None
+    vertex_ends: NDArray[np.intp]
+    triangle_ends: NDArray[np.intp]
+
+
+@cache
+def triangle_table() -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
+    """Return triangles of all 256 cubes, one after the other, and where each's begin and end.
+
+    Bit i of a cube's number tells that corner i (`NEIGHBOURS`) is inside. Triangles are (T, 3)
+    indices into `EDGES`, counter-clockwise from outside.
+    """
+    triangles: list[tuple[int, int, int]] = []
+    ends = [0]
+    for cube in range(256):
+        for loop in _loops(cube):
+            triangles += [(loop[0], loop[i + 1], loop[i]) for i in range(1, len(loop) - 1)]
+        ends.append(len(triangles))
+    limits = np.array(ends, np.int32)
+    return np.array(triangles, np.int32), limits[:-1], limits[1:]
+
+
+def _loops(cube: int) -> list[list[int]]:
+    """Return closed loops of crossed edges of a cube."""
+    following: dict[int, int] = {}
+    for axis in range(3):
+        for side in (0, 1):
+            following |= _crossings(cube, axis, side)
+    loops = []
+    while following:
+        loop = [next(iter(following))]
+        while (edge := following.pop(loop[-1])) != loop[0]:
+            loop.append(edge)
+        loops.append(loop)
+    return loops
+
+
+def _crossings(cube: int, axis: int, side: int) -> dict[int, int]:
+    """Return, for each run of inside corners of a face, the edge after it: the one before it."""
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    ring = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    corners = [side << axis | i << a | j << b for i, j in (ring if side else ring[::-1])]
+    is_inside = [bool(cube >> corner & 1) for corner in corners]
+    found = {}
+    for start in range(4):
+        if is_inside[start] and not is_inside[start - 1]:
+            end = start
+            while is_inside[(end + 1) % 4]:
+                end += 1
+            after = _edge(corners[end % 4], corners[(end + 1) % 4])
+            found[after] = _edge(corners[start - 1], corners[start])
+    return found
+
+
+def _edge(one: int, other: int) -> int:
+    return EDGES.index((min(one, other), (one ^ other).bit_length() - 1))
+
+
+def region_surfaces(
+    arrays: Mapping[str, NDArray[Any]],
+    blocks: Coordinates,
+    slots: NDArray[np.int32],
+    region: NDArray[np.intp],
+    regions: int,
+    voxel_size_m: float,
+    classes_at: ClassesAt | None,
+) -> RegionSurfaces:
+    """Return the zero level in regions, in cubes whose corners have all been seen.
+
+    Args:
+        arrays: Fields of voxels by slot.
+        blocks: (N, 3), those of a region one after the other.
+        slots: (N, 8) slots of each block and its `NEIGHBOURS`; -1: there is none.
+        region: (N,) number of each block's region, from 0.
+        regions: How many regions there are.
+        voxel_size_m: Edge length of a voxel.
+        classes_at: Tells the classes of (N, 3) points, and their shares; None: there are none.
+    """
+    samples = _padded(arrays, slots)
+    cells, cubes = _crossed(samples)
+    triangles, first, end = triangle_table()
+    count = (end - first)[cubes]
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    edges = triangles[np.repeat(first[cubes], count) + within]
+    corner = _corner_in_region(blocks, cells)
+    place = 3 * (region[cells // _SAMPLES] * REGION_SAMPLES**3 + corner @ _REGION_STEPS)
+    keys = np.repeat(place, count)[:, None] + _edge_keys(REGION_SAMPLES)[edges]
+    # Every vertex is found from up to four blocks; any of them tells the same about it.
+    found = np.full(3 * regions * REGION_SAMPLES**3, -1, np.int32)
+    found[keys] = np.repeat(3 * cells, count)[:, None] + _edge_keys(PADDED)[edges]
+    vertices = np.flatnonzero(found >= 0)
+    number = np.empty(len(found), np.int32)
+    number[vertices] = np.arange(len(vertices), dtype=np.int32)
+    own = found[vertices].astype(np.int64)
+    along, offsets = _places(samples, own)
+    block = own // (3 * _SAMPLES)
+    vertices_m = (blocks[block].astype(np.float64) * BLOCK_VOXELS + offsets) * voxel_size_m
+    ids, probabilities = classes_at(vertices_m) if classes_at is not None else (None, None)
+    starts = 3 * REGION_SAMPLES**3 * np.arange(regions + 1)
+    return RegionSurfaces(
+        vertices_m=vertices_m,
+        key=(vertices % (3 * REGION_SAMPLES**3)).astype(np.int32),
+        triangles=number[keys],
+        colors_rgb=_colors(arrays, slots, own, along),
+        class_ids=ids,
+        class_probabilities=probabilities,
+        vertex_ends=np.searchsorted(vertices, starts),
+        triangle_ends=np.searchsorted(keys[:, 0], starts),
+    )
+
+
+def _corner_in_region(blocks: Coordinates, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the (N, 3) samples of their regions that cubes begin at."""
+    corner = blocks % REGION_BLOCKS * BLOCK_VOXELS
+    return np.asarray(corner[cells // _SAMPLES] + _sample_places(cells))
+
+
+def _padded(arrays: Mapping[str, NDArray[Any]], slots: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return (N, 9, 9, 9) distances by z, y, x; NaN where nothing was seen."""
+    cubes = (-1, BLOCK_VOXELS, BLOCK_VOXELS, BLOCK_VOXELS)
+    distance, weight = arrays["tsdf"].reshape(cubes), arrays["weight"].reshape(cubes)
+    samples = np.empty((len(slots), PADDED, PADDED, PADDED), np.float32)
+    for neighbour, ahead in enumerate(NEIGHBOURS):
+        z, y, x = (0 if is_ahead else slice(None) for is_ahead in ahead[::-1])
+        to_z, to_y, to_x = (
+            BLOCK_VOXELS if is_ahead else slice(BLOCK_VOXELS) for is_ahead in ahead[::-1]
+        )
+        slot = slots[:, neighbour]
+        found = distance[slot, z, y, x]
+        found[weight[slot, z, y, x] <= 0] = np.nan
+        found[slot < 0] = np.nan
+        samples[:, to_z, to_y, to_x] = found
+    return samples
+
+
+def _crossed(samples: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Return the flat samples where cubes begin that the surface crosses, and their numbers."""
+    is_inside = samples < 0
+    each = is_inside.reshape(len(samples), _SAMPLES)
+    mixed = np.flatnonzero(each.any(axis=1) & ~each.all(axis=1))
+    is_inside, is_whole = is_inside[mixed].view(np.uint8), ~np.isnan(samples[mixed])
+    cubes = np.zeros((len(mixed), *(3 * (BLOCK_VOXELS,))), np.uint8)
+    for corner, (x, y, z) in enumerate(NEIGHBOURS):
+        cubes |= is_inside[:, z : z + 8, y : y + 8, x : x + 8] << np.uint8(corner)
+    is_whole = is_whole[:, :-1] & is_whole[:, 1:]
+    is_whole = is_whole[:, :, :-1] & is_whole[:, :, 1:]
+    is_whole = is_whole[..., :-1] & is_whole[..., 1:]
+    cells = np.flatnonzero(is_whole & (cubes != 0) & (cubes != 255))
+    block, z, y, x = np.unravel_index(cells, cubes.shape)
+    begins = mixed[block] * _SAMPLES + z * _STEPS[2] + y * _STEPS[1] + x
+    return begins, cubes.ravel()[cells]
+
+
+@cache
+def _edge_keys(samples: int) -> NDArray[np.int64]:
+    """Return what each edge of a cube adds to three times the number of the cube's sample.
+
+    Args:
+        samples: In a row of what the sample is counted in.
+    """
+    steps = (1, samples, samples**2)
+    return np.array([3 * int(NEIGHBOURS[corner] @ steps) + axis for corner, axis in EDGES])
+
+
+def _places(
+    samples: NDArray[np.float32], vertices: NDArray[np.int64]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the share of each vertex's edge that lies before it, and its `offsets`."""
+    sample, axis = vertices // 3, vertices % 3
+    flat = samples.ravel()
+    begin, end = flat[sample], flat[sample + _STEPS[axis]]
+    along = begin / (begin - end)
+    offsets = _sample_places(sample).astype(np.float32)
+    offsets[np.arange(len(axis)), axis] += along
+    return along, offsets
+
+
+def _sample_places(sample: NDArray[np.int64]) -> NDArray[np.int64]:
+    within = sample % _SAMPLES
+    return np.column_stack((within % PADDED, within // PADDED % PADDED, within // PADDED**2))
+
+
+def _colors(
+    arrays: Mapping[str, NDArray[Any]],
+    slots: NDArray[np.int32],
+    vertices: NDArray[np.int64],
+    along: NDArray[np.float32],
+) -> NDArray[np.uint8]:
+    """Return the vertices' colours."""
+    sample, axis = vertices // 3, vertices % 3
+    ends = [_voxels(slots, one) for one in (sample, sample + _STEPS[axis])]
+    shares = (1 - along, along)
+    color, total = np.zeros((len(along), 3), np.float32), np.zeros(len(along), np.float32)
+    for voxel, share in zip(ends, shares, strict=True):
+        told = arrays["color"].reshape(-1, 4)[voxel]
+        is_colored = share * (told[:, 3] > 0)
+        color += told[:, :3] * is_colored[:, None]
+        total += is_colored
+    color[total <= 0], total[total <= 0] = NO_COLOR, 1
+    share = np.clip(color / total[:, None], 0, 1)
+    return np.asarray(np.rint(share * 255).astype(np.uint8))
+
+
+def _voxels(slots: NDArray[np.int32], sample: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the flat voxels of flat samples, some of which belong to neighbours."""
+    x, y, z = _sample_places(sample).T
+    ahead = (x // BLOCK_VOXELS) + 2 * (y // BLOCK_VOXELS) + 4 * (z // BLOCK_VOXELS)
+    within = x % BLOCK_VOXELS + BLOCK_VOXELS * (
+        y % BLOCK_VOXELS + BLOCK_VOXELS * (z % BLOCK_VOXELS)
+    )
+    return np.asarray(slots[sample // _SAMPLES, ahead].astype(np.int64) * VOXELS + within)

@@ -1,0 +1,1 @@
+"""rosbag2 bags in the MCAP format: written, read, recovered, played."""

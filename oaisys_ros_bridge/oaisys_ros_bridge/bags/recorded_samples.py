@@ -1,0 +1,171 @@
+"""Samples in bags, for `oaisys repeat`: what ``~/sample_info`` says of them, and their images."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import pose_to_matrix
+from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
+from oaisys_core.types import (
+    Frame,
+    FrameName,
+    PinholeIntrinsics,
+    RecordedSample,
+    SampleOutline,
+    modality_spec,
+)
+from oaisys_msgs.msg import SampleInfo, SensorPose
+from oaisys_ros_bridge.bags.reading import BagReader
+from oaisys_ros_bridge.conversions import image_from_msg, pose_from_msg
+from oaisys_ros_bridge.publishing.sample_info import outline_from_msg
+from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY
+
+SAMPLE_INFO, CONFIGURATION = "sample_info", "configuration"
+ONLY_CAMERA = "camera"
+"""What a rig's only camera is called in topics, whatever its own name."""
+
+SampleId = tuple[int, int]
+
+
+def open_bag(path: Path) -> BagRecords | None:
+    """Return the samples of a bag; None where it is no bag, or no bridge's samples are in it."""
+    if path.suffix != ".mcap" and not (path.is_dir() and any(path.glob("*.mcap"))):
+        return None
+    reader = BagReader(path)
+    told = [
+        topic.name
+        for topic in reader.topics.values()
+        if topic.type_name == "oaisys_msgs/msg/SampleInfo" and topic.name.endswith(SAMPLE_INFO)
+    ]
+    if len(told) != 1:
+        expected = "a bag with one topic oaisys_bridge/sample_info"
+        raise InvalidInputError("record", str(path), f"{expected}, not {len(told)}")
+    return BagRecords(reader, told[0])
+
+
+class BagRecords:
+    """The samples that one bridge published.
+
+    Args:
+        reader: Of the bag.
+        topic: The bridge's ``~/sample_info``.
+    """
+
+    def __init__(self, reader: BagReader, topic: str) -> None:
+        self._reader = reader
+        self._node, _, _ = topic.rpartition("/")
+        self._prefix = self._node.rpartition("/")[0]
+        self._told: dict[SampleId, SampleInfo] = {}
+        for message in reader.messages([topic]):
+            told = deserialize_message(message.data, SampleInfo)
+            number = (told.batch_id, told.sample_id)
+            self._told.pop(number, None)  # of an earlier run: the newest counts
+            self._told[number] = told
+
+    def config_json(self) -> str | None:
+        """Return the configuration that the newest sample was rendered from, if it is there."""
+        topic = f"{self._node}/{CONFIGURATION}"
+        if topic not in self._reader.topics or not self._told:
+            return None
+        wanted = list(self._told.values())[-1].config_sha256
+        for message in self._reader.messages([topic]):
+            text: str = deserialize_message(message.data, String).data
+            if hashlib.sha256(text.encode()).hexdigest() == wanted:
+                return text
+        return None
+
+    def ids(self) -> Sequence[SampleId]:
+        """Return which samples there are, the newest last."""
+        return list(self._told)
+
+    def read(self, wanted: Collection[SampleId]) -> Iterator[RecordedSample]:
+        """Yield samples as their last images come by."""
+        pending = {_stamp(told): _Pending(told) for n, told in self._told.items() if n in wanted}
+        names = {
+            self._topic(sensor.sensor, modality): FrameName(sensor.sensor, modality)
+            for sample in pending.values()
+            for sensor in sample.told.sensors
+            for modality in sensor.modalities
+        }
+        for message in self._reader.messages(set(names) & self._reader.topics.keys()):
+            # The stamp is the first field of a header, after 4 bytes of CDR's own.
+            sample = pending.get(struct.unpack_from("<iI", message.data, 4))
+            if sample is None:
+                continue
+            image = deserialize_message(message.data, Image)
+            sample.images[names[message.topic]] = image_from_msg(image)
+            if sample.is_complete:
+                yield pending.pop(_stamp(sample.told)).record()
+        for sample in pending.values():
+            yield sample.record()
+
+    def _topic(self, sensor: str, modality: str) -> str:
+        """Return the topic of a sensor's images: a rig's only camera is ``camera``."""
+        image = f"{TOPIC_BY_MODALITY.get(modality, modality)}/image_raw"
+        own = f"{self._prefix}/{sensor}/{image}"
+        return own if own in self._reader.topics else f"{self._prefix}/{ONLY_CAMERA}/{image}"
+
+
+@dataclass
+class _Pending:
+    """A sample whose images are being looked for."""
+
+    told: SampleInfo
+    images: dict[FrameName, NDArray[np.generic]] = field(default_factory=dict)
+
+    @property
+    def is_complete(self) -> bool:
+        return len(self.images) == sum(len(sensor.modalities) for sensor in self.told.sensors)
+
+    def record(self) -> RecordedSample:
+        outline = outline_from_msg(self.told)
+        sensors = {sensor.sensor: sensor for sensor in self.told.sensors}
+        frames = tuple(
+            _frame(name, self.images[name], sensors[name.sensor])
+            for name in outline.frames
+            if name in self.images
+        )
+        faults = _faults(self.told.faults_json)
+        return RecordedSample(
+            outline, frames, lambda frame: measured_frame(frame, faults, _shot(outline, frame))
+        )
+
+
+def _shot(outline: SampleOutline, frame: Frame) -> Shot:
+    return Shot(outline.batch_id, outline.sample_id, frame.sensor)
+
+
+def _frame(name: FrameName, data: NDArray[np.generic], sensor: SensorPose) -> Frame:
+    """Return a frame as it was rendered: ids are unsigned there; without distortion."""
+    height, width = data.shape[:2]
+    K = np.asarray(sensor.k).reshape(3, 3)
+    camera = PinholeIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+    spec = modality_spec(name.modality)
+    pixels = data.view(spec.dtype) if data.dtype.itemsize == spec.dtype.itemsize else data
+    T_map_camera = pose_to_matrix(pose_from_msg(sensor.pose))
+    return Frame(name.sensor, name.modality, pixels, camera, T_map_camera)
+
+
+def _faults(text: str) -> DepthFaults:
+    try:
+        told: Mapping[str, object] = json.loads(text) if text else {}
+        return DepthFaults(**told)  # type: ignore[arg-type] # what does not fit raises TypeError
+    except (TypeError, ValueError) as error:
+        expected = f"what a bridge says of depth faults ({error})"
+        raise InvalidInputError("sample_info.faults_json", text, expected) from error
+
+
+def _stamp(told: SampleInfo) -> tuple[int, int]:
+    return (told.header.stamp.sec, told.header.stamp.nanosec)

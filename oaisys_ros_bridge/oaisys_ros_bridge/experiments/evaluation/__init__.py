@@ -1,0 +1,1 @@
+"""Whether an experiment's map agrees with the world: evaluation, perturbation test, certificate."""

@@ -1,0 +1,127 @@
+"""The shell command ``oaisys certificate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_ros_bridge.experiments.options import KeyOption, WorkerPythonOption
+from oaisys_ros_bridge.experiments.survey.command import survey
+
+certificate_app = typer.Typer(
+    help="Say, and check again, that a world's map agrees with it.",
+    no_args_is_help=True,
+    add_completion=False,
+)
+certificate_app.command("issue", help="Survey a world and certify it: see oaisys survey.")(survey)
+
+
+@certificate_app.command("check")
+def check(
+    file: Annotated[Path, typer.Argument(help="A certificate.json.")],
+    mesh: Annotated[
+        Path | None, typer.Option(help="The map's mesh; else the one beside the certificate.")
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option(help="The true mesh; else the one beside the certificate.")
+    ] = None,
+    public_key: Annotated[
+        Path | None, typer.Option(help="PEM file of the Ed25519 key that must have signed it.")
+    ] = None,
+    render_again: Annotated[
+        bool, typer.Option("--render-again", help="Make the world, views and map again, too.")
+    ] = False,
+    allow_loosened: Annotated[
+        bool, typer.Option("--allow-loosened", help="Accept limits looser than the usual ones.")
+    ] = False,
+    worker_python: WorkerPythonOption = None,
+) -> None:
+    """Check a certificate: hash, signature, limits, files, and the figures measured again.
+
+    Exit 0 if all of it holds and the loop is closed, 1 if not, 2 if it is no certificate.
+    """
+    from oaisys_mapping.certificate.certificate import read_certificate
+    from oaisys_mapping.certificate.checking import check_content, check_limits
+    from oaisys_mapping.certificate.signature import read_public_key
+
+    certificate = read_certificate(file)
+    signer = None if public_key is None else read_public_key(public_key)
+    findings = check_content(certificate, signer)
+    content = certificate["content"]
+    findings += check_limits(content, allow_loosened=allow_loosened)
+    findings += _measured_again(content, file.parent, mesh, truth)
+    if render_again:
+        from oaisys_ros_bridge.experiments.evaluation.certificate_render import render_and_compare
+        from oaisys_ros_bridge.experiments.progress import Reporter
+
+        findings += render_and_compare(content, worker_python, Reporter())
+    for finding in findings:
+        typer.echo(str(finding))
+    holds = all(finding.holds is not False for finding in findings)
+    is_closed = content.get("verdict") == "closed"
+    typer.echo("the certificate holds" if holds else "the certificate does not hold")
+    if holds and not is_closed:
+        typer.echo("the loop is not closed, and that is what it says")
+    if not (holds and is_closed):
+        raise typer.Exit(1)
+
+
+def _measured_again(
+    content: dict[str, Any], folder: Path, mesh: Path | None, truth: Path | None
+) -> list[Any]:
+    """Check the files, where they are, and measure again where both are."""
+    from oaisys_mapping.certificate.checking import Finding, check_file, measure_again
+    from oaisys_mapping.evaluation.truth_io import read_truth
+    from oaisys_mapping.mesh_io import read_ply
+
+    paths = {}
+    for what, given in (("mesh", mesh), ("truth", truth)):
+        path = given or folder / str(content.get("files", {}).get(what, {}).get("name"))
+        if given is not None and not given.is_file():
+            raise InvalidInputError(f"--{what}", str(given), "an existing file")
+        if path.is_file():
+            paths[what] = path
+    findings = [check_file(content, what, path) for what, path in paths.items()]
+    findings += [
+        Finding(f"the {what}, which is not beside the certificate", None)
+        for what in {"mesh", "truth"} - paths.keys()
+    ]
+    if len(paths) == 2:
+        findings += measure_again(content, read_ply(paths["mesh"]), read_truth(paths["truth"]))
+    return findings
+
+
+@certificate_app.command("sign")
+def sign(
+    file: Annotated[Path, typer.Argument(help="A certificate.json; it is written anew.")],
+    key: KeyOption,
+) -> None:
+    """Sign a certificate that nobody changed, in the place of whoever signed it before."""
+    from oaisys_mapping.certificate.certificate import read_certificate, sign_certificate
+    from oaisys_mapping.certificate.signature import public_key_of, read_private_key
+
+    assert key is not None
+    signer = read_private_key(key)
+    sign_certificate(file, read_certificate(file), signer)
+    typer.echo(f"{file}: signed by {public_key_of(signer)}")
+
+
+@certificate_app.command("challenge")
+def challenge(
+    folder: Annotated[Path, typer.Argument(help="Of a survey that recorded a bag.")],
+) -> None:
+    """Make the map of a recorded survey again, rightly and with deliberate faults.
+
+    Exit 0 if the right one closes and all others are rejected.
+    """
+    from oaisys_ros_bridge.experiments.evaluation.perturbation_test import challenge_bag
+    from oaisys_ros_bridge.experiments.progress import Reporter, print_table
+    from oaisys_ros_bridge.experiments.survey.seeds import faults_table
+
+    records = challenge_bag(folder, Reporter())
+    print_table(faults_table([record.to_dict() for record in records]))
+    if any(record.rejected == (record.name == "none") for record in records):
+        raise typer.Exit(1)

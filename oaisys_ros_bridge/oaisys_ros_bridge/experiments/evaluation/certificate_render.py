@@ -1,0 +1,121 @@
+"""Makes a certificate's world, views and map again, and compares the figures.
+
+The simulator alone is asked, without ROS: what it renders must close by itself.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.geometry import invert, pose_from_matrix
+from oaisys_core.types import DEPTH, SEMANTIC_0, Frame, TriangleMesh
+from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_mapping.certificate.checking import Finding, measure_again
+from oaisys_mapping.certificate.view_files import views_from_json
+from oaisys_mapping.evaluation.truth_io import as_stored
+from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_mapping.voxels.rectification import rectified, rectified_camera, rectified_labels
+from oaisys_ros_bridge.experiments.processes import ManagedProcess
+from oaisys_ros_bridge.experiments.progress import Reporter
+from oaisys_ros_bridge.experiments.system import CONFIG_FILE, START_TIMEOUT_S
+
+
+def render_and_compare(
+    content: Mapping[str, Any], worker_python: Path | None, reporter: Reporter
+) -> list[Finding]:
+    """Return what the figures of a map made anew say of those in a certificate.
+
+    Args:
+        content: Of the certificate.
+        worker_python: Interpreter that has ``bpy``; None: this one.
+        reporter: Told what is being done.
+
+    Raises:
+        InvalidInputError: The certificate lacks what is needed.
+        OaisysError: The simulator failed.
+    """
+    views = views_from_json(content["views"], "FILE: views")
+    with tempfile.TemporaryDirectory(prefix="oaisys_certificate_") as folder:
+        volume, truth, sha256 = _made_again(content, views, worker_python, Path(folder), reporter)
+    said = content["facts"].get("config_sha256")
+    findings = [Finding("the simulator's own hash of the configuration", sha256 == said)]
+    classes = volume if volume.config.semantic else None
+    return [*findings, *measure_again(content, volume.extract_mesh(), truth, classes)]
+
+
+def _made_again(
+    content: Mapping[str, Any],
+    views: Sequence[View],
+    worker_python: Path | None,
+    folder: Path,
+    reporter: Reporter,
+) -> tuple[TsdfVolume, TriangleMesh, str]:
+    """Return the map, the truth, and the hash of the configuration, as they come out this time."""
+    config = folder / CONFIG_FILE
+    config.write_text(json.dumps(content["config"]), encoding="utf-8")
+    command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config", str(config)]
+    command += ["--address", "127.0.0.1:0"]
+    if worker_python is not None:
+        command += ["--worker-python", str(worker_python)]
+    reporter.say("starting the simulator")
+    with ManagedProcess("server", command, folder / "server.log", dict(os.environ)) as server:
+        address = server.wait_for_line("ready:", START_TIMEOUT_S)
+        with SimulatorClient(address, timeout_s=START_TIMEOUT_S) as simulator:
+            reporter.say("building the world")
+            simulator.step_batch(seed=content["facts"].get("world_seed"))
+            volume = _mapped(content, views, simulator, reporter)
+            truth = as_stored(simulator.ground_truth_mesh())
+            return volume, truth, simulator.info().config_sha256
+
+
+def _mapped(
+    content: Mapping[str, Any],
+    views: Sequence[View],
+    simulator: SimulatorClient,
+    reporter: Reporter,
+) -> TsdfVolume:
+    """Return the map of the views."""
+    sensor = simulator.info().sensors[0]
+    figures = content["figures"]
+    has_labels = figures.get("least_iou") is not None
+    modalities = [DEPTH, *([SEMANTIC_0] if has_labels else [])]
+    volume = TsdfVolume(
+        TsdfConfig(
+            voxel_size_m=figures["voxel_size_m"],
+            max_range_m=content["max_range_m"],
+            semantic=has_labels,
+        )
+    )
+    T_camera_base = invert(sensor.T_base_camera)
+    for view in reporter.track(views, "views"):
+        pose = pose_from_matrix(view.T_map_camera @ T_camera_base)
+        sample = simulator.render_sample(pose, modalities=modalities, sensors=[sensor.name])
+        frame = sample.frame(sensor.name, DEPTH)
+        _check_same_camera(frame, view)
+        depth_m, _ = rectified(frame.data, None, frame.intrinsics)
+        labels = None
+        if has_labels:
+            found = sample.frame(sensor.name, SEMANTIC_0).data
+            labels = rectified_labels(found, frame.intrinsics)
+        camera = rectified_camera(frame.intrinsics)
+        volume.integrate(depth_m, None, camera, frame.T_map_camera, labels)
+        reporter.step(f"rendered in {sample.render_time_s:.2f} s")
+    return volume
+
+
+def _check_same_camera(frame: Frame, view: View) -> None:
+    camera = rectified_camera(frame.intrinsics)
+    if not np.allclose(camera.K, view.intrinsics.K):
+        raise InvalidInputError("FILE: views", view.intrinsics.K.tolist(), f"K {camera.K.tolist()}")
+    if not np.allclose(frame.T_map_camera, view.T_map_camera, atol=1e-6):
+        raise OaisysError("the simulator's camera did not go where the certificate's was")

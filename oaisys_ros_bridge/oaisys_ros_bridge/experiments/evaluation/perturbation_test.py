@@ -1,0 +1,101 @@
+"""Makes maps with deliberate faults of a survey's bag, from what was recorded alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.reader import make_reader
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CameraInfo, Image
+from tf2_msgs.msg import TFMessage
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_mapping.certificate.certificate import CERTIFICATE_FILE, read_certificate
+from oaisys_mapping.certificate.perturbations import FaultRecord, PosedDepth
+from oaisys_mapping.certificate.perturbations import challenge as challenged
+from oaisys_mapping.certificate.view_files import views_from_json
+from oaisys_mapping.evaluation.thresholds import survey_thresholds
+from oaisys_mapping.evaluation.true_surface import true_surface
+from oaisys_mapping.evaluation.truth_io import read_truth
+from oaisys_mapping.tsdf import TsdfConfig
+from oaisys_ros_bridge.bags.info import mcap_file
+from oaisys_ros_bridge.experiments.evaluation.evaluation import TRUTH_FILE
+from oaisys_ros_bridge.experiments.progress import Reporter
+from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler
+
+MAP_FRAME = "map"
+DEPTH_TOPIC = "/depth/image_raw"
+
+
+def challenge_bag(folder: Path, reporter: Reporter) -> list[FaultRecord]:
+    """Return what becomes of the maps of a survey's frames, without and with each fault.
+
+    Args:
+        folder: Of the survey: its certificate, its truth and its bag.
+        reporter: Told of each map.
+
+    Raises:
+        InvalidInputError: One of them is missing.
+    """
+    content = read_certificate(folder / CERTIFICATE_FILE)["content"]
+    voxel_size_m, range_m = float(content["figures"]["voxel_size_m"]), content["max_range_m"]
+    frames = list(frames_of_bag(folder / "bag"))
+    if not frames:
+        raise InvalidInputError("bag", str(folder / "bag"), "a bag with depth images and poses")
+    reporter.say(f"{len(frames)} frames in the bag")
+    seed = int(content["sampling_seed"])
+    surface = true_surface(
+        read_truth(folder / TRUTH_FILE),
+        views_from_json(content["views"], "FILE: views"),
+        voxel_size_m,
+        range_m,
+        np.random.default_rng(seed),
+    )
+    config = TsdfConfig(voxel_size_m=voxel_size_m, max_range_m=range_m)
+    records = []
+    for record in challenged(frames, surface, survey_thresholds(voxel_size_m), config, seed):
+        reporter.say(f"{record.what}: {'rejected' if record.rejected else 'accepted'}")
+        records.append(record)
+    return records
+
+
+def frames_of_bag(bag: Path) -> Iterator[PosedDepth]:
+    """Yield the depth images of a bag's first camera with the poses that its transforms give.
+
+    Raises:
+        InvalidInputError: There is no bag, or a message in it cannot be used.
+    """
+    assembler = FrameAssembler(MAP_FRAME, use_color=False)
+    with mcap_file(bag).open("rb") as file:
+        reader: Any = make_reader(file)
+        topics = {channel.topic for channel in reader.get_summary().channels.values()}
+        depth = min((topic for topic in topics if topic.endswith(DEPTH_TOPIC)), default="")
+        if not depth:
+            return
+        inputs = _inputs(assembler, depth)
+        wanted = sorted(topic for topic in topics if _kind_of(topic) in inputs or topic in inputs)
+        for _, channel, message in reader.iter_messages(topics=wanted):
+            kind, take = inputs.get(channel.topic) or inputs[_kind_of(channel.topic)]
+            take(deserialize_message(message.data, kind))
+            while (frame := assembler.pop()) is not None:
+                yield PosedDepth(frame.depth_m, frame.intrinsics, frame.T_map_camera)
+
+
+def _inputs(
+    assembler: FrameAssembler, depth: str
+) -> dict[str, tuple[type[Any], Callable[[Any], None]]]:
+    """Return what is done with the messages of a topic, or of any that ends as a kind does."""
+    info = depth.replace("image_raw", "camera_info")
+    return {
+        "tf_static": (TFMessage, assembler.add_static),
+        "tf": (TFMessage, assembler.add_transforms),
+        depth: (Image, lambda message: assembler.add_image("depth", message, 0.0)),
+        info: (CameraInfo, lambda message: assembler.add_image("info", message, 0.0)),
+    }
+
+
+def _kind_of(topic: str) -> str:
+    return topic.rsplit("/", 1)[-1]

@@ -1,0 +1,115 @@
+"""What a report tells of its certificate, of deliberate faults and of labels, as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from oaisys_mapping.certificate.certificate import CERTIFICATE_FILE
+from oaisys_mapping.certificate.perturbations import FaultRecord
+from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
+from oaisys_mapping.report.report import Section
+from oaisys_ros_bridge.experiments.evaluation.evaluation import Closure
+
+NOT_MEASURED = "–"
+
+
+def sections_of(closure: Closure) -> list[Section]:
+    """Return the tables that there is something to fill with."""
+    metrics = closure.evaluation.metrics
+    sections = [_fault_section(closure.faults)] if closure.faults else []
+    if metrics.classes is not None and metrics.classes.iou:
+        sections.append(_class_section(metrics))
+    return [*sections, _completeness_section(metrics), _certificate_section(closure.certificate)]
+
+
+def _fault_section(faults: Sequence[FaultRecord]) -> Section:
+    header = ("the same frames with", "RMSE", "median", "beside the truth", "completion")
+    rows = [
+        (
+            record.what,
+            _mm(record.figures.get("rmse_m")),
+            _mm(record.figures.get("accuracy_median_m")),
+            _mm(record.figures.get("offset_m")),
+            _percent(record.figures.get("completion_ratio")),
+            _number(record.figures.get("f_score")),
+            _count(record.figures.get("overlap_hole_count")),
+            "rejected" if record.rejected else "accepted",
+        )
+        for record in faults
+    ]
+    return Section(
+        "Deliberate faults",
+        "What the certificate says of maps that were made of the same frames wrongly. All but the "
+        "first row must be rejected.",
+        (*header, "F-score", "holes in the overlap", "verdict"),
+        rows,
+    )
+
+
+def _class_section(metrics: ReconstructionMetrics) -> Section:
+    assert metrics.classes is not None
+    rows = [
+        (name, _percent(metrics.classes.share[name]), f"{iou:.3f}")
+        for name, iou in metrics.classes.iou.items()
+    ]
+    note = "Labels of the map against those of the visible truth: intersection over union."
+    return Section("Classes", note, ("class", "share of the surface", "IoU"), rows)
+
+
+def _completeness_section(metrics: ReconstructionMetrics) -> Section:
+    field = metrics.field
+    rows = [
+        ("share of the truth", _percent(metrics.visible_share), "100 %"),
+        *(
+            (what, _percent(of_visible), _percent(of_all))
+            for what, of_visible, of_all in (
+                ("within one voxel", metrics.completion_ratio, metrics.completion_ratio_all),
+                ("within two voxels", metrics.completion_ratio_2, metrics.completion_ratio_2_all),
+                ("nothing along the normal", metrics.gap_ratio, metrics.gap_ratio_all),
+                (
+                    "no distance known",
+                    field.unknown_share if field else None,
+                    field.unknown_share_all if field else None,
+                ),
+            )
+        ),
+        ("mean distance", _mm(metrics.completion_mean_m), _mm(metrics.completion_mean_all_m)),
+        ("Chamfer distance", _mm(metrics.chamfer_m), _mm(metrics.chamfer_all_m)),
+        ("F-score", _number(metrics.f_score), _number(metrics.f_score_all)),
+    ]
+    return Section(
+        "Completeness",
+        "Of what the poses could see, which the mapper answers for, and of all the truth there is, "
+        "objects' buried parts included, for which the planner answers too.",
+        ("", "visible truth", "all truth"),
+        rows,
+    )
+
+
+def _certificate_section(certificate: Mapping[str, Any]) -> Section:
+    content, signature = certificate["content"], certificate["signature"]
+    rows = [
+        ("verdict", content["verdict"]),
+        ("SHA-256 of its content", certificate["sha256"]),
+        ("signed by", signature["public_key"] if signature else "nobody"),
+        *((f"SHA-256 of {one['name']}", one["sha256"]) for one in content["files"].values()),
+    ]
+    note = f"{CERTIFICATE_FILE} ships with the world; oaisys certificate check tries it again."
+    return Section("Closure certificate", note, ("", ""), rows)
+
+
+def _mm(value: float | None) -> str:
+    return NOT_MEASURED if value is None else f"{1000 * value:.1f} mm"
+
+
+def _percent(value: float | None) -> str:
+    return NOT_MEASURED if value is None else f"{100 * value:.2f} %"
+
+
+def _number(value: float | None) -> str:
+    return NOT_MEASURED if value is None else f"{value:.4f}"
+
+
+def _count(value: float | None) -> str:
+    return NOT_MEASURED if value is None else f"{value:.0f}"

@@ -1,0 +1,161 @@
+"""The shell command ``oaisys explore``."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from oaisys_ros_bridge.experiments.options import (
+    BackendOption,
+    BagOption,
+    KeyOption,
+    LogLevelOption,
+    NamespaceOption,
+    ParamsFileOption,
+    QualityOption,
+    SeedOption,
+    SizeOption,
+    UseSimTimeOption,
+    VoxelSizeOption,
+    WorkerPythonOption,
+    system_options,
+)
+
+UNTIL, UNTIL_COMPARED = 0.95, 0.9
+"""Coverage at which an exploration ends: of one planner, and of several that are compared."""
+
+OutOption = Annotated[Path, typer.Option(help="Folder for report, mesh, pictures and bag.")]
+ConfigOption = Annotated[
+    Path | None, typer.Option(help="YAML file; a steep hill where none is given.")
+]
+PlannerOption = Annotated[
+    str,
+    typer.Option(
+        help="next_best_view, frontier, grid, random, or an installed package's; several with "
+        "commas between them; all: those four."
+    ),
+]
+CompareOption = Annotated[
+    bool, typer.Option("--compare", help="Let all others explore the same worlds, too.")
+]
+SeedsOption = Annotated[
+    str, typer.Option(help="How many worlds, from --seed on; or their seeds: 1,2,5.")
+]
+ViewsOption = Annotated[int, typer.Option(help="Most views of an exploration.", min=1)]
+BaselineViewsOption = Annotated[
+    int, typer.Option(help="Most views of every planner but the first.", min=1)
+]
+UntilOption = Annotated[
+    float | None,
+    typer.Option(
+        help=f"Share of the reachable surface to see: {UNTIL:g}, or {UNTIL_COMPARED:g} where "
+        "planners are compared.",
+        min=0,
+        max=1,
+    ),
+]
+PathOption = Annotated[float, typer.Option(help="Longest path, metres.", min=0)]
+PlanningVoxelOption = Annotated[
+    float, typer.Option(help="Of the map that plans are made on, metres.", min=0.05)
+]
+
+
+class Via(StrEnum):
+    """How poses are asked for."""
+
+    SERVICE = "service"
+    TRAJECTORY = "trajectory"
+
+
+ViaOption = Annotated[
+    Via, typer.Option(help="Ask for views by the set_pose service, or fly on command/trajectory.")
+]
+
+
+def explore(
+    out: OutOption = Path("out/explore"),
+    config: ConfigOption = None,
+    planner: PlannerOption = "next_best_view",
+    compare: CompareOption = False,
+    seeds: SeedsOption = "1",
+    seed: SeedOption = None,
+    views: ViewsOption = 60,
+    baseline_views: BaselineViewsOption = 400,
+    until: UntilOption = None,
+    path: PathOption = 20_000.0,
+    via: ViaOption = Via.SERVICE,
+    size: SizeOption = None,
+    voxel_size: VoxelSizeOption = 0.10,
+    planning_voxel: PlanningVoxelOption = 0.5,
+    radius: Annotated[float, typer.Option(help="Of the vehicle, metres.", min=0.05)] = 1.0,
+    camera_range: Annotated[float, typer.Option(help="Depth that is used, metres.", min=1)] = 20.0,
+    start_height: Annotated[float, typer.Option(help="Metres over the ground at the start.")] = 3.0,
+    backend: BackendOption = None,
+    quality: QualityOption = None,
+    key: KeyOption = None,
+    bag: BagOption = True,
+    namespace: NamespaceOption = "",
+    worker_python: WorkerPythonOption = None,
+    params_file: ParamsFileOption = "",
+    log_level: LogLevelOption = "",
+    use_sim_time: UseSimTimeOption = False,
+) -> None:
+    """Explore a terrain view by view over ROS, rebuild it, and count what was seen.
+
+    Exit 0 if the map closes that the first planner made of the first world. Of several planners
+    the report shows coverage against views and against the path flown, and what each of them
+    needed for 90 %; after the first exploration only depth is rendered.
+    """
+    from oaisys_mapping.certificate.signature import read_private_key
+    from oaisys_ros_bridge.experiments.explore.explore import run_explore
+    from oaisys_ros_bridge.experiments.explore.plan import (
+        FIRST_SEED,
+        ExploreOptions,
+        default_config,
+        planners_of,
+        worlds_of,
+    )
+    from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
+    from oaisys_ros_bridge.experiments.progress import Reporter
+
+    planners = planners_of(planner, compare=compare)
+    worlds = worlds_of(seeds, FIRST_SEED if seed is None else seed)
+    shared = system_options(
+        out=out,
+        config=config or default_config(),
+        size=size,
+        voxel_size=voxel_size,
+        max_range=camera_range,
+        seed=worlds[0],
+        backend=backend,
+        quality=quality,
+        bag=bag,
+        namespace=namespace,
+        worker_python=worker_python,
+        params_file=params_file,
+        log_level=log_level,
+        use_sim_time=use_sim_time,
+    )
+    goal = UNTIL if len(planners) == 1 else UNTIL_COMPARED
+    options = ExploreOptions(
+        **shared,
+        bridge_parameters={"trajectory_points": "last"},
+        planners=planners,
+        seeds=worlds,
+        via=via,
+        views=views,
+        baseline_views=baseline_views,
+        until=goal if until is None else until,
+        path_m=path,
+        planning_voxel_m=planning_voxel,
+        vehicle_radius_m=radius,
+        camera_range_m=camera_range,
+        start_height_m=start_height,
+        key=None if key is None else read_private_key(key),
+    )
+    interrupt_on_signals()
+    if not run_explore(options, Reporter()):
+        raise typer.Exit(1)

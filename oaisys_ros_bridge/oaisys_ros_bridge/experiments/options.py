@@ -1,0 +1,86 @@
+"""Options that the shell commands of experiments share."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from oaisys_core.errors import InvalidInputError
+
+ConfigOption = Annotated[
+    Path | None, typer.Option("--config", help="YAML file; the default world where none is given.")
+]
+SizeOption = Annotated[
+    str | None, typer.Option(help="WIDTHxHEIGHT of the images, for a quick look.")
+]
+VoxelSizeOption = Annotated[float, typer.Option(help="Of the map, metres.", min=1e-3)]
+SeedOption = Annotated[int | None, typer.Option(help="Root seed of the (first) world.", min=0)]
+BackendOption = Annotated[str | None, typer.Option(help="blender or analytic.")]
+QualityOption = Annotated[
+    str | None, typer.Option(help="Of colour: preview, standard, high or final.")
+]
+BagOption = Annotated[bool, typer.Option(help="Record everything as a rosbag2 MCAP.")]
+NamespaceOption = Annotated[
+    str, typer.Option(help="Of all ROS nodes, TF included: two at once on one machine.")
+]
+WorkerPythonOption = Annotated[
+    Path | None, typer.Option(help="Interpreter that has bpy; this one if not given.")
+]
+ParamsFileOption = Annotated[
+    str,
+    typer.Option(help="YAML file of ROS parameters of bridge, mapper, recorder; empty: none."),
+]
+LogLevelOption = Annotated[
+    str, typer.Option(help="Of the ROS nodes: debug, info, warn, error, fatal; empty: ROS's own.")
+]
+UseSimTimeOption = Annotated[
+    bool, typer.Option("--use-sim-time", help="Let nodes follow /clock, but who publishes it.")
+]
+KeyOption = Annotated[
+    Path | None,
+    typer.Option(help="PEM file of an Ed25519 key that signs the certificate."),
+]
+
+
+def system_options(
+    *,
+    out: Path,
+    config: Path | None,
+    size: str | None,
+    voxel_size: float,
+    max_range: float,
+    seed: int | None,
+    backend: str | None,
+    quality: str | None,
+    bag: bool,
+    namespace: str,
+    worker_python: Path | None,
+    params_file: str,
+    log_level: str,
+    use_sim_time: bool,
+) -> dict[str, Any]:
+    """Return the fields of a `SystemOptions` by name, from what was given on the command line.
+
+    Raises:
+        InvalidInputError: There is no such configuration file, or no such parameters or level.
+    """
+    from oaisys_ros_bridge.parameters.node_settings import node_settings  # not for `oaisys --help`
+
+    if config is not None and not config.is_file():
+        raise InvalidInputError("--config", str(config), "an existing file")
+    chosen = {"seed": seed, "backend": backend, "quality": quality, "size": size}
+    return {
+        "out": out,
+        "config": config,
+        "overrides": {name: str(value) for name, value in chosen.items() if value is not None},
+        "voxel_size_m": voxel_size,
+        "max_range_m": max_range,
+        "record": bag,
+        "worker_python": worker_python,
+        "namespace": namespace,
+        "nodes": node_settings(params_file, log_level, use_sim_time=use_sim_time),
+        "command": ["oaisys", *sys.argv[1:]],
+    }

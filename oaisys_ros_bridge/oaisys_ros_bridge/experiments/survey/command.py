@@ -1,0 +1,102 @@
+"""The shell command ``oaisys survey``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from oaisys_ros_bridge.experiments.options import (
+    BackendOption,
+    BagOption,
+    ConfigOption,
+    KeyOption,
+    LogLevelOption,
+    NamespaceOption,
+    ParamsFileOption,
+    QualityOption,
+    SeedOption,
+    SizeOption,
+    UseSimTimeOption,
+    VoxelSizeOption,
+    WorkerPythonOption,
+    system_options,
+)
+
+ViewsOption = Annotated[int, typer.Option(help="Viewpoints on the grid.", min=1)]
+AltitudeOption = Annotated[float, typer.Option(help="Metres above the ground below.")]
+OverlapOption = Annotated[float, typer.Option(help="Share of an image that neighbours share.")]
+MaxRangeOption = Annotated[float, typer.Option(help="Metres of depth that are mapped.")]
+FaultsOption = Annotated[
+    bool, typer.Option(help="Show beside it what maps with deliberate faults come to.")
+]
+OutOption = Annotated[
+    Path, typer.Option(help="Folder for report, certificate, mesh, pictures and bag.")
+]
+
+
+def survey(
+    out: OutOption = Path("out/survey"),
+    config: ConfigOption = None,
+    views: ViewsOption = 30,
+    size: SizeOption = None,
+    altitude: AltitudeOption = 10.0,
+    overlap: OverlapOption = 0.35,
+    voxel_size: VoxelSizeOption = 0.10,
+    max_range: MaxRangeOption = 60.0,
+    seed: SeedOption = None,
+    seeds: Annotated[
+        str | None,
+        typer.Option(
+            help="How many worlds, from --seed on, or their seeds: 1,2,5. Each in a folder seed_N."
+        ),
+    ] = None,
+    backend: BackendOption = None,
+    quality: QualityOption = None,
+    faults: FaultsOption = True,
+    key: KeyOption = None,
+    bag: BagOption = True,
+    namespace: NamespaceOption = "",
+    worker_python: WorkerPythonOption = None,
+    params_file: ParamsFileOption = "",
+    log_level: LogLevelOption = "",
+    use_sim_time: UseSimTimeOption = False,
+) -> None:
+    """Survey a terrain over ROS, rebuild it, measure and certify the result.
+
+    Exit 0 if the loop closes; with --seeds, if it closes in every world and every map with a
+    deliberate fault is rejected.
+    """
+    from oaisys_mapping.certificate.signature import read_private_key
+    from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
+    from oaisys_ros_bridge.experiments.progress import Reporter
+    from oaisys_ros_bridge.experiments.survey.plan import SurveyOptions
+    from oaisys_ros_bridge.experiments.survey.seeds import run_seeds
+    from oaisys_ros_bridge.experiments.survey.survey import run_survey
+
+    shared = system_options(
+        out=out,
+        config=config,
+        size=size,
+        voxel_size=voxel_size,
+        max_range=max_range,
+        seed=seed,
+        backend=backend,
+        quality=quality,
+        bag=bag,
+        namespace=namespace,
+        worker_python=worker_python,
+        params_file=params_file,
+        log_level=log_level,
+        use_sim_time=use_sim_time,
+    )
+    signer = None if key is None else read_private_key(key)
+    options = SurveyOptions(
+        **shared, views=views, altitude_m=altitude, overlap=overlap, faults=faults, key=signer
+    )
+    interrupt_on_signals()
+    reporter = Reporter()
+    went_well = run_seeds(options, reporter, seeds) if seeds else run_survey(options, reporter)
+    if not went_well:
+        raise typer.Exit(1)

@@ -1,0 +1,151 @@
+"""Where a live view gets what it shows; what comes from a running server over gRPC."""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import TracebackType
+from typing import Any, Self
+
+from numpy.typing import NDArray
+
+from oaisys_core.errors import NotFoundError
+from oaisys_core.types import (
+    DEPTH,
+    RGB,
+    SEMANTIC_0,
+    FloatArray,
+    PinholeIntrinsics,
+    Sample,
+    SimulatorInfo,
+)
+from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.report.live_view import SeenView
+from oaisys_mapping.voxels.rectification import rectified, rectified_camera
+
+POLL_S = 0.3
+"""How often a server is asked whether there is a new sample."""
+
+START_TIMEOUT_S = 600.0
+"""A server that is there may still be building its world."""
+
+
+@dataclass(frozen=True)
+class News:
+    """What has come.
+
+    Attributes:
+        new_world: Whether all that was shown is of another world.
+        views: In order.
+        mesh: The newest, or None.
+    """
+
+    new_world: bool = False
+    views: list[SeenView] = field(default_factory=list)
+    mesh: ColoredMesh | None = None
+
+
+class ViewSource(ABC):
+    """Tells what comes; use it in a ``with`` block.
+
+    Attributes:
+        labels: Names of semantic ids.
+        tells_mesh: Whether meshes have come, so that none need be made.
+    """
+
+    labels: Mapping[int, str]
+    tells_mesh: bool = False
+
+    @abstractmethod
+    def news(self, timeout_s: float) -> News | None:
+        """Return what has come, or None after ``timeout_s``."""
+
+    @abstractmethod
+    def close(self) -> None:
+        """End it."""
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End it."""
+        self.close()
+
+
+class GrpcSource(ViewSource):
+    """Fetches the samples that others have rendered: the server keeps the newest."""
+
+    def __init__(self, address: str) -> None:
+        """Wait for the server.
+
+        Raises:
+            OaisysError: It cannot be reached.
+        """
+        self._client = SimulatorClient(address, timeout_s=START_TIMEOUT_S)
+        info = self._client.info()
+        self.labels = info.semantic_labels
+        self._batch = info.batch_id
+        # The newest one that is kept is shown at once.
+        self._sample = max(0, info.sample_id - 1)
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._client.close()
+
+    def news(self, timeout_s: float) -> News | None:
+        """Return the samples since the last call; those that the server has dropped are missed."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            info = self._client.info()
+            if (info.batch_id, info.sample_id) != (self._batch, self._sample):
+                return self._fetched(info)
+            if time.monotonic() >= deadline:
+                return None
+            time.sleep(POLL_S)
+
+    def _fetched(self, info: SimulatorInfo) -> News:
+        new_world = info.batch_id != self._batch
+        first = 1 if new_world else self._sample + 1
+        self.labels = info.semantic_labels
+        self._batch, self._sample = info.batch_id, info.sample_id
+        views: list[SeenView] = []
+        for sample_id in range(first, info.sample_id + 1):
+            try:
+                views += _views_of(self._client.get_sample(info.batch_id, sample_id))
+            except NotFoundError:
+                continue
+        return News(new_world, views)
+
+
+def _views_of(sample: Sample) -> Iterator[SeenView]:
+    """Return what each camera saw."""
+    for sensor in dict.fromkeys(frame.sensor for frame in sample.frames):
+        frames = {frame.modality: frame for frame in sample.frames if frame.sensor == sensor}
+        images = {modality: frame.data for modality, frame in frames.items()}
+        any_frame = next(iter(frames.values()))
+        name = f"{sample.batch_id}.{sample.sample_id} {sensor}"
+        yield seen_view(name, images, any_frame.intrinsics, any_frame.T_map_camera)
+
+
+def seen_view(
+    name: str,
+    images: Mapping[str, NDArray[Any]],
+    intrinsics: PinholeIntrinsics,
+    T_map_camera: FloatArray,
+) -> SeenView:
+    """Return a camera's images, by modality, as they are shown: colour and depth rectified."""
+    depth_m, rgb = images.get(DEPTH), images.get(RGB)
+    if depth_m is not None:
+        depth_m, rgb = rectified(depth_m, rgb, intrinsics)
+    camera = View(rectified_camera(intrinsics), T_map_camera)
+    return SeenView(name, rgb, depth_m, images.get(SEMANTIC_0), camera)

@@ -1,0 +1,1 @@
+"""What the mapper node is made of."""

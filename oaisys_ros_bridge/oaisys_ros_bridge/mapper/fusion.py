@@ -1,0 +1,236 @@
+"""Fuses frames into a volume on a thread of its own, in the order in which they come."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import DeadlineExceededError, OaisysError
+from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
+from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_mapping.voxels.rectification import rectified, rectified_camera, rectified_labels
+
+QUEUE_FRAMES = 32
+"""Frames that may wait: 70 MB at 640x480. Any further one is dropped and counted."""
+QUEUE_BYTES = 2**30
+"""Likewise of large frames, but one may always wait."""
+
+NOT_FUSED = "frames that could not be fused"
+QUEUE_FULL = "frames that found the mapper's queue full"
+"""Why a frame is not in the volume."""
+
+
+@dataclass(frozen=True, repr=False)
+class DepthFrame(ShortRepr):
+    """A view to be fused.
+
+    Attributes:
+        stamp_ns: When it was taken.
+        depth_m: (H, W) float32 planar depth, ``+inf`` where nothing was hit.
+        rgb: (H, W, 3) uint8, or None.
+        intrinsics: The camera; distorted images are rectified before they are fused.
+        T_map_camera: (4, 4) pose of the optical frame.
+        labels: (H, W) uint16 classes, or None.
+    """
+
+    stamp_ns: int
+    depth_m: NDArray[np.float32]
+    rgb: NDArray[np.uint8] | None
+    intrinsics: PinholeIntrinsics
+    T_map_camera: FloatArray
+    labels: NDArray[np.uint16] | None = None
+
+    @property
+    def nbytes(self) -> int:
+        """Size of its images."""
+        images = (self.depth_m, self.rgb, self.labels)
+        return sum(image.nbytes for image in images if image is not None)
+
+
+@dataclass(frozen=True)
+class FusionState:
+    """Counts since the start or the last reset, and the newest frame's stamp and duration."""
+
+    received: int = 0
+    integrated: int = 0
+    dropped: int = 0
+    stamp_ns: int = 0
+    integration_time_s: float = 0.0
+
+
+class Fusion:
+    """A volume, the thread that fills it, and the views that it was made from.
+
+    Args:
+        config: How the volume is made.
+        on_change: Called from the thread after every frame.
+        on_error: Called with the reason where a frame cannot be integrated.
+        on_done: Called with a frame's stamp, and why it is not in the volume; empty: it is.
+    """
+
+    def __init__(
+        self,
+        config: TsdfConfig,
+        *,
+        on_change: Callable[[FusionState], None],
+        on_error: Callable[[str], None],
+        on_done: Callable[[int, str], object] = lambda *_: None,
+    ) -> None:
+        self._volume = TsdfVolume(config)
+        self._views: list[View] = []
+        self._state = FusionState()
+        self._on_change = on_change
+        self._on_error = on_error
+        self._on_done = on_done
+        self._frames: queue.Queue[tuple[int, DepthFrame] | None] = queue.Queue(QUEUE_FRAMES)
+        self._resets = 0
+        self._volume_lock = threading.Lock()
+        self._settled = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name="fusion", daemon=True)
+        self._thread.start()
+
+    @property
+    def state(self) -> FusionState:
+        """Counts so far."""
+        return self._state
+
+    def add(self, frame: DepthFrame) -> bool:
+        """Queue a frame; return False if there was no room and it was dropped."""
+        if not self._put(frame):
+            self._count(received=1, dropped=1)
+            self._on_done(frame.stamp_ns, QUEUE_FULL)
+            return False
+        self._count(received=1)
+        return True
+
+    def _put(self, frame: DepthFrame) -> bool:
+        with self._frames.mutex:
+            waiting = [entry[1].nbytes for entry in self._frames.queue if entry is not None]
+        if waiting and sum(waiting) + frame.nbytes > QUEUE_BYTES:
+            return False
+        try:
+            self._frames.put_nowait((self._resets, frame))
+        except queue.Full:
+            return False
+        return True
+
+    def surface(self, timeout_s: float) -> tuple[ColoredMesh, tuple[View, ...]]:
+        """Return the surface of all frames received so far, and their views.
+
+        Raises:
+            DeadlineExceededError: Some of them are not integrated after ``timeout_s``.
+        """
+        with self.settled(timeout_s) as volume:
+            return volume.extract_mesh(), tuple(self._views)
+
+    def visible_surface(self) -> ColoredMesh:
+        """Return the surface of the frames that are fused by now, as far as it is in memory."""
+        with self._volume_lock:
+            return self._volume.extract_mesh(with_stored=False)
+
+    @contextmanager
+    def settled(self, timeout_s: float) -> Iterator[TsdfVolume]:
+        """Lend the volume, with all frames received so far in it; none is fused meanwhile.
+
+        Raises:
+            DeadlineExceededError: Some of them are not integrated after ``timeout_s``.
+        """
+        self._wait_for(self._state.received, timeout_s)
+        with self._volume_lock:
+            yield self._volume
+
+    @property
+    def views(self) -> tuple[View, ...]:
+        """The views that the volume is made from."""
+        return tuple(self._views)
+
+    def reset(self) -> None:
+        """Forget all frames, also those that wait."""
+        with self._volume_lock:
+            while not self._frames.empty():
+                self._frames.get_nowait()
+            self._resets += 1
+            self._volume.reset()
+            self._views.clear()
+            with self._settled:
+                self._state = FusionState()
+                self._settled.notify_all()
+        self._on_change(self._state)
+
+    def close(self) -> None:
+        """End the thread after the frame under way."""
+        while not self._frames.empty():
+            self._frames.get_nowait()
+        self._frames.put(None)
+        self._thread.join()
+
+    def _wait_for(self, received: int, timeout_s: float) -> None:
+        def settled() -> bool:
+            state = self._state
+            return state.received < received or state.integrated + state.dropped >= received
+
+        with self._settled:
+            if not self._settled.wait_for(settled, timeout_s):
+                message = f"{received} frames were not integrated within {timeout_s:g} s"
+                raise DeadlineExceededError(message)
+
+    def _run(self) -> None:
+        while (entry := self._frames.get()) is not None:
+            resets, frame = entry
+            with self._volume_lock:
+                is_wanted = resets == self._resets
+                fault = self._integrate(frame) if is_wanted else ""
+            if is_wanted:
+                self._on_done(frame.stamp_ns, fault)
+            self._on_change(self._state)
+
+    def _integrate(self, frame: DepthFrame) -> str:
+        """Fuse a frame; return why it cannot be, or nothing."""
+        start_s = time.perf_counter()
+        try:
+            camera = rectified_camera(frame.intrinsics)
+            depth_m, rgb = rectified(frame.depth_m, frame.rgb, frame.intrinsics)
+            labels = None
+            if frame.labels is not None:
+                labels = rectified_labels(frame.labels, frame.intrinsics)
+            self._volume.integrate(depth_m, rgb, camera, frame.T_map_camera, labels)
+        except OaisysError as error:
+            self._on_error(str(error))
+            self._count(dropped=1)
+            return NOT_FUSED
+        self._views.append(View(camera, frame.T_map_camera))
+        duration_s = time.perf_counter() - start_s
+        self._count(integrated=1, stamp_ns=frame.stamp_ns, duration_s=duration_s)
+        return ""
+
+    def _count(
+        self,
+        *,
+        received: int = 0,
+        integrated: int = 0,
+        dropped: int = 0,
+        stamp_ns: int | None = None,
+        duration_s: float | None = None,
+    ) -> None:
+        with self._settled:
+            before = self._state
+            self._state = replace(
+                before,
+                received=before.received + received,
+                integrated=before.integrated + integrated,
+                dropped=before.dropped + dropped,
+                stamp_ns=before.stamp_ns if stamp_ns is None else stamp_ns,
+                integration_time_s=(
+                    before.integration_time_s if duration_s is None else duration_s
+                ),
+            )
+            self._settled.notify_all()

@@ -1,0 +1,192 @@
+"""The topics of one camera: images, compressed images, cameras, clouds, legends, its mount.
+
+Encodings: colour and albedo ``rgb8``; depth and range ``32FC1``, metres; labels ``16UC1``; ids
+``32SC1``; normals ``32FC3``, unit vectors x, y, z in the optical frame, 0 where nothing was hit;
+flow ``32FC2``, pixels; the images of installed passes by their own pixels' type, such as ``8UC1``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+from std_msgs.msg import Header
+
+from oaisys_core.geometry import T_LINK_OPTICAL, invert
+from oaisys_core.types import (
+    ALBEDO,
+    DEPTH,
+    FLOW,
+    INSTANCE,
+    NORMAL,
+    RANGE,
+    RGB,
+    Frame,
+    SensorInfo,
+    semantic_level,
+)
+from oaisys_msgs.msg import SemanticLabel, SemanticLabels
+from oaisys_ros_bridge.clouds import depth_to_cloud_msg
+from oaisys_ros_bridge.conversions import (
+    image_to_msg,
+    intrinsics_to_msg,
+    plain_encoding,
+    transform_to_msg,
+)
+from oaisys_ros_bridge.publishing.compressed import (
+    COLORS,
+    IDS,
+    LABELS,
+    compressed_depth_to_msg,
+    compressed_to_msg,
+)
+from oaisys_ros_bridge.publishing.options import PublishingOptions
+from oaisys_ros_bridge.publishing.publishers import Publishers, is_heard
+from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
+
+TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
+"""Where a modality's topic is not called as the modality is."""
+
+ENCODING_BY_MODALITY = {
+    RGB: "rgb8",
+    DEPTH: "32FC1",
+    RANGE: "32FC1",
+    INSTANCE: "32SC1",
+    NORMAL: "32FC3",
+    FLOW: "32FC2",
+    ALBEDO: "rgb8",
+}
+
+COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
+"""What image_transport calls its compressed variants."""
+
+
+def sensor_namespace(sensor: str, sensors: Sequence[SensorInfo]) -> str:
+    """Return the prefix of a sensor's topics and frames: ``camera`` for a rig's only one."""
+    return sensor if len(sensors) > 1 else "camera"
+
+
+def encoding_of(frame: Frame) -> str:
+    """Return the image encoding that a frame is published in."""
+    if semantic_level(frame.modality) is not None:
+        return "16UC1"
+    return ENCODING_BY_MODALITY.get(frame.modality) or plain_encoding(frame.data)
+
+
+def compressed_variants(modality: str) -> tuple[str, ...]:
+    """Return the names of a modality's compressed topics.
+
+    Those of depth carry the same messages: one name is image_transport's, the other the one that
+    all images have.
+    """
+    encoding = ENCODING_BY_MODALITY.get(modality, "")
+    if encoding == "32FC1":
+        return (COMPRESSED, COMPRESSED_DEPTH)
+    if encoding in COLORS | IDS | LABELS or semantic_level(modality) is not None:
+        return (COMPRESSED,)
+    return ()
+
+
+class SensorTopics:
+    """Publishes what one camera sees; what nobody listens to is not even made.
+
+    Args:
+        publishers: Of the node.
+        sensor: The camera.
+        namespace: Prefix of its topics.
+        frame_prefix: What its frames' names begin with, before the namespace.
+    """
+
+    def __init__(
+        self, publishers: Publishers, sensor: SensorInfo, namespace: str, frame_prefix: str
+    ) -> None:
+        self._publishers = publishers
+        self._sensor = sensor
+        self._namespace = namespace
+        self._link_frame = f"{frame_prefix}{namespace}_link"
+        self._optical_frame = f"{frame_prefix}{namespace}_optical_frame"
+        for modality in sensor.modalities:  # before the first sample: subscribers find them
+            self._image(modality)
+            self._camera_info(modality)
+            self._compressed(modality)
+        if DEPTH in sensor.modalities:
+            self._cloud()
+
+    def mount(self, base_frame: str, stamp: Time) -> list[TransformStamped]:
+        """Return where the camera sits on the rig."""
+        T_base_link = self._sensor.T_base_camera @ invert(T_LINK_OPTICAL)
+        on_base = Header(stamp=stamp, frame_id=base_frame)
+        on_link = Header(stamp=stamp, frame_id=self._link_frame)
+        return [
+            transform_to_msg(T_base_link, on_base, self._link_frame),
+            transform_to_msg(T_LINK_OPTICAL, on_link, self._optical_frame),
+        ]
+
+    def publish_labels(self, names: Mapping[int, str], stamp: Time) -> None:
+        """Latch the legend beside the labels of each level."""
+        labels = [SemanticLabel(id=i, name=name) for i, name in sorted(names.items())]
+        message = SemanticLabels(header=self._header(stamp), labels=labels)
+        for modality in self._sensor.modalities:
+            if semantic_level(modality) is not None:
+                topic = f"{self._namespace}/{modality}/labels"
+                self._publishers.offer(SemanticLabels, topic, LATCHED_QOS).publish(message)
+
+    def publish_frame(self, frame: Frame, stamp: Time, options: PublishingOptions) -> None:
+        """Publish an image, plain and compressed, and its camera."""
+        header = self._header(stamp)
+        camera_info = self._camera_info(frame.modality)
+        if is_heard(camera_info):
+            baseline_m = self._sensor.stereo_baseline_m
+            message = intrinsics_to_msg(frame.intrinsics, header, baseline_m)
+            self._publishers.send(camera_info, message)
+        image = self._image(frame.modality)
+        if is_heard(image):
+            self._publishers.send(image, image_to_msg(frame.data, encoding_of(frame), header))
+        heard = [p for p in self._compressed(frame.modality) if is_heard(p)]
+        if heard:
+            compressed = _compressed_msg(frame, header, options)
+            for publisher in heard:
+                self._publishers.send(publisher, compressed)
+
+    def publish_cloud(
+        self, depth: Frame, color: Frame | None, stamp: Time, options: PublishingOptions
+    ) -> None:
+        """Publish the cloud of a depth image, black where there is no colour image."""
+        publisher = self._cloud()
+        if not (options.points and is_heard(publisher)):
+            return
+        rgb = None if color is None else color.data
+        header = self._header(stamp)
+        cloud = depth_to_cloud_msg(depth.data, rgb, depth.intrinsics, header, options.cloud)
+        self._publishers.send(publisher, cloud)
+
+    def _header(self, stamp: Time) -> Header:
+        return Header(stamp=stamp, frame_id=self._optical_frame)
+
+    def _topic(self, modality: str, name: str) -> str:
+        return f"{self._namespace}/{TOPIC_BY_MODALITY.get(modality, modality)}/{name}"
+
+    def _image(self, modality: str) -> Publisher:
+        return self._publishers.offer(Image, self._topic(modality, "image_raw"), SENSOR_QOS)
+
+    def _camera_info(self, modality: str) -> Publisher:
+        topic = self._topic(modality, "camera_info")
+        return self._publishers.offer(CameraInfo, topic, SENSOR_QOS)
+
+    def _compressed(self, modality: str) -> list[Publisher]:
+        topics = [self._topic(modality, f"image_raw/{v}") for v in compressed_variants(modality)]
+        return [self._publishers.offer(CompressedImage, topic, SENSOR_QOS) for topic in topics]
+
+    def _cloud(self) -> Publisher:
+        topic = f"{self._namespace}/depth_registered/points"
+        return self._publishers.offer(PointCloud2, topic, SENSOR_QOS)
+
+
+def _compressed_msg(frame: Frame, header: Header, options: PublishingOptions) -> Any:
+    if COMPRESSED_DEPTH in compressed_variants(frame.modality):
+        return compressed_depth_to_msg(frame.data, header, options.compression)
+    return compressed_to_msg(frame.data, encoding_of(frame), header, options.compression)

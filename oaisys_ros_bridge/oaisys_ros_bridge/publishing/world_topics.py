@@ -1,0 +1,130 @@
+"""What the bridge publishes of the simulator that it has found: its world and its samples."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping
+from itertools import count
+from typing import Any
+
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.node import Node
+from rclpy.timer import Timer
+from std_msgs.msg import Header, String
+
+from oaisys_core.errors import NotReadyError
+from oaisys_core.types import SampleOutline, SimulatorInfo
+from oaisys_msgs.msg import SampleInfo
+from oaisys_ros_bridge.bridge.readers import Readers
+from oaisys_ros_bridge.publishing.publication import Publication
+from oaisys_ros_bridge.publishing.sample_info import batch_info_msg
+from oaisys_ros_bridge.publishing.sample_publisher import SamplePublisher
+from oaisys_ros_bridge.publishing.stamps import Stamps
+from oaisys_ros_bridge.qos import LATCHED_QOS
+
+
+class WorldTopics:
+    """Topics that exist as long as the bridge is configured; safe to use from any thread.
+
+    Args:
+        node: Owner of the publishers.
+        settings: Returns the bridge's parameters.
+        readers: Our own; while they are behind, nothing is repeated.
+    """
+
+    def __init__(
+        self, node: Node, settings: Callable[[], Mapping[str, Any]], readers: Readers
+    ) -> None:
+        self._node = node
+        self._settings = settings
+        self._readers = readers
+        self._lock = threading.RLock()
+        self._samples: SamplePublisher | None = None
+        self._stamps: Stamps | None = None
+        self._repeater: Timer | None = None
+        self._announced: tuple[str, int, int] | None = None
+        self._numbers = count(1)
+        self._batch = node.create_publisher(SampleInfo, "~/batch", LATCHED_QOS)
+        self._configuration = node.create_publisher(String, "~/configuration", LATCHED_QOS)
+        self._configured = ""
+
+    def offer(self, info: SimulatorInfo) -> None:
+        """Make the topics of a simulator; keep those that it shares with the one before."""
+        with self._lock:
+            self._stamps = self._stamps or Stamps(self._node, self._settings)
+            if self._samples is not None and self._samples.fits(info):
+                self._samples.update(info)
+                return
+            if self._samples is not None:
+                self._samples.destroy()
+            self._samples = SamplePublisher(self._node, info, self._settings, self._numbers)
+            if self._repeater is None and (rate_hz := self._settings()["tf_rate"]):
+                group = MutuallyExclusiveCallbackGroup()
+                self._repeater = self._node.create_timer(
+                    1 / rate_hz, self._repeat_transforms, callback_group=group
+                )
+
+    def tell_configuration(self, config_json: str) -> None:
+        """Say once from what the worlds are drawn, so that a bag can be rendered again."""
+        with self._lock:
+            if config_json and config_json != self._configured:
+                self._configured = config_json
+                self._configuration.publish(String(data=config_json))
+
+    def announce(self, info: SimulatorInfo) -> None:
+        """Say once that another world stands: what was published before shows the old one."""
+        batch = (info.config_sha256, info.seed, info.batch_id)
+        with self._lock:
+            if self._stamps is None or info.batch_id == 0 or batch == self._announced:
+                return
+            self._announced = batch
+            header = Header(stamp=self._stamps.between(), frame_id=self._settings()["map_frame"])
+            self._batch.publish(batch_info_msg(info, header))
+
+    def begin(self, outline: SampleOutline) -> Publication:
+        """Begin to publish a sample.
+
+        Raises:
+            NotReadyError: There are no topics any more.
+        """
+        with self._lock:
+            if self._samples is None or self._stamps is None:
+                raise NotReadyError("the bridge is not configured any more")
+            return Publication(self._samples, outline, self._stamps.next())
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether the bridge tells a simulated time."""
+        return bool(self._settings()["publish_clock"])
+
+    def restart_clock(self) -> None:
+        """Let simulated time, if there is one, begin again."""
+        with self._lock:
+            if self._stamps is not None:
+                self._stamps.reset()
+
+    def withdraw(self) -> None:
+        """Take all topics away."""
+        with self._lock:
+            if self._samples is not None:
+                self._samples.destroy()
+            if self._stamps is not None:
+                self._stamps.close()
+            if self._repeater is not None:
+                self._node.destroy_timer(self._repeater)
+            self._samples = self._stamps = self._announced = self._repeater = None
+
+    def _repeat_transforms(self) -> None:
+        """Publish the last transforms again, unless a sample begins at this moment.
+
+        Nor while a reader of ours has yet to take one: repeats, for which nobody waits, would push
+        that sample's transforms out of its queue.
+        """
+        if self._readers.are_behind:
+            return
+        with self._lock:
+            if self._samples is None or self._stamps is None:
+                return
+            stamp = self._stamps.repeated()
+            if stamp is not None:
+                self._samples.repeat_transforms(stamp)

@@ -1,0 +1,172 @@
+"""What stands on the ground, as entities: listed, added, moved and taken away by name.
+
+Changes are metadata that wait for the next sample. The simulator checks them at once, and lists
+things as they will be then.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+import numpy as np
+from simulation_interfaces.msg import Bounds, EntityFilters
+
+from oaisys_core.errors import NotFoundError
+from oaisys_core.types import (
+    MAX_OBJECTS,
+    ModuleMetadata,
+    ObjectPage,
+    ObjectQuery,
+    Pose,
+    SceneObject,
+)
+from oaisys_ros_bridge.bridge.pending_metadata import PendingMetadata
+from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
+from oaisys_ros_bridge.simulation_interfaces.entities import Entity, entity_of, filtered
+
+ADDED = "added"
+_UNCHANGED_LOOK: dict[str, Any] = {
+    **dict.fromkeys(("shape", "file", "prototype", "object_name", "up_axis", "texture")),
+    **dict.fromkeys(("tile_m", "color_srgb")),
+    "levels": [],
+    "on_ground": False,
+    "scale": 1.0,
+    "hidden": False,
+}
+"""All keys of an added thing that have a default: nothing of an earlier one of the name stays."""
+
+
+class NameTakenError(NotFoundError):
+    """Something else has the name already."""
+
+
+class SceneEntities:
+    """Things on the ground.
+
+    Args:
+        link: Returns the simulator; raises `NotReadyError` where there is none.
+        pending: Takes changes to the next sample.
+    """
+
+    def __init__(self, link: Callable[[], SimulatorLink], pending: PendingMetadata) -> None:
+        self._link = link
+        self._pending = pending
+        self._changing = threading.Lock()
+
+    def matching(self, filters: EntityFilters, limit: int) -> tuple[list[Entity], str]:
+        """Return those that filters let through, and what was left out, in words.
+
+        Args:
+            filters: As ``simulation_interfaces`` has them.
+            limit: Most entities to return; the others are left out.
+        """
+        low_m, high_m = _box_of(filters.bounds)
+        found: list[Entity] = []
+        after, listed, total = 0, 0, 0
+        while True:
+            size = min(MAX_OBJECTS, max(1, limit + 1)) if _is_plain(filters) else MAX_OBJECTS
+            query = ObjectQuery(low_m=low_m, high_m=high_m, after_instance_id=after, limit=size)
+            page = self._listed(query)
+            found += filtered([entity_of(thing) for thing in page.objects], filters, None)
+            listed, total = listed + len(page.objects), page.total
+            after = page.next_after_instance_id
+            if not after or len(found) > limit:
+                break
+        if len(found) <= limit:
+            return found, ""
+        left = f"{total - limit}" if _is_plain(filters) else f"at least {len(found) - limit}"
+        note = (
+            f"{limit} of the things on the ground are listed and {left} more are left out: "
+            f"narrow the filters, or set max_entities ({total - listed} were not looked at)"
+        )
+        return found[:limit], note
+
+    def find(self, name: str) -> Entity | None:
+        """Return the thing of a name; None: there is none."""
+        objects = self._listed(ObjectQuery(names=(name,))).objects
+        return entity_of(objects[0]) if objects else None
+
+    def spawn(self, name: str, spec: Mapping[str, Any], pose: Pose) -> SceneObject:
+        """Add something and return it as it will stand.
+
+        Args:
+            name: Of its own.
+            spec: Keys of ``asset.add`` but those of its pose.
+            pose: Of its base's centre in ``map``.
+
+        Raises:
+            NameTakenError: Another thing has the name.
+            InvalidInputError: The simulator refuses it.
+        """
+        with self._changing:
+            if self.find(name) is not None:
+                raise NameTakenError(f"name: received {name!r}, which something has already")
+            self._change({"add": {name: {**_UNCHANGED_LOOK, **spec, **_pose_keys(pose)}}})
+            entity = self.find(name)
+        if entity is None or entity.thing is None:  # the spec hides it
+            raise NotFoundError(f"{name} was added hidden, so nobody will find it")
+        return entity.thing
+
+    def free_name(self, stem: str, taken: Collection[str]) -> str:
+        """Return ``stem`` with the first number behind it that no thing and none of taken has."""
+        number = 1
+        while (name := f"{stem}_{number}") in taken or self.find(name) is not None:
+            number += 1
+        return name
+
+    def move(self, thing: SceneObject, pose: Pose) -> None:
+        """Put a thing elsewhere; something that moves by itself stays there then."""
+        with self._changing:
+            if thing.kind == ADDED:
+                change = {"on_ground": False, **_pose_keys(pose)}
+                self._change({"add": {thing.name: change}})
+            else:
+                self._change({"objects": {str(thing.instance_id): _pose_keys(pose)}})
+
+    def delete(self, thing: SceneObject) -> None:
+        """Take a thing away; what the world was drawn with comes back with a reset."""
+        with self._changing:
+            if thing.kind == ADDED:
+                self._change({"add": {thing.name: None}})
+            else:
+                self._change({"objects": {str(thing.instance_id): {"hidden": True}}})
+
+    def _change(self, asset: Mapping[str, Any]) -> None:
+        """Have the simulator check a change on top of those that wait, and let it wait, too."""
+        change = ModuleMetadata(asset=asset)
+        before = self._pending.asset or ModuleMetadata()
+        self._link().list_objects(ObjectQuery(limit=1), before.updated(change))
+        self._pending.add(change)
+
+    def _listed(self, query: ObjectQuery) -> ObjectPage:
+        link = self._link()
+        info = link.state.info
+        if info is None or info.batch_id == 0:
+            return ObjectPage((), 0, 0)
+        return link.list_objects(query, self._pending.asset)
+
+
+def _pose_keys(pose: Pose) -> dict[str, Any]:
+    return {"position_m": list(pose.position_m), "quat_xyzw": list(pose.quat_xyzw)}
+
+
+def _is_plain(filters: EntityFilters) -> bool:
+    """Return whether the simulator itself lists exactly what the filters let through."""
+    by_box = filters.bounds.type in (Bounds.TYPE_EMPTY, Bounds.TYPE_BOX)
+    return by_box and not (filters.filter or filters.categories or filters.tags.tags)
+
+
+Corner = tuple[float, float, float] | None
+
+
+def _box_of(bounds: Bounds) -> tuple[Corner, Corner]:
+    """Return the corners of a box around bounds that were checked before."""
+    if bounds.type == Bounds.TYPE_EMPTY:
+        return None, None
+    first, second = np.array([[point.x, point.y, point.z] for point in bounds.points])
+    if bounds.type == Bounds.TYPE_SPHERE:
+        first, second = first - second[0], first + second[0]
+    low, high = np.minimum(first, second).tolist(), np.maximum(first, second).tolist()
+    return (low[0], low[1], low[2]), (high[0], high[1], high[2])

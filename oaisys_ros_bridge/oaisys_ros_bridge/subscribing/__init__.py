@@ -1,0 +1,1 @@
+"""From messages on topics back to whole samples, and an account of what is missing."""
