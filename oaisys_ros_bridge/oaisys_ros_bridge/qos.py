@@ -6,62 +6,48 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 SENSOR_DEPTH = 5
 
-SENSOR_QOS = QoSProfile(depth=SENSOR_DEPTH, reliability=ReliabilityPolicy.RELIABLE)
+WINDOW = SENSOR_DEPTH - 1
+"""Samples that our mapper and recorders may be behind before the bridge waits for them: the
+publishers still hold the messages of all of these."""
+
+
+def _reliable(depth: int) -> QoSProfile:
+    return QoSProfile(depth=depth, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def _latched(depth: int) -> QoSProfile:
+    return QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+    )
+
+
+SENSOR_QOS = _reliable(SENSOR_DEPTH)
 """Images and clouds. Reliable: best effort loses large messages over UDP."""
 
-WINDOW = SENSOR_DEPTH - 1
-"""Samples that our own readers may be behind before the bridge waits for them: publishers still
-hold the messages of all of these."""
+DEEP_QOS = _reliable(50)
+"""Images and clouds as the mapper subscribes to them. At most `WINDOW` are queued while the bridge
+waits for the mapper; more where it does not wait, or where somebody else publishes."""
 
-DEEP_QOS = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
-"""Images and clouds as the mapper listens to them: no more than `WINDOW` wait there where the
-bridge waits, and as many as this where it does not, or somebody else publishes."""
+SMALL_MESSAGE_QOS = _reliable(1000)
+"""``sample_info``, and transforms as mapper and recorder subscribe to them: small messages, many
+of them, of which none may be lost."""
 
-SAMPLE_INFO_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""What samples are counted against: small, and kept far longer than what is counted."""
+TF_QOS = _reliable(100)
 
-RECEIPTS_QOS = QoSProfile(
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""For whoever listens to the receipts of several readers, each of which latches its last one."""
+CLOCK_QOS = _reliable(10)
+"""Simulated time; nodes subscribe to it best effort."""
 
-PATH_QOS = QoSProfile(
-    depth=2 * SENSOR_DEPTH,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""The path with each sample, and in between for those who come late."""
-
-LATCHED_QOS = QoSProfile(
-    depth=1,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""Legends, meshes, mounts, receipts: the last message reaches those who come late."""
-
-TF_QOS = QoSProfile(depth=100, reliability=ReliabilityPolicy.RELIABLE)
-
-DEEP_TF_QOS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.RELIABLE)
-"""Transforms as mapper and recorder listen to them: others publish there, too."""
-
-TF_STATIC_QOS = QoSProfile(
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""For those who listen: every publisher of fixed frames latches a message of its own."""
-
-TRACE_QOS = QoSProfile(
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
-"""Frusta, which come one by one: none may be lost to whoever is slow."""
-
-NEWEST_QOS = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+NEWEST_QOS = _reliable(1)
 """Commands of which only the newest counts."""
 
-CLOCK_QOS = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
-"""Simulated time; nodes listen to it best effort."""
+LATCHED_QOS = _latched(1)
+"""Legends, meshes, mounts, receipts: late subscribers get the last message."""
+
+PATH_QOS = _latched(2 * SENSOR_DEPTH)
+"""The path: published with each sample, and again for late subscribers."""
+
+LATCHED_HISTORY_QOS = _latched(100)
+"""Frusta, which are published one by one; and subscriptions to what several nodes latch: receipts,
+static transforms."""

@@ -100,10 +100,10 @@ def test_frames_with_a_prefix_stay_on_the_common_tf(
 ) -> None:
     from tf2_msgs.msg import TFMessage
 
-    from oaisys_ros_bridge.qos import TF_STATIC_QOS
+    from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS
 
     user = User(namespace="mars")
-    user.listen(TFMessage, "/tf_static", TF_STATIC_QOS)
+    user.listen(TFMessage, "/tf_static", LATCHED_HISTORY_QOS)
     arguments = {"config": world, "backend": "analytic", "address": "127.0.0.1:0"}
     arguments |= {"namespace": "mars", "frame_prefix": "mars/", "mapper": "false"}
     with Launched("simulator", tmp_path, **arguments) as launched:

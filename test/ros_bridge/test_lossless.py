@@ -25,7 +25,7 @@ from oaisys_msgs.action import Sweep
 from oaisys_msgs.msg import MapStatus, SampleInfo, SampleReceipt
 from oaisys_msgs.srv import SaveMesh
 from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
-from oaisys_ros_bridge.qos import LATCHED_QOS, RECEIPTS_QOS, SAMPLE_INFO_QOS
+from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SMALL_MESSAGE_QOS
 from tools.soak.counts import busy_loops, stamps_of
 
 pytestmark = pytest.mark.ros
@@ -58,8 +58,8 @@ class Crew:
 
     def __init__(self, stage: Stage, folder: Path, *bridge_parameters: str) -> None:
         self.user, self.bag = stage.user, folder / "bag"
-        self.user.listen(SampleInfo, "oaisys_bridge/sample_info", SAMPLE_INFO_QOS)
-        self.user.listen(SampleReceipt, "oaisys_bridge/receipts", RECEIPTS_QOS)
+        self.user.listen(SampleInfo, "oaisys_bridge/sample_info", SMALL_MESSAGE_QOS)
+        self.user.listen(SampleReceipt, "oaisys_bridge/receipts", LATCHED_HISTORY_QOS)
         self.user.listen(MapStatus, "oaisys_mapper/metrics", LATCHED_QOS)
         address = stage.start_world(FLAT_WORLD).address
         options = [o for p in (f"address:={address}", *bridge_parameters) for o in ("-p", p)]

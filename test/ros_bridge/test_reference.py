@@ -13,7 +13,7 @@ from rcl_interfaces.srv import ListParameters
 from ros_peer import Stage
 from served_simulator import FLAT_WORLD
 
-from oaisys_ros_bridge.parameters.interface_table import Kind
+from oaisys_ros_bridge.parameters.interface_table import InterfaceKind
 from oaisys_ros_bridge.parameters.reference import NODES, DescribedNode, reference_text
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "ros.md"
@@ -52,14 +52,14 @@ def test_the_page_is_what_the_tables_say() -> None:
 
 
 def test_the_readme_counts_the_services_that_there_are() -> None:
-    rows = [row for node in NODES for row in node.interfaces if row.kind is Kind.SERVICE]
+    rows = [row for node in NODES for row in node.interfaces if row.kind is InterfaceKind.SERVICE]
     offered = [row for row in rows if row.type_name.startswith("simulation_interfaces/")]
     readme = (PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
     counted = re.findall(r"(\d+) services of `simulation_interfaces`", readme)
     assert counted == [str(len(offered))]
 
 
-def described(node: DescribedNode, kind: Kind) -> Names:
+def described(node: DescribedNode, kind: InterfaceKind) -> Names:
     """Return full names and types of the table, for a camera with one semantic level."""
     found = set()
     for row in node.interfaces:
@@ -69,10 +69,10 @@ def described(node: DescribedNode, kind: Kind) -> Names:
     return found
 
 
-def offered(stage: Stage, node: DescribedNode, kind: Kind) -> Names:
+def offered(stage: Stage, node: DescribedNode, kind: InterfaceKind) -> Names:
     """Return full names and types in the graph, what all nodes have apart."""
     graph = stage.user.node
-    if kind is Kind.ACTION:
+    if kind is InterfaceKind.ACTION:
         services = graph.get_service_names_and_types_by_node(node.name, "/")
         end = "/_action/send_goal"
         return {
@@ -80,10 +80,10 @@ def offered(stage: Stage, node: DescribedNode, kind: Kind) -> Names:
             for name, types in services
             if name.endswith(end)
         }
-    if kind is Kind.SERVICE:
+    if kind is InterfaceKind.SERVICE:
         rows = graph.get_service_names_and_types_by_node(node.name, "/")
         rows = [row for row in rows if row[0].split("/")[-1] not in PARAMETER_SERVICES]
-    elif kind is Kind.PUBLISHED:
+    elif kind is InterfaceKind.PUBLISHED:
         rows = graph.get_publisher_names_and_types_by_node(node.name, "/")
     else:
         rows = graph.get_subscriber_names_and_types_by_node(node.name, "/")
@@ -103,8 +103,8 @@ def test_all_names_and_types_and_parameters_are_on_the_page(stage: Stage) -> Non
 def compare(stage: Stage, node: DescribedNode) -> None:
     user = stage.user
     user.wait_until(lambda: node.name in user.node.get_node_names())
-    for kind in Kind:
-        if node.name == "oaisys_recorder" and kind is Kind.SUBSCRIBED:
+    for kind in InterfaceKind:
+        if node.name == "oaisys_recorder" and kind is InterfaceKind.SUBSCRIBED:
             continue  # whatever there is
         wait_for(stage, node, kind)
         assert offered(stage, node, kind) == described(node, kind), (node.name, kind)
@@ -114,7 +114,7 @@ def compare(stage: Stage, node: DescribedNode) -> None:
     assert declared == {row.name for row in node.parameters}, node.name
 
 
-def wait_for(stage: Stage, node: DescribedNode, kind: Kind) -> None:
+def wait_for(stage: Stage, node: DescribedNode, kind: InterfaceKind) -> None:
     """Wait until discovery has told of all that the page has."""
     expected = described(node, kind)
     stage.user.wait_until(lambda: expected <= offered(stage, node, kind))
@@ -125,7 +125,7 @@ def test_what_viewers_show_exists() -> None:
         f"/{row.name.replace('~', node.name).replace('semantic_N', 'semantic_0').lstrip('/')}"
         for node in NODES
         for row in node.interfaces
-        if row.kind is Kind.PUBLISHED
+        if row.kind is InterfaceKind.PUBLISHED
     }
     rviz = yaml.safe_load((CONFIG / "simulator.rviz").read_text())
     displays = rviz["Visualization Manager"]["Displays"]

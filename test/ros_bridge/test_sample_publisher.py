@@ -40,7 +40,7 @@ from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.publishing import sensor_topics
 from oaisys_ros_bridge.publishing.publication import Publication
 from oaisys_ros_bridge.publishing.sample_publisher import SamplePublisher
-from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TRACE_QOS
+from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SENSOR_QOS, TF_QOS
 
 pytestmark = pytest.mark.ros
 
@@ -377,7 +377,7 @@ def test_path_and_viewpoints_grow_forget_the_oldest_and_begin_anew_with_a_world(
         publish(publisher, sample_at(i, Pose((float(i), 0.0, 9.0), RIG.quat_xyzw)), Time(sec=i))
 
     user.listen(Path, "path", LATCHED_QOS)
-    user.listen(MarkerArray, "viewpoints", TRACE_QOS)
+    user.listen(MarkerArray, "viewpoints", LATCHED_HISTORY_QOS)
     paths, arrays = user.received["path"], user.received["viewpoints"]
     user.wait_until(lambda: paths and arrays)
     assert [p.pose.position.x for p in paths[-1].poses] == [1, 2, 3]

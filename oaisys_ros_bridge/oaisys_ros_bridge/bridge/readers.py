@@ -22,7 +22,7 @@ from oaisys_core.types import Sample
 from oaisys_msgs.msg import SampleReceipt
 from oaisys_ros_bridge.bridge.cancellation import Cancellation
 from oaisys_ros_bridge.publishing.stamps import nanoseconds
-from oaisys_ros_bridge.qos import RECEIPTS_QOS, WINDOW
+from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, WINDOW
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, SampleName, shortfall
 
 WAIT = "wait"
@@ -80,7 +80,7 @@ class Readers:
             SampleReceipt,
             "~/receipts",
             self._on_receipt,
-            RECEIPTS_QOS,
+            LATCHED_HISTORY_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
 

@@ -34,7 +34,7 @@ from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.namespaces import placing_arguments
 from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY
 from oaisys_ros_bridge.publishing.stamps import nanoseconds
-from oaisys_ros_bridge.qos import LATCHED_QOS, RECEIPTS_QOS, SENSOR_QOS
+from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SENSOR_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import shortfall
 from oaisys_ros_bridge.transport import prepare_transport
 
@@ -109,7 +109,7 @@ class SurveyClient:
             MapStatus, "oaisys_mapper/metrics", self._on_map_status, LATCHED_QOS
         )
         self._node.create_subscription(
-            SampleReceipt, "oaisys_bridge/receipts", self._on_receipt, RECEIPTS_QOS
+            SampleReceipt, "oaisys_bridge/receipts", self._on_receipt, LATCHED_HISTORY_QOS
         )
         self._matched: dict[str, int] = {}
         self._transfer_s: dict[int, float] = {}

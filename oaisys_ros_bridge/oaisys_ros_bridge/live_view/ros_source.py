@@ -28,7 +28,7 @@ from oaisys_ros_bridge.clouds import mesh_from_marker
 from oaisys_ros_bridge.live_view.source import News, ViewSource, seen_view
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.publishing.stamps import nanoseconds
-from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TF_STATIC_QOS
+from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SENSOR_QOS, TF_QOS
 from oaisys_ros_bridge.subscribing.frame_assembly import COLOR_WAIT_S, FrameAssembler
 from oaisys_ros_bridge.transport import prepare_transport
 
@@ -82,7 +82,9 @@ class RosSource(ViewSource):
     def _listen_to(self, camera: _Camera) -> None:
         assembler = camera.assembler
         take: Callable[..., Any] = partial(self._take_in, camera)
-        self._subscribe(TFMessage, "/tf_static", partial(take, assembler.add_static), TF_STATIC_QOS)
+        self._subscribe(
+            TFMessage, "/tf_static", partial(take, assembler.add_static), LATCHED_HISTORY_QOS
+        )
         self._subscribe(TFMessage, "/tf", partial(take, assembler.add_transforms), TF_QOS)
         end = partial(take, camera.end_sample)
         self._subscribe(SampleInfo, "oaisys_bridge/sample_info", end, SENSOR_QOS)

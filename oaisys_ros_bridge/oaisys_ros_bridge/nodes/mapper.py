@@ -45,7 +45,7 @@ from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK, run_node
 from oaisys_ros_bridge.parameters.mapper import MAPPER, tsdf_config
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.publishing.stamps import nanoseconds
-from oaisys_ros_bridge.qos import DEEP_QOS, DEEP_TF_QOS, LATCHED_QOS, SAMPLE_INFO_QOS, TF_STATIC_QOS
+from oaisys_ros_bridge.qos import DEEP_QOS, LATCHED_HISTORY_QOS, LATCHED_QOS, SMALL_MESSAGE_QOS
 from oaisys_ros_bridge.subscribing.frame_assembly import COLOR_WAIT_S, FrameAssembler
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
 from oaisys_ros_bridge.subscribing.sample_watch import (
@@ -139,13 +139,13 @@ class MapperNode(ParameterNode, Node):
     def _subscribe(self, values: Mapping[str, Any]) -> None:
         camera = values["camera"]
         assembler = self._assembler
-        self._feed(TFMessage, "/tf_static", assembler.add_static, TF_STATIC_QOS)
+        self._feed(TFMessage, "/tf_static", assembler.add_static, LATCHED_HISTORY_QOS)
         if values["use_odometry"]:
             pose_topic = "ground_truth/odometry"
-            self._feed(Odometry, pose_topic, assembler.add_odometry, DEEP_TF_QOS)
+            self._feed(Odometry, pose_topic, assembler.add_odometry, SMALL_MESSAGE_QOS)
         else:
             pose_topic = "/tf"
-            self._feed(TFMessage, pose_topic, assembler.add_transforms, DEEP_TF_QOS)
+            self._feed(TFMessage, pose_topic, assembler.add_transforms, SMALL_MESSAGE_QOS)
         inputs: list[tuple[str, type[Any], str]] = [
             ("depth", Image, "depth/image_raw"),
             ("info", CameraInfo, "depth/camera_info"),
@@ -161,7 +161,7 @@ class MapperNode(ParameterNode, Node):
             self.create_subscription(SemanticLabels, legend, self._on_labels, LATCHED_QOS)
         self._end_kinds = {RGB: "color", level: "semantic"}
         self._announcements = self._feed(
-            SampleInfo, SAMPLE_INFO_TOPIC, partial(self._end_sample, camera), SAMPLE_INFO_QOS
+            SampleInfo, SAMPLE_INFO_TOPIC, partial(self._end_sample, camera), SMALL_MESSAGE_QOS
         )
         if values["use_color"] or values["use_semantics"]:
             self.create_timer(COLOR_WAIT_S / 2, self._give_up_color, clock=OWN_CLOCK)

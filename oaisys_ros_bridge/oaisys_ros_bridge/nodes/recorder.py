@@ -33,7 +33,7 @@ from oaisys_ros_bridge.namespaces import TF
 from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK, run_node
 from oaisys_ros_bridge.parameters.bags import RECORDER
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
-from oaisys_ros_bridge.qos import DEEP_TF_QOS, LATCHED_QOS, SAMPLE_INFO_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 from oaisys_ros_bridge.subscribing.sample_watch import (
     SAMPLE_INFO,
     SampleWatch,
@@ -50,7 +50,7 @@ CALM_LOOKS = 6
 sign of its end: only named topics are certain to be listened to by then."""
 QUEUE_DEPTH = 50
 """Messages of a topic that may wait; the bridge waits long before they are so many."""
-QUEUE_DEPTHS = {SAMPLE_INFO_TYPE: SAMPLE_INFO_QOS.depth, TF_TYPE: DEEP_TF_QOS.depth}
+QUEUE_DEPTHS = {SAMPLE_INFO_TYPE: SMALL_MESSAGE_QOS.depth, TF_TYPE: SMALL_MESSAGE_QOS.depth}
 """Of small messages, by their type; transforms come from others, too, and are repeated."""
 LAST_MESSAGES_S = 0.5
 """At the end, recording goes on until all has come of every announced sample. Of what no sample
@@ -185,7 +185,7 @@ class RecorderNode(ParameterNode, Node):
             SampleInfo,
             name,
             partial(self._announce, watch),
-            SAMPLE_INFO_QOS,
+            SMALL_MESSAGE_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
             event_callbacks=counting_losses(self._lost_by_middleware, name),
         )

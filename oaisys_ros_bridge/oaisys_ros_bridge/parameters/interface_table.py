@@ -1,6 +1,7 @@
-"""What our nodes offer and listen to, one row each; a test holds it against running nodes.
+"""The topics, services and actions of mapper and recorder, one row each, and what a row is.
 
-No ROS in here: the reference page is made from it on any machine.
+A test compares the rows with running nodes. No ROS in here: the reference page is generated from
+the rows on any machine.
 """
 
 from __future__ import annotations
@@ -9,8 +10,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 
-class Kind(Enum):
-    """What a name is of."""
+class InterfaceKind(Enum):
+    """What kind of interface a row describes."""
 
     PUBLISHED = "published"
     SUBSCRIBED = "subscribed"
@@ -20,9 +21,10 @@ class Kind(Enum):
 
 SENSOR = "reliable, depth 5"
 LATCHED = "reliable, latched, depth 1"
-PLAIN = "reliable, depth 10"
+LATCHED_HISTORY = "reliable, latched, depth 100"
+DEFAULT = "reliable, depth 10"
 DEEP = "reliable, depth 50"
-TOLD = "reliable, depth 1000"
+SMALL_MESSAGES = "reliable, depth 1000"
 
 
 @dataclass(frozen=True)
@@ -37,327 +39,80 @@ class Interface:
         qos: Of a topic.
     """
 
-    kind: Kind
+    kind: InterfaceKind
     name: str
     type_name: str
     description: str
     qos: str = ""
 
 
-def _image(name: str, encoding: str) -> tuple[Interface, ...]:
-    """Return an image's topics."""
-    base = f"camera/{name}/image_raw"
-    published = Kind.PUBLISHED
-    image, camera = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
-    png = "A file of it, only while somebody listens; exact, but for colour as JPEG."
-    return (
-        Interface(published, base, image, encoding, SENSOR),
-        Interface(
-            published,
-            f"camera/{name}/camera_info",
-            camera,
-            "Its camera: size, K, D, R, P, in pixels; (0, 0) is the first pixel's centre.",
-            SENSOR,
-        ),
-        Interface(published, f"{base}/compressed", "sensor_msgs/msg/CompressedImage", png, SENSOR),
-    )
-
-
-_IMAGES = (
-    *_image("color", "`rgb8`."),
-    *_image("depth", "`32FC1`, metres along the optical axis; +inf where nothing was hit."),
-    Interface(
-        Kind.PUBLISHED,
-        "camera/depth/image_raw/compressedDepth",
-        "sensor_msgs/msg/CompressedImage",
-        "As compressed_depth_image_transport writes it; the error bound follows `compressed.*`.",
-        SENSOR,
-    ),
-    *_image("semantic_N", "`16UC1`, ids of level N; 0 is unlabelled."),
-    *_image("instance", "`32SC1`, ids of objects; 0 is none."),
-    Interface(
-        Kind.PUBLISHED,
-        "camera/semantic_N/labels",
-        "oaisys_msgs/msg/SemanticLabels",
-        "Names of the ids.",
-        LATCHED,
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "camera/depth_registered/points",
-        "sensor_msgs/msg/PointCloud2",
-        "x y z in metres, rgb; organised, in the optical frame. `cloud.*` thins it out.",
-        SENSOR,
-    ),
-)
-
-_RIG = (
-    Interface(
-        Kind.PUBLISHED,
-        "ground_truth/odometry",
-        "nav_msgs/msg/Odometry",
-        "The rig's true pose in the map frame, metres; twist unknown (variances of 1e6): it jumps.",
-        SENSOR,
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "odometry",
-        "nav_msgs/msg/Odometry",
-        "Where the rig believes to be: drifts as `faults.drift_*` say, with covariance, then in "
-        "the odom frame; else the true pose in the map frame. Twist unknown.",
-        SENSOR,
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "path",
-        "nav_msgs/msg/Path",
-        "The way so far in this world.",
-        "reliable, latched, depth 10",
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "viewpoints",
-        "visualization_msgs/msg/MarkerArray",
-        "A frustum for each view in this world.",
-        "reliable, latched",
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "/tf",
-        "tf2_msgs/msg/TFMessage",
-        "map to base_link, or map to odom to base_link, of each sample; the last one repeated at "
-        "`tf_rate`.",
-        "reliable, depth 100",
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "/tf_static",
-        "tf2_msgs/msg/TFMessage",
-        "base_link to camera_link to camera_optical_frame, of each camera.",
-        LATCHED,
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "/clock",
-        "rosgraph_msgs/msg/Clock",
-        "Simulated time, only with `publish_clock`: before the first message that carries it.",
-        PLAIN,
-    ),
-)
-
-_STATE = (
-    Interface(
-        Kind.PUBLISHED,
-        "~/sample_info",
-        "oaisys_msgs/msg/SampleInfo",
-        "Last of a sample: it is complete. Seed, configuration, poses, K, topics, render time.",
-        TOLD,
-    ),
-    Interface(
-        Kind.PUBLISHED, "~/batch", "oaisys_msgs/msg/SampleInfo", "The world that stands.", LATCHED
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "~/configuration",
-        "std_msgs/msg/String",
-        "The simulator's whole configuration as JSON, whose hash `~/sample_info` names.",
-        LATCHED,
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "~/ready",
-        "std_msgs/msg/Bool",
-        "Whether a view can be asked for: launch files wait for it.",
-        LATCHED,
-    ),
-    Interface(
-        Kind.SUBSCRIBED,
-        "~/receipts",
-        "oaisys_msgs/msg/SampleReceipt",
-        "How far the mapper and recorders are: `readers.when_behind`.",
-        "reliable, latched, depth 100",
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "~/transition_event",
-        "lifecycle_msgs/msg/TransitionEvent",
-        "Of the managed node.",
-        PLAIN,
-    ),
-    Interface(
-        Kind.PUBLISHED,
-        "/diagnostics",
-        "diagnostic_msgs/msg/DiagnosticArray",
-        "State, restarts, queue, memory, drops; what rendering, transfer and publishing of the "
-        "last sample took; how far our own readers are and what they have lost. At 1 Hz, at each "
-        "change, after each sample.",
-        PLAIN,
-    ),
-)
-
-_REQUESTS = (
-    Interface(
-        Kind.SERVICE,
-        "~/set_pose",
-        "oaisys_msgs/srv/SetPose",
-        "Look from a pose in the map frame, of the rig or of a sensor; answers after publishing.",
-    ),
-    Interface(
-        Kind.SERVICE,
-        "~/step_batch",
-        "oaisys_msgs/srv/StepBatch",
-        "A new world, from a seed or the next one.",
-    ),
-    Interface(
-        Kind.SERVICE,
-        "~/set_metadata",
-        "oaisys_msgs/srv/SetMetadata",
-        "Light, objects, lenses, quality from the next sample on.",
-    ),
-    Interface(Kind.SERVICE, "~/end_simulation", "std_srvs/srv/Trigger", "End the simulator."),
-    Interface(
-        Kind.ACTION,
-        "~/sweep",
-        "oaisys_msgs/action/Sweep",
-        "Look from many poses in turn, with feedback; others' requests come in between.",
-    ),
-    Interface(
-        Kind.SUBSCRIBED,
-        "command/pose",
-        "geometry_msgs/msg/PoseStamped",
-        "Look from there; the newest wins.",
-        "reliable, depth 1",
-    ),
-    Interface(
-        Kind.SUBSCRIBED,
-        "command/trajectory",
-        "trajectory_msgs/msg/MultiDOFJointTrajectory",
-        "Look from every point, or from the last: `trajectory_points`.",
-        "reliable, depth 1",
-    ),
-)
-
-_LIFECYCLE = tuple(
-    Interface(Kind.SERVICE, f"~/{name}", f"lifecycle_msgs/srv/{kind}", "Of the managed node.")
-    for name, kind in (
-        ("change_state", "ChangeState"),
-        ("get_state", "GetState"),
-        ("get_available_states", "GetAvailableStates"),
-        ("get_available_transitions", "GetAvailableTransitions"),
-        ("get_transition_graph", "GetAvailableTransitions"),
-    )
-)
-
-_SIMULATION_SERVICES = tuple(
-    Interface(
-        Kind.SERVICE,
-        f"~/{name}",
-        f"simulation_interfaces/srv/{''.join(part.title() for part in name.split('_'))}",
-        description,
-    )
-    for name, description in (
-        ("get_simulator_features", "What of simulation_interfaces has a meaning here."),
-        ("get_entities", "Names of rig, sensors, objects."),
-        ("get_entities_states", "Poses of all that match."),
-        ("get_entity_info", "What one is."),
-        ("get_entity_state", "Where one is, metres in the map frame."),
-        ("set_entity_state", "Put one elsewhere with the next sample; the rig: look from there."),
-        ("spawn_entity", "Add a shape, a configured thing or a mesh file, see Entities."),
-        ("delete_entity", "Take one away from the next sample on; rig and sensors stay."),
-        ("get_simulation_state", "Playing, paused, stopped."),
-        ("set_simulation_state", "Play, pause, stop."),
-        ("step_simulation", "Some samples, without telling on the way."),
-        ("reset_simulation", "Time, poses or everything back to the beginning."),
-        ("load_world", "Another configuration or seed."),
-        ("get_available_worlds", "Which ones there are."),
-        ("get_current_world", "Which one stands."),
-    )
-)
-
-_SIMULATION_ACTION = Interface(
-    Kind.ACTION,
-    "~/simulate_steps",
-    "simulation_interfaces/action/SimulateSteps",
-    "Some samples, with feedback.",
-)
-
-BRIDGE_INTERFACES = (
-    *_REQUESTS,
-    *_IMAGES,
-    *_RIG,
-    *_STATE,
-    *_LIFECYCLE,
-    *_SIMULATION_SERVICES,
-    _SIMULATION_ACTION,
-)
-
 MAPPER_INTERFACES = (
     Interface(
-        Kind.SUBSCRIBED,
+        InterfaceKind.SUBSCRIBED,
         "camera/depth/image_raw",
         "sensor_msgs/msg/Image",
         "`32FC1` in metres or `16UC1` in millimetres. `camera` is a parameter.",
         DEEP,
     ),
     Interface(
-        Kind.SUBSCRIBED,
+        InterfaceKind.SUBSCRIBED,
         "camera/depth/camera_info",
         "sensor_msgs/msg/CameraInfo",
         "Its camera.",
         DEEP,
     ),
     Interface(
-        Kind.SUBSCRIBED,
+        InterfaceKind.SUBSCRIBED,
         "camera/color/image_raw",
         "sensor_msgs/msg/Image",
         "Of the same stamp.",
         DEEP,
     ),
     Interface(
-        Kind.SUBSCRIBED,
+        InterfaceKind.SUBSCRIBED,
         "camera/color/camera_info",
         "sensor_msgs/msg/CameraInfo",
         "Its camera, where that is another one than the depth's.",
         DEEP,
     ),
-    Interface(Kind.SUBSCRIBED, "/tf", "tf2_msgs/msg/TFMessage", "Poses.", TOLD),
+    Interface(InterfaceKind.SUBSCRIBED, "/tf", "tf2_msgs/msg/TFMessage", "Poses.", SMALL_MESSAGES),
     Interface(
-        Kind.SUBSCRIBED,
+        InterfaceKind.SUBSCRIBED,
         "/tf_static",
         "tf2_msgs/msg/TFMessage",
         "Mounts.",
-        "reliable, latched, depth 100",
+        LATCHED_HISTORY,
     ),
     Interface(
-        Kind.SUBSCRIBED,
+        InterfaceKind.SUBSCRIBED,
         "oaisys_bridge/sample_info",
         "oaisys_msgs/msg/SampleInfo",
         "Which samples are complete, and what is to come of them.",
-        TOLD,
+        SMALL_MESSAGES,
     ),
     Interface(
-        Kind.SUBSCRIBED,
+        InterfaceKind.SUBSCRIBED,
         "oaisys_bridge/batch",
         "oaisys_msgs/msg/SampleInfo",
         "Another world: the map begins anew.",
         LATCHED,
     ),
     Interface(
-        Kind.PUBLISHED,
+        InterfaceKind.PUBLISHED,
         "~/mesh",
         "visualization_msgs/msg/Marker",
         "Triangles with colours, metres in the map frame.",
         LATCHED,
     ),
     Interface(
-        Kind.PUBLISHED,
+        InterfaceKind.PUBLISHED,
         "~/surface_points",
         "sensor_msgs/msg/PointCloud2",
         "The mesh's vertices.",
         LATCHED,
     ),
     Interface(
-        Kind.PUBLISHED,
+        InterfaceKind.PUBLISHED,
         "~/metrics",
         "oaisys_msgs/msg/MapStatus",
         "Frames received, integrated, dropped; seconds of the last one; figures as JSON; samples "
@@ -365,37 +120,37 @@ MAPPER_INTERFACES = (
         LATCHED,
     ),
     Interface(
-        Kind.PUBLISHED,
+        InterfaceKind.PUBLISHED,
         "oaisys_bridge/receipts",
         "oaisys_msgs/msg/SampleReceipt",
         "Up to which sample all are in the map, and what is missing of them.",
         LATCHED,
     ),
     Interface(
-        Kind.SERVICE,
+        InterfaceKind.SERVICE,
         "~/save_mesh",
         "oaisys_msgs/srv/SaveMesh",
         "Write the mesh (.ply) or the volume itself (.npz, the same bytes for the same frames).",
     ),
     Interface(
-        Kind.SERVICE,
+        InterfaceKind.SERVICE,
         "~/evaluate",
         "oaisys_msgs/srv/Evaluate",
         "Measure the map against a true mesh.",
     ),
-    Interface(Kind.SERVICE, "~/reset", "std_srvs/srv/Trigger", "Begin anew."),
+    Interface(InterfaceKind.SERVICE, "~/reset", "std_srvs/srv/Trigger", "Begin anew."),
 )
 
 RECORDER_INTERFACES = (
     Interface(
-        Kind.PUBLISHED,
+        InterfaceKind.PUBLISHED,
         "oaisys_bridge/receipts",
         "oaisys_msgs/msg/SampleReceipt",
         "Up to which sample all are in the bag, and what is missing; of each bridge.",
         LATCHED,
     ),
     Interface(
-        Kind.PUBLISHED,
+        InterfaceKind.PUBLISHED,
         "~/recording",
         "std_msgs/msg/Bool",
         "Whether it listens to all that was asked for; false once the disk is full.",

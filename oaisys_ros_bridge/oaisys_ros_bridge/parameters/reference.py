@@ -8,12 +8,12 @@ from pathlib import Path
 
 from oaisys_ros_bridge.parameters.bags import PLAYER, RECORDER
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
+from oaisys_ros_bridge.parameters.bridge_interfaces import BRIDGE_INTERFACES
 from oaisys_ros_bridge.parameters.interface_table import (
-    BRIDGE_INTERFACES,
     MAPPER_INTERFACES,
     RECORDER_INTERFACES,
     Interface,
-    Kind,
+    InterfaceKind,
 )
 from oaisys_ros_bridge.parameters.mapper import MAPPER
 from oaisys_ros_bridge.parameters.table import ParameterRow, ParameterTable
@@ -22,10 +22,10 @@ PROSE = Path(__file__).with_name("reference.md")
 """What is said before the tables."""
 
 HEADINGS = {
-    Kind.SERVICE: "Services",
-    Kind.ACTION: "Actions",
-    Kind.SUBSCRIBED: "Subscriptions",
-    Kind.PUBLISHED: "Topics",
+    InterfaceKind.SERVICE: "Services",
+    InterfaceKind.ACTION: "Actions",
+    InterfaceKind.SUBSCRIBED: "Subscriptions",
+    InterfaceKind.PUBLISHED: "Topics",
 }
 
 
@@ -94,7 +94,7 @@ def _node_lines(node: DescribedNode) -> Iterator[str]:
         rows = [row for row in node.interfaces if row.kind is kind]
         if not rows:
             continue
-        is_topic = kind in {Kind.SUBSCRIBED, Kind.PUBLISHED}
+        is_topic = kind in {InterfaceKind.SUBSCRIBED, InterfaceKind.PUBLISHED}
         yield from (f"### {heading}", "")
         yield (
             "| name | type | what | quality of service |" if is_topic else "| name | type | what |"

@@ -22,7 +22,7 @@ from oaisys_ros_bridge.publishing.rig_topics import RigTopics
 from oaisys_ros_bridge.publishing.sample_info import sample_info_msg
 from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, sensor_namespace
 from oaisys_ros_bridge.publishing.traces import Traces
-from oaisys_ros_bridge.qos import LATCHED_QOS, SAMPLE_INFO_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 
 
 class SamplePublisher:
@@ -53,7 +53,7 @@ class SamplePublisher:
         self._rig = RigTopics(
             self._publishers, self._map_frame, values["base_frame"], values["odom_frame"]
         )
-        self._sample_info = self._publishers.offer(SampleInfo, "~/sample_info", SAMPLE_INFO_QOS)
+        self._sample_info = self._publishers.offer(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
         self._traces = Traces(node, self._publishers, self._map_frame)
         self._sensors = {
             sensor.name: SensorTopics(

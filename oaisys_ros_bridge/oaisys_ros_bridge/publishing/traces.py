@@ -25,7 +25,7 @@ from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK
 from oaisys_ros_bridge.publishing.markers import deletion_marker, deletion_of_all, frustum_to_marker
 from oaisys_ros_bridge.publishing.options import PublishingOptions
 from oaisys_ros_bridge.publishing.publishers import Publishers, is_heard
-from oaisys_ros_bridge.qos import PATH_QOS, TRACE_QOS
+from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, PATH_QOS
 
 GREETING_PERIOD_S = 1.0
 """Between two looks for subscribers that were not there before."""
@@ -74,7 +74,7 @@ class Traces:
         self._taken = 0
         self._depth_m = 0.0
         self._path = publishers.offer(Path, "path", PATH_QOS)
-        self._viewpoints = publishers.offer(MarkerArray, "viewpoints", TRACE_QOS)
+        self._viewpoints = publishers.offer(MarkerArray, "viewpoints", LATCHED_HISTORY_QOS)
         self._audience = {publisher.topic_name: 0 for publisher in (self._path, self._viewpoints)}
         group = MutuallyExclusiveCallbackGroup()
         self._timer = node.create_timer(

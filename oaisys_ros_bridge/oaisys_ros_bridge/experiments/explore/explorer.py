@@ -33,7 +33,7 @@ from oaisys_ros_bridge.conversions import pose_to_msg
 from oaisys_ros_bridge.experiments.survey_client import ReceivedView, SurveyClient
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.publishing.stamps import nanoseconds
-from oaisys_ros_bridge.qos import SENSOR_QOS, TF_QOS, TF_STATIC_QOS
+from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, SENSOR_QOS, TF_QOS
 from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler
 
 FRAME_TIMEOUT_S = 20.0
@@ -64,7 +64,7 @@ class ExplorerClient(SurveyClient):
         self._frames: dict[int, DepthFrame] = {}
         assembler, node = self._assembler, self._node
         for topic, take, qos in (
-            ("/tf_static", assembler.add_static, TF_STATIC_QOS),
+            ("/tf_static", assembler.add_static, LATCHED_HISTORY_QOS),
             ("/tf", assembler.add_transforms, TF_QOS),
         ):
             node.create_subscription(TFMessage, topic, partial(self._take_in, take), qos)
