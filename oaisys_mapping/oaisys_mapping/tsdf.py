@@ -1,7 +1,7 @@
 """A truncated signed distance field that grows block by block where depth images show a surface.
 
 Its memory is Open3D's ``VoxelBlockGrid`` on the CPU (Dong et al., "ASH", TPAMI 2022); views are
-fused by `oaisys_mapping.voxels.fusing`, meshes made by `oaisys_mapping.voxels.block_mesh`.
+fused by `voxels.integration` and meshed by `voxels.incremental_mesh`.
 """
 
 from __future__ import annotations
@@ -17,12 +17,13 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.voxels.block_mesh import BlockMesh
+from oaisys_mapping.voxels.block_cache import BlockCache, ViewBlocks, VolumeFullError, check_room
 from oaisys_mapping.voxels.blocks import Coordinates, packed, unpacked
 from oaisys_mapping.voxels.config import TsdfConfig
-from oaisys_mapping.voxels.fusing import POOL, FusionRules, fuse
+from oaisys_mapping.voxels.incremental_mesh import IncrementalMesh
+from oaisys_mapping.voxels.integration import POOL, IntegrationRules, integrate_view
 from oaisys_mapping.voxels.label_cells import CELL_FIELDS, LabelCells
-from oaisys_mapping.voxels.observation import FreeSpace, Observation, observation
+from oaisys_mapping.voxels.padded_images import FreeSpace, PaddedImages, padded_images
 from oaisys_mapping.voxels.semantic_fusion import SEMANTIC_FIELDS
 from oaisys_mapping.voxels.volume_file import (
     CELL_BLOCKS,
@@ -40,7 +41,6 @@ from oaisys_mapping.voxels.voxel_queries import (
     is_seen,
     observed_voxels,
 )
-from oaisys_mapping.voxels.working_set import Readied, VolumeFullError, WorkingSet, check_room
 
 __all__ = ["TsdfConfig", "TsdfVolume", "VolumeFullError"]
 
@@ -64,7 +64,7 @@ class TsdfVolume:
     def __init__(self, config: TsdfConfig | None = None) -> None:
         self.config = config or TsdfConfig()
         described_m = min(DESCRIBED_VOXELS * self.config.voxel_size_m, self.config.truncation_m)
-        self._rules = FusionRules(
+        self._rules = IntegrationRules(
             self.config.voxel_size_m,
             self.config.truncation_m,
             described_m,
@@ -76,7 +76,7 @@ class TsdfVolume:
     def reset(self) -> None:
         """Forget everything."""
         self.frames = 0
-        self._working = WorkingSet(
+        self._working = BlockCache(
             self.config.voxel_size_m,
             self.config.fields,
             most_blocks=self.config.max_blocks,
@@ -140,7 +140,7 @@ class TsdfVolume:
         """
         self._check(depth_m, rgb, labels, intrinsics, T_map_camera)
         config = self.config
-        seen = observation(
+        seen = padded_images(
             depth_m,
             rgb,
             labels,
@@ -161,7 +161,9 @@ class TsdfVolume:
             self._let_go(changes.gone)
         self._mesh.change(changes.restored)
         voting = self._voting(seen, near, changes)
-        changed = fuse(self._working.arrays, changes.blocks, changes.slots, seen, self._rules)
+        changed = integrate_view(
+            self._working.arrays, changes.blocks, changes.slots, seen, self._rules
+        )
         self._mesh.change(changes.blocks[changed])
         if voting is not None:
             self._mesh.change(voting.result())
@@ -278,12 +280,12 @@ class TsdfVolume:
         far = (self.config.max_range_m, self.config.truncation_voxels)
         return self._working.near_surface(depth, camera.K, invert(T_map_camera), far)
 
-    def _new_mesh(self) -> BlockMesh:
+    def _new_mesh(self) -> IncrementalMesh:
         classes_at = self.classes_at if self.config.semantic else None
-        return BlockMesh(self.config.voxel_size_m, classes_at)
+        return IncrementalMesh(self.config.voxel_size_m, classes_at)
 
     def _voting(
-        self, seen: Observation, near: Coordinates, changes: Readied
+        self, seen: PaddedImages, near: Coordinates, changes: ViewBlocks
     ) -> Future[Coordinates] | None:
         """Let cells go and come with their voxels, and begin to count what a view tells them."""
         if self._cells is None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_looking_down, pose_to_matrix
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 
 CAMERA = PinholeIntrinsics(160, 120, 135.285, 135.285, 79.5, 59.5)
@@ -46,12 +46,12 @@ def colored(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> ColoredMesh
     return ColoredMesh(vertices_m, triangles, np.full((len(vertices_m), 3), 90, np.uint8))
 
 
-def down(x_m: float, y_m: float, z_m: float, camera: PinholeIntrinsics = CAMERA) -> View:
+def down(x_m: float, y_m: float, z_m: float, camera: PinholeIntrinsics = CAMERA) -> PosedCamera:
     """Return a camera that looks down from a place."""
-    return View(camera, pose_to_matrix(pose_looking_down(x_m, y_m, z_m)) @ T_LINK_OPTICAL)
+    return PosedCamera(camera, pose_to_matrix(pose_looking_down(x_m, y_m, z_m)) @ T_LINK_OPTICAL)
 
 
-def depth_seen(truth: TriangleMesh, view: View) -> NDArray[np.float32]:
+def depth_seen(truth: TriangleMesh, view: PosedCamera) -> NDArray[np.float32]:
     """Return (H, W) planar depth of a true mesh, by Open3D's ray casting."""
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(

@@ -7,7 +7,7 @@ from surfaces import depth_seen, grid_mesh
 from test_tsdf import CAMERA, camera_at, plane_depth_m
 
 from oaisys_core.types import TriangleMesh
-from oaisys_mapping.evaluation.visibility import View, raycasting_scene
+from oaisys_mapping.evaluation.visibility import PosedCamera, raycasting_scene
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -60,7 +60,7 @@ def test_a_face_that_rays_graze_has_no_hole() -> None:
     triangles = np.concatenate([one + f for (_, one), f in zip(parts, first, strict=False)])
     truth = TriangleMesh(vertices_m, triangles.astype(np.int32))
     volume = TsdfVolume()
-    volume.integrate(depth_seen(truth, View(CAMERA, ABOVE)), None, CAMERA, ABOVE)
+    volume.integrate(depth_seen(truth, PosedCamera(CAMERA, ABOVE)), None, CAMERA, ABOVE)
     mesh = volume.extract_mesh()
     scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
     y_m, z_m = np.meshgrid(np.linspace(-1, 1, 41), np.linspace(0, 0.45, 19))

@@ -15,21 +15,21 @@ from surfaces import colored, down, hills
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import TriangleMesh
 from oaisys_mapping.certificate.certificate import (
-    Statement,
+    CertificateContent,
     read_certificate,
     sign_certificate,
     write_certificate,
 )
-from oaisys_mapping.certificate.checking import (
-    Finding,
+from oaisys_mapping.certificate.perturbations import PerturbationResult
+from oaisys_mapping.certificate.signature import read_private_key, read_public_key
+from oaisys_mapping.certificate.verification import (
+    CheckResult,
     check_content,
     check_file,
     check_limits,
     measure_again,
 )
-from oaisys_mapping.certificate.perturbations import FaultRecord
-from oaisys_mapping.certificate.signature import read_private_key, read_public_key
-from oaisys_mapping.evaluation.metrics import evaluate_reconstruction
+from oaisys_mapping.evaluation.evaluate import evaluate_reconstruction
 from oaisys_mapping.evaluation.thresholds import Thresholds, survey_thresholds
 from oaisys_mapping.evaluation.truth_io import as_stored, read_truth, write_truth
 from oaisys_mapping.mesh_io import read_ply, write_ply
@@ -37,7 +37,10 @@ from oaisys_mapping.mesh_io import read_ply, write_ply
 VOXEL_M, RANGE_M, SEED = 0.1, 60.0, 5
 CONFIG = {"seed": SEED, "stage": {"extent_m": 12.0}}
 CONFIG_SHA256 = hashlib.sha256(b'{"seed":5,"stage":{"extent_m":12.0}}').hexdigest()
-FAULTS = [FaultRecord("none", "", {"rmse_m": 0.01}, []), FaultRecord("bad", "", {}, ["it misses"])]
+FAULTS = [
+    PerturbationResult("none", "", {"rmse_m": 0.01}, []),
+    PerturbationResult("bad", "", {}, ["it misses"]),
+]
 
 Change = Callable[[dict[str, Any]], None]
 
@@ -52,7 +55,7 @@ def write_all(folder: Path, max_rmse_m: float = 0.02) -> dict[str, Any]:
     views = [down(x_m, 0.0, 6.0) for x_m in (-1.0, 1.0)]
     mesh, rng = read_ply(folder / "mesh.ply"), np.random.default_rng(SEED)
     found = evaluate_reconstruction(mesh, truth, views, VOXEL_M, RANGE_M, rng)
-    statement = Statement(
+    statement = CertificateContent(
         facts={"seed": SEED, "config_sha256": CONFIG_SHA256},
         config=CONFIG,
         views=views,
@@ -81,7 +84,7 @@ def sealed_again(certificate: dict[str, Any]) -> None:
     certificate["sha256"] = hashlib.sha256(text.encode()).hexdigest()
 
 
-def failed(findings: list[Finding]) -> list[str]:
+def failed(findings: list[CheckResult]) -> list[str]:
     return [finding.what for finding in findings if finding.holds is False]
 
 

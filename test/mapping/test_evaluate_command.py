@@ -16,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
-from oaisys_mapping import stages
+from oaisys_mapping import progress
 from oaisys_mapping.certificate.view_files import read_views, write_views
-from oaisys_mapping.evaluation.metrics import Extras, evaluate_reconstruction
+from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
 from oaisys_mapping.evaluation.truth_io import read_truth
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply, write_ply, write_truth
 
@@ -65,7 +65,7 @@ def test_progress_is_told_on_standard_error_alone(files: tuple[Path, Path]) -> N
 def test_stages_name_each_view_and_what_is_measured(files: tuple[Path, Path]) -> None:
     T_map_camera = np.diag([1.0, -1.0, -1.0, 1.0])
     T_map_camera[2, 3] = 5.0
-    view = View(PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5), T_map_camera)
+    view = PosedCamera(PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5), T_map_camera)
     told: list[str] = []
     evaluate_reconstruction(
         read_ply(files[0]),
@@ -74,7 +74,7 @@ def test_stages_name_each_view_and_what_is_measured(files: tuple[Path, Path]) ->
         0.1,
         60.0,
         np.random.default_rng(0),
-        Extras(on_stage=told.append),
+        Extras(on_progress=told.append),
     )
     assert told == [
         "points on the truth",
@@ -92,10 +92,12 @@ def test_lines_come_at_most_every_few_seconds_where_there_is_no_terminal(
     now_s = [0.0]
     said: list[str] = []
     monkeypatch.setattr(time, "monotonic", lambda: now_s[0])
-    with stages.StageLines("measuring", said.append, Console(file=StringIO())) as on_stage:
+    with progress.ProgressDisplay(
+        "measuring", said.append, Console(file=StringIO())
+    ) as on_progress:
         for view in range(40):
             now_s[0] = 0.5 * view
-            on_stage(f"view {view}")
+            on_progress(f"view {view}")
     assert said == [f"measuring: view {view}" for view in (0, 10, 20, 30)]
 
 
@@ -148,7 +150,7 @@ def test_a_view_that_is_none_is_refused(
     tmp_path: Path, change: dict[str, object], expected: str
 ) -> None:
     path = tmp_path / "poses.json"
-    write_views(path, [View(PinholeIntrinsics(64, 48, 50, 50, 31.5, 23.5), np.eye(4))])
+    write_views(path, [PosedCamera(PinholeIntrinsics(64, 48, 50, 50, 31.5, 23.5), np.eye(4))])
     data = json.loads(path.read_text(encoding="utf-8"))
     data["views"][0].update(change)
     path.write_text(json.dumps(data), encoding="utf-8")
@@ -169,7 +171,7 @@ def test_views_come_back_exactly(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     camera = PinholeIntrinsics(64, 48, 50.5, 51.25, 30.0, 22.75)
     rotations = Rotation.random(3, rng).as_matrix()
-    views = [View(camera, transform(R, rng.normal(size=3))) for R in rotations]
+    views = [PosedCamera(camera, transform(R, rng.normal(size=3))) for R in rotations]
     write_views(tmp_path / "poses.json", views)
     back = read_views(tmp_path / "poses.json")
     assert [view.intrinsics for view in back] == [camera] * 3

@@ -19,26 +19,26 @@ from oaisys_core.types import ModuleMetadata, PinholeIntrinsics
 from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
 from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.exploration.gain import GainWeights, ViewScorer
-from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
-from oaisys_mapping.exploration.planners import OWN, make_planner, vantage_points
-from oaisys_mapping.exploration.roadmap import Roadmap
-from oaisys_mapping.exploration.voxel_map import (
+from oaisys_mapping.exploration.occupancy_map import (
     FREE,
     OCCUPIED,
     UNKNOWN,
     Bounds,
-    VoxelMap,
+    OccupancyMap,
     surface_quality,
 )
+from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
+from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS, make_planner, vantage_points
+from oaisys_mapping.exploration.roadmap import Roadmap
 
 CAMERA = PinholeIntrinsics(160, 120, 135.0, 135.0, 79.5, 59.5)
 BOX = Bounds(np.array([0.0, -6.0, -6.0]), np.array([12.0, 6.0, 6.0]))
 WALL_M = 8.1
 
 
-def seen_wall(voxel_size_m=0.5) -> VoxelMap:
+def seen_wall(voxel_size_m=0.5) -> OccupancyMap:
     """A map after one look along x at a wall across the whole image."""
-    voxels = VoxelMap(BOX, voxel_size_m)
+    voxels = OccupancyMap(BOX, voxel_size_m)
     depth_m = np.full((120, 160), WALL_M, np.float32)
     voxels.integrate(depth_m, CAMERA, T_LINK_OPTICAL, 20.0)
     return voxels
@@ -81,7 +81,7 @@ def test_the_frontier_is_where_the_seen_wall_ends():
 
 def test_sky_frees_the_way_to_the_range_and_nan_says_nothing():
     for depth, state in ((np.inf, FREE), (np.nan, UNKNOWN)):
-        voxels = VoxelMap(BOX, 0.5)
+        voxels = OccupancyMap(BOX, 0.5)
         depth_m = np.full((120, 160), depth, np.float32)
         voxels.integrate(depth_m, CAMERA, T_LINK_OPTICAL, 5.0)
         assert voxels.state[9, 12, 12] == state
@@ -98,11 +98,11 @@ def test_what_was_occupied_stays_so():
 @pytest.mark.parametrize(("bounds", "voxel_size_m"), [(BOX, 0.0), (BOX, np.nan), (BOX, 0.001)])
 def test_maps_of_impossible_size_are_refused(bounds, voxel_size_m):
     with pytest.raises(InvalidInputError, match="voxel_size_m"):
-        VoxelMap(bounds, voxel_size_m)
+        OccupancyMap(bounds, voxel_size_m)
 
 
 def test_the_gain_of_an_unknown_pyramid_is_its_volume():
-    voxels = VoxelMap(Bounds(np.full(3, -15.0), np.full(3, 15.0)), 0.25)
+    voxels = OccupancyMap(Bounds(np.full(3, -15.0), np.full(3, 15.0)), 0.25)
     scorer = ViewScorer(voxels, CAMERA, 10.0, GainWeights(frontier=0, unknown=1, surface=0))
     # Base area at depth 1 times depth cubed over three.
     expected_m3 = 160 / 135 * 120 / 135 * 10.0**3 / 3
@@ -129,8 +129,8 @@ def test_a_better_view_of_a_known_surface_gains_its_area_times_the_quality():
     assert 0.85 * area_m2 < scorer.scores(pose[None])[0] < 1.1 * area_m2
 
 
-def free_box_with_a_wall(gap: bool) -> VoxelMap:
-    voxels = VoxelMap(Bounds(np.zeros(3), np.array([12.0, 12.0, 4.0])), 0.5)
+def free_box_with_a_wall(gap: bool) -> OccupancyMap:
+    voxels = OccupancyMap(Bounds(np.zeros(3), np.array([12.0, 12.0, 4.0])), 0.5)
     voxels.state[:] = FREE
     voxels.state[12, : 16 if gap else None] = OCCUPIED
     return voxels
@@ -153,7 +153,7 @@ def test_ways_go_round_walls_and_never_through_them():
         # Around the wall's end at y = 8, half a metre away from it.
         shortest_m = 2 * np.hypot(3, 6)
         assert shortest_m < length_m < 1.35 * shortest_m
-        way_m = roadmap.way_m(0)
+        way_m = roadmap.path_m(0)
         np.testing.assert_allclose(way_m[[0, -1]], [start, goal])
         np.testing.assert_allclose(np.linalg.norm(np.diff(way_m, axis=0), axis=1).sum(), length_m)
         crossing = [
@@ -185,17 +185,17 @@ def test_the_way_to_a_pose_is_the_one_that_its_planner_was_told():
     behind = np.array([9.25, 2.25, 2.25])
     positions_m = np.vstack((situation.random_positions(500), behind))
     lengths_m = situation.roadmap(positions_m).lengths_m
-    way_m = situation.way_m(behind)
+    way_m = situation.path_m(behind)
     assert way_m is not None
     np.testing.assert_allclose(way_m[[0, -1]], [situation.here_m, behind])
     flown_m = np.linalg.norm(np.diff(way_m, axis=0), axis=1).sum()
     np.testing.assert_allclose(flown_m, lengths_m[-1])
     # Another place, that nobody asked about: a way is looked for.
-    other = Situation(vehicle, voxels, visited, rng).way_m(behind)
+    other = Situation(vehicle, voxels, visited, rng).path_m(behind)
     assert other is not None
     np.testing.assert_allclose(other[[0, -1]], [situation.here_m, behind])
     voxels.state[12] = OCCUPIED
-    assert Situation(vehicle, voxels, visited, rng).way_m(behind) is None
+    assert Situation(vehicle, voxels, visited, rng).path_m(behind) is None
 
 
 def test_planners_are_compared_by_medians_and_who_never_got_there_needs_more():
@@ -301,7 +301,7 @@ def explored(simulation: Simulation, name: str, views: int):
     start_m = np.array([-12.0, -12.0, 0.0])
     start_m[2] = simulation.query_height([start_m]).surface_height_m[0] + 2.5
     pose, planner, visited = level_pose(start_m, np.pi / 4), make_planner(name), []
-    voxels = VoxelMap(bounds, 0.5)
+    voxels = OccupancyMap(bounds, 0.5)
     voxels.set_free(start_m, 2.0)
     for _ in range(views):
         sample = simulation.step_sample(ModuleMetadata(sensor={"pose": pose}), modalities=["depth"])
@@ -319,7 +319,7 @@ def explored(simulation: Simulation, name: str, views: int):
 
 def test_the_next_best_view_sees_more_than_the_others_and_none_comes_near_the_ground(world):
     views = {"next_best_view": 20, "frontier": 20, "random": 20, "grid": 5}
-    assert views.keys() == OWN.keys()
+    assert views.keys() == BUILT_IN_PLANNERS.keys()
     seen = {}
     for name, count in views.items():
         clearances_m, seen[name], _ = explored(world, name, count)
@@ -333,7 +333,7 @@ def test_the_planner_of_the_documentation_plans(world, monkeypatch):
     (source,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     names: dict[str, Any] = {}
     exec(source, names)
-    monkeypatch.setitem(OWN, "upwards", names["Upwards"])
+    monkeypatch.setitem(BUILT_IN_PLANNERS, "upwards", names["Upwards"])
     clearances_m, share, views = explored(world, "upwards", 3)
     assert views == 3
     assert clearances_m.min() > 0.8

@@ -13,9 +13,10 @@ from oaisys_core.geometry import (
     pose_to_matrix,
 )
 from oaisys_core.types import PinholeIntrinsics, TriangleMesh
-from oaisys_mapping.evaluation.metrics import ReconstructionMetrics, evaluate_reconstruction
+from oaisys_mapping.evaluation.evaluate import evaluate_reconstruction
+from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
 from oaisys_mapping.evaluation.thresholds import Thresholds
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh, sample_surface, triangle_areas_m2
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 
@@ -27,7 +28,7 @@ CLOSED = Thresholds(max_rmse_m=0.05, min_completion=0.95, min_f_score=0.95)
 
 
 def measure(
-    mesh: ColoredMesh, truth: TriangleMesh, views: list[View] | None = None
+    mesh: ColoredMesh, truth: TriangleMesh, views: list[PosedCamera] | None = None
 ) -> ReconstructionMetrics:
     rng = np.random.default_rng(0)
     return evaluate_reconstruction(mesh, truth, views, VOXEL_M, 60.0, rng).metrics
@@ -185,7 +186,12 @@ def test_an_oblique_view_sees_the_near_side_of_a_ridge() -> None:
     T = pose_to_matrix(pose_looking_at((-5, 0, 1.5), (0, 0, 1.0))) @ T_LINK_OPTICAL
     rng = np.random.default_rng(0)
     seen = evaluate_reconstruction(
-        colored(truth.vertices_m, truth.triangles), truth, [View(CAMERA, T)], VOXEL_M, 60, rng
+        colored(truth.vertices_m, truth.triangles),
+        truth,
+        [PosedCamera(CAMERA, T)],
+        VOXEL_M,
+        60,
+        rng,
     ).visible_truth
     assert (seen.points_m[:, 0] <= 1e-6).all()
     assert (seen.normals[seen.points_m[:, 0] > -2] @ (-1, 0, 1) > 1.4).all()

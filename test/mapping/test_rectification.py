@@ -7,7 +7,7 @@ import pytest
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import PinholeIntrinsics
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.tsdf import TsdfVolume
 from oaisys_mapping.voxels.rectification import rectified, rectified_camera
 
@@ -64,7 +64,7 @@ def test_volumes_and_views_refuse_a_lens_that_distorts():
     with pytest.raises(InvalidInputError, match="distortion"):
         TsdfVolume().integrate(depth_m, None, BARREL, np.eye(4))
     with pytest.raises(InvalidInputError, match="distortion"):
-        View(BARREL, np.eye(4))
+        PosedCamera(BARREL, np.eye(4))
 
 
 def test_images_of_another_size_are_refused():

@@ -15,7 +15,7 @@ import pytest
 from browser import Page, browser_page
 
 from oaisys_core.types import TriangleMesh
-from oaisys_mapping.evaluation.metrics import evaluate_reconstruction
+from oaisys_mapping.evaluation.evaluate import evaluate_reconstruction
 from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
@@ -201,7 +201,7 @@ def test_a_missed_threshold_is_told_in_both_reports(tmp_path: Path) -> None:
 
 def test_a_loop_does_not_close_where_samples_were_lost(tmp_path: Path) -> None:
     lost = "/oaisys_mapper: 2 of 30 samples are incomplete; lost: /tf 2"
-    write_report(replace(make_report(0.05), lacks=[lost]), tmp_path)
+    write_report(replace(make_report(0.05), losses=[lost]), tmp_path)
     figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert (figures["closed"], figures["lost"], figures["missed"]) == (False, [lost], [lost])
     assert lost in (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -8,10 +8,11 @@ from scipy.spatial import cKDTree
 from surfaces import colored, down, grid_mesh, hills, sphere
 
 from oaisys_core.types import FloatArray, TriangleMesh
-from oaisys_mapping.evaluation.metrics import Extras, ReconstructionMetrics, evaluate_reconstruction
+from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
+from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
 from oaisys_mapping.evaluation.semantics import class_agreement
 from oaisys_mapping.evaluation.thresholds import Thresholds
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 
 VOXEL_M = 0.10
@@ -20,7 +21,7 @@ VOXEL_M = 0.10
 def measure(
     mesh: ColoredMesh,
     truth: TriangleMesh,
-    views: list[View] | None = None,
+    views: list[PosedCamera] | None = None,
     extras: Extras | None = None,
 ) -> ReconstructionMetrics:
     rng = np.random.default_rng(0)
@@ -177,7 +178,7 @@ def test_distances_at_the_truth_as_voxblox_counts_them() -> None:
     low = grid_mesh((-4, 0), (-4, 4), 0.0)
     high = grid_mesh((0, 4), (-4, 4), 1.0)
     truth = TriangleMesh(np.vstack((low[0], high[0])), np.vstack((low[1], high[1] + len(low[0]))))
-    figures = measure(colored(*low), truth, extras=Extras(volume=Shifted())).field
+    figures = measure(colored(*low), truth, extras=Extras(volume=Shifted())).tsdf
     assert figures is not None
     assert figures.tsdf_rmse_m is not None
     # Two thirds of what is known are 0.04 m off; the rest, 0.96 m off, counts as three voxels.

@@ -16,8 +16,8 @@ from oaisys_core.errors import InvalidInputError, OaisysError, RenderError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.certificate.view_files import read_views
+from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Planner, Vehicle, level_pose
-from oaisys_mapping.exploration.voxel_map import Bounds
 from oaisys_ros_bridge.bridge.requests import poses_of_trajectory
 from oaisys_ros_bridge.conversions import pose_from_msg
 from oaisys_ros_bridge.experiments.explore.explorer import (

@@ -19,8 +19,8 @@ from served_simulator import FLAT_WORLD, Server
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_at
 from oaisys_core.types import PinholeIntrinsics
-from oaisys_mapping.evaluation.visibility import View
-from oaisys_mapping.report.live_view import SeenView, cloud_of
+from oaisys_mapping.evaluation.visibility import PosedCamera
+from oaisys_mapping.report.web_viewer import PosedImages, point_cloud_of
 
 DEADLINE_S = 120.0
 CAMERA = PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5)
@@ -155,10 +155,10 @@ def test_clouds_lie_where_depth_says_and_leave_out_the_sky():
     depth_m[24, :8] = 50.0
     rgb = np.zeros((48, 64, 3), np.uint8)
     rgb[..., 0] = np.arange(64)
-    view = SeenView("1", rgb, depth_m, None, View(CAMERA, T_LINK_OPTICAL))
-    points_m, colors_rgb = cloud_of(view, 20.0, 10_000)
+    view = PosedImages("1", rgb, depth_m, None, PosedCamera(CAMERA, T_LINK_OPTICAL))
+    points_m, colors_rgb = point_cloud_of(view, 20.0, 10_000)
     assert len(points_m) == len(colors_rgb) == 24 * 64 - 8
     np.testing.assert_allclose(points_m[:, 2], 5.0)
     np.testing.assert_allclose(points_m[:, 0], (colors_rgb[:, 0] - 31.5) / 54 * 5, atol=1e-5)
-    few, _ = cloud_of(view, 20.0, 200)
+    few, _ = point_cloud_of(view, 20.0, 200)
     assert 0 < len(few) <= 200

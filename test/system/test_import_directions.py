@@ -50,8 +50,8 @@ GRPC_LIBRARIES = {
 }
 MAPPING_LIBRARIES = {"numpy", "open3d", "scipy"}
 PRESENTATION = {
-    "oaisys_mapping.report.live_view",
-    "oaisys_mapping.report.mesh_layers",
+    "oaisys_mapping.report.web_viewer",
+    "oaisys_mapping.report.mesh_viewer",
     "oaisys_mapping.report.pictures",
     "oaisys_mapping.report.report",
 }

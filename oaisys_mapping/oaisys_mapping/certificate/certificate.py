@@ -16,12 +16,12 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_mapping.certificate.perturbations import FaultRecord
+from oaisys_mapping.certificate.perturbations import PerturbationResult
 from oaisys_mapping.certificate.signature import PrivateKey, signed
 from oaisys_mapping.certificate.view_files import views_to_json
 from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
 from oaisys_mapping.evaluation.thresholds import Criterion, Thresholds
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 
 CERTIFICATE_FILE = "certificate.json"
 FORMAT = "oaisys closure certificate 1"
@@ -37,7 +37,7 @@ BLOCK_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
-class Statement:
+class CertificateContent:
     """What a certificate says.
 
     Attributes:
@@ -56,12 +56,12 @@ class Statement:
 
     facts: Mapping[str, Any]
     config: Any
-    views: Sequence[View]
+    views: Sequence[PosedCamera]
     max_range_m: float
     sampling_seed: int
     metrics: ReconstructionMetrics
     thresholds: Thresholds
-    faults: Sequence[FaultRecord]
+    faults: Sequence[PerturbationResult]
     labels: Mapping[int, str]
     files: Mapping[str, Path]
     versions: Mapping[str, str]
@@ -73,7 +73,7 @@ class Statement:
 
 
 def write_certificate(
-    path: Path, statement: Statement, key: PrivateKey | None = None
+    path: Path, statement: CertificateContent, key: PrivateKey | None = None
 ) -> dict[str, Any]:
     """Write a certificate, signed where a key is given, and return it."""
     content = _content(statement)
@@ -141,7 +141,7 @@ def file_sha256(path: Path) -> str:
     return found.hexdigest()
 
 
-def _content(statement: Statement) -> dict[str, Any]:
+def _content(statement: CertificateContent) -> dict[str, Any]:
     criteria = statement.criteria
     content = {
         "issued": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
-from oaisys_mapping.evaluation.metrics import ReconstructionMetrics, evaluate_against
+from oaisys_mapping.evaluation.evaluate import evaluate_against
+from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
 from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.evaluation.true_surface import TrueSurface
 from oaisys_mapping.mesh import ColoredMesh
@@ -28,7 +29,7 @@ FOCAL_FACTOR = 1.0855
 POSE_ERROR_M = 0.02
 SCATTER_SEED = 0
 
-SHOWN = (
+REPORTED_FIGURES = (
     "rmse_m",
     "accuracy_mean_m",
     "accuracy_median_m",
@@ -40,7 +41,7 @@ SHOWN = (
     "hole_ratio",
     "overlap_hole_count",
 )
-"""Figures that are told of a map with a fault."""
+"""Figures that are told of a map with a perturbation."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,7 +60,7 @@ class PosedDepth(ShortRepr):
 
 
 @dataclass(frozen=True)
-class Fault:
+class Perturbation:
     """A mistake.
 
     Attributes:
@@ -74,11 +75,11 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class FaultRecord:
-    """A map that was made with a fault, or, as the first of several, with none.
+class PerturbationResult:
+    """A map that was made with a perturbation, or, as the first of several, with none.
 
     Attributes:
-        figures: Those of `SHOWN`.
+        figures: Those of `REPORTED_FIGURES`.
         missed: One sentence for each threshold it misses.
     """
 
@@ -138,57 +139,63 @@ def _range_as_depth(frame: PosedDepth, _: int) -> PosedDepth:
     return replace(frame, depth_m=range_m.astype(np.float32))
 
 
-NO_FAULT = Fault("none", "the frames as they are", _unchanged)
-FAULTS = (
-    Fault("focal_length", f"focal length times {FOCAL_FACTOR:g}", _wrong_focal_length),
-    Fault("pose_beside", f"every pose {POSE_ERROR_M * 100:g} cm to the east", _beside),
-    Fault("pose_above", f"every pose {POSE_ERROR_M * 100:g} cm too high", _above),
-    Fault(
+UNPERTURBED = Perturbation("none", "the frames as they are", _unchanged)
+PERTURBATIONS = (
+    Perturbation("focal_length", f"focal length times {FOCAL_FACTOR:g}", _wrong_focal_length),
+    Perturbation("pose_beside", f"every pose {POSE_ERROR_M * 100:g} cm to the east", _beside),
+    Perturbation("pose_above", f"every pose {POSE_ERROR_M * 100:g} cm too high", _above),
+    Perturbation(
         "pose_scattered",
         f"every pose {POSE_ERROR_M * 100:g} cm off, each to another side",
         _scattered,
     ),
-    Fault("range_as_depth", "length along the ray taken for depth along z", _range_as_depth),
+    Perturbation("range_as_depth", "length along the ray taken for depth along z", _range_as_depth),
 )
 
 
-def fused(frames: Sequence[PosedDepth], fault: Fault, config: TsdfConfig) -> ColoredMesh:
-    """Return the surface of frames with a fault, made as a mapper makes it."""
+def mesh_of(
+    frames: Sequence[PosedDepth], perturbation: Perturbation, config: TsdfConfig
+) -> ColoredMesh:
+    """Return the surface of frames with a perturbation, made as a mapper makes it."""
     volume = TsdfVolume(config)
     for index, right in enumerate(frames):
-        frame = fault.applied(right, index)
+        frame = perturbation.applied(right, index)
         depth_m, _ = rectified(frame.depth_m, None, frame.intrinsics)
         volume.integrate(depth_m, None, rectified_camera(frame.intrinsics), frame.T_map_camera)
     return volume.extract_mesh()
 
 
-def challenge(
+def run_perturbation_tests(
     frames: Sequence[PosedDepth],
     surface: TrueSurface,
     thresholds: Thresholds,
     config: TsdfConfig,
     seed: int,
-) -> Iterator[FaultRecord]:
-    """Yield what becomes of the map without a fault and then with each of `FAULTS`.
+) -> Iterator[PerturbationResult]:
+    """Yield what becomes of the map without a perturbation and then with each of `PERTURBATIONS`.
 
     Args:
         frames: As they were recorded.
         surface: What the poses could truly see.
-        thresholds: Must hold without a fault and be missed with each.
+        thresholds: Must hold without a perturbation and be missed with each.
         config: Of the map.
         seed: Of the points that are measured.
     """
-    for fault in (NO_FAULT, *FAULTS):
-        mesh = fused(frames, fault, config)
+    for perturbation in (UNPERTURBED, *PERTURBATIONS):
+        mesh = mesh_of(frames, perturbation, config)
         if not len(mesh.triangles):
-            yield FaultRecord(fault.name, fault.what, {}, ["no surface is left"])
+            yield PerturbationResult(
+                perturbation.name, perturbation.what, {}, ["no surface is left"]
+            )
             continue
         rng = np.random.default_rng(seed)
         metrics = evaluate_against(surface, mesh, config.voxel_size_m, rng).metrics
         missed = thresholds.missed_by(metrics)
-        yield FaultRecord(fault.name, fault.what, shown_of(metrics), missed)
+        yield PerturbationResult(
+            perturbation.name, perturbation.what, reported_figures(metrics), missed
+        )
 
 
-def shown_of(metrics: ReconstructionMetrics) -> dict[str, float]:
-    """Return the figures that are told of a map with a fault."""
-    return {name: getattr(metrics, name) for name in SHOWN}
+def reported_figures(metrics: ReconstructionMetrics) -> dict[str, float]:
+    """Return the figures that are told of a map with a perturbation."""
+    return {name: getattr(metrics, name) for name in REPORTED_FIGURES}

@@ -11,15 +11,15 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import PinholeIntrinsics
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 
 
-def write_views(path: Path, views: Sequence[View]) -> None:
+def write_views(path: Path, views: Sequence[PosedCamera]) -> None:
     """Write cameras and their poses; inverse: `read_views`."""
     path.write_text(json.dumps({"views": views_to_json(views)}, indent=1), encoding="utf-8")
 
 
-def read_views(path: Path) -> list[View]:
+def read_views(path: Path) -> list[PosedCamera]:
     """Return the views in a JSON file.
 
     Raises:
@@ -34,7 +34,7 @@ def read_views(path: Path) -> list[View]:
     return views_from_json(views, f"{path}: views")
 
 
-def views_to_json(views: Sequence[View]) -> list[dict[str, Any]]:
+def views_to_json(views: Sequence[PosedCamera]) -> list[dict[str, Any]]:
     """Return views as JSON has them; inverse: `views_from_json`."""
     return [
         {
@@ -47,7 +47,7 @@ def views_to_json(views: Sequence[View]) -> list[dict[str, Any]]:
     ]
 
 
-def views_from_json(items: Sequence[Any], field: str) -> list[View]:
+def views_from_json(items: Sequence[Any], field: str) -> list[PosedCamera]:
     """Return views from JSON.
 
     Raises:
@@ -57,7 +57,7 @@ def views_from_json(items: Sequence[Any], field: str) -> list[View]:
     return [_view(item, f"{field}.{index}") for index, item in enumerate(items)]
 
 
-def _view(item: Any, field: str) -> View:
+def _view(item: Any, field: str) -> PosedCamera:
     try:
         K = np.asarray(item["K"], np.float64)
         T_map_camera = np.asarray(item["T_map_camera"], np.float64)
@@ -73,4 +73,4 @@ def _view(item: Any, field: str) -> View:
     R = T_map_camera[:3, :3]
     if not (np.isfinite(T_map_camera).all() and np.allclose(R @ R.T, np.eye(3), atol=1e-4)):
         raise InvalidInputError(field, T_map_camera.tolist(), "a finite, rigid T_map_camera")
-    return View(PinholeIntrinsics(*size, fx_px, fy_px, cx_px, cy_px), T_map_camera)
+    return PosedCamera(PinholeIntrinsics(*size, fx_px, fy_px, cx_px, cy_px), T_map_camera)

@@ -74,11 +74,11 @@ def evaluate(
     import numpy as np
 
     from oaisys_mapping.certificate.view_files import read_views
-    from oaisys_mapping.evaluation.metrics import Extras, evaluate_reconstruction
+    from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
     from oaisys_mapping.evaluation.thresholds import Thresholds
     from oaisys_mapping.evaluation.truth_io import read_truth
     from oaisys_mapping.mesh_io import read_ply
-    from oaisys_mapping.stages import StageLines
+    from oaisys_mapping.progress import ProgressDisplay
 
     if json_path is not None and not json_path.parent.is_dir():
         raise InvalidInputError("--json", str(json_path), "a file in an existing folder")
@@ -87,8 +87,8 @@ def evaluate(
         raise InvalidInputError("--tau", list(taus_m), "metres above 0")
     views = None if poses is None else read_views(poses)
     field = None if volume is None else _volume(volume, voxel_size)
-    with StageLines("measuring") as on_stage:
-        on_stage("reading the meshes")
+    with ProgressDisplay("measuring") as on_progress:
+        on_progress("reading the meshes")
         evaluation = evaluate_reconstruction(
             read_ply(mesh),
             read_truth(truth),
@@ -96,7 +96,7 @@ def evaluate(
             voxel_size,
             max_range,
             np.random.default_rng(seed),
-            Extras(taus_m, field, on_stage=on_stage),
+            Extras(taus_m, field, on_progress=on_progress),
         )
     thresholds = Thresholds(
         max_rmse_m=max_rmse,

@@ -13,9 +13,14 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, ShortRepr, TriangleMesh
-from oaisys_mapping.evaluation.visibility import View, raycasting_scene, views_seeing, within_reach
+from oaisys_mapping.evaluation.visibility import (
+    PosedCamera,
+    raycasting_scene,
+    views_seeing,
+    within_reach,
+)
 from oaisys_mapping.mesh import SurfacePoints, sample_surface, triangle_areas_m2
-from oaisys_mapping.stages import StageListener, ignore_stage
+from oaisys_mapping.progress import ProgressCallback, ignore_progress
 
 SPACING_VOXELS = 0.5
 """Edge of the square of truth that a point stands for: so dense that no hole falls between."""
@@ -110,11 +115,11 @@ def _area_m2(points: SurfacePoints) -> float:
 
 def true_surface(
     truth: TriangleMesh,
-    views: Sequence[View] | None,
+    views: Sequence[PosedCamera] | None,
     voxel_size_m: float,
     max_range_m: float,
     rng: np.random.Generator,
-    on_stage: StageListener = ignore_stage,
+    on_progress: ProgressCallback = ignore_progress,
 ) -> TrueSurface:
     """Spread points over the truth and decide which of them the views see.
 
@@ -124,14 +129,14 @@ def true_surface(
         voxel_size_m: A point stands for the square of `SPACING_VOXELS` of them.
         max_range_m: Depth beyond which nothing is seen.
         rng: Gives the points.
-        on_stage: Told what is being done.
+        on_progress: Told what is being done.
 
     Raises:
         InvalidInputError: The truth has no surface, or the views see nothing of it.
     """
     if not len(truth.triangles):
         raise InvalidInputError("truth", "0 triangles", "a mesh with a surface")
-    on_stage("points on the truth")
+    on_progress("points on the truth")
     spacing_m = SPACING_VOXELS * voxel_size_m
     scene = raycasting_scene(truth.vertices_m, truth.triangles)
     if views is None:
@@ -142,7 +147,7 @@ def true_surface(
     if not is_near.any():
         raise _nothing_seen(views)
     near = _spread(truth, np.flatnonzero(is_near), spacing_m, MOST_POINTS, rng)
-    times_seen = views_seeing(near, views, scene, max_range_m, OVERLAP, on_stage)
+    times_seen = views_seeing(near, views, scene, max_range_m, OVERLAP, on_progress)
     seen = times_seen > 0
     if not seen.any():
         raise _nothing_seen(views)
@@ -165,5 +170,5 @@ def _spread(
     return SurfacePoints(points.points_m, points.normals, points.area_m2, ids[points.triangle_ids])
 
 
-def _nothing_seen(views: Sequence[View]) -> InvalidInputError:
+def _nothing_seen(views: Sequence[PosedCamera]) -> InvalidInputError:
     return InvalidInputError("views", f"{len(views)} views", "views that see the truth")

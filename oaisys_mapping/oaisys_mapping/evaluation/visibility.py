@@ -18,14 +18,14 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert, project, unproject
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints
-from oaisys_mapping.stages import StageListener, ignore_stage
+from oaisys_mapping.progress import ProgressCallback, ignore_progress
 
 OCCLUSION_TOLERANCE = 1e-4
 """Share of the distance that a point may lie behind the first hit and still count as that hit."""
 
 
 @dataclass(frozen=True, repr=False)
-class View(ShortRepr):
+class PosedCamera(ShortRepr):
     """A camera without distortion and where it was.
 
     Attributes:
@@ -42,7 +42,7 @@ class View(ShortRepr):
 
 
 def within_reach(
-    truth: TriangleMesh, views: Sequence[View], max_range_m: float
+    truth: TriangleMesh, views: Sequence[PosedCamera], max_range_m: float
 ) -> NDArray[np.bool_]:
     """Return (T,) which triangles touch the box around everything that some view could see.
 
@@ -63,7 +63,9 @@ def within_reach(
     return np.asarray((a & b & c) == 0)
 
 
-def _frustum_in_slab(view: View, max_range_m: float, slab_m: tuple[float, float]) -> FloatArray:
+def _frustum_in_slab(
+    view: PosedCamera, max_range_m: float, slab_m: tuple[float, float]
+) -> FloatArray:
     """Return the (N, 3) corners of a view's pyramid, cut off below and above two heights."""
     camera = view.intrinsics
     pixels = [(u, v) for v in (0, camera.height_px - 1) for u in (0, camera.width_px - 1)]
@@ -92,7 +94,7 @@ def raycasting_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> An
 
 
 def visible_from_any(
-    points: SurfacePoints, views: Sequence[View], scene: Any, max_range_m: float
+    points: SurfacePoints, views: Sequence[PosedCamera], scene: Any, max_range_m: float
 ) -> NDArray[np.bool_]:
     """Return (N,) whether a point of a surface is seen by at least one of the views.
 
@@ -103,11 +105,11 @@ def visible_from_any(
 
 def views_seeing(
     points: SurfacePoints,
-    views: Sequence[View],
+    views: Sequence[PosedCamera],
     scene: Any,
     max_range_m: float,
     enough: int,
-    on_stage: StageListener = ignore_stage,
+    on_progress: ProgressCallback = ignore_progress,
 ) -> NDArray[np.uint8]:
     """Return (N,) how many of the views see a point of a surface, counted up to ``enough``.
 
@@ -120,11 +122,11 @@ def views_seeing(
         scene: `raycasting_scene` of the whole surface.
         max_range_m: Depth beyond which nothing is seen.
         enough: From 1 to 255.
-        on_stage: Told of each view.
+        on_progress: Told of each view.
     """
     times = np.zeros(len(points.points_m), np.uint8)
     for number, view in enumerate(views, start=1):
-        on_stage(f"what view {number} of {len(views)} sees of the truth")
+        on_progress(f"what view {number} of {len(views)} sees of the truth")
         candidates = np.flatnonzero(times < enough)
         candidates = candidates[_in_image(points, candidates, view, max_range_m)]
         times[candidates[_unoccluded(points.points_m[candidates], view, scene)]] += 1
@@ -132,7 +134,7 @@ def views_seeing(
 
 
 def _in_image(
-    points: SurfacePoints, ids: NDArray[np.intp], view: View, max_range_m: float
+    points: SurfacePoints, ids: NDArray[np.intp], view: PosedCamera, max_range_m: float
 ) -> NDArray[np.bool_]:
     T_camera_map = invert(view.T_map_camera)
     camera_m = points.points_m[ids] @ T_camera_map[:3, :3].T + T_camera_map[:3, 3]
@@ -146,7 +148,7 @@ def _in_image(
     return np.asarray(ahead & inside & facing)
 
 
-def _unoccluded(points_m: FloatArray, view: View, scene: Any) -> NDArray[np.bool_]:
+def _unoccluded(points_m: FloatArray, view: PosedCamera, scene: Any) -> NDArray[np.bool_]:
     origin_m = view.T_map_camera[:3, 3]
     rays = np.empty((len(points_m), 6), np.float32)
     rays[:, :3] = origin_m

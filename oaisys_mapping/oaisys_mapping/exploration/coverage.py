@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import FloatArray, Pose, TriangleMesh
-from oaisys_mapping.evaluation.visibility import View, raycasting_scene, visible_from_any
+from oaisys_mapping.evaluation.visibility import PosedCamera, raycasting_scene, visible_from_any
+from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle, level_pose
-from oaisys_mapping.exploration.voxel_map import Bounds
 from oaisys_mapping.mesh import SurfacePoints, sample_surface
 
 MOST_POINTS = 60_000
@@ -90,6 +90,7 @@ class SurfaceCoverage:
     def _visible(self, points: SurfacePoints, poses: Sequence[Pose]) -> NDArray[np.bool_]:
         vehicle = self._vehicle
         views = [
-            View(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera) for pose in poses
+            PosedCamera(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera)
+            for pose in poses
         ]
         return visible_from_any(points, views, self._scene, vehicle.max_range_m)

@@ -15,7 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-from oaisys_mapping.exploration.voxel_map import OCCUPIED, UNKNOWN, VoxelMap, surface_quality
+from oaisys_mapping.exploration.occupancy_map import (
+    OCCUPIED,
+    UNKNOWN,
+    OccupancyMap,
+    surface_quality,
+)
 
 RAYS_ACROSS, RAYS_DOWN = 24, 18
 """Rays of one view; each stands for its part of the image."""
@@ -41,7 +46,7 @@ class ViewScorer:
 
     def __init__(
         self,
-        voxels: VoxelMap,
+        voxels: OccupancyMap,
         intrinsics: PinholeIntrinsics,
         max_range_m: float,
         weights: GainWeights | None = None,

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
 from oaisys_mapping.exploration.gain import ViewScorer
+from oaisys_mapping.exploration.occupancy_map import OccupancyMap
 from oaisys_mapping.exploration.roadmap import Roadmap
-from oaisys_mapping.exploration.voxel_map import VoxelMap
 
 MORE_PLACES = (0, 1000, 5000)
 """Places among which a way is looked for, one after the other, where none is known yet."""
@@ -48,7 +48,7 @@ class Situation:
     """
 
     vehicle: Vehicle
-    voxels: VoxelMap
+    voxels: OccupancyMap
     visited: Sequence[Pose]
     rng: np.random.Generator
     _found: list[tuple[FloatArray, Roadmap]] = field(default_factory=list, init=False, repr=False)
@@ -60,7 +60,7 @@ class Situation:
 
     @cached_property
     def clearance_m(self) -> NDArray[np.float32]:
-        """See `VoxelMap.clearance_m`."""
+        """See `OccupancyMap.clearance_m`."""
         return self.voxels.clearance_m()
 
     @cached_property
@@ -87,7 +87,7 @@ class Situation:
         self._found.append((positions_m, roadmap))
         return roadmap
 
-    def way_m(self, position_m: FloatArray) -> FloatArray | None:
+    def path_m(self, position_m: FloatArray) -> FloatArray | None:
         """Return the (K, 3) places on a way from here to a (3,) position; None: none is known.
 
         Where a planner has asked for the ways to that position, it is the one that it was told.
@@ -95,11 +95,11 @@ class Situation:
         for positions_m, roadmap in self._found:
             here = np.flatnonzero((positions_m == position_m).all(axis=1))
             if len(here) and np.isfinite(roadmap.lengths_m[here[0]]):
-                return roadmap.way_m(int(here[0]))
+                return roadmap.path_m(int(here[0]))
         for places in MORE_PLACES:
             roadmap = self.roadmap(np.vstack((position_m, self.random_positions(places))))
             if np.isfinite(roadmap.lengths_m[0]):
-                return roadmap.way_m(0)
+                return roadmap.path_m(0)
         return None
 
     def random_positions(self, count: int) -> FloatArray:

@@ -137,13 +137,13 @@ class NextBestViewPlanner(Planner):
     """Looks from where most is gained for the way there.
 
     Attributes:
-        way_m: After a way of this length a gain counts 1/e.
+        discount_length_m: After a way of this length a gain counts 1/e.
     """
 
     name = "next_best_view"
 
-    def __init__(self, way_m: float = 40.0) -> None:
-        self.way_m = way_m
+    def __init__(self, discount_length_m: float = 40.0) -> None:
+        self.discount_length_m = discount_length_m
 
     def next_pose(self, situation: Situation) -> Pose | None:
         """Return the best of many reachable views, most of them turned towards frontiers.
@@ -159,7 +159,7 @@ class NextBestViewPlanner(Planner):
             reachable = np.flatnonzero(np.isfinite(lengths_m))
             gains = situation.gains([poses[index] for index in reachable])
             if len(gains) and gains.max() >= LEAST_GAIN:
-                utility = gains * np.exp(-lengths_m[reachable] / self.way_m)
+                utility = gains * np.exp(-lengths_m[reachable] / self.discount_length_m)
                 return poses[int(reachable[utility.argmax()])]
         return None
 
@@ -201,7 +201,7 @@ def vantage_points(
     return chosen[found], found
 
 
-OWN: dict[str, type[Planner]] = {
+BUILT_IN_PLANNERS: dict[str, type[Planner]] = {
     kind.name: kind for kind in (NextBestViewPlanner, FrontierPlanner, GridPlanner, RandomPlanner)
 }
 
@@ -212,7 +212,7 @@ def make_planner(name: str) -> Planner:
     Raises:
         InvalidInputError: There is none of that name, or it is no planner.
     """
-    kinds: dict[str, object] = dict(OWN)
+    kinds: dict[str, object] = dict(BUILT_IN_PLANNERS)
     for found in entry_points(group=ENTRY_POINTS, name=name):
         kinds.setdefault(name, found.load())
     kind = kinds.get(name)

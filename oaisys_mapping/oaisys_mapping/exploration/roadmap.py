@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from oaisys_core.types import FloatArray
-from oaisys_mapping.exploration.voxel_map import VoxelMap
+from oaisys_mapping.exploration.occupancy_map import OccupancyMap
 
 NEIGHBOURS = 12
 """Places that each place is tried to be joined with, the nearest ones."""
@@ -24,7 +24,7 @@ class Roadmap:
 
     def __init__(
         self,
-        voxels: VoxelMap,
+        voxels: OccupancyMap,
         clearance_m: NDArray[np.float32],
         radius_m: float,
         start_m: FloatArray,
@@ -57,7 +57,7 @@ class Roadmap:
         """(N,) lengths of the ways to the positions, ``+inf`` where none is known."""
         return np.asarray(self._lengths_m[1:])
 
-    def way_m(self, index: int) -> FloatArray:
+    def path_m(self, index: int) -> FloatArray:
         """Return the (K, 3) places on the way to a position, the start first."""
         place = index + 1
         way = [place]
@@ -74,7 +74,7 @@ class _Room:
 
     def __init__(
         self,
-        voxels: VoxelMap,
+        voxels: OccupancyMap,
         clearance_m: NDArray[np.float32],
         radius_m: float,
         start_m: FloatArray,

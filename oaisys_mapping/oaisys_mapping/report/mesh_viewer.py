@@ -5,10 +5,11 @@ from __future__ import annotations
 import base64
 import gzip
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
@@ -16,8 +17,10 @@ from scipy.spatial import cKDTree
 
 from oaisys_core.geometry import unproject
 from oaisys_core.types import FloatArray
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.evaluate import Evaluation
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh, triangle_areas_m2
+from oaisys_mapping.report import pictures
 
 MOST_TRIANGLES = 400_000
 """What a page holds: some 4 MB, and what a browser without a GPU still turns."""
@@ -30,6 +33,10 @@ FRUSTUM_SHARE = 0.02
 
 STEPS = 65535
 """Positions are counted in steps of this share of the mesh's size."""
+
+
+IMAGE_SHADING = 0.3
+"""How much light is drawn on top of what images already hold."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,28 @@ class Layer:
     note: str
     colors_rgb: NDArray[np.uint8]
     shaded: float = 1.0
+
+
+def layers_of(mesh: ColoredMesh, evaluation: Evaluation, labels: Mapping[int, str]) -> list[Layer]:
+    """Return the layers that a mesh has colours for."""
+    note = "Colours from the images."
+    layers = [Layer("colour", note, mesh.colors_rgb, IMAGE_SHADING), _errors(mesh, evaluation)]
+    if mesh.class_ids is not None:
+        ids = mesh.class_ids[None]
+        note = "The class that the most views gave a place; its colour is that of the label images."
+        layers.append(Layer("classes", note, pictures.semantic_picture(ids, labels)[0]))
+    return layers
+
+
+def _errors(mesh: ColoredMesh, evaluation: Evaluation) -> Layer:
+    """Colour each vertex by the distance to the truth that was measured nearest to it."""
+    limit_m = evaluation.metrics.voxel_size_m / 2
+    place = nearest(evaluation.reconstruction.points_m, mesh.vertices_m)
+    share = np.minimum(evaluation.reconstruction_distance_m[place] / limit_m, 1.0)
+    colors_rgb = (mpl.colormaps["magma_r"](share)[:, :3] * 255).astype(np.uint8)
+    far = f"half a voxel, {100 * limit_m:.3g} cm, and above (black)"
+    note = f"Distance to the true surface, from 0 (pale) to {far}."
+    return Layer("error", note, colors_rgb, 0.6)
 
 
 def thinned(mesh: ColoredMesh, most_triangles: int = MOST_TRIANGLES) -> ColoredMesh:
@@ -83,7 +112,9 @@ def nearest(points_m: FloatArray, wanted_m: FloatArray) -> NDArray[np.intp]:
     return np.asarray(cKDTree(points_m).query(wanted_m)[1])
 
 
-def packed(mesh: ColoredMesh, layers: Sequence[Layer], cameras: Sequence[View]) -> dict[str, str]:
+def packed(
+    mesh: ColoredMesh, layers: Sequence[Layer], cameras: Sequence[PosedCamera]
+) -> dict[str, str]:
     """Return the JSON header and the body, as ``mesh_viewer.js`` reads them.
 
     The body is gzip in base64 of, one after the other, (T, 3) int32 differences of vertex numbers,
@@ -110,7 +141,7 @@ def packed(mesh: ColoredMesh, layers: Sequence[Layer], cameras: Sequence[View]) 
     return {"header": text, "body": base64.b64encode(body).decode("ascii")}
 
 
-def _frusta(cameras: Sequence[View], depth_m: float) -> list[list[list[float]]]:
+def _frusta(cameras: Sequence[PosedCamera], depth_m: float) -> list[list[list[float]]]:
     """Return for each camera its centre and the four corners of its image, in ``map``."""
     frusta = []
     for camera in cameras:

@@ -19,17 +19,16 @@ import scipy
 from numpy.typing import NDArray
 
 from oaisys_core.types import ShortRepr
-from oaisys_mapping.evaluation.metrics import Evaluation
+from oaisys_mapping.evaluation.evaluate import Evaluation
 from oaisys_mapping.evaluation.thresholds import Thresholds
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
-from oaisys_mapping.report.mesh_layers import layers_of
-from oaisys_mapping.report.mesh_viewer import packed, thinned
+from oaisys_mapping.report.mesh_viewer import layers_of, packed, thinned
 from oaisys_mapping.report.three_js import load_three
 
-GOAL = 0.9
+COVERAGE_GOAL = 0.9
 """Coverage for which planners are compared."""
 
 
@@ -50,7 +49,7 @@ class ViewRecord(ShortRepr):
 
 
 @dataclass(frozen=True)
-class Section:
+class ReportTable:
     """A table that only some reports have.
 
     Attributes:
@@ -83,8 +82,8 @@ class SurveyReport:
         config_text: The whole configuration.
         coverage: Of explorations; none for a survey.
         cameras: From where the mesh was seen; drawn with it.
-        sections: Further tables, below the verdict.
-        lacks: What was lost of the samples on their way, one sentence each.
+        tables: Further tables, below the verdict.
+        losses: What was lost of the samples on their way, one sentence each.
     """
 
     title: str
@@ -98,14 +97,14 @@ class SurveyReport:
     command: str
     config_text: str
     coverage: Sequence[CoverageRecord] = ()
-    cameras: Sequence[View] = ()
-    sections: Sequence[Section] = ()
-    lacks: Sequence[str] = ()
+    cameras: Sequence[PosedCamera] = ()
+    tables: Sequence[ReportTable] = ()
+    losses: Sequence[str] = ()
 
     @property
     def missed(self) -> list[str]:
         """One sentence per threshold that is missed, and all that was lost."""
-        return [*self.thresholds.missed_by(self.evaluation.metrics), *self.lacks]
+        return [*self.thresholds.missed_by(self.evaluation.metrics), *self.losses]
 
 
 def write_report(report: SurveyReport, out: Path) -> None:
@@ -115,7 +114,7 @@ def write_report(report: SurveyReport, out: Path) -> None:
         **report.evaluation.metrics.to_dict(),
         "closed": not report.missed,
         "missed": report.missed,
-        "lost": list(report.lacks),
+        "lost": list(report.losses),
         "thresholds": asdict(report.thresholds),
         "versions": _versions(),
     }
@@ -168,7 +167,7 @@ def _pictures(report: SurveyReport) -> dict[str, bytes]:
                 (f"{run.planner}, world {run.seed}", run.coverage, run.path_m)
                 for run in report.coverage
             ],
-            GOAL,
+            COVERAGE_GOAL,
         )
     names = list(report.views[0].seconds)
     files["time.png"] = pictures.time_chart(
@@ -226,8 +225,8 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
         legend=legend,
         criteria=report.thresholds.applied_to(report.evaluation.metrics),
         depth_ticks_m=np.linspace(*depth_range_m(depth_m), 5).tolist() if depth_m else [],
-        planners=planner_results(report.coverage, GOAL),
-        goal=GOAL,
+        planners=planner_results(report.coverage, COVERAGE_GOAL),
+        goal=COVERAGE_GOAL,
         viewer=_viewer(report),
         depth_scale=_data_url("scale.png", pictures.png(pictures.depth_scale())),
     )

@@ -11,9 +11,9 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, GEOMETRY_FIELDS, VoxelField, block_bytes
 from oaisys_mapping.voxels.label_cells import BYTES_PER_BLOCK
 from oaisys_mapping.voxels.semantic_fusion import SEMANTIC_FIELDS
-from oaisys_mapping.voxels.working_set import WHEN_FULL
 
 WEIGHTINGS = ("constant", "inverse_square")
+WHEN_FULL = ("refuse", "drop", "store")
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
+from oaisys_mapping.voxels.block_cache import BlockCache
 from oaisys_mapping.voxels.blocks import (
     BLOCK_VOXELS,
     INITIAL_BLOCKS,
@@ -30,9 +31,8 @@ from oaisys_mapping.voxels.blocks import (
     distinct_blocks,
     packed,
 )
-from oaisys_mapping.voxels.observation import Observation
+from oaisys_mapping.voxels.padded_images import PaddedImages
 from oaisys_mapping.voxels.semantic_fusion import UNLABELLED, fuse_classes
-from oaisys_mapping.voxels.working_set import WorkingSet
 
 VOXEL_CELLS = 2
 """Cells along a voxel's edge. On the demo's worlds 1 / 2 / 3 give an IoU of rock of 0.89 / 0.935 /
@@ -94,7 +94,7 @@ class LabelCells:
 
     def __init__(self, voxel_size_m: float, most_blocks: int, store_folder: Path | None) -> None:
         self.cell_m = voxel_size_m / VOXEL_CELLS
-        self._working = WorkingSet(
+        self._working = BlockCache(
             self.cell_m,
             CELL_FIELDS,
             most_blocks=BLOCK_SHARE * most_blocks,
@@ -127,7 +127,7 @@ class LabelCells:
         if len(restored):
             self._working.bring_back(_blocks_within(restored))
 
-    def vote(self, seen: Observation, near: Coordinates) -> Coordinates:
+    def vote(self, seen: PaddedImages, near: Coordinates) -> Coordinates:
         """Count what a view's pixels show; return the (N, 3) blocks of voxels where they did.
 
         Args:
@@ -178,7 +178,7 @@ class LabelCells:
             fuse_classes(ids, weights, at[told], labels, weight[told].astype(np.float32))
 
 
-def _shown(seen: Observation, cell_m: float) -> _Shown | None:
+def _shown(seen: PaddedImages, cell_m: float) -> _Shown | None:
     """Return what a view's pixels show; None if none of them has both a label and a depth."""
     matrix, camera_m = seen.to_map
     # Counted from near the camera: float32 is exact enough for what its range covers.
@@ -198,7 +198,7 @@ class _Lattice:
         row, column: The first pixel: 0 or 1.
     """
 
-    seen: Observation
+    seen: PaddedImages
     row: int
     column: int
 

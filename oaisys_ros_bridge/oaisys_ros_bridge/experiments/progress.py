@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from oaisys_mapping.stages import StageLines
+from oaisys_mapping.progress import ProgressDisplay
 
 T = TypeVar("T")
 
@@ -39,9 +39,9 @@ class Reporter:
         elapsed_s = time.monotonic() - self._started_s
         self._console.print(f"[{elapsed_s:6.1f} s] {sentence}", markup=False, soft_wrap=True)
 
-    def stages(self, what: str) -> StageLines:
+    def stages(self, what: str) -> ProgressDisplay:
         """Return what shows the stages of a long computation, in a ``with`` block."""
-        return StageLines(what, self.say, self._console)
+        return ProgressDisplay(what, self.say, self._console)
 
     def track(self, items: Sequence[T], what: str) -> Iterator[T]:
         """Yield the items, showing how many are done."""

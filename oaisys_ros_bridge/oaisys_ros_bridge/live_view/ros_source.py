@@ -22,7 +22,7 @@ from visualization_msgs.msg import Marker
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import DEPTH, RGB, SEMANTIC_0
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.report.live_view import SeenView
+from oaisys_mapping.report.web_viewer import PosedImages
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
 from oaisys_ros_bridge.clouds import mesh_from_marker
 from oaisys_ros_bridge.live_view.source import News, ViewSource, seen_view
@@ -165,7 +165,7 @@ class _Camera:
         kinds = [kind for kind, modality in KINDS.items() if modality in modalities]
         self.assembler.end_sample(nanoseconds(message.header.stamp), time.monotonic(), kinds=kinds)
 
-    def view_of(self, frame: DepthFrame) -> SeenView:
+    def view_of(self, frame: DepthFrame) -> PosedImages:
         """Return what is shown of a frame."""
         self._views += 1
         images: dict[str, Any] = {DEPTH: frame.depth_m}

@@ -22,9 +22,9 @@ from oaisys_core.types import (
     SimulatorInfo,
 )
 from oaisys_grpc.client.simulator_client import SimulatorClient
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.report.live_view import SeenView
+from oaisys_mapping.report.web_viewer import PosedImages
 from oaisys_mapping.voxels.rectification import rectified, rectified_camera
 
 POLL_S = 0.3
@@ -45,7 +45,7 @@ class News:
     """
 
     new_world: bool = False
-    views: list[SeenView] = field(default_factory=list)
+    views: list[PosedImages] = field(default_factory=list)
     mesh: ColoredMesh | None = None
 
 
@@ -118,7 +118,7 @@ class GrpcSource(ViewSource):
         first = 1 if new_world else self._sample + 1
         self.labels = info.semantic_labels
         self._batch, self._sample = info.batch_id, info.sample_id
-        views: list[SeenView] = []
+        views: list[PosedImages] = []
         for sample_id in range(first, info.sample_id + 1):
             try:
                 views += _views_of(self._client.get_sample(info.batch_id, sample_id))
@@ -127,7 +127,7 @@ class GrpcSource(ViewSource):
         return News(new_world, views)
 
 
-def _views_of(sample: Sample) -> Iterator[SeenView]:
+def _views_of(sample: Sample) -> Iterator[PosedImages]:
     """Return what each camera saw."""
     for sensor in dict.fromkeys(frame.sensor for frame in sample.frames):
         frames = {frame.modality: frame for frame in sample.frames if frame.sensor == sensor}
@@ -142,10 +142,10 @@ def seen_view(
     images: Mapping[str, NDArray[Any]],
     intrinsics: PinholeIntrinsics,
     T_map_camera: FloatArray,
-) -> SeenView:
+) -> PosedImages:
     """Return a camera's images, by modality, as they are shown: colour and depth rectified."""
     depth_m, rgb = images.get(DEPTH), images.get(RGB)
     if depth_m is not None:
         depth_m, rgb = rectified(depth_m, rgb, intrinsics)
-    camera = View(rectified_camera(intrinsics), T_map_camera)
-    return SeenView(name, rgb, depth_m, images.get(SEMANTIC_0), camera)
+    camera = PosedCamera(rectified_camera(intrinsics), T_map_camera)
+    return PosedImages(name, rgb, depth_m, images.get(SEMANTIC_0), camera)

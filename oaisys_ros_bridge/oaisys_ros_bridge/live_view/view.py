@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from oaisys_mapping.report.live_view import LiveView, SeenView
+from oaisys_mapping.report.web_viewer import PosedImages, WebViewer
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
 from oaisys_ros_bridge.live_view.source import GrpcSource, ViewSource
@@ -56,7 +56,7 @@ def run_view(options: ViewOptions, say: Callable[[str], None]) -> None:
     """
     with (
         _source(options) as source,
-        LiveView(options.host, options.port, options.max_range_m) as page,
+        WebViewer(options.host, options.port, options.max_range_m) as page,
     ):
         say(f"view: {page.url}")
         with suppress(KeyboardInterrupt):
@@ -84,7 +84,7 @@ def _source(options: ViewOptions) -> ViewSource:
 
 
 def _show(
-    source: ViewSource, page: LiveView, options: ViewOptions, say: Callable[[str], None]
+    source: ViewSource, page: WebViewer, options: ViewOptions, say: Callable[[str], None]
 ) -> None:
     volume = TsdfVolume(
         TsdfConfig(voxel_size_m=options.voxel_size_m, max_range_m=options.max_range_m)
@@ -112,7 +112,7 @@ def _show(
             say(f"{shown} views, {len(mesh.triangles)} triangles")
 
 
-def _fuse(volume: TsdfVolume, view: SeenView) -> None:
+def _fuse(volume: TsdfVolume, view: PosedImages) -> None:
     if view.depth_m is not None:
         camera = view.camera
         volume.integrate(view.depth_m, view.rgb, camera.intrinsics, camera.T_map_camera)

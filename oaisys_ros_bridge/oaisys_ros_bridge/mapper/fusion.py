@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.voxels.rectification import rectified, rectified_camera, rectified_labels
@@ -86,7 +86,7 @@ class Fusion:
         on_done: Callable[[int, str], object] = lambda *_: None,
     ) -> None:
         self._volume = TsdfVolume(config)
-        self._views: list[View] = []
+        self._views: list[PosedCamera] = []
         self._state = FusionState()
         self._on_change = on_change
         self._on_error = on_error
@@ -123,7 +123,7 @@ class Fusion:
             return False
         return True
 
-    def surface(self, timeout_s: float) -> tuple[ColoredMesh, tuple[View, ...]]:
+    def surface(self, timeout_s: float) -> tuple[ColoredMesh, tuple[PosedCamera, ...]]:
         """Return the surface of all frames received so far, and their views.
 
         Raises:
@@ -149,7 +149,7 @@ class Fusion:
             yield self._volume
 
     @property
-    def views(self) -> tuple[View, ...]:
+    def views(self) -> tuple[PosedCamera, ...]:
         """The views that the volume is made from."""
         return tuple(self._views)
 
@@ -207,7 +207,7 @@ class Fusion:
             self._on_error(str(error))
             self._count(dropped=1)
             return NOT_FUSED
-        self._views.append(View(camera, frame.T_map_camera))
+        self._views.append(PosedCamera(camera, frame.T_map_camera))
         duration_s = time.perf_counter() - start_s
         self._count(integrated=1, stamp_ns=frame.stamp_ns, duration_s=duration_s)
         return ""

@@ -30,7 +30,7 @@ from visualization_msgs.msg import Marker
 from oaisys_core.errors import DeadlineExceededError, NotReadyError, OaisysError
 from oaisys_core.types import DEPTH, RGB
 from oaisys_grpc.memory import keep_freed_memory
-from oaisys_mapping.evaluation.metrics import Extras, evaluate_reconstruction
+from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
 from oaisys_mapping.evaluation.truth_io import read_truth
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import write_ply

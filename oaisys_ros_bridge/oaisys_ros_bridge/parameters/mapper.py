@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from oaisys_mapping.voxels.config import WEIGHTINGS, TsdfConfig
-from oaisys_mapping.voxels.working_set import WHEN_FULL
+from oaisys_mapping.voxels.config import WEIGHTINGS, WHEN_FULL, TsdfConfig
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow, ParameterTable
 
 _USUAL = TsdfConfig()

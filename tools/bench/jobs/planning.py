@@ -14,9 +14,9 @@ import yaml
 from oaisys_core.config import config_from_mapping
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import DEPTH, FloatArray, ModuleMetadata, Pose, merged
+from oaisys_mapping.exploration.occupancy_map import OccupancyMap
 from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
 from oaisys_mapping.exploration.planners import CANDIDATES, NextBestViewPlanner
-from oaisys_mapping.exploration.voxel_map import VoxelMap
 from oaisys_ros_bridge.experiments.explore.plan import flight_box, start_pose
 from tools.bench.jobs.processes import camera
 from tools.bench.settings import Say, Settings
@@ -40,7 +40,7 @@ def next_view(settings: Settings, say: Say) -> dict[str, list[float]]:
         raise RuntimeError("the world has no ground")
     bounds = flight_box(extent_m, lambda xy_m: _height_m(simulation, xy_m))
     pose = start_pose(bounds, lambda xy_m: _height_m(simulation, xy_m), START_HEIGHT_M, vehicle)
-    voxels, visited, rng = VoxelMap(bounds, VOXEL_M), list[Pose](), np.random.default_rng(1)
+    voxels, visited, rng = OccupancyMap(bounds, VOXEL_M), list[Pose](), np.random.default_rng(1)
     voxels.set_free(pose.position_m, vehicle.radius_m + 2 * VOXEL_M)
     planner = NextBestViewPlanner()
     found: dict[str, list[float]] = {"score_200_ms": [], "next_view_ms": [], "take_in_ms": []}

@@ -44,8 +44,8 @@ def check(
     Exit 0 if all of it holds and the loop is closed, 1 if not, 2 if it is no certificate.
     """
     from oaisys_mapping.certificate.certificate import read_certificate
-    from oaisys_mapping.certificate.checking import check_content, check_limits
     from oaisys_mapping.certificate.signature import read_public_key
+    from oaisys_mapping.certificate.verification import check_content, check_limits
 
     certificate = read_certificate(file)
     signer = None if public_key is None else read_public_key(public_key)
@@ -73,7 +73,7 @@ def _measured_again(
     content: dict[str, Any], folder: Path, mesh: Path | None, truth: Path | None
 ) -> list[Any]:
     """Check the files, where they are, and measure again where both are."""
-    from oaisys_mapping.certificate.checking import Finding, check_file, measure_again
+    from oaisys_mapping.certificate.verification import CheckResult, check_file, measure_again
     from oaisys_mapping.evaluation.truth_io import read_truth
     from oaisys_mapping.mesh_io import read_ply
 
@@ -86,7 +86,7 @@ def _measured_again(
             paths[what] = path
     findings = [check_file(content, what, path) for what, path in paths.items()]
     findings += [
-        Finding(f"the {what}, which is not beside the certificate", None)
+        CheckResult(f"the {what}, which is not beside the certificate", None)
         for what in {"mesh", "truth"} - paths.keys()
     ]
     if len(paths) == 2:

@@ -19,10 +19,10 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.geometry import invert, pose_from_matrix
 from oaisys_core.types import DEPTH, SEMANTIC_0, Frame, TriangleMesh
 from oaisys_grpc.client.simulator_client import SimulatorClient
-from oaisys_mapping.certificate.checking import Finding, measure_again
+from oaisys_mapping.certificate.verification import CheckResult, measure_again
 from oaisys_mapping.certificate.view_files import views_from_json
 from oaisys_mapping.evaluation.truth_io import as_stored
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.voxels.rectification import rectified, rectified_camera, rectified_labels
 from oaisys_ros_bridge.experiments.processes import ManagedProcess
@@ -32,7 +32,7 @@ from oaisys_ros_bridge.experiments.system import CONFIG_FILE, START_TIMEOUT_S
 
 def render_and_compare(
     content: Mapping[str, Any], worker_python: Path | None, reporter: Reporter
-) -> list[Finding]:
+) -> list[CheckResult]:
     """Return what the figures of a map made anew say of those in a certificate.
 
     Args:
@@ -48,14 +48,14 @@ def render_and_compare(
     with tempfile.TemporaryDirectory(prefix="oaisys_certificate_") as folder:
         volume, truth, sha256 = _made_again(content, views, worker_python, Path(folder), reporter)
     said = content["facts"].get("config_sha256")
-    findings = [Finding("the simulator's own hash of the configuration", sha256 == said)]
+    findings = [CheckResult("the simulator's own hash of the configuration", sha256 == said)]
     classes = volume if volume.config.semantic else None
     return [*findings, *measure_again(content, volume.extract_mesh(), truth, classes)]
 
 
 def _made_again(
     content: Mapping[str, Any],
-    views: Sequence[View],
+    views: Sequence[PosedCamera],
     worker_python: Path | None,
     folder: Path,
     reporter: Reporter,
@@ -80,7 +80,7 @@ def _made_again(
 
 def _mapped(
     content: Mapping[str, Any],
-    views: Sequence[View],
+    views: Sequence[PosedCamera],
     simulator: SimulatorClient,
     reporter: Reporter,
 ) -> TsdfVolume:
@@ -113,7 +113,7 @@ def _mapped(
     return volume
 
 
-def _check_same_camera(frame: Frame, view: View) -> None:
+def _check_same_camera(frame: Frame, view: PosedCamera) -> None:
     camera = rectified_camera(frame.intrinsics)
     if not np.allclose(camera.K, view.intrinsics.K):
         raise InvalidInputError("FILE: views", view.intrinsics.K.tolist(), f"K {camera.K.tolist()}")

@@ -14,15 +14,23 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.types import SimulatorInfo, TriangleMesh
-from oaisys_mapping.certificate.certificate import CERTIFICATE_FILE, Statement, write_certificate
-from oaisys_mapping.certificate.perturbations import FaultRecord, PosedDepth, challenge
+from oaisys_mapping.certificate.certificate import (
+    CERTIFICATE_FILE,
+    CertificateContent,
+    write_certificate,
+)
+from oaisys_mapping.certificate.perturbations import (
+    PerturbationResult,
+    PosedDepth,
+    run_perturbation_tests,
+)
 from oaisys_mapping.certificate.signature import PrivateKey
 from oaisys_mapping.certificate.view_files import write_views
-from oaisys_mapping.evaluation.metrics import Evaluation, Extras, evaluate_against
+from oaisys_mapping.evaluation.evaluate import Evaluation, Extras, evaluate_against
 from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.evaluation.true_surface import TrueSurface, true_surface
 from oaisys_mapping.evaluation.truth_io import as_stored, write_truth
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
@@ -51,7 +59,7 @@ class Closure:
 
     evaluation: Evaluation
     mesh: ColoredMesh
-    faults: Sequence[FaultRecord]
+    faults: Sequence[PerturbationResult]
     certificate: dict[str, Any]
 
 
@@ -59,7 +67,7 @@ def measure_and_certify(
     options: SystemOptions,
     info: SimulatorInfo,
     truth: TriangleMesh,
-    views: Sequence[View],
+    views: Sequence[PosedCamera],
     frames: Sequence[PosedDepth],
     thresholds: Thresholds,
     key: PrivateKey | None,
@@ -88,14 +96,14 @@ def measure_and_certify(
     mesh = read_ply(out / MESH_FILE)
     voxel_size_m, rng = options.voxel_size_m, np.random.default_rng(info.seed)
     taus_m = tuple(share * voxel_size_m for share in TAUS_VOXELS)
-    with reporter.stages("measuring") as on_stage:
-        surface = true_surface(truth, views, voxel_size_m, options.max_range_m, rng, on_stage)
+    with reporter.stages("measuring") as on_progress:
+        surface = true_surface(truth, views, voxel_size_m, options.max_range_m, rng, on_progress)
         volume = _volume(options, mesh)
         classes = volume if mesh.class_ids is not None else None
-        extras = Extras(taus_m, volume, info.semantic_labels, classes, on_stage)
+        extras = Extras(taus_m, volume, info.semantic_labels, classes, on_progress)
         evaluation = evaluate_against(surface, mesh, voxel_size_m, rng, extras)
     faults = _challenged(frames, surface, thresholds, options, info.seed, reporter)
-    statement = Statement(
+    statement = CertificateContent(
         facts={**_facts(options, info), "world_seed": world_seed},
         config=json.loads((out / CONFIG_FILE).read_text(encoding="utf-8")),
         views=views,
@@ -130,12 +138,12 @@ def _challenged(
     options: SystemOptions,
     seed: int,
     reporter: Reporter,
-) -> list[FaultRecord]:
+) -> list[PerturbationResult]:
     if not frames:
         return []
     config = TsdfConfig(voxel_size_m=options.voxel_size_m, max_range_m=options.max_range_m)
     records = []
-    for record in challenge(frames, surface, thresholds, config, seed):
+    for record in run_perturbation_tests(frames, surface, thresholds, config, seed):
         word = "rejected" if record.rejected else "not rejected"
         reporter.say(f"fault {record.name} ({record.what}): {word}")
         records.append(record)

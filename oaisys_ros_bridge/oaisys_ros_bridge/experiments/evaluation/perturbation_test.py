@@ -14,8 +14,8 @@ from tf2_msgs.msg import TFMessage
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.certificate.certificate import CERTIFICATE_FILE, read_certificate
-from oaisys_mapping.certificate.perturbations import FaultRecord, PosedDepth
-from oaisys_mapping.certificate.perturbations import challenge as challenged
+from oaisys_mapping.certificate.perturbations import PerturbationResult, PosedDepth
+from oaisys_mapping.certificate.perturbations import run_perturbation_tests as challenged
 from oaisys_mapping.certificate.view_files import views_from_json
 from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.true_surface import true_surface
@@ -30,7 +30,7 @@ MAP_FRAME = "map"
 DEPTH_TOPIC = "/depth/image_raw"
 
 
-def challenge_bag(folder: Path, reporter: Reporter) -> list[FaultRecord]:
+def challenge_bag(folder: Path, reporter: Reporter) -> list[PerturbationResult]:
     """Return what becomes of the maps of a survey's frames, without and with each fault.
 
     Args:

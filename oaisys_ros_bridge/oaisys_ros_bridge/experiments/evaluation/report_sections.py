@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from oaisys_mapping.certificate.certificate import CERTIFICATE_FILE
-from oaisys_mapping.certificate.perturbations import FaultRecord
+from oaisys_mapping.certificate.perturbations import PerturbationResult
 from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
-from oaisys_mapping.report.report import Section
+from oaisys_mapping.report.report import ReportTable
 from oaisys_ros_bridge.experiments.evaluation.evaluation import Closure
 
 NOT_MEASURED = "–"
 
 
-def sections_of(closure: Closure) -> list[Section]:
+def sections_of(closure: Closure) -> list[ReportTable]:
     """Return the tables that there is something to fill with."""
     metrics = closure.evaluation.metrics
     sections = [_fault_section(closure.faults)] if closure.faults else []
@@ -23,7 +23,7 @@ def sections_of(closure: Closure) -> list[Section]:
     return [*sections, _completeness_section(metrics), _certificate_section(closure.certificate)]
 
 
-def _fault_section(faults: Sequence[FaultRecord]) -> Section:
+def _fault_section(faults: Sequence[PerturbationResult]) -> ReportTable:
     header = ("the same frames with", "RMSE", "median", "beside the truth", "completion")
     rows = [
         (
@@ -38,7 +38,7 @@ def _fault_section(faults: Sequence[FaultRecord]) -> Section:
         )
         for record in faults
     ]
-    return Section(
+    return ReportTable(
         "Deliberate faults",
         "What the certificate says of maps that were made of the same frames wrongly. All but the "
         "first row must be rejected.",
@@ -47,18 +47,18 @@ def _fault_section(faults: Sequence[FaultRecord]) -> Section:
     )
 
 
-def _class_section(metrics: ReconstructionMetrics) -> Section:
+def _class_section(metrics: ReconstructionMetrics) -> ReportTable:
     assert metrics.classes is not None
     rows = [
         (name, _percent(metrics.classes.share[name]), f"{iou:.3f}")
         for name, iou in metrics.classes.iou.items()
     ]
     note = "Labels of the map against those of the visible truth: intersection over union."
-    return Section("Classes", note, ("class", "share of the surface", "IoU"), rows)
+    return ReportTable("Classes", note, ("class", "share of the surface", "IoU"), rows)
 
 
-def _completeness_section(metrics: ReconstructionMetrics) -> Section:
-    field = metrics.field
+def _completeness_section(metrics: ReconstructionMetrics) -> ReportTable:
+    tsdf = metrics.tsdf
     rows = [
         ("share of the truth", _percent(metrics.visible_share), "100 %"),
         *(
@@ -69,8 +69,8 @@ def _completeness_section(metrics: ReconstructionMetrics) -> Section:
                 ("nothing along the normal", metrics.gap_ratio, metrics.gap_ratio_all),
                 (
                     "no distance known",
-                    field.unknown_share if field else None,
-                    field.unknown_share_all if field else None,
+                    tsdf.unknown_share if tsdf else None,
+                    tsdf.unknown_share_all if tsdf else None,
                 ),
             )
         ),
@@ -78,7 +78,7 @@ def _completeness_section(metrics: ReconstructionMetrics) -> Section:
         ("Chamfer distance", _mm(metrics.chamfer_m), _mm(metrics.chamfer_all_m)),
         ("F-score", _number(metrics.f_score), _number(metrics.f_score_all)),
     ]
-    return Section(
+    return ReportTable(
         "Completeness",
         "Of what the poses could see, which the mapper answers for, and of all the truth there is, "
         "objects' buried parts included, for which the planner answers too.",
@@ -87,7 +87,7 @@ def _completeness_section(metrics: ReconstructionMetrics) -> Section:
     )
 
 
-def _certificate_section(certificate: Mapping[str, Any]) -> Section:
+def _certificate_section(certificate: Mapping[str, Any]) -> ReportTable:
     content, signature = certificate["content"], certificate["signature"]
     rows = [
         ("verdict", content["verdict"]),
@@ -96,7 +96,7 @@ def _certificate_section(certificate: Mapping[str, Any]) -> Section:
         *((f"SHA-256 of {one['name']}", one["sha256"]) for one in content["files"].values()),
     ]
     note = f"{CERTIFICATE_FILE} ships with the world; oaisys certificate check tries it again."
-    return Section("Closure certificate", note, ("", ""), rows)
+    return ReportTable("Closure certificate", note, ("", ""), rows)
 
 
 def _mm(value: float | None) -> str:

@@ -19,9 +19,9 @@ from oaisys_core.types import DEPTH, FloatArray, Pose, TriangleMesh
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
 from oaisys_mapping.exploration.coverage_record import CoverageRecord
+from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.exploration.planners import make_planner
-from oaisys_mapping.exploration.voxel_map import Bounds
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply
 from oaisys_mapping.voxels.rectification import rectified_camera

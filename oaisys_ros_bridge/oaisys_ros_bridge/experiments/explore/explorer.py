@@ -20,13 +20,13 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 
 from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.types import FloatArray, Pose
+from oaisys_mapping.exploration.occupancy_map import Bounds, OccupancyMap
 from oaisys_mapping.exploration.planner import (
     Planner,
     Situation,
     Vehicle,
     level_poses_towards,
 )
-from oaisys_mapping.exploration.voxel_map import Bounds, VoxelMap
 from oaisys_mapping.voxels.rectification import rectified, rectified_camera
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.conversions import pose_to_msg
@@ -201,7 +201,7 @@ class Exploration:
         voxels: What was observed.
     """
 
-    voxels: VoxelMap
+    voxels: OccupancyMap
     poses: list[Pose] = field(default_factory=list)
     path_m: list[float] = field(default_factory=list)
     plan_s: list[float] = field(default_factory=list)
@@ -234,7 +234,7 @@ def explore(
         rng: The planner's.
         goes_on: Told after every view; says whether to go on.
     """
-    found = Exploration(VoxelMap(bounds, voxel_size_m))
+    found = Exploration(OccupancyMap(bounds, voxel_size_m))
     found.voxels.set_free(start.position_m, vehicle.radius_m + 2 * voxel_size_m)
     pose, flown_m, refused = start, 0.0, 0
     way_m = np.array([start.position_m])
@@ -268,7 +268,7 @@ def explore(
     return found
 
 
-def _take_in(voxels: VoxelMap, frame: DepthFrame, vehicle: Vehicle) -> None:
+def _take_in(voxels: OccupancyMap, frame: DepthFrame, vehicle: Vehicle) -> None:
     depth_m, _ = rectified(frame.depth_m, None, frame.intrinsics)
     camera = rectified_camera(frame.intrinsics)
     voxels.integrate(depth_m, camera, frame.T_map_camera, vehicle.max_range_m)
@@ -280,7 +280,7 @@ def _way_to(situation: Situation, pose: Pose) -> FloatArray:
     Raises:
         OaisysError: There is none: a planner must not ask for such a pose.
     """
-    way_m = situation.way_m(np.asarray(pose.position_m))
+    way_m = situation.path_m(np.asarray(pose.position_m))
     if way_m is None:
         place = np.round(pose.position_m, 2).tolist()
         raise OaisysError(f"the planner asked for {place}, to which no way is known to be free")

@@ -13,9 +13,9 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.certificate.signature import PrivateKey
+from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle, level_pose
-from oaisys_mapping.exploration.planners import OWN
-from oaisys_mapping.exploration.voxel_map import Bounds
+from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS
 from oaisys_ros_bridge.experiments.system import SystemOptions
 
 PACKAGE = "oaisys_ros_bridge"
@@ -78,7 +78,7 @@ def planners_of(text: str, *, compare: bool) -> tuple[str, ...]:
     names = [name.strip() for name in text.split(",") if name.strip()]
     if not names:
         raise InvalidInputError("--planner", text, "names with commas between them")
-    ours = tuple(OWN)
+    ours = tuple(BUILT_IN_PLANNERS)
     named = [each for name in names for each in (ours if name == ALL_PLANNERS else (name,))]
     return tuple(dict.fromkeys((*named, *(ours if compare else ()))))
 

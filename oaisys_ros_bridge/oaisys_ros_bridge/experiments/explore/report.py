@@ -11,11 +11,11 @@ from typing import Any
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import SimulatorInfo, TriangleMesh
 from oaisys_mapping.evaluation.thresholds import exploration_thresholds
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.report.report import GOAL, SurveyReport, write_report
+from oaisys_mapping.report.report import COVERAGE_GOAL, SurveyReport, write_report
 from oaisys_ros_bridge.experiments.evaluation.evaluation import measure_and_certify
 from oaisys_ros_bridge.experiments.evaluation.report_sections import sections_of
 from oaisys_ros_bridge.experiments.explore.explorer import Exploration
@@ -55,7 +55,7 @@ def write_explore_report(
     """
     vehicle = measured.vehicle
     views = [
-        View(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera)
+        PosedCamera(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera)
         for pose in measured.found.poses
     ]
     thresholds = exploration_thresholds(options.voxel_size_m)
@@ -84,8 +84,8 @@ def write_explore_report(
         config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
         coverage=records,
         cameras=views,
-        sections=sections_of(closure),
-        lacks=lacks,
+        tables=sections_of(closure),
+        losses=lacks,
     )
     write_report(report, options.out)
     say_result(report, options, reporter)
@@ -100,7 +100,9 @@ def _facts(records: Sequence[CoverageRecord]) -> dict[str, Any]:
         "path_length_m": first.path_m[-1],
         "seconds_to_plan": first.plan_s,
         "explorations": [
-            asdict(record) | {"views_to_90": record.views_to(GOAL)} for record in records
+            asdict(record) | {"views_to_90": record.views_to(COVERAGE_GOAL)} for record in records
         ],
-        "planners": {result.planner: asdict(result) for result in planner_results(records, GOAL)},
+        "planners": {
+            result.planner: asdict(result) for result in planner_results(records, COVERAGE_GOAL)
+        },
     }

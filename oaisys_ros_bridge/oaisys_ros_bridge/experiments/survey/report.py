@@ -9,7 +9,7 @@ from typing import Any
 
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SimulatorInfo
 from oaisys_mapping.evaluation.thresholds import survey_thresholds
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.report.report import SurveyReport, ViewRecord
 from oaisys_ros_bridge.experiments.evaluation.evaluation import Closure
 from oaisys_ros_bridge.experiments.evaluation.report_sections import sections_of
@@ -23,7 +23,7 @@ def survey_report(
     options: SurveyOptions,
     info: SimulatorInfo,
     closure: Closure,
-    views: Sequence[View],
+    views: Sequence[PosedCamera],
     received: Sequence[ReceivedView],
     seconds_total: float,
     lacks: Sequence[str] = (),
@@ -43,8 +43,8 @@ def survey_report(
         command=shlex.join(options.command),
         config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
         cameras=views,
-        sections=sections_of(closure),
-        lacks=lacks,
+        tables=sections_of(closure),
+        losses=lacks,
     )
 
 

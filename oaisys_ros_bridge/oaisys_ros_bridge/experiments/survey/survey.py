@@ -19,7 +19,7 @@ from oaisys_core.types import DEPTH, Pose, SensorInfo
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_mapping.certificate.perturbations import PosedDepth
 from oaisys_mapping.evaluation.thresholds import survey_thresholds
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.report.report import write_report
 from oaisys_mapping.voxels.rectification import rectified_camera
 from oaisys_ros_bridge.experiments.evaluation.evaluation import (
@@ -114,14 +114,14 @@ def _viewpoints(plan: SurveyPlan, simulator: SimulatorClient) -> list[Pose]:
     ]
 
 
-def _views(sensor: SensorInfo, poses: Sequence[Pose]) -> list[View]:
+def _views(sensor: SensorInfo, poses: Sequence[Pose]) -> list[PosedCamera]:
     """Return the cameras as the mapper rectifies them: a pose is that of the sensor's link."""
     camera = rectified_camera(sensor.intrinsics)
-    return [View(camera, pose_to_matrix(pose) @ T_LINK_OPTICAL) for pose in poses]
+    return [PosedCamera(camera, pose_to_matrix(pose) @ T_LINK_OPTICAL) for pose in poses]
 
 
 def _frames(
-    sensor: SensorInfo, views: Sequence[View], received: Sequence[ReceivedView]
+    sensor: SensorInfo, views: Sequence[PosedCamera], received: Sequence[ReceivedView]
 ) -> list[PosedDepth]:
     """Return the depth images that came, each with the camera and the pose it was taken with."""
     return [

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import depth_to_points, pose_from_matrix
 from oaisys_core.types import FloatArray, ShortRepr
-from oaisys_mapping.evaluation.visibility import View
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
 from oaisys_mapping.report.mesh_viewer import thinned
@@ -42,7 +42,7 @@ OVERVIEW_M = (-22.0, -28.0, 22.0)
 
 
 @dataclass(frozen=True, repr=False)
-class SeenView(ShortRepr):
+class PosedImages(ShortRepr):
     """What a camera saw at one time.
 
     Attributes:
@@ -57,10 +57,10 @@ class SeenView(ShortRepr):
     rgb: NDArray[np.uint8] | None
     depth_m: NDArray[np.float32] | None
     semantic_ids: NDArray[np.uint16] | None
-    camera: View
+    camera: PosedCamera
 
 
-class LiveView:
+class WebViewer:
     """Serves the page; use it in a ``with`` block.
 
     Attributes:
@@ -119,7 +119,7 @@ class LiveView:
         shown = "localhost" if host in ("0.0.0.0", "::") else host  # noqa: S104
         return f"http://{shown}:{self._server.get_port()}"
 
-    def add(self, view: SeenView) -> None:
+    def add(self, view: PosedImages) -> None:
         """Show a view: its camera and cloud in the scene, its images at the side."""
         self._views += 1
         with self._server.atomic():
@@ -153,7 +153,7 @@ class LiveView:
         """Write the scene as it is now as a page that needs neither a server nor a network."""
         path.write_text(self._server.scene.as_html(), encoding="utf-8")
 
-    def _add_camera(self, view: SeenView) -> None:
+    def _add_camera(self, view: PosedImages) -> None:
         camera = view.camera.intrinsics
         T_map_camera = view.camera.T_map_camera
         handle = self._server.scene.add_camera_frustum(
@@ -172,10 +172,10 @@ class LiveView:
         while len(self._cameras) > MOST_CAMERAS:
             self._cameras.popleft().remove()
 
-    def _show_cloud(self, view: SeenView) -> None:
+    def _show_cloud(self, view: PosedImages) -> None:
         if view.depth_m is None:
             return
-        points_m, colors_rgb = cloud_of(view, self._max_range_m, MOST_POINTS)
+        points_m, colors_rgb = point_cloud_of(view, self._max_range_m, MOST_POINTS)
         T_map_camera = view.camera.T_map_camera
         self._cloud = self._server.scene.add_point_cloud(
             "/cloud",
@@ -187,7 +187,7 @@ class LiveView:
             visible=self._shown["cloud"].value,
         )
 
-    def _show_images(self, view: SeenView) -> None:
+    def _show_images(self, view: PosedImages) -> None:
         images: dict[str, NDArray[np.uint8]] = {}
         if view.rgb is not None:
             images["colour"] = view.rgb
@@ -201,7 +201,7 @@ class LiveView:
             else:
                 self._images[name] = self._server.gui.add_image(image, label=name, format="jpeg")
 
-    def _tell(self, view: SeenView) -> None:
+    def _tell(self, view: PosedImages) -> None:
         x_m, y_m, z_m = view.camera.T_map_camera[:3, 3]
         self._facts.content = (
             f"**{self._views}** views; the newest, {view.name}, from "
@@ -218,7 +218,9 @@ class LiveView:
             self._cloud.visible = chosen["cloud"]
 
 
-def cloud_of(view: SeenView, max_range_m: float, most: int) -> tuple[FloatArray, NDArray[np.uint8]]:
+def point_cloud_of(
+    view: PosedImages, max_range_m: float, most: int
+) -> tuple[FloatArray, NDArray[np.uint8]]:
     """Return at most so many (N, 3) points in the optical frame and their (N, 3) colours.
 
     Raises:

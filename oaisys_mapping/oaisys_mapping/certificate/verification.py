@@ -24,7 +24,7 @@ from oaisys_mapping.certificate.certificate import (
 )
 from oaisys_mapping.certificate.signature import is_signature_of
 from oaisys_mapping.certificate.view_files import views_from_json
-from oaisys_mapping.evaluation.metrics import Extras, evaluate_reconstruction
+from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
 from oaisys_mapping.evaluation.semantics import ClassField
 from oaisys_mapping.evaluation.thresholds import (
     Criterion,
@@ -56,7 +56,7 @@ USUAL: Mapping[str, Callable[[float], Thresholds]] = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckResult:
     """One thing that was checked.
 
     Attributes:
@@ -72,7 +72,9 @@ class Finding:
         return f"{word}: {self.what}"
 
 
-def check_content(certificate: Mapping[str, Any], public_key: str | None = None) -> list[Finding]:
+def check_content(
+    certificate: Mapping[str, Any], public_key: str | None = None
+) -> list[CheckResult]:
     """Check what a certificate says of itself.
 
     Args:
@@ -84,41 +86,44 @@ def check_content(certificate: Mapping[str, Any], public_key: str | None = None)
     """
     content = certificate["content"]
     is_whole = certificate.get("sha256") == content_sha256(content)
-    findings = [Finding("the hash over the content", is_whole), _signature(certificate, public_key)]
+    findings = [
+        CheckResult("the hash over the content", is_whole),
+        _signature(certificate, public_key),
+    ]
     config = hashlib.sha256(canonical(_part(content, "config"))).hexdigest()
     agrees = config == _part(content, "facts").get("config_sha256")
-    findings.append(Finding("the hash of the configuration", agrees))
+    findings.append(CheckResult("the hash of the configuration", agrees))
     return [*findings, *_verdict(content)]
 
 
-def _signature(certificate: Mapping[str, Any], public_key: str | None) -> Finding:
+def _signature(certificate: Mapping[str, Any], public_key: str | None) -> CheckResult:
     signature = certificate.get("signature")
     if signature is None:
-        return Finding("it is not signed", None if public_key is None else False)
+        return CheckResult("it is not signed", None if public_key is None else False)
     if not is_signature_of(signature, canonical(certificate["content"])):
-        return Finding("the signature", False)
+        return CheckResult("the signature", False)
     signer = signature["public_key"]
     if public_key is None:
-        return Finding(f"the signature of {signer}; whether to trust it is yours to say", True)
-    return Finding(f"signed by {signer}, expected {public_key}", signer == public_key)
+        return CheckResult(f"the signature of {signer}; whether to trust it is yours to say", True)
+    return CheckResult(f"signed by {signer}, expected {public_key}", signer == public_key)
 
 
-def _verdict(content: Mapping[str, Any]) -> list[Finding]:
+def _verdict(content: Mapping[str, Any]) -> list[CheckResult]:
     """Check that criteria are of the figures, and the verdict of the criteria."""
     figures = _part(content, "figures")
     criteria = _criteria(content)
     missing = set(NEEDED) - {one.name for one in criteria}
-    findings = [Finding(f"a limit on {name}", False) for name in sorted(missing)]
+    findings = [CheckResult(f"a limit on {name}", False) for name in sorted(missing)]
     for one in criteria:
         is_same = figures.get(one.name) == one.value
-        findings.append(Finding(f"{one}", is_same and one.holds))
+        findings.append(CheckResult(f"{one}", is_same and one.holds))
     said = content.get("verdict")
     follows = CLOSED if all(one.holds for one in criteria) else OPEN
-    findings.append(Finding(f"the verdict, {said}, follows from the criteria", said == follows))
+    findings.append(CheckResult(f"the verdict, {said}, follows from the criteria", said == follows))
     for record in content.get("faults", []):
         is_right = bool(record["rejected"]) == (record["name"] != "none")
         word = "rejected" if record["rejected"] else "not rejected"
-        findings.append(Finding(f"fault {record['name']}: {word}", is_right))
+        findings.append(CheckResult(f"fault {record['name']}: {word}", is_right))
     return findings
 
 
@@ -132,7 +137,7 @@ def _criteria(content: Mapping[str, Any]) -> list[Criterion]:
         raise InvalidInputError("FILE: criteria", str(error), "name, value, limit") from error
 
 
-def check_limits(content: Mapping[str, Any], *, allow_loosened: bool = False) -> list[Finding]:
+def check_limits(content: Mapping[str, Any], *, allow_loosened: bool = False) -> list[CheckResult]:
     """Compare a certificate's limits with those that `oaisys` asks for.
 
     A limit that is missing, as in certificates from before it was asked for, is one that was
@@ -163,10 +168,10 @@ def check_limits(content: Mapping[str, Any], *, allow_loosened: bool = False) ->
             what = f"LOOSENED: nothing is asked of {one.name}; usual for {experiment}: {one}"
         else:
             continue
-        findings.append(Finding(what, None if allow_loosened else False))
+        findings.append(CheckResult(what, None if allow_loosened else False))
     if not findings:
         findings.append(
-            Finding(f"the limits are at least as tight as usual for {experiment}", True)
+            CheckResult(f"the limits are at least as tight as usual for {experiment}", True)
         )
     return findings
 
@@ -177,10 +182,10 @@ def _experiment(content: Mapping[str, Any]) -> str:
     return EXPLORATION if "explore" in words else SURVEY
 
 
-def check_file(content: Mapping[str, Any], what: str, path: Path) -> Finding:
+def check_file(content: Mapping[str, Any], what: str, path: Path) -> CheckResult:
     """Check that a file is the one that a certificate names as its ``mesh`` or ``truth``."""
     said = _part(_part(content, "files"), what)
-    return Finding(f"the hash of {what} {path}", file_sha256(path) == said.get("sha256"))
+    return CheckResult(f"the hash of {what} {path}", file_sha256(path) == said.get("sha256"))
 
 
 def measure_again(
@@ -188,7 +193,7 @@ def measure_again(
     mesh: ColoredMesh,
     truth: TriangleMesh,
     classes: ClassField | None = None,
-) -> list[Finding]:
+) -> list[CheckResult]:
     """Measure a map against a truth as the certificate says it was, and compare the figures.
 
     Args:
@@ -220,14 +225,14 @@ def measure_again(
     ]
 
 
-def _compared(name: str, said: float, found: float | None) -> Finding:
+def _compared(name: str, said: float, found: float | None) -> CheckResult:
     if found is None:
-        return Finding(f"{name}: {said:.6g} in the certificate, cannot be measured", False)
+        return CheckResult(f"{name}: {said:.6g} in the certificate, cannot be measured", False)
     allowed = RATIO_TOLERANCE
     if name.endswith(("_m", "_m2")):
         allowed = LENGTH_TOLERANCE_M + RELATIVE_TOLERANCE * abs(said)
     what = f"{name}: {said:.6g} in the certificate, {found:.6g} measured again (± {allowed:.2g})"
-    return Finding(what, abs(found - said) <= allowed)
+    return CheckResult(what, abs(found - said) <= allowed)
 
 
 def _part(content: Mapping[str, Any], name: str) -> Any:

@@ -10,17 +10,17 @@ from typing import Self
 from rich.console import Console
 from rich.status import Status
 
-StageListener = Callable[[str], None]
+ProgressCallback = Callable[[str], None]
 """Called with what is done now, such as ``views 3 of 30``."""
 
 LINE_EVERY_S = 5.0
 
 
-def ignore_stage(stage: str) -> None:
+def ignore_progress(stage: str) -> None:
     """Do nothing with it."""
 
 
-class StageLines:
+class ProgressDisplay:
     """Shows stages on standard error: on a terminal in one line that moves, else as plain lines.
 
     Use it in a ``with`` block and call it with each stage. A plain line is printed for the first

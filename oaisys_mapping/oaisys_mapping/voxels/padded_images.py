@@ -27,7 +27,7 @@ LEAST_COSINE = 0.05
 
 
 @dataclass(frozen=True)
-class Observation:
+class PaddedImages:
     """A view's images, flat and with a border of one pixel that says nothing.
 
     A voxel's pixel is the one whose centre is nearest; all that fall outside are sent to the
@@ -74,7 +74,7 @@ class Observation:
         return to_map, -inverse @ offset
 
 
-def observation(
+def padded_images(
     depth_m: NDArray[np.float32],
     rgb: NDArray[np.uint8] | None,
     labels: NDArray[np.uint16] | None,
@@ -85,8 +85,8 @@ def observation(
     weighting: str,
     by_incidence: bool,
     clears: bool,
-) -> Observation:
-    """Return a view made ready; see `Observation` and `TsdfConfig`."""
+) -> PaddedImages:
+    """Return a view made ready; see `PaddedImages` and `TsdfConfig`."""
     with np.errstate(invalid="ignore"):
         is_near = (depth_m > 0) & (depth_m < max_range_m)
         is_beyond = depth_m >= max_range_m
@@ -100,7 +100,7 @@ def observation(
     K = camera.K
     K[:2, 2] += 1.5  # half a pixel makes truncation rounding; one is the border
     T_camera_map = invert(T_map_camera)
-    return Observation(
+    return PaddedImages(
         stride=camera.width_px + 2,
         rows=camera.height_px + 2,
         depth_m=_bordered(told.astype(np.float32), UNKNOWN_M),
@@ -155,7 +155,7 @@ class FreeSpace:
     the box is large.
     """
 
-    def __init__(self, seen: Observation, voxel_size_m: float) -> None:
+    def __init__(self, seen: PaddedImages, voxel_size_m: float) -> None:
         free_m = seen.free_m
         self._height, self._width = free_m.shape
         self._last = np.array((self._width - 1, self._height - 1))

@@ -24,9 +24,7 @@ from oaisys_mapping.voxels.blocks import (
     packed,
     unpacked,
 )
-from oaisys_mapping.voxels.observation import FreeSpace
-
-WHEN_FULL = ("refuse", "drop", "store")
+from oaisys_mapping.voxels.padded_images import FreeSpace
 
 ROOM_SHARE = 0.1
 """Share of the blocks that goes at a time where there is no more room."""
@@ -48,7 +46,7 @@ def check_room(needed: int, most_blocks: int) -> None:
 
 
 @dataclass(frozen=True)
-class Readied:
+class ViewBlocks:
     """Blocks made ready for a view.
 
     Attributes:
@@ -63,7 +61,7 @@ class Readied:
     gone: Coordinates
 
 
-class WorkingSet:
+class BlockCache:
     """Blocks in memory, as many as allowed, and the store behind them.
 
     Args:
@@ -125,7 +123,7 @@ class WorkingSet:
 
     def make_ready(
         self, near: Coordinates, clears: FreeSpace | None, camera_m: FloatArray
-    ) -> Readied:
+    ) -> ViewBlocks:
         """Bring blocks into memory that a view shows a surface in or passes through.
 
         Args:
@@ -149,7 +147,7 @@ class WorkingSet:
                 self._blocks.arrays[name][slots[is_stored]] = rows
         if clears is not None:
             wanted, slots = self._with_passed(wanted, slots, clears)
-        return Readied(wanted, slots, restored, gone)
+        return ViewBlocks(wanted, slots, restored, gone)
 
     def add(self, coordinates: Coordinates) -> Slots:
         """Return the (N,) slots of (N, 3) blocks; of those that are missing, as many as have room.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from oaisys_core.types import FloatArray
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, Coordinates, Slots, packed, unpacked
-from oaisys_mapping.voxels.fusing import POOL
+from oaisys_mapping.voxels.integration import POOL
 from oaisys_mapping.voxels.marching_cubes import (
     NEIGHBOURS,
     REGION_BLOCKS,
@@ -50,7 +50,7 @@ class _Piece:
     shared_key: NDArray[np.int64]
 
 
-class BlockMesh:
+class IncrementalMesh:
     """The surfaces of regions of blocks, and which of them are out of date.
 
     Args:

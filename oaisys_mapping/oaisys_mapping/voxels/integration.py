@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, VOXELS, Coordinates, Slots
-from oaisys_mapping.voxels.observation import Observation
+from oaisys_mapping.voxels.padded_images import PaddedImages
 from oaisys_mapping.voxels.semantic_fusion import fuse_classes
 
 PART_BLOCKS = 192
@@ -58,7 +58,7 @@ _FOUR = np.complex128
 
 
 @dataclass(frozen=True)
-class FusionRules:
+class IntegrationRules:
     """What holds for all views.
 
     Attributes:
@@ -84,12 +84,12 @@ def voxel_offsets() -> NDArray[np.int64]:
     )
 
 
-def fuse(
+def integrate_view(
     arrays: Mapping[str, NDArray[Any]],
     coordinates: Coordinates,
     slots: Slots,
-    seen: Observation,
-    rules: FusionRules,
+    seen: PaddedImages,
+    rules: IntegrationRules,
 ) -> NDArray[np.bool_]:
     """Take a view into blocks; return (N,) which of them it said something about."""
     parts = range(0, len(slots), PART_BLOCKS)
@@ -102,8 +102,8 @@ def _fuse_part(
     arrays: Mapping[str, NDArray[Any]],
     coordinates: Coordinates,
     slots: Slots,
-    seen: Observation,
-    rules: FusionRules,
+    seen: PaddedImages,
+    rules: IntegrationRules,
     first: int,
 ) -> NDArray[np.bool_]:
     slots = slots[first : first + PART_BLOCKS]
@@ -163,7 +163,7 @@ def _closeness(voxels_ahead: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _projected(
-    coordinates: Coordinates, seen: Observation, rules: FusionRules
+    coordinates: Coordinates, seen: PaddedImages, rules: IntegrationRules
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], tuple[float, float]]:
     """Return (N, `VOXELS`) flat pixels and depths of all voxels, and the depths' extremes."""
     matrix, offset = seen.to_pixel
@@ -185,7 +185,7 @@ def _average(
     slots: Slots,
     distance: NDArray[np.float32],
     told: NDArray[np.float32],
-    rules: FusionRules,
+    rules: IntegrationRules,
 ) -> None:
     mean, weight = arrays["tsdf"][slots], arrays["weight"][slots]
     weight += told
@@ -202,7 +202,7 @@ def _describe(
     voxels: NDArray[np.int64],
     pixels: NDArray[np.int32],
     told: NDArray[np.float32],
-    seen: Observation,
+    seen: PaddedImages,
     closeness: NDArray[np.float32] | None,
 ) -> None:
     """Take colour and classes into the voxels near the surface, by their flat numbers."""

@@ -45,7 +45,7 @@ class Bounds:
             raise InvalidInputError("bounds", corners.tolist(), "a finite box, low below high")
 
 
-class VoxelMap:
+class OccupancyMap:
     """A dense grid over a box.
 
     Attributes:

@@ -19,7 +19,7 @@ CLIP_VOXELS = 3
 """Errors count as at most this."""
 
 
-class DistanceField(Protocol):
+class SignedDistanceMap(Protocol):
     """A map that knows signed distances to the surface where it was observed."""
 
     def distance_at(self, points_m: FloatArray) -> FloatArray:
@@ -33,7 +33,7 @@ class DistanceField(Protocol):
 
 
 @dataclass(frozen=True)
-class FieldMetrics:
+class TsdfMetrics:
     """Figures of a distance field.
 
     Attributes:
@@ -50,7 +50,9 @@ class FieldMetrics:
     observed_volume_m3: float
 
 
-def field_metrics(surface: TrueSurface, volume: DistanceField, voxel_size_m: float) -> FieldMetrics:
+def tsdf_metrics(
+    surface: TrueSurface, volume: SignedDistanceMap, voxel_size_m: float
+) -> TsdfMetrics:
     """Return the figures of a map of a true surface."""
     at_truth_m = volume.distance_at(surface.visible.points_m)
     known_m = at_truth_m[np.isfinite(at_truth_m)]
@@ -58,7 +60,7 @@ def field_metrics(surface: TrueSurface, volume: DistanceField, voxel_size_m: flo
     parts = [(at_truth_m, surface.visible.area_m2)]
     parts += [(volume.distance_at(p.points_m), p.area_m2) for p in surface.unseen]
     unknown_m2 = sum(float((~np.isfinite(at_m)).sum()) * area_m2 for at_m, area_m2 in parts)
-    return FieldMetrics(
+    return TsdfMetrics(
         tsdf_rmse_m=float(np.sqrt(np.square(error_m).mean())) if len(known_m) else None,
         unknown_share=1 - len(known_m) / len(at_truth_m),
         unknown_share_all=unknown_m2 / sum(len(at_m) * area_m2 for at_m, area_m2 in parts),
