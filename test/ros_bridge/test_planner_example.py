@@ -18,7 +18,7 @@ from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.qos import SENSOR_QOS
 
 ROOT = Path(__file__).resolve().parents[2]
-PLANNER = ROOT / "examples" / "planner.py"
+PLANNER = ROOT / "examples" / "03_planner.py"
 SAMPLES = "oaisys_bridge/sample_info"
 
 

@@ -1,6 +1,6 @@
-"""A planner in its shortest form: asks the bridge for views from a few poses, one after another.
+"""A planner over ROS 2: asks the bridge for views from a few poses, one after another.
 
-    python examples/planner.py [--timeout SECONDS]
+    python examples/03_planner.py [--timeout SECONDS]
 
 It knows ROS 2 and `oaisys_msgs` alone, may be started before the bridge, and waits for nothing
 without a deadline. Exit 0: all views were rendered; 1: it says which was not, and why.

@@ -1,0 +1,113 @@
+"""The numbered examples, run as a user runs them: from another folder, with a small world."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from PIL import Image
+from served_simulator import Server
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+NUMBERED = sorted(path.name for path in EXAMPLES.glob("[0-9]*.py"))
+LONGER = {"03_planner.py"}
+"""It says of each view that fails why it did; test/ros_bridge/test_planner_example.py runs it."""
+TIMEOUT_S = 400.0
+
+SMALL_WORLD = {
+    "seed": 4,
+    "backend": "analytic",
+    "stage": {"extent_m": 30, "resolution_px": 301},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 128}},
+    "assets": {"rocks": [{"count": [60, 60], "size_m": [0.3, 1.0]}]},
+    "sensors": {"cameras": [{"width_px": 64, "height_px": 48, "fx_px": 54.114, "fy_px": 54.114}]},
+}
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Path:
+    path = tmp_path / "world.yaml"
+    path.write_text(yaml.safe_dump(SMALL_WORLD), encoding="utf-8")
+    return path
+
+
+def run(name: str, folder: Path, *arguments: str, **environment: str) -> str:
+    """Return what an example prints; it must end with exit code 0."""
+    ended = subprocess.run(
+        [sys.executable, str(EXAMPLES / name), *arguments],
+        cwd=folder,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
+
+
+@pytest.mark.parametrize("name", NUMBERED)
+def test_an_example_is_short_and_says_how_it_is_run(name: str) -> None:
+    text = (EXAMPLES / name).read_text(encoding="utf-8")
+    docstring = ast.get_docstring(ast.parse(text)) or ""
+    assert f"python examples/{name}" in docstring
+    assert 15 <= len(text.splitlines()) <= 40 or name in LONGER
+
+
+def test_the_examples_are_numbered_without_a_gap() -> None:
+    assert [int(name[:2]) for name in NUMBERED] == list(range(1, len(NUMBERED) + 1))
+
+
+def test_one_view(world: Path, tmp_path: Path) -> None:
+    output = run("01_one_view.py", tmp_path, str(world))
+    assert "camera depth: float32 (48, 64)" in output
+    assert re.search(r"nearest \d+\.\d\d m, sky \d+% of the image", output)
+    assert Image.open(tmp_path / "one_view.png").size == (64, 48)
+
+
+@pytest.mark.usefixtures("no_process_left")
+def test_over_grpc(tmp_path: Path) -> None:
+    server = Server(tmp_path / "server", SMALL_WORLD, [], {})
+    try:
+        output = run("02_over_grpc.py", tmp_path, server.address)
+    finally:
+        server.end()
+    assert "sample 1: median depth" in output
+    arrived = re.findall(r"sample 2: (\w+) is here", output)
+    assert sorted(arrived) == ["depth", "instance", "rgb", "semantic_0"]
+    assert arrived[-1] == "rgb"
+    assert "refused: pose.position" in output
+
+
+def test_own_world(tmp_path: Path) -> None:
+    output = run("04_own_world.py", tmp_path)
+    middle_m, given_m = re.findall(r"\[(\S+) .*given: (\S+) m", output)[0]
+    assert float(middle_m) == pytest.approx(float(given_m), abs=0.02)
+    assert "stereo_left depth" in output
+    assert "stereo_right rgb" in output
+
+
+def test_labels(world: Path, tmp_path: Path) -> None:
+    output = run("05_labels.py", tmp_path, str(world))
+    shares = re.findall(r"(\w+): (\S+)%", output)
+    assert {name for name, _ in shares} == {"gravel", "sand", "rock"}
+    assert sum(float(share) for _, share in shares) == pytest.approx(100, abs=0.3)
+    seen, total = map(int, re.findall(r"(\d+) of (\d+) things", output)[0])
+    assert 0 < seen <= total == 60
+
+
+@pytest.mark.ros
+@pytest.mark.usefixtures("no_process_left")
+def test_survey(world: Path, tmp_path: Path, ros_domain_id: int) -> None:
+    output = run("06_survey.py", tmp_path, str(world), ROS_DOMAIN_ID=str(ros_domain_id))
+    assert "verdict: the map agrees with the world" in output
+    folder = tmp_path / "out" / "survey_from_python"
+    assert json.loads((folder / "report.json").read_text(encoding="utf-8"))["closed"] is True
+    assert (folder / "certificate.json").is_file()
