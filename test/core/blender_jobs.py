@@ -130,7 +130,7 @@ def moves() -> dict[str, tuple[int, NDArray[Any], NDArray[Any]]]:
         backend.update(now)
         image = backend.render([view], wanted, ignore)[0].data
         count = marks[-1]
-        backend._cycles.forget()
+        backend._cycles.free_persistent_data()
         alone = backend.render([view], wanted, ignore)[0].data
         found[name] = (count, image, alone)
         # The next change shall meet a session that has rendered this one.

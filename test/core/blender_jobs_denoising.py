@@ -13,7 +13,7 @@ from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.backend.blender import BlenderBackend, cycles
 from oaisys_core.backend.blender.denoiser import blenders_denoiser
-from oaisys_core.backend.blender.time_budget import EFFORTS
+from oaisys_core.backend.blender.time_budget import DENOISING_COSTS
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.types import RGB
 
@@ -21,20 +21,21 @@ Image = NDArray[np.float32]
 
 
 def denoised(color: Image, albedo: Image, normal: Image) -> dict[str, Any]:
-    """A picture by each effort, again after others, and what is said about guides of another."""
+    """A picture by each denoising, again after others, and what is said about guides of another."""
     denoiser = blenders_denoiser()
     if denoiser is None:
         raise AssertionError("Blender came without its denoiser")
     found: dict[str, Any] = {
-        effort: denoiser.denoised(color, albedo, normal, effort) for effort in EFFORTS
+        denoising: denoiser.denoise(color, albedo, normal, denoising)
+        for denoising in DENOISING_COSTS
     }
-    dark = denoiser.denoised(0.5 * color, albedo, normal, "fast")
-    found["after another"] = denoiser.denoised(color, albedo, normal, "fast")
-    denoiser.denoised(color[1:], albedo[1:], normal[1:], "fast")
-    found["after another size"] = denoiser.denoised(color, albedo, normal, "fast")
+    dark = denoiser.denoise(0.5 * color, albedo, normal, "fast")
+    found["after another"] = denoiser.denoise(color, albedo, normal, "fast")
+    denoiser.denoise(color[1:], albedo[1:], normal[1:], "fast")
+    found["after another size"] = denoiser.denoise(color, albedo, normal, "fast")
     found["dark"] = dark
     try:
-        denoiser.denoised(color, albedo[1:], normal, "thorough")
+        denoiser.denoise(color, albedo[1:], normal, "thorough")
     except ValueError as error:
         found["error"] = str(error)
     return found

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.raycast.embree import blenders_embree
-from oaisys_core.backend.raycast.instance_arrays import Shapes, Standing
+from oaisys_core.backend.raycast.instance_arrays import PlacedPrototype, PrototypeMeshes
 from oaisys_core.backend.raycast.instances import InstanceCaster
 from oaisys_core.backend.raycast.triangles import RayCaster
 from oaisys_core.types import FloatArray, TriangleMesh
@@ -20,17 +20,19 @@ from oaisys_core.types import FloatArray, TriangleMesh
 Rays = tuple[FloatArray, FloatArray, FloatArray | None]
 
 
-def casts(standing: Sequence[Standing], views: Sequence[Rays], xy_m: FloatArray) -> dict[str, Any]:
+def casts(
+    placed: Sequence[PlacedPrototype], views: Sequence[Rays], xy_m: FloatArray
+) -> dict[str, Any]:
     """Return what rays find by Embree's own instances, and heights.
 
     Args:
-        standing: The instances.
+        placed: The instances.
         views: Origins, directions and limits of `InstanceCaster.intersect`.
         xy_m: (N, 2) where heights are asked for.
     """
     embree = blenders_embree()
     assert embree is not None
-    caster = InstanceCaster(standing, Shapes(), embree)
+    caster = InstanceCaster(placed, PrototypeMeshes(), embree)
     found = [caster.intersect(*view) for view in views]
     return {
         "found": found,
@@ -51,12 +53,12 @@ def mesh_casts(mesh: TriangleMesh, views: Sequence[Rays]) -> list[Any]:
     return [caster.intersect(origins_m, directions) for origins_m, directions, _ in views]
 
 
-def resident_mb(standing: Sequence[Standing], times: int) -> list[float]:
+def resident_mb(placed: Sequence[PlacedPrototype], times: int) -> list[float]:
     """Return the memory in use after each of some structures was made and dropped."""
     embree = blenders_embree()
     found = []
     for _ in range(times):
-        InstanceCaster(standing, Shapes(), embree)
+        InstanceCaster(placed, PrototypeMeshes(), embree)
         pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
         found.append(int(pages) * 4096 / 1e6)
     return found

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.raycast import scene_objects as objects
+from oaisys_core.backend.raycast import placement_targets as objects
 from oaisys_core.backend.raycast import visible_pixels as sight
-from oaisys_core.backend.raycast.instance_arrays import Shapes, Standing
+from oaisys_core.backend.raycast.instance_arrays import PlacedPrototype, PrototypeMeshes
 from oaisys_core.backend.raycast.instances import InstanceCaster
 from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, RayCaster
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
@@ -35,31 +35,34 @@ VIEWS = (
 )
 
 
-def crowd(count: int = 600) -> list[Standing]:
+def crowd(count: int = 600) -> list[PlacedPrototype]:
     """Rocks of two kinds, close together, that overlap."""
     rock = rocky_world().prototypes[0]
     stretch = np.array((0.4, 0.4, 2.0), np.float32)
     tall = replace(rock, name="tall", vertices_m=rock.vertices_m * stretch)
-    return [_standing(rock, 0, count, 1, 5), _standing(tall, 1, count // 2, count + 1, 6)]
+    return [
+        _placed_prototypes(rock, 0, count, 1, 5),
+        _placed_prototypes(tall, 1, count // 2, count + 1, 6),
+    ]
 
 
-def _standing(
+def _placed_prototypes(
     prototype: MeshPrototype, index: int, count: int, first_id: int, seed: int
-) -> Standing:
+) -> PlacedPrototype:
     rng = np.random.default_rng(seed)
     T = np.tile(np.eye(4), (count, 1, 1))
     T[:, :3, :3] = Rotation.random(count, random_state=seed).as_matrix()
     T[:, :3, :3] *= rng.uniform(0.05, 0.7, (count, 1, 1))
     T[:, :3, 3] = rng.uniform((-9, -9, -0.3), (9, 9, 0.6), (count, 3))
     ids = np.arange(first_id, first_id + count, dtype=np.uint32)
-    return Standing(prototype, Placement(index, (10 + index,), T, ids))
+    return PlacedPrototype(prototype, Placement(index, (10 + index,), T, ids))
 
 
 @pytest.mark.parametrize("view", range(3))
 def test_instances_are_hit_as_copies_of_them_are(view: int) -> None:
-    standing = crowd()
-    instances = InstanceCaster(standing, Shapes())
-    copies = RayCaster([each.mesh() for each in standing])
+    placed = crowd()
+    instances = InstanceCaster(placed, PrototypeMeshes())
+    copies = RayCaster([each.mesh() for each in placed])
     directions = pixel_rays(WIDE) @ VIEWS[view].T_map_camera[:3, :3].T
     origin_m = VIEWS[view].T_map_camera[:3, 3]
     depth_m, triangles = instances.intersect(origin_m, directions)
@@ -88,13 +91,13 @@ def rays(view: int) -> tuple[FloatArray, FloatArray]:
 def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
     """Also far from the map's origin, where a float32 step is 6 cm."""
     away_m = np.array((5e5, -4e5, 300.0))
-    standing = [moved(each, away_m) for each in crowd()]
-    copies = RayCaster([each.mesh() for each in standing])
+    placed = [moved(each, away_m) for each in crowd()]
+    copies = RayCaster([each.mesh() for each in placed])
     views = [(o + away_m, d, None) for o, d in map(rays, range(3))]
     limits = np.full(views[1][1].shape[:-1], 6.0)
     xy_m = np.random.default_rng(2).uniform(-10, 10, (3001, 2)) + away_m[:2]
     many = [*views, (*views[1][:2], limits), (views[0][0], views[0][1][60, 80], None)]
-    seen = in_blender("blender_jobs_instances.casts", standing, many, xy_m)
+    seen = in_blender("blender_jobs_instances.casts", placed, many, xy_m)
     for index, (origin_m, directions, _) in enumerate(views):
         expected_m, expected = copies.intersect(origin_m, directions)
         depth_m, triangles = seen["found"][index]
@@ -144,14 +147,14 @@ def test_embrees_structures_are_given_back() -> None:
     assert resident[-1] - resident[2] < 30
 
 
-def moved(standing: Standing, by_m: FloatArray) -> Standing:
-    T = standing.placement.T_map_object.copy()
+def moved(placed: PlacedPrototype, by_m: FloatArray) -> PlacedPrototype:
+    T = placed.placement.T_map_object.copy()
     T[:, :3, 3] += by_m
-    return replace(standing, placement=replace(standing.placement, T_map_object=T))
+    return replace(placed, placement=replace(placed.placement, T_map_object=T))
 
 
 def test_what_lies_beyond_the_limits_is_left_out() -> None:
-    instances = InstanceCaster(crowd(), Shapes())
+    instances = InstanceCaster(crowd(), PrototypeMeshes())
     directions = pixel_rays(WIDE) @ VIEWS[1].T_map_camera[:3, :3].T
     origin_m = VIEWS[1].T_map_camera[:3, 3]
     depth_m, triangles = instances.intersect(origin_m, directions)
@@ -165,10 +168,10 @@ def test_what_lies_beyond_the_limits_is_left_out() -> None:
 
 
 def test_heights_over_instances_are_those_over_copies() -> None:
-    standing = crowd()
+    placed = crowd()
     xy_m = np.random.default_rng(2).uniform(-10, 10, (3000, 2))
-    heights_m = InstanceCaster(standing, Shapes()).surface_height_m(xy_m)
-    expected_m = RayCaster([each.mesh() for each in standing]).surface_height_m(xy_m)
+    heights_m = InstanceCaster(placed, PrototypeMeshes()).surface_height_m(xy_m)
+    expected_m = RayCaster([each.mesh() for each in placed]).surface_height_m(xy_m)
     assert 0.1 < np.isfinite(expected_m).mean() < 0.95
     assert (np.isfinite(heights_m) == np.isfinite(expected_m)).mean() > 0.999
     both = np.isfinite(heights_m) & np.isfinite(expected_m)
@@ -176,7 +179,7 @@ def test_heights_over_instances_are_those_over_copies() -> None:
 
 
 def test_no_instances_are_no_error() -> None:
-    nothing = InstanceCaster([], Shapes())
+    nothing = InstanceCaster([], PrototypeMeshes())
     distances, triangles = nothing.intersect(np.zeros(3), np.ones((4, 3)))
     assert np.isposinf(distances).all()
     assert (triangles == NO_TRIANGLE).all()
@@ -195,7 +198,7 @@ def test_one_large_mesh_many_times_is_seen_without_copies() -> None:
     T = np.tile(np.eye(4), (20, 1, 1))
     T[:, 0, 3] = 2.5 * np.arange(20)
     placement = Placement(0, (4,), T, np.arange(1, 21, dtype=np.uint32))
-    caster = InstanceCaster([Standing(cloth, placement)], Shapes())
+    caster = InstanceCaster([PlacedPrototype(cloth, placement)], PrototypeMeshes())
     xy_m = np.random.default_rng(3).uniform((-1, -1), (48.5, 1), (2000, 2))
     local_x = (xy_m[:, 0] + 1.25) % 2.5 - 1.25
     on = np.abs(local_x) < 0.99
@@ -223,29 +226,32 @@ def test_rays_that_are_not_cast_at_instances_miss_them(monkeypatch: pytest.Monke
     some = images_of(rocky_world())
     *_, from_among_them = in_sight_of_rocks()
     assert 0.3 < from_among_them.mean() < 0.7
-    monkeypatch.setattr(sight, "MOST_BOXES", 0)
+    monkeypatch.setattr(sight, "MAX_BOXES", 0)
     assert all(part is None for part in in_sight_of_rocks())
     for one, other in zip(some, images_of(rocky_world()), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
 def in_sight_of_rocks() -> list[Any]:
-    (part,) = objects.Objects(rocky_world()).parts
-    return [part.in_sight(each) for each in VIEWS]
+    (part,) = objects.PlacementTargets(rocky_world()).targets
+    return [part.visible_pixels(each) for each in VIEWS]
 
 
 def test_a_lens_that_distorts_may_see_instances_anywhere(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(objects, "MERGED_TRIANGLES", 0)
-    (part,) = objects.Objects(rocky_world()).parts
-    assert part.in_sight(replace(VIEWS[0], intrinsics=replace(WIDE, distortion=(0.1,) * 5))) is None
+    (part,) = objects.PlacementTargets(rocky_world()).targets
+    assert (
+        part.visible_pixels(replace(VIEWS[0], intrinsics=replace(WIDE, distortion=(0.1,) * 5)))
+        is None
+    )
 
 
 def crowded(count: int) -> Scene:
-    standing = crowd(count)
+    placed = crowd(count)
     return replace(
         rocky_world(),
-        prototypes=tuple(each.prototype for each in standing),
-        placements=tuple(each.placement for each in standing),
+        prototypes=tuple(each.prototype for each in placed),
+        placements=tuple(each.placement for each in placed),
     )
 
 

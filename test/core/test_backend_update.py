@@ -108,8 +108,8 @@ def test_every_step_shows_in_the_images() -> None:
 def test_what_moves_leaves_the_structures_of_all_else_alone() -> None:
     first, second, *_ = worlds()
     surface = Surface(first, ground_mesh(first))
-    before = list(surface._parts)
+    before = list(surface._targets)
     surface.update_objects(second)
-    after = list(surface._parts)
+    after = list(surface._targets)
     assert after[:2] == before[:2]
     assert after[2] is not before[2]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from oaisys_core.backend.raycast.bands import BAND_PIXELS, bands
+from oaisys_core.backend.surface import BAND_PIXELS, bands
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.sections.sensors import CameraConfig, optics_bounds_px
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from synthetic_worlds import SUNNY, camera, flat_world, settings
 
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.raycast.skylight import sky_irradiance_w_m2, sky_radiance
+from oaisys_core.backend.raycast.shading import sky_irradiance_w_m2, sky_radiance
 from oaisys_core.color import linear
 from oaisys_core.geometry import pixel_rays, pose_looking_at
 from oaisys_core.scene import PlacedCamera, Sky

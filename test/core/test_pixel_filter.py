@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oaisys_core.backend.blender.pixel_filter import (
+from oaisys_core.backend.blender.denoiser import (
     CYCLES_WIDTH_PX,
     SAMPLED_WIDTH_PX,
-    shared,
-    shared_guide,
+    filter_denoised,
+    filter_guide,
 )
 
 SIZE_PX = 9
@@ -33,26 +33,26 @@ def point() -> np.ndarray:
 
 def test_even_light_stays_as_it_is_up_to_the_border() -> None:
     light = np.full((4, 5, 3), 0.7, np.float32)
-    np.testing.assert_allclose(shared(light, 1), light, rtol=1e-6)
+    np.testing.assert_allclose(filter_denoised(light, 1), light, rtol=1e-6)
 
 
 @pytest.mark.parametrize("samples", [1, 4, 64])
 def test_light_is_shared_and_none_is_lost(samples: int) -> None:
-    image = shared(point(), samples)
+    image = filter_denoised(point(), samples)
     np.testing.assert_allclose(image.sum((0, 1)), (1.0, 2.0, 4.0), rtol=1e-5)
     np.testing.assert_array_equal(image[..., 0], image[..., 0].T)
     np.testing.assert_array_equal(image, image[::-1])
 
 
 def test_the_fewer_samples_the_more_is_shared() -> None:
-    kept = [shared(point(), samples)[MIDDLE, MIDDLE, 0] for samples in (1, 4, 8, 16, 128)]
+    kept = [filter_denoised(point(), samples)[MIDDLE, MIDDLE, 0] for samples in (1, 4, 8, 16, 128)]
     assert kept == sorted(kept)
     assert kept[0] < 0.7
     assert kept[-1] > 0.72
 
 
 def test_of_many_samples_the_two_steps_filter_as_widely_as_cycles_alone() -> None:
-    image = shared(point(), MANY)[..., 0]
+    image = filter_denoised(point(), MANY)[..., 0]
     place_px = np.arange(SIZE_PX) - MIDDLE
     shared_px2 = np.average(place_px**2, weights=image.sum(axis=0))
     steps_px2 = spread_px2(SAMPLED_WIDTH_PX) + shared_px2
@@ -61,10 +61,12 @@ def test_of_many_samples_the_two_steps_filter_as_widely_as_cycles_alone() -> Non
 
 def test_rows_may_come_from_the_last_to_the_first() -> None:
     light = np.random.default_rng(1).random((6, 7, 3), np.float32)
-    np.testing.assert_allclose(shared(light[::-1], 1), shared(light, 1)[::-1], rtol=1e-5)
+    np.testing.assert_allclose(
+        filter_denoised(light[::-1], 1), filter_denoised(light, 1)[::-1], rtol=1e-5
+    )
 
 
 def test_a_guide_is_shared_less_than_light() -> None:
-    guide, light = shared_guide(point()), shared(point(), MANY)
+    guide, light = filter_guide(point()), filter_denoised(point(), MANY)
     assert light[MIDDLE, MIDDLE, 0] < guide[MIDDLE, MIDDLE, 0] < 1
     np.testing.assert_allclose(guide.sum((0, 1)), (1.0, 2.0, 4.0), rtol=1e-5)

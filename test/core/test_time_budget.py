@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from oaisys_core.backend.blender.time_budget import (
-    Cost,
-    Effort,
-    Plan,
+    DenoisingQuality,
     TimeBudget,
-    effort_for,
-    least_effort,
+    ViewCost,
+    ViewPlan,
+    denoising_quality_for,
+    lowest_quality,
 )
 
 PIXELS = 640 * 480
@@ -32,7 +32,9 @@ class Machine:
     balanced_s: float = 0.4
     thorough_s: float = 0.9
 
-    def render(self, plan: Plan, denoise_as: Callable[[int, float], Effort] | None = None) -> Cost:
+    def render(
+        self, plan: ViewPlan, denoise_as: Callable[[int, float], DenoisingQuality] | None = None
+    ) -> ViewCost:
         """Return what a view costs; at full size, each sample takes ``sample_s``.
 
         ``denoise_as`` decides of the samples and the seconds until then; None: as planned.
@@ -43,13 +45,13 @@ class Machine:
         while samples < MOST_SAMPLES and (not plan.sampling_s or samples * one_s < plan.sampling_s):
             samples += 1
         until_s = self.preparing_s + samples * one_s
-        effort = plan.effort if denoise_as is None else denoise_as(samples, until_s)
+        denoising = plan.denoising if denoise_as is None else denoise_as(samples, until_s)
         taken_s = {"fast": self.finishing_s, "balanced": self.balanced_s}
-        finishing_s = taken_s.get(effort, self.thorough_s) * plan.scale**2
-        return Cost(pixels, samples, self.preparing_s, samples * one_s, finishing_s, effort)
+        finishing_s = taken_s.get(denoising, self.thorough_s) * plan.scale**2
+        return ViewCost(pixels, samples, self.preparing_s, samples * one_s, finishing_s, denoising)
 
 
-def taken_s(cost: Cost) -> float:
+def taken_s(cost: ViewCost) -> float:
     return cost.preparing_s + cost.sampling_s + cost.finishing_s
 
 
@@ -111,8 +113,10 @@ def test_the_first_view_has_one_sample() -> None:
 
 
 def test_no_budget_is_no_limit() -> None:
-    assert taught(Machine()).plan(PIXELS, inf) == Plan(scale=1.0, sampling_s=0.0, effort="thorough")
-    assert Machine().render(Plan(1.0, 0.0)).samples == MOST_SAMPLES
+    assert taught(Machine()).plan(PIXELS, inf) == ViewPlan(
+        scale=1.0, sampling_s=0.0, denoising="thorough"
+    )
+    assert Machine().render(ViewPlan(1.0, 0.0)).samples == MOST_SAMPLES
 
 
 def test_time_that_is_over_already_gives_the_smallest_image() -> None:
@@ -122,10 +126,10 @@ def test_time_that_is_over_already_gives_the_smallest_image() -> None:
 
 def test_the_more_samples_fit_the_more_goes_into_denoising() -> None:
     budget = taught(Machine(sample_s=0.25))
-    assert budget.plan(PIXELS, 0.8).effort == "fast"
-    assert budget.plan(PIXELS, 2.0).effort == "balanced"
-    assert budget.plan(PIXELS, 4.0).effort == "thorough"
-    assert budget.plan(PIXELS, inf).effort == "thorough"
+    assert budget.plan(PIXELS, 0.8).denoising == "fast"
+    assert budget.plan(PIXELS, 2.0).denoising == "balanced"
+    assert budget.plan(PIXELS, 4.0).denoising == "thorough"
+    assert budget.plan(PIXELS, inf).denoising == "thorough"
 
 
 @pytest.mark.parametrize("thorough_s", [0.5, 2.0])
@@ -138,19 +142,21 @@ def test_what_thorough_denoising_takes_is_learned(thorough_s: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("samples", "effort"), [(1, "fast"), (3, "balanced"), (8, "thorough"), (128, "thorough")]
+    ("samples", "denoising"), [(1, "fast"), (3, "balanced"), (8, "thorough"), (128, "thorough")]
 )
-def test_few_samples_are_not_worth_much_denoising(samples: int, effort: Effort) -> None:
-    assert effort_for(samples) == effort
+def test_few_samples_are_not_worth_much_denoising(
+    samples: int, denoising: DenoisingQuality
+) -> None:
+    assert denoising_quality_for(samples) == denoising
 
 
 def test_the_least_of_two_efforts() -> None:
-    assert least_effort("thorough", "balanced") == least_effort("balanced", "thorough")
-    assert least_effort("fast", "balanced") == "fast"
+    assert lowest_quality("thorough", "balanced") == lowest_quality("balanced", "thorough")
+    assert lowest_quality("fast", "balanced") == "fast"
 
 
 @pytest.mark.parametrize(
-    ("samples", "left_s", "effort"),
+    ("samples", "left_s", "denoising"),
     [
         (2, 0.2, "fast"),
         (2, 0.4, "balanced"),
@@ -161,20 +167,22 @@ def test_the_least_of_two_efforts() -> None:
     ],
 )
 def test_denoising_takes_the_time_that_light_samples_leave(
-    samples: int, left_s: float, effort: Effort
+    samples: int, left_s: float, denoising: DenoisingQuality
 ) -> None:
     budget = taught(Machine())
     for each in (2.0, 6.0):
         budget.learn(Machine().render(budget.plan(PIXELS, each)))
-    assert budget.effort(PIXELS, samples, left_s, 4.0) == effort
+    assert budget.denoising_quality(PIXELS, samples, left_s, 4.0) == denoising
 
 
 @pytest.mark.parametrize("pixels", [PIXELS, PIXELS // 16])
 def test_an_effort_that_took_long_once_is_tried_again(pixels: int) -> None:
     """It loads what it needs the first time, in a small picture, too."""
     budget = taught(Machine())
-    budget.learn(Cost(pixels, 1, 0.05, 0.25 * pixels / PIXELS, 2.0 * pixels / PIXELS, "balanced"))
-    assert budget.effort(PIXELS, 2, 0.45, 2.0) == "balanced"
+    budget.learn(
+        ViewCost(pixels, 1, 0.05, 0.25 * pixels / PIXELS, 2.0 * pixels / PIXELS, "balanced")
+    )
+    assert budget.denoising_quality(PIXELS, 2, 0.45, 2.0) == "balanced"
 
 
 def test_the_second_view_does_not_wait_for_a_world_as_the_first_did() -> None:
@@ -184,7 +192,7 @@ def test_the_second_view_does_not_wait_for_a_world_as_the_first_did() -> None:
 
 
 def test_the_first_view_is_denoised_quickly() -> None:
-    assert TimeBudget().effort(PIXELS, 9, 100.0, 100.0) == "fast"
+    assert TimeBudget().denoising_quality(PIXELS, 9, 100.0, 100.0) == "fast"
 
 
 def test_light_samples_of_a_third_of_the_budget_come_within_15_percent() -> None:
@@ -193,8 +201,8 @@ def test_light_samples_of_a_third_of_the_budget_come_within_15_percent() -> None
     machine = Machine(sample_s=0.6, finishing_s=0.2, balanced_s=0.4, thorough_s=1.2)
     budget = taught(machine)
 
-    def denoise_as(samples: int, until_s: float) -> Effort:
-        return budget.effort(PIXELS, samples, seconds - until_s, seconds)
+    def denoise_as(samples: int, until_s: float) -> DenoisingQuality:
+        return budget.denoising_quality(PIXELS, samples, seconds - until_s, seconds)
 
     for sample_s in rng.uniform(0.5, 0.7, 60).tolist():
         view = replace(machine, sample_s=sample_s)
@@ -205,7 +213,7 @@ def test_light_samples_of_a_third_of_the_budget_come_within_15_percent() -> None
 
 def test_what_was_computed_beside_one_sample_is_not_expected_of_each() -> None:
     alone, beside = TimeBudget(), TimeBudget()
-    cost = Machine(sample_s=0.6).render(Plan(1.0, 1e-3))
+    cost = Machine(sample_s=0.6).render(ViewPlan(1.0, 1e-3))
     longer = replace(cost, sampling_s=cost.sampling_s + 0.1, beside_s=0.1)
     for _ in range(3):
         alone.learn(cost)

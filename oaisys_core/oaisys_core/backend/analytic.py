@@ -15,7 +15,7 @@ from oaisys_core.backend.base import (
     in_order,
 )
 from oaisys_core.backend.flow import PoseMemory
-from oaisys_core.backend.passes import frame_of, frames_of
+from oaisys_core.backend.geometry_pass import frame_of, frames_of
 from oaisys_core.backend.raycast.shading import Palette, encoded, shaded
 from oaisys_core.backend.raycast.solids import flat_ground
 from oaisys_core.backend.surface import Surface, View, ground_mesh
@@ -50,7 +50,7 @@ class AnalyticBackend(Backend):
         self.close()
         progress(Progress("ground", 0.0))
         if surface is not None and stands_on(surface.scene, scene):
-            surface.begin_again(scene)
+            surface.start_batch(scene)
         else:
             surface = Surface(scene, _ground(scene))
         progress(Progress("colours", 0.9))

@@ -86,7 +86,7 @@ class Backend(ABC):
     device: str = "cpu"
     """What colour is rendered on, for provenance."""
 
-    light_samples: int | None = None
+    samples_per_pixel: int | None = None
     """Light samples per pixel of the last colour images, where a time budget chose them."""
 
     @property

@@ -15,7 +15,7 @@ from oaisys_core.types import FloatArray
 
 
 @dataclass(frozen=True)
-class Seen:
+class ScenePoses:
     """What stood where when a camera last rendered."""
 
     placements: tuple[Placement, ...]
@@ -26,8 +26,8 @@ class PoseMemory:
     """The objects' poses at each camera's previous sample of the batch."""
 
     def __init__(self) -> None:
-        self._seen: dict[str, Seen] = {}
-        self._seen_before: dict[str, Seen] = {}
+        self._seen: dict[str, ScenePoses] = {}
+        self._seen_before: dict[str, ScenePoses] = {}
 
     def forget(self) -> None:
         """Begin a batch."""
@@ -35,7 +35,7 @@ class PoseMemory:
 
     def remember(self, cameras: Sequence[PlacedCamera], scene: Scene) -> None:
         """Keep what stands now as what these cameras saw last."""
-        seen = Seen(scene.placements, scene.primitives)
+        seen = ScenePoses(scene.placements, scene.primitives)
         self._seen_before = self._seen
         self._seen = {**self._seen, **{camera.name: seen for camera in cameras}}
 
@@ -64,7 +64,10 @@ class PoseMemory:
 
     @staticmethod
     def _move_back(
-        points_m: FloatArray, instance_ids: NDArray[np.uint32], before: Seen | None, now: Scene
+        points_m: FloatArray,
+        instance_ids: NDArray[np.uint32],
+        before: ScenePoses | None,
+        now: Scene,
     ) -> None:
         """Replace points on what moved by where they were; NaN where that is not known."""
         placements, primitives = _changed(now, before)
@@ -83,7 +86,7 @@ class PoseMemory:
 
 
 def _changed(
-    now: Scene, before: Seen | None
+    now: Scene, before: ScenePoses | None
 ) -> tuple[tuple[Placement, ...], tuple[Primitive, ...]]:
     """Return what is not as it was; with nothing known, what is meant to move."""
     if before is None:

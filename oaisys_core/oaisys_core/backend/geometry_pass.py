@@ -5,13 +5,26 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import extensions
+from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.surface import Surface, View
 from oaisys_core.errors import ConfigError, RenderError
 from oaisys_core.scene import PlacedCamera
-from oaisys_core.types import ModalitySpec
+from oaisys_core.types import (
+    ALBEDO,
+    DEPTH,
+    FLOW,
+    INSTANCE,
+    NORMAL,
+    RANGE,
+    RGB,
+    Frame,
+    ModalitySpec,
+    semantic_level,
+)
 
 
 class GeometryPass(ABC):
@@ -25,7 +38,9 @@ class GeometryPass(ABC):
         """Return the image, (H, W) or (H, W, channels) as ``spec`` says."""
 
 
-def computed(surface: Surface, view: View, camera: PlacedCamera, modality: str) -> NDArray[Any]:
+def compute_extension_pass(
+    surface: Surface, view: View, camera: PlacedCamera, modality: str
+) -> NDArray[Any]:
     """Return an installed pass's image.
 
     Raises:
@@ -41,3 +56,46 @@ def computed(surface: Surface, view: View, camera: PlacedCamera, modality: str) 
         received = f"{image.dtype} {image.shape}"
         raise RenderError(f"{modality}: received {received}, expected {kind.spec.dtype} {shape}")
     return image
+
+
+def geometry_frames(surface: Surface, camera: PlacedCamera, memory: PoseMemory) -> dict[str, Frame]:
+    """Return the frames that a camera asks for beside its colours, by modality."""
+    if set(camera.modalities) <= {RGB, ALBEDO}:
+        return {}
+    return frames_of(surface, surface.view(camera), camera, memory)
+
+
+def frames_of(
+    surface: Surface, view: View, camera: PlacedCamera, memory: PoseMemory
+) -> dict[str, Frame]:
+    """Return, of one view, the frames that its camera asks for beside its colours."""
+    return {
+        modality: frame_of(camera, modality, _image(surface, view, camera, memory, modality))
+        for modality in camera.modalities
+        if modality not in (RGB, ALBEDO)
+    }
+
+
+def frame_of(camera: PlacedCamera, modality: str, image: NDArray[Any]) -> Frame:
+    """Return an image as the frame of a camera."""
+    return Frame(camera.name, modality, image, camera.intrinsics, camera.T_map_camera)
+
+
+def _image(
+    surface: Surface, view: View, camera: PlacedCamera, memory: PoseMemory, modality: str
+) -> NDArray[Any]:
+    """Return an image as `modality_spec` describes it."""
+    level = semantic_level(modality)
+    if level is not None:
+        return surface.semantic_ids(view, level)
+    if modality == DEPTH:
+        return view.depth_m.astype(np.float32)
+    if modality == RANGE:
+        return np.asarray(view.depth_m * np.linalg.norm(view.directions, axis=-1), np.float32)
+    if modality == INSTANCE:
+        return view.instance_ids
+    if modality == NORMAL:
+        return np.asarray(surface.normals(view) @ camera.T_map_camera[:3, :3], np.float32)
+    if modality == FLOW:
+        return memory.flow(view, camera, surface.scene)
+    return compute_extension_pass(surface, view, camera, modality)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -9,21 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.bands import bands
 from oaisys_core.backend.raycast.embree import blenders_embree
-from oaisys_core.backend.raycast.far_plain import BeyondPart, stage_of
+from oaisys_core.backend.raycast.far_plain import FarPlainTarget, stage_of
 from oaisys_core.backend.raycast.id_table import IdTable, table_of
-from oaisys_core.backend.raycast.instance_arrays import placed
-from oaisys_core.backend.raycast.ray_targets import Part, SolidPart, TrianglePart
-from oaisys_core.backend.raycast.scene_objects import Objects
+from oaisys_core.backend.raycast.instance_arrays import merged_instances
+from oaisys_core.backend.raycast.placement_targets import PlacementTargets
+from oaisys_core.backend.raycast.ray_targets import RayTarget, SolidTarget, TriangleTarget
 from oaisys_core.backend.raycast.solids import flat_ground, solid_of, tessellated
-from oaisys_core.backend.raycast.triangles import RayCaster, TreeMaker
+from oaisys_core.backend.raycast.triangles import BvhBuilder, RayCaster
 from oaisys_core.geometry import pixel_rays
+from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.scene import PlacedCamera, Scene, id_of_level, merge_meshes
 from oaisys_core.types import FloatArray, TriangleMesh
 
-NO_PART = -1
-"""Part of a pixel that sees none."""
+NO_TARGET = -1
+"""RayTarget of a pixel that sees none."""
 
 LARGE_TRIANGLES = 6_000_000
 """Triangles of a ground from which on Blender's Embree is used, where there is one.
@@ -40,7 +41,7 @@ class View:
         depth_m: float64 planar z, ``+inf`` where nothing was hit.
         directions: float64 rays in ``map``, of planar length 1.
         points_m: float64 in ``map``; not finite where nothing was hit.
-        parts: int64, which of the surface's parts was hit, `NO_PART` for none.
+        parts: int64, which of the surface's parts was hit, `NO_TARGET` for none.
         elements: int64, which element of that part was hit.
         instance_ids: uint32, 0 for ground and sky.
     """
@@ -48,7 +49,7 @@ class View:
     depth_m: FloatArray
     directions: FloatArray
     points_m: FloatArray
-    parts: NDArray[np.int64]
+    targets: NDArray[np.int64]
     elements: NDArray[np.int64]
     instance_ids: NDArray[np.uint32]
 
@@ -81,9 +82,9 @@ class Surface:
 
         None takes the closed form of an exactly flat ground.
         """
-        self._objects = Objects(scene)
+        self._objects = PlacementTargets(scene)
         self._objects.prepare()
-        self._beyond: BeyondPart | None = None
+        self._far_plain: FarPlainTarget | None = None
         self.update(scene, ground)
 
     @property
@@ -95,23 +96,23 @@ class Surface:
         """Take over a changed scene, with new triangles of its ground (see `__init__`)."""
         flat = flat_ground(scene.ground) if ground is None else None
         self._ground = ground
-        self._ground_part: Part
+        self._ground_target: RayTarget
         if flat is not None:
-            self._ground_part = SolidPart(flat, 0, flat.height_m)
+            self._ground_target = SolidTarget(flat, 0, flat.height_m)
         else:
             self._ground = ground or ground_mesh(scene)
-            caster = RayCaster([self._ground], _tree_maker(self._ground))
+            caster = RayCaster([self._ground], _bvh_builder(self._ground))
             # Half a second per million triangles, which the first view need not wait for.
             caster.prepare()
-            self._ground_part = TrianglePart(caster)
+            self._ground_target = TriangleTarget(caster)
         self.update_objects(scene)
 
-    def begin_again(self, scene: Scene) -> None:
+    def start_batch(self, scene: Scene) -> None:
         """Take over another batch's scene on the same ground.
 
         It takes no second: what is new among the objects is prepared by the first view.
         """
-        self._objects.begin_again(scene)
+        self._objects.start_batch(scene)
         self.update_objects(scene)
 
     def update_objects(self, scene: Scene) -> None:
@@ -119,26 +120,26 @@ class Surface:
         self._scene = scene
         self._objects.update(scene)
         solids = [
-            SolidPart(
+            SolidTarget(
                 solid_of(p),
                 p.instance_id,
                 float(p.T_map_object[2, 3] + np.linalg.norm(p.size_m)),
             )
             for p in scene.primitives
         ]
-        self._parts: list[Part] = [self._ground_part, *self._objects.parts, *solids]
-        self._set_beyond(scene)
+        self._targets: list[RayTarget] = [self._ground_target, *self._objects.targets, *solids]
+        self._set_far_plain(scene)
 
-    def _set_beyond(self, scene: Scene) -> None:
+    def _set_far_plain(self, scene: Scene) -> None:
         """Add the ground beyond the stage, where the picture shows it."""
         stage = stage_of(scene.ground)
         if not scene.sky.shows_plain:
-            self._beyond = None
+            self._far_plain = None
             return
-        if self._beyond is None or self._beyond.stage is not stage:
-            self._beyond = BeyondPart(stage)
+        if self._far_plain is None or self._far_plain.stage is not stage:
+            self._far_plain = FarPlainTarget(stage)
         # The last one: of the rays, few are still to be cast at it.
-        self._parts.append(self._beyond)
+        self._targets.append(self._far_plain)
 
     def view(self, camera: PlacedCamera) -> View:
         """Return what a camera sees."""
@@ -148,31 +149,31 @@ class Surface:
             depth_m=np.full(shape, np.inf),
             directions=np.empty((*shape, 3)),
             points_m=np.empty((*shape, 3)),
-            parts=np.full(shape, NO_PART, dtype=np.int64),
+            targets=np.full(shape, NO_TARGET, dtype=np.int64),
             elements=np.zeros(shape, dtype=np.int64),
             instance_ids=np.zeros(shape, dtype=np.uint32),
         )
 
-        in_sight = [part.in_sight(camera) for part in self._parts]
+        visible_pixels = [part.visible_pixels(camera) for part in self._targets]
         T_map_camera = camera.T_map_camera
         for rows in bands(*shape):
             band = view.rows(rows)
             np.matmul(camera_rays[rows], T_map_camera[:3, :3].T, out=band.directions)
-            for index, pixels in enumerate(in_sight):
+            for index, pixels in enumerate(visible_pixels):
                 of_band = None if pixels is None else pixels[rows]
-                self._look_at(index, T_map_camera[:3, 3], band, of_band)
+                self._cast_at(index, T_map_camera[:3, 3], band, of_band)
             with np.errstate(invalid="ignore"):
                 np.multiply(band.depth_m[..., None], band.directions, out=band.points_m)
                 band.points_m[...] += T_map_camera[:3, 3]
         return view
 
-    def _look_at(
+    def _cast_at(
         self, index: int, origin_m: FloatArray, view: View, pixels: NDArray[np.bool_] | None
     ) -> None:
         """Add to a band of a view what some of its pixels, or all, see of a part."""
         if pixels is not None and not pixels.any():
             return
-        part = self._parts[index]
+        part = self._targets[index]
         rays: Any = slice(None) if pixels is None else np.flatnonzero(pixels)
         depth_m = view.depth_m.reshape(-1)
         limits = depth_m[rays]
@@ -181,7 +182,7 @@ class Surface:
         elements = elements[nearer]
         seen = nearer if pixels is None else rays[nearer]
         depth_m[seen] = found_m[nearer]
-        view.parts.reshape(-1)[seen] = index
+        view.targets.reshape(-1)[seen] = index
         view.elements.reshape(-1)[seen] = elements
         view.instance_ids.reshape(-1)[seen] = part.instance_ids(elements)
 
@@ -200,8 +201,8 @@ class Surface:
             view.points_m[view.is_ground][:, :2], level
         )
         own = self._scene.sky.ground_semantic_ids
-        if self._beyond is not None and own is not None:
-            ids[view.parts == len(self._parts) - 1] = id_of_level(own, level)
+        if self._far_plain is not None and own is not None:
+            ids[view.targets == len(self._targets) - 1] = id_of_level(own, level)
         ids[~view.is_hit] = self._scene.sky.semantic_ids_at(view.directions[~view.is_hit], level)
         return ids
 
@@ -214,8 +215,8 @@ class Surface:
     def normals(self, view: View) -> FloatArray:
         """Return the (H, W, 3) unit normals in ``map``, towards the camera; 0 for nothing."""
         normals = np.zeros_like(view.points_m)
-        for index, part in enumerate(self._parts):
-            seen = view.parts == index
+        for index, part in enumerate(self._targets):
+            seen = view.targets == index
             if seen.any():
                 normals[seen] = part.normals(view.elements[seen], view.points_m[seen])
         away = (normals * view.directions).sum(axis=-1) > 0
@@ -225,7 +226,7 @@ class Surface:
     def height_m(self, xy_m: FloatArray) -> FloatArray:
         """Return the (N,) topmost heights at (N, 2) points, NaN off the ground and objects."""
         height_m = self._scene.ground.height_at(xy_m)
-        for part in self._parts:
+        for part in self._targets:
             height_m = np.fmax(height_m, part.height_m(xy_m))
         return height_m
 
@@ -239,7 +240,9 @@ class Surface:
             instance_ids=np.zeros(len(ground.triangles), dtype=np.uint32),
         )
         solids = [
-            placed(tessellated(p), p.T_map_object[None], p.semantic_ids, np.array([p.instance_id]))
+            merged_instances(
+                tessellated(p), p.T_map_object[None], p.semantic_ids, np.array([p.instance_id])
+            )
             for p in self._scene.primitives
         ]
         return merge_meshes([labelled, *self._objects.meshes(), *solids])
@@ -250,6 +253,19 @@ def ground_mesh(scene: Scene) -> TriangleMesh:
     return TriangleMesh(scene.ground.vertices_m().astype(np.float64), scene.ground.triangles())
 
 
-def _tree_maker(ground: TriangleMesh) -> TreeMaker | None:
+def _bvh_builder(ground: TriangleMesh) -> BvhBuilder | None:
     embree = blenders_embree() if len(ground.triangles) >= LARGE_TRIANGLES else None
     return None if embree is None else embree.mesh
+
+
+BAND_PIXELS = 40_000
+"""Some hundred bytes of each pixel are worked with: more would not stay in a core's cache, and take
+4 GB at 4096x3072. Two threads at two bands gain nothing on two logical cores."""
+
+
+def bands(height_px: int, width_px: int) -> Iterator[slice]:
+    """Yield slices that make up all rows; raise between them if nobody waits any more."""
+    rows = max(1, BAND_PIXELS // width_px)
+    for first in range(0, height_px, rows):
+        stop_if_unwanted()
+        yield slice(first, min(first + rows, height_px))

@@ -122,4 +122,4 @@ class ViewSource:
         frames = tuple(placed[FrameName(frame.sensor, frame.modality)] for frame in rendered)
         if not any(RGB in camera.modalities for camera in cameras):
             return View(frames, render_samples=0), finished_ns
-        return View(frames, self._backend.light_samples or settings.samples), finished_ns
+        return View(frames, self._backend.samples_per_pixel or settings.samples), finished_ns

@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from math import isclose
+from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
+import PyOpenColorIO
 from numpy.typing import NDArray
 
-from oaisys_core.backend.base import Device, RenderSettings
+from oaisys_core.backend.base import Device, RenderSettings, ViewTransform
+from oaisys_core.backend.blender.background_geometry import CORES
 from oaisys_core.backend.blender.compat import DIFFUSE_COLOR
-from oaisys_core.backend.blender.denoiser import Denoiser, blenders_denoiser
-from oaisys_core.backend.blender.devices import use_device
-from oaisys_core.backend.blender.engine import Rendered, render_scene
-from oaisys_core.backend.blender.pixel_filter import (
+from oaisys_core.backend.blender.denoiser import (
     CYCLES_WIDTH_PX,
     SAMPLED_WIDTH_PX,
-    shared,
-    shared_guide,
+    Denoiser,
+    blenders_denoiser,
+    filter_denoised,
+    filter_guide,
 )
-from oaisys_core.backend.blender.time_budget import Effort
-from oaisys_core.backend.blender.view_transform import VIEW_TRANSFORMS, to_pixels
+from oaisys_core.backend.blender.devices import use_device
+from oaisys_core.backend.blender.engine import RenderResult, render_scene
+from oaisys_core.backend.blender.time_budget import DenoisingQuality
 from oaisys_core.color import encoded
 from oaisys_core.errors import RenderError
 
@@ -62,13 +67,13 @@ class Cycles:
         cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
         cycles.denoising_prefilter = cycles.denoising_quality = "FAST"
 
-    def forget(self) -> None:
+    def free_persistent_data(self) -> None:
         """Free what is kept between views: some of a world that went would stay there forever."""
         render = bpy.context.scene.render
         render.use_persistent_data = False
         render.use_persistent_data = True
 
-    def sample(self, settings: RenderSettings, seconds: float = 0.0) -> Rendered:
+    def render_light(self, settings: RenderSettings, seconds: float = 0.0) -> RenderResult:
         """Return the light that the scene's camera sees.
 
         Args:
@@ -81,8 +86,8 @@ class Cycles:
         self._show_as(settings)
         return self._render(settings, seconds, denoise=settings.denoise)
 
-    def developed(
-        self, rendered: Rendered, settings: RenderSettings, effort: Effort
+    def denoise_and_tonemap(
+        self, rendered: RenderResult, settings: RenderSettings, denoising: DenoisingQuality
     ) -> NDArray[np.uint8]:
         """Return the (H, W, 3) sRGB image of what `sample` gave with the same settings.
 
@@ -92,8 +97,8 @@ class Cycles:
         light = _pass(rendered, COMBINED)
         if settings.denoise:
             if denoiser := self._own_denoiser():
-                light = denoiser.denoised(light, *_guides(rendered, effort), effort)
-            light = shared(light[..., :3], rendered.samples or settings.samples)
+                light = denoiser.denoise(light, *_guides(rendered, denoising), denoising)
+            light = filter_denoised(light[..., :3], rendered.samples or settings.samples)
         return to_pixels(light, settings.view_transform, _exposure_ev(settings))
 
     def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:
@@ -120,7 +125,7 @@ class Cycles:
         if not isclose(view.exposure, exposure_ev, abs_tol=1e-6):
             view.exposure = exposure_ev
 
-    def _render(self, settings: RenderSettings, seconds: float, denoise: bool) -> Rendered:
+    def _render(self, settings: RenderSettings, seconds: float, denoise: bool) -> RenderResult:
         if settings.device != self._wanted:
             self._wanted, self.device = settings.device, use_device(settings.device)
         is_own = denoise and self._own_denoiser() is not None
@@ -151,15 +156,50 @@ def _exposure_ev(settings: RenderSettings) -> float:
     return BASE_EXPOSURE_EV + settings.exposure_ev
 
 
-def _guides(rendered: Rendered, effort: Effort) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _guides(
+    rendered: RenderResult, denoising: DenoisingQuality
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return what guides the denoiser, which makes them smooth itself where it is thorough."""
     albedo, normal = (_pass(rendered, name) for name in GUIDES)
-    if effort == "thorough":
+    if denoising == "thorough":
         return albedo, normal
-    return shared_guide(albedo), shared_guide(normal)
+    return filter_guide(albedo), filter_guide(normal)
 
 
-def _pass(rendered: Rendered, name: str) -> NDArray[np.float32]:
+def _pass(rendered: RenderResult, name: str) -> NDArray[np.float32]:
     if name not in rendered.passes:
         raise RenderError(f"Blender rendered no pass {name}, only {sorted(rendered.passes)}")
     return rendered.passes[name]
+
+
+VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
+"""Blender's names of ours. All end in sRGB, but for raw, whose values are linear."""
+
+
+def to_pixels(
+    light: NDArray[np.float32], view_transform: ViewTransform, exposure_ev: float
+) -> NDArray[np.uint8]:
+    """Return the (H, W, 3) image of (H, W, 3 or 4) light: the values that Blender would write."""
+    image = np.ascontiguousarray(light[..., :3])
+    if exposure_ev:
+        image = image * np.float32(2.0**exposure_ev)
+    processor = _processor(view_transform)
+    # OpenColorIO takes one thread for each part that it is given.
+    with ThreadPoolExecutor(CORES) as pool:
+        list(pool.map(processor.applyRGB, np.array_split(image, CORES)))
+    np.clip(image, 0.0, 1.0, out=image)
+    # As Blender rounds.
+    return np.asarray(image * np.float32(255) + np.float32(0.5), dtype=np.uint8)
+
+
+@cache
+def _processor(view_transform: ViewTransform) -> Any:
+    """Return what applies one of the view transforms that come with Blender."""
+    folder = bpy.utils.system_resource("DATAFILES", path="colormanagement")
+    config = PyOpenColorIO.Config.CreateFromFile(str(Path(folder) / "config.ocio"))
+    transform = PyOpenColorIO.DisplayViewTransform(
+        src=PyOpenColorIO.ROLE_SCENE_LINEAR,
+        display=config.getDefaultDisplay(),
+        view=VIEW_TRANSFORMS[view_transform],
+    )
+    return config.getProcessor(transform).getDefaultCPUProcessor()

@@ -1,7 +1,7 @@
 """Open Image Denoise, called in the library that comes with Blender.
 
 Cycles calls the same library, but within its last light sample, whose time then says nothing, and
-it gives guides the same effort as the picture.
+it gives guides the same denoising as the picture.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from ctypes import CDLL, POINTER, byref, c_bool, c_char_p, c_int, c_size_t, c_vo
 from functools import cache
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender.time_budget import Effort
+from oaisys_core.backend.blender.time_budget import DenoisingQuality
 from oaisys_core.errors import RenderError
 
 Image = NDArray[np.float32]
@@ -67,13 +68,15 @@ class Denoiser:
         self._size = (0, 0)
         self._filters: dict[tuple[Any, ...], _Filter] = {}
 
-    def denoised(self, color: Image, albedo: Image, normal: Image, effort: Effort) -> Image:
+    def denoise(
+        self, color: Image, albedo: Image, normal: Image, denoising: DenoisingQuality
+    ) -> Image:
         """Return a picture without its noise.
 
         Args:
             color: (H, W, 3) or (H, W, 4) radiance, of which the first three channels count.
             albedo, normal: (H, W, 3), as noisy as they come with it.
-            effort: ``fast`` takes a smaller network than ``balanced``, in half the time;
+            denoising: ``fast`` takes a smaller network than ``balanced``, in half the time;
                 ``thorough`` takes noise out of the guides first, and lets the picture follow them.
 
         Raises:
@@ -84,12 +87,12 @@ class Denoiser:
             if image.shape != (*color.shape[:2], 3):
                 raise ValueError(f"{name}: received {image.shape} beside color {color.shape}")
         images = {b"color": color, b"albedo": albedo, b"normal": normal}
-        thorough = effort == "thorough"
+        thorough = denoising == "thorough"
         if thorough:
             for guide in (b"albedo", b"normal"):
                 images[guide] = self._filtered({guide: images[guide]}, QUALITY_FAST)
         # The highest quality is worth a tenth of a decibel more, and half a second.
-        quality = QUALITY_FAST if effort == "fast" else QUALITY_BALANCED
+        quality = QUALITY_FAST if denoising == "fast" else QUALITY_BALANCED
         return self._filtered(images, quality, hdr=True, cleanAux=thorough)
 
     def _filtered(self, images: dict[bytes, Image], quality: int, **flags: bool) -> Image:
@@ -161,3 +164,44 @@ def blenders_denoiser() -> Denoiser | None:
         return Denoiser(CDLL(LIBRARY))
     except OSError:
         return None
+
+
+CYCLES_WIDTH_PX = 1.5
+"""Of the filter that noisy pictures go through, as Blender counts and by its default: the
+Blackman-Harris window is twice as wide."""
+
+SAMPLED_WIDTH_PX = 0.75
+"""Of the filter that samples of denoised pictures are taken by."""
+
+MANY_SHARE = 0.065
+"""Part of its light that a pixel gives to each neighbour where samples are many: with it, the two
+steps filter as widely as Cycles alone does at its own width."""
+
+FEW_SHARE, FEW_SAMPLES = 0.095, 8
+"""Part that it gives up to so many samples: the best one, against pictures of 512."""
+
+GUIDE_SHARE = 0.06
+"""Part of what guides the denoiser. It is worth a tenth of a decibel, and more does harm."""
+
+
+def filter_denoised(light: NDArray[np.float32], samples: int) -> NDArray[np.float32]:
+    """Return a picture in which neighbours share their light.
+
+    Args:
+        light: (H, W, 3) radiance, without noise.
+        samples: Per pixel, that it was made of.
+    """
+    few = min(1.0, FEW_SAMPLES / max(samples, 1))
+    return _mixed(light, MANY_SHARE + (FEW_SHARE - MANY_SHARE) * few)
+
+
+def filter_guide(guide: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the (H, W, 3) albedo or normals of few samples, as neighbours share them."""
+    return _mixed(guide, GUIDE_SHARE)
+
+
+def _mixed(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
+    kernel = np.array([share, 1 - 2 * share, share], np.float32)
+    whole = np.ascontiguousarray(image)
+    filtered = cv2.sepFilter2D(whole, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(filtered, dtype=np.float32)

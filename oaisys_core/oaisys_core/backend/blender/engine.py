@@ -23,23 +23,22 @@ READ_ALWAYS = {"samples", "time_limit"}
 
 
 @dataclass
-class Rendered:
+class RenderResult:
     """What a render gave.
 
     Attributes:
         passes: (H, W, channels) scene-linear float32 by Blender's name, first row on top.
         samples: Light samples per pixel that were taken; 0: not told.
-        began_s, sampled_s: When, by `time.perf_counter`, the first of them began and the last
-            ended.
+        sampling_began_s, sampling_ended_s: By `time.perf_counter`; 0: not told.
     """
 
     passes: dict[str, NDArray[np.float32]] = field(default_factory=dict)
     samples: int = 0
-    began_s: float = 0.0
-    sampled_s: float = 0.0
+    sampling_began_s: float = 0.0
+    sampling_ended_s: float = 0.0
 
 
-def render_scene(settings: Mapping[str, Any]) -> Rendered:
+def render_scene(settings: Mapping[str, Any]) -> RenderResult:
     """Render the scene's camera with settings of Cycles, by their names in ``scene.cycles``.
 
     Blender copies a scene before it renders it, and copies no change of these settings unless the
@@ -50,14 +49,14 @@ def render_scene(settings: Mapping[str, Any]) -> Rendered:
         RuntimeError: Blender failed.
     """
     _write(settings, bpy.context.scene.cycles)
-    rendered = Rendered()
+    rendered = RenderResult()
     with _intercepted(settings, rendered), _counted(rendered), without_c_output():
         bpy.ops.render.render()
     return rendered
 
 
 @contextmanager
-def _intercepted(settings: Mapping[str, Any], rendered: Rendered) -> Iterator[None]:
+def _intercepted(settings: Mapping[str, Any], rendered: RenderResult) -> Iterator[None]:
     """Stand before and behind the two calls that Blender makes of its Cycles add-on."""
     update, render = CyclesRender.update, CyclesRender.render
 
@@ -113,7 +112,7 @@ def _passes_of(result: Any) -> dict[str, NDArray[np.float32]]:
 
 
 @contextmanager
-def _counted(rendered: Rendered) -> Iterator[None]:
+def _counted(rendered: RenderResult) -> Iterator[None]:
     """Take down how many light samples Cycles says it has taken."""
 
     def read(text: str, *_: Any) -> None:
@@ -121,11 +120,11 @@ def _counted(rendered: Rendered) -> Iterator[None]:
         if counted is None:
             return
         samples = int(counted[1])
-        if not rendered.began_s:
-            rendered.began_s = rendered.sampled_s = time.perf_counter()
+        if not rendered.sampling_began_s:
+            rendered.sampling_began_s = rendered.sampling_ended_s = time.perf_counter()
         # It begins to count anew when it has finished.
         if samples > rendered.samples:
-            rendered.samples, rendered.sampled_s = samples, time.perf_counter()
+            rendered.samples, rendered.sampling_ended_s = samples, time.perf_counter()
 
     bpy.app.handlers.render_stats.append(read)
     try:

@@ -20,7 +20,7 @@ from oaisys_core.backend.blender.camera import place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.engine import render_scene
 from oaisys_core.backend.blender.materials.nodes import NodeTree
-from oaisys_core.backend.blender.objects.instances import ID, ids_of
+from oaisys_core.backend.blender.objects.instances import ID, ids_from_floats
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.scene import PlacedCamera, Scene, TerrainMaterial, id_of_level
@@ -58,7 +58,7 @@ def reference_images(
     passes = _passes(scene, camera)
     depth_m = passes["Depth"][..., 0].copy()
     depth_m[depth_m > BACKGROUND_M] = np.inf
-    instance_ids = ids_of(passes[ID][..., :2])
+    instance_ids = ids_from_floats(passes[ID][..., :2])
     images: dict[str, NDArray[Any]] = {}
     for modality in modalities:
         level = semantic_level(modality)
@@ -91,7 +91,7 @@ def _passes(scene: Scene, camera: PlacedCamera) -> dict[str, NDArray[np.float32]
     try:
         with ExitStack() as stack:
             for owner, values in changes:
-                stack.enter_context(_having(owner, values))
+                stack.enter_context(_temporarily(owner, values))
             return render_scene(settings).passes
     except RuntimeError as error:
         raise RenderError(f"Blender could not render: {error}") from error
@@ -103,7 +103,7 @@ def _passes(scene: Scene, camera: PlacedCamera) -> dict[str, NDArray[np.float32]
 
 
 @contextmanager
-def _having(owner: Any, values: dict[str, Any]) -> Iterator[None]:
+def _temporarily(owner: Any, values: dict[str, Any]) -> Iterator[None]:
     """Give properties other values for a while."""
     before = {name: getattr(owner, name) for name in values}
     for name, value in values.items():

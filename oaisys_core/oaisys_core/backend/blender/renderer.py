@@ -24,22 +24,30 @@ from oaisys_core.backend.base import (
     in_order,
 )
 from oaisys_core.backend.blender.background_geometry import Aside, computed_aside
-from oaisys_core.backend.blender.camera import moving, new_camera, place, set_intrinsics, set_lens
+from oaisys_core.backend.blender.camera import (
+    covering_pinhole,
+    distorted_image,
+    motion_blur,
+    new_camera,
+    place,
+    scaled_pinhole,
+    set_intrinsics,
+    set_lens,
+)
 from oaisys_core.backend.blender.cycles import Cycles
-from oaisys_core.backend.blender.distortion import covering_pinhole, distorted_image, scaled_pinhole
-from oaisys_core.backend.blender.engine import Rendered
+from oaisys_core.backend.blender.engine import RenderResult
 from oaisys_core.backend.blender.materials.footprint import set_pixel_angle
-from oaisys_core.backend.blender.objects.lights import Lights
-from oaisys_core.backend.blender.objects.world import World
+from oaisys_core.backend.blender.objects.scene_geometry import SceneGeometry
+from oaisys_core.backend.blender.objects.sky import Lights
 from oaisys_core.backend.blender.time_budget import (
-    Cost,
-    Effort,
+    DenoisingQuality,
     TimeBudget,
-    effort_for,
-    least_effort,
+    ViewCost,
+    denoising_quality_for,
+    lowest_quality,
 )
 from oaisys_core.backend.flow import PoseMemory
-from oaisys_core.backend.passes import frame_of, geometry_frames
+from oaisys_core.backend.geometry_pass import frame_of, geometry_frames
 from oaisys_core.backend.surface import Surface
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import Lens, PlacedCamera, Scene, Sky
@@ -71,7 +79,7 @@ class BlenderBackend(Backend):
     def __init__(self) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)
         self._cycles = Cycles()
-        self._world = World()
+        self._scene_geometry = SceneGeometry()
         self._lights = Lights()
         self._camera = new_camera()
         self._surface: Surface | None = None
@@ -93,30 +101,30 @@ class BlenderBackend(Backend):
         surface, self._surface = self._surface, None
         self._budget.world_changed()
         progress(Progress("clear", 0.0))
-        self._cycles.forget()
-        if not self._world.clear(scene):
+        self._cycles.free_persistent_data()
+        if not self._scene_geometry.clear(scene):
             surface = None
         progress(Progress("ground", 0.05))
-        self._world.build_ground(scene)
+        self._scene_geometry.build_ground(scene)
         progress(Progress("objects", 0.5))
-        self._world.build_objects(scene)
+        self._scene_geometry.build_objects(scene)
         self._set_sky(scene.sky)
         progress(Progress("surface", 0.7))
         self._memory.forget()
         if surface is None:
-            surface = Surface(scene, self._world.ground_mesh())
+            surface = Surface(scene, self._scene_geometry.ground_mesh())
         else:
-            surface.begin_again(scene)
+            surface.start_batch(scene)
         self._surface = surface
 
     def update(self, scene: Scene) -> None:
         """See `Backend.update`."""
         surface = self._built()
-        is_new_ground = self._world.update(scene)
+        is_new_ground = self._scene_geometry.update(scene)
         self._set_sky(scene.sky)
         if is_new_ground:
             self._budget.world_changed()
-            surface.update(scene, self._world.ground_mesh())
+            surface.update(scene, self._scene_geometry.ground_mesh())
         else:
             surface.update_objects(scene)
 
@@ -129,7 +137,7 @@ class BlenderBackend(Backend):
     ) -> tuple[Frame, ...]:
         """See `Backend.render`."""
         surface = self._built()
-        self.light_samples = None
+        self.samples_per_pixel = None
         if any(m in camera.modalities for camera in cameras for m in (RGB, ALBEDO)):
             frames = self._with_colors(cameras, settings, progress, on_frames)
         else:
@@ -218,16 +226,18 @@ class BlenderBackend(Backend):
         rendered = scaled_pinhole(pinhole, plan.scale)
         self._aim(camera, rendered, camera.lens)
         started_s = time.perf_counter()
-        with moving(self._camera, camera.T_map_previous, camera.shutter_share):
-            light = self._cycles.sample(settings, plan.sampling_s)
-        effort = effort_for(settings.samples)
+        with motion_blur(self._camera, camera.T_map_previous, camera.shutter_share):
+            light = self._cycles.render_light(settings, plan.sampling_s)
+        denoising = denoising_quality_for(settings.samples)
         if settings.time_budget_s is not None:
             left_s = began_s + seconds - time.perf_counter()
-            spare = self._budget.effort(_pixels(rendered), light.samples, left_s, seconds)
-            effort = least_effort(effort, spare)
-            self.light_samples = min(light.samples, self.light_samples or light.samples)
-        image = self._cycles.developed(light, settings, effort)
-        self._learn(rendered, light, started_s, effort, aside)
+            spare = self._budget.denoising_quality(
+                _pixels(rendered), light.samples, left_s, seconds
+            )
+            denoising = lowest_quality(denoising, spare)
+            self.samples_per_pixel = min(light.samples, self.samples_per_pixel or light.samples)
+        image = self._cycles.denoise_and_tonemap(light, settings, denoising)
+        self._learn(rendered, light, started_s, denoising, aside)
         image = _as_seen(image, pinhole, camera)
         rng = randomness.stream(settings.noise_seed, camera.name)
         return with_effects(image, settings.effects, camera.intrinsics, rng)
@@ -261,22 +271,22 @@ class BlenderBackend(Backend):
     def _learn(
         self,
         pinhole: PinholeIntrinsics,
-        light: Rendered,
+        light: RenderResult,
         started_s: float,
-        effort: Effort,
+        denoising: DenoisingQuality,
         aside: Aside | None,
     ) -> None:
         """Remember what the last view took since it was started."""
         if light.samples:
-            sampling_s = light.sampled_s - light.began_s
+            sampling_s = light.sampling_ended_s - light.sampling_began_s
             self._budget.learn(
-                Cost(
+                ViewCost(
                     pixels=_pixels(pinhole),
                     samples=light.samples,
-                    preparing_s=light.began_s - started_s,
+                    preparing_s=light.sampling_began_s - started_s,
                     sampling_s=sampling_s,
-                    finishing_s=time.perf_counter() - light.sampled_s,
-                    effort=effort,
+                    finishing_s=time.perf_counter() - light.sampling_ended_s,
+                    denoising=denoising,
                     beside_s=aside.cost_s(sampling_s) if aside is not None else 0.0,
                 )
             )
@@ -284,7 +294,7 @@ class BlenderBackend(Backend):
     def _set_sky(self, sky: Sky) -> None:
         if self._lights.set(sky):
             self._budget.world_changed()
-        self._world.show_plain(sky.shows_plain)
+        self._scene_geometry.show_plain(sky.shows_plain)
 
     def _built(self) -> Surface:
         if self._surface is None:

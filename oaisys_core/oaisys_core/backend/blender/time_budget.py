@@ -12,10 +12,10 @@ REMEMBERED = 8
 """Views whose cost is remembered."""
 
 TRUSTED = 3
-"""Views from which on what an effort took is believed: the first one loads what it needs."""
+"""Views from which on what an denoising took is believed: the first one loads what it needs."""
 
 MOST_TIMES = 2.0
-"""How many times what the others let expect an effort is believed to take, at most."""
+"""How many times what the others let expect an denoising is believed to take, at most."""
 
 COMPARABLE = 0.25
 """Share of a picture's pixels that another had at least, whose denoising tells of it: what does not
@@ -31,12 +31,12 @@ what takes longer than expected is late by more than what takes less is early.""
 SLOW = 1.1
 """Times of what denoising is expected to take that are kept for it, once nothing can follow it."""
 
-Effort = Literal["fast", "balanced", "thorough"]
+DenoisingQuality = Literal["fast", "balanced", "thorough"]
 """How a picture is denoised, see `Denoiser.denoised`."""
 
 
-class EffortCost(NamedTuple):
-    """When an effort pays.
+class DenoisingCost(NamedTuple):
+    """When an denoising pays.
 
     Attributes:
         least_samples: Light samples from which on it is worth more than those it takes the time of.
@@ -49,10 +49,10 @@ class EffortCost(NamedTuple):
     times: float
 
 
-EFFORTS: dict[Effort, EffortCost] = {
-    "fast": EffortCost(0, 0, 1.0),
-    "balanced": EffortCost(3, 1, 1.8),
-    "thorough": EffortCost(8, 8, 5.0),
+DENOISING_COSTS: dict[DenoisingQuality, DenoisingCost] = {
+    "fast": DenoisingCost(0, 0, 1.0),
+    "balanced": DenoisingCost(3, 1, 1.8),
+    "thorough": DenoisingCost(8, 8, 5.0),
 }
 """From the least on."""
 
@@ -64,22 +64,22 @@ AT_ONCE_S = 1e-3
 
 
 @dataclass(frozen=True)
-class Plan:
+class ViewPlan:
     """How a view is rendered so that it fits.
 
     Attributes:
         scale: Factor on the image's sides; below 1 where one sample of each pixel takes too long.
         sampling_s: Light samples are begun for that long, the last one ends later; 0: no limit.
-        effort: Of denoising, that time is kept for.
+        denoising: Of denoising, that time is kept for.
     """
 
     scale: float
     sampling_s: float
-    effort: Effort = "fast"
+    denoising: DenoisingQuality = "fast"
 
 
 @dataclass(frozen=True)
-class Cost:
+class ViewCost:
     """What a view took.
 
     Attributes:
@@ -89,7 +89,7 @@ class Cost:
         sampling_s: Until the last one ended.
         beside_s: By how much that was longer because something else was computed beside it.
         finishing_s: What came after that: denoising, mostly.
-        effort: How it was denoised.
+        denoising: How it was denoised.
     """
 
     pixels: int
@@ -97,7 +97,7 @@ class Cost:
     preparing_s: float
     sampling_s: float
     finishing_s: float
-    effort: Effort = "fast"
+    denoising: DenoisingQuality = "fast"
     beside_s: float = 0.0
 
 
@@ -114,55 +114,57 @@ class TimeBudget:
         self._preparing_s = {changed: _history() for changed in (False, True)}
         self._beside_s = _history()
         self._pixel_sample_s = _history()
-        self._finished = {effort: _costs() for effort in EFFORTS}
+        self._finished = {denoising: _costs() for denoising in DENOISING_COSTS}
         self._has_changed = True
 
     def world_changed(self) -> None:
         """Expect that the next view takes longer to prepare."""
         self._has_changed = True
 
-    def learn(self, cost: Cost) -> None:
+    def learn(self, cost: ViewCost) -> None:
         """Remember what a view took."""
         self._preparing_s[self._has_changed].append(cost.preparing_s)
         self._has_changed = False
         self._beside_s.append(cost.beside_s)
         alone_s = cost.sampling_s - cost.beside_s
         self._pixel_sample_s.append(alone_s / (cost.samples * cost.pixels))
-        self._finished[cost.effort].append(cost)
+        self._finished[cost.denoising].append(cost)
 
-    def plan(self, pixels: int, seconds: float) -> Plan:
+    def plan(self, pixels: int, seconds: float) -> ViewPlan:
         """Return how a view of so many pixels fits into the time: one sample if none was timed.
 
         All the time there is (``inf``) is no limit.
         """
         if seconds == inf:
-            return Plan(1.0, 0.0, "thorough")
+            return ViewPlan(1.0, 0.0, "thorough")
         if not self._pixel_sample_s:
-            return Plan(1.0, AT_ONCE_S)
+            return ViewPlan(1.0, AT_ONCE_S)
         # A world that stays takes next to nothing, also before one was seen to.
         beside_s = median(self._beside_s)
         left_s = seconds - median(self._preparing_s[self._has_changed] or (0.0,)) - beside_s
         sample_s = median(self._pixel_sample_s) * pixels
-        finish_s = {effort: self._finish_s(pixels, effort) for effort in EFFORTS}
-        pay: list[Effort] = [
+        finish_s = {denoising: self._finish_s(pixels, denoising) for denoising in DENOISING_COSTS}
+        pay: list[DenoisingQuality] = [
             each
-            for each, cost in EFFORTS.items()
+            for each, cost in DENOISING_COSTS.items()
             if left_s - finish_s[each] >= cost.least_samples * sample_s
         ]
-        effort: Effort = pay[-1] if pay else "fast"
-        area = (left_s - EARLY * seconds) / (sample_s + finish_s[effort])
+        denoising: DenoisingQuality = pay[-1] if pay else "fast"
+        area = (left_s - EARLY * seconds) / (sample_s + finish_s[denoising])
         if area < 1:
-            return Plan(sqrt(max(area, LEAST_AREA)), AT_ONCE_S)
+            return ViewPlan(sqrt(max(area, LEAST_AREA)), AT_ONCE_S)
         # A sample that begins in time may end one sample late, and what comes after it may be what
-        # takes least or most of what `effort` will choose from: both ends are to be equally far.
-        least_s, most_s = finish_s[effort], finish_s[effort]
-        if effort != "thorough":
+        # takes least or most of what `denoising` will choose from: both ends are to be equally far.
+        least_s, most_s = finish_s[denoising], finish_s[denoising]
+        if denoising != "thorough":
             least_s, most_s = finish_s["fast"], max(finish_s["fast"], finish_s["balanced"])
         begun_s = left_s - (sample_s + least_s + most_s) / 2
         latest_s = left_s - sample_s - least_s + OVER * seconds
-        return Plan(1.0, max(min(begun_s, latest_s) + beside_s, AT_ONCE_S), effort)
+        return ViewPlan(1.0, max(min(begun_s, latest_s) + beside_s, AT_ONCE_S), denoising)
 
-    def effort(self, pixels: int, samples: int, left_s: float, seconds: float) -> Effort:
+    def denoising_quality(
+        self, pixels: int, samples: int, left_s: float, seconds: float
+    ) -> DenoisingQuality:
         """Return how a view of so many pixels is denoised, now that its light samples are taken.
 
         Of all that do good it is the one that takes nearest to the time left of its ``seconds``:
@@ -170,20 +172,23 @@ class TimeBudget:
         """
         if not self._pixel_sample_s:
             return "fast"
-        late_s = {effort: SLOW * self._finish_s(pixels, effort) - left_s for effort in EFFORTS}
-        fit: list[Effort] = [
-            effort
-            for effort, cost in EFFORTS.items()
-            if samples >= cost.least_spare and late_s[effort] <= OVER * seconds
+        late_s = {
+            denoising: SLOW * self._finish_s(pixels, denoising) - left_s
+            for denoising in DENOISING_COSTS
+        }
+        fit: list[DenoisingQuality] = [
+            denoising
+            for denoising, cost in DENOISING_COSTS.items()
+            if samples >= cost.least_spare and late_s[denoising] <= OVER * seconds
         ]
-        return min(fit, key=lambda effort: abs(late_s[effort]), default="fast")
+        return min(fit, key=lambda denoising: abs(late_s[denoising]), default="fast")
 
-    def _finish_s(self, pixels: int, effort: Effort) -> float:
-        own = self._pixel_finish_s(pixels, effort)
+    def _finish_s(self, pixels: int, denoising: DenoisingQuality) -> float:
+        own = self._pixel_finish_s(pixels, denoising)
         of_others = [
-            value * EFFORTS[effort].times / EFFORTS[other].times
-            for other in EFFORTS
-            if other != effort
+            value * DENOISING_COSTS[denoising].times / DENOISING_COSTS[other].times
+            for other in DENOISING_COSTS
+            if other != denoising
             for value in self._pixel_finish_s(pixels, other)
         ]
         if not of_others:
@@ -192,26 +197,26 @@ class TimeBudget:
         most = median(of_others) * (MOST_TIMES if len(own) >= TRUSTED else 1.0)
         return min(median(own or (inf,)), most) * pixels
 
-    def _pixel_finish_s(self, pixels: int, effort: Effort) -> list[float]:
-        """Return what an effort took per pixel of comparable pictures, or else of any."""
-        costs = self._finished[effort]
+    def _pixel_finish_s(self, pixels: int, denoising: DenoisingQuality) -> list[float]:
+        """Return what an denoising took per pixel of comparable pictures, or else of any."""
+        costs = self._finished[denoising]
         comparable = [each for each in costs if each.pixels >= COMPARABLE * pixels]
         return [each.finishing_s / each.pixels for each in comparable or costs]
 
 
-def effort_for(samples: int) -> Effort:
+def denoising_quality_for(samples: int) -> DenoisingQuality:
     """Return how a picture of so many light samples is denoised where time has no limit."""
-    return [each for each, cost in EFFORTS.items() if cost.least_samples <= samples][-1]
+    return [each for each, cost in DENOISING_COSTS.items() if cost.least_samples <= samples][-1]
 
 
-def least_effort(*efforts: Effort) -> Effort:
+def lowest_quality(*efforts: DenoisingQuality) -> DenoisingQuality:
     """Return the least of some."""
-    return min(efforts, key=list(EFFORTS).index)
+    return min(efforts, key=list(DENOISING_COSTS).index)
 
 
 def _history() -> deque[float]:
     return deque(maxlen=REMEMBERED)
 
 
-def _costs() -> deque[Cost]:
+def _costs() -> deque[ViewCost]:
     return deque(maxlen=REMEMBERED)

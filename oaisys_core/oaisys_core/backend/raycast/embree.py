@@ -178,12 +178,12 @@ class EmbreeScene:
     def first(
         self, origins: FloatArray, directions: FloatArray
     ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """See `Tree.first`, of a structure of triangles."""
+        """See `TriangleBvh.first`, of a structure of triangles."""
         distances, ids = self.nearest(origins, directions, np.full(len(directions), np.inf))
         return distances, ids[-1]
 
     def prepare(self) -> None:
-        """See `Tree.prepare`; there is nothing left to do."""
+        """See `TriangleBvh.prepare`; there is nothing left to do."""
 
     def _cast(self, packets: NDArray[np.float32]) -> None:
         """Fill in what rays meet; Embree has no call for many packets.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.ray_targets import NO_ELEMENT, TrianglePart
+from oaisys_core.backend.raycast.ray_targets import NO_ELEMENT, TriangleTarget
 from oaisys_core.backend.raycast.triangles import RayCaster
 from oaisys_core.scene import Ground
 from oaisys_core.terrain.detail import DetailedGround
@@ -33,7 +33,7 @@ SUNK_M = 0.3
 """Depth of the innermost ring below the stage, whose edge has more points."""
 
 
-class BeyondPart(TrianglePart):
+class FarPlainTarget(TriangleTarget):
     """The ground beyond the stage, as rays meet it.
 
     Attributes:
@@ -55,7 +55,7 @@ class BeyondPart(TrianglePart):
     def nearest(
         self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
     ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """See `Part`; ``directions`` are (R, 3)."""
+        """See `RayTarget`; ``directions`` are (R, 3)."""
         found = np.full(limits.shape, np.inf)
         elements = np.full(limits.shape, NO_ELEMENT, np.int64)
         rays = np.flatnonzero(self._may_meet(origin_m, directions, limits))
@@ -68,14 +68,14 @@ class BeyondPart(TrianglePart):
         return found, elements
 
     def normals(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
-        """See `Part`."""
+        """See `RayTarget`."""
         normals = np.tile((0.0, 0.0, 1.0), (len(elements), 1))
         of_slope = elements != self._level_element
         normals[of_slope] = super().normals(elements[of_slope], points_m[of_slope])
         return normals
 
     def instance_ids(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """See `Part`; it is ground."""
+        """See `RayTarget`; it is ground."""
         return np.zeros(elements.shape, np.uint32)
 
     def height_m(self, xy_m: FloatArray) -> FloatArray:

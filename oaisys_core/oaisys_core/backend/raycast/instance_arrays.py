@@ -17,7 +17,7 @@ from oaisys_core.scene import MeshPrototype, Placement, id_of_level
 from oaisys_core.types import FloatArray, TriangleMesh
 
 
-def placed(
+def merged_instances(
     mesh: TriangleMesh,
     T_map_object: FloatArray,
     semantic_ids: Sequence[int],
@@ -37,13 +37,13 @@ def placed(
     )
 
 
-class Shape:
+class PrototypeMesh:
     """A prototype in its own frame; what is needed of it is made when first asked for."""
 
     def __init__(self, prototype: MeshPrototype) -> None:
         self.prototype = prototype
         self.vertices_m: FloatArray = prototype.vertices_m.astype(np.float64)
-        self._tree: EmbreeScene | None = None
+        self._bvh: EmbreeScene | None = None
 
     @property
     def triangle_count(self) -> int:
@@ -63,21 +63,21 @@ class Shape:
 
     def tree(self, embree: Embree) -> EmbreeScene:
         """Return Embree's structure of it."""
-        if self._tree is None:
-            self._tree = embree.mesh(self.vertices_m, self.prototype.triangles)
-        return self._tree
+        if self._bvh is None:
+            self._bvh = embree.mesh(self.vertices_m, self.prototype.triangles)
+        return self._bvh
 
 
-class Shapes:
+class PrototypeMeshes:
     """One per prototype, kept as long as the prototype is used."""
 
     def __init__(self) -> None:
-        self._shapes: dict[int, Shape] = {}
+        self._shapes: dict[int, PrototypeMesh] = {}
 
-    def of(self, prototype: MeshPrototype) -> Shape:
+    def of(self, prototype: MeshPrototype) -> PrototypeMesh:
         """Return the shape of a prototype."""
         if id(prototype) not in self._shapes:
-            self._shapes[id(prototype)] = Shape(prototype)
+            self._shapes[id(prototype)] = PrototypeMesh(prototype)
         return self._shapes[id(prototype)]
 
     def keep_only(self, prototypes: Sequence[MeshPrototype]) -> None:
@@ -87,13 +87,13 @@ class Shapes:
 
 
 @dataclass(frozen=True)
-class Standing:
+class PlacedPrototype:
     """A placement together with the prototype that it names."""
 
     prototype: MeshPrototype
     placement: Placement
 
-    def is_same(self, other: Standing) -> bool:
+    def is_same(self, other: PlacedPrototype) -> bool:
         """Return whether the other is the very same placement of the very same prototype."""
         return self.placement is other.placement and self.prototype is other.prototype
 
@@ -107,10 +107,10 @@ class Standing:
         prototype, placement = self.prototype, self.placement
         mesh = TriangleMesh(prototype.vertices_m.astype(np.float64), prototype.triangles)
         poses, ids = placement.T_map_object, placement.instance_ids
-        return placed(mesh, poses, placement.semantic_ids, ids)
+        return merged_instances(mesh, poses, placement.semantic_ids, ids)
 
 
-class Crowd:
+class InstanceArrays:
     """All instances of some placements, one after another.
 
     Triangles are counted as if the instances' meshes were laid one after another.
@@ -124,12 +124,12 @@ class Crowd:
         low_m, high_m: (N, 3) corners of the boxes around the instances.
     """
 
-    def __init__(self, standing: Sequence[Standing], shapes: Shapes) -> None:
+    def __init__(self, placed: Sequence[PlacedPrototype], shapes: PrototypeMeshes) -> None:
         """Take over at least one placement; none is empty."""
-        placements = [each.placement for each in standing]
+        placements = [each.placement for each in placed]
         counts = [len(placement.T_map_object) for placement in placements]
-        self.shapes = [shapes.of(each.prototype) for each in standing]
-        self.groups = np.repeat(np.arange(len(standing)), counts)
+        self.shapes = [shapes.of(each.prototype) for each in placed]
+        self.groups = np.repeat(np.arange(len(placed)), counts)
         sizes = np.repeat([shape.triangle_count for shape in self.shapes], counts)
         self.first = np.concatenate(([0], np.cumsum(sizes))).astype(np.int64)
         self.instance_ids = np.concatenate([each.instance_ids for each in placements])
@@ -162,7 +162,7 @@ class Crowd:
         return low_m, high_m
 
 
-class Finder(Protocol):
+class InstanceFinder(Protocol):
     """A way to find which instances rays meet."""
 
     def find(
@@ -178,7 +178,7 @@ class Finder(Protocol):
         """
 
 
-def keep_nearer(
+def keep_nearest(
     best: FloatArray,
     found: NDArray[np.int64],
     rays: NDArray[np.int64],
@@ -204,11 +204,11 @@ def _inverse(T: FloatArray) -> FloatArray:
     for row in range(3):
         inverse[:, row, :3] = np.cross(columns[(row + 1) % 3], columns[(row + 2) % 3])
     inverse[:, :3, :3] /= np.einsum("ni,ni->n", inverse[:, 0, :3], columns[0])[:, None, None]
-    inverse[:, :3, 3] = -turned(inverse[:, :3, :3], T[:, :3, 3])
+    inverse[:, :3, 3] = -matvec(inverse[:, :3, :3], T[:, :3, 3])
     inverse[:, 3, 3] = 1.0
     return inverse
 
 
-def turned(R: NDArray[np.float64], vectors: FloatArray) -> FloatArray:
+def matvec(R: NDArray[np.float64], vectors: FloatArray) -> FloatArray:
     """Return (N, 3) vectors, each multiplied by its own (N, 3, 3) matrix."""
     return np.asarray(np.einsum("nij,nj->ni", R, vectors))

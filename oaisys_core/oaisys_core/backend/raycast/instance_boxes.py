@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.instance_arrays import Crowd, keep_nearer, turned
-from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, embree_scene
+from oaisys_core.backend.raycast.instance_arrays import InstanceArrays, keep_nearest, matvec
+from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, open3d_scene
 from oaisys_core.backend.raycast.visible_pixels import BOX_CORNERS
 from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.types import FloatArray
@@ -33,11 +33,11 @@ BOX_TRIANGLES = np.array(
 """Two per face: lower and upper x, then y, then z."""
 
 
-class BoxFinder:
-    """See `Finder`; what lies beyond the distances to lower need not be looked at."""
+class BoxInstanceFinder:
+    """See `InstanceFinder`; what lies beyond the distances to lower need not be looked at."""
 
-    def __init__(self, crowd: Crowd) -> None:
-        self._crowd = crowd
+    def __init__(self, crowd: InstanceArrays) -> None:
+        self._instances = crowd
         reach_m = max(np.abs(crowd.low_m).max(), np.abs(crowd.high_m).max())
         size_m = (crowd.high_m - crowd.low_m).max(axis=1, keepdims=True)
         margin_m = BOX_MARGIN * size_m + 1e-6 * reach_m
@@ -46,7 +46,7 @@ class BoxFinder:
         low_m, high_m = self._low_m[:, None], self._high_m[:, None]
         vertices = np.where(BOX_CORNERS == 0, low_m, high_m) - self._origin_m
         first = (np.arange(len(vertices), dtype=np.int32) * 8)[:, None, None]
-        self._boxes = embree_scene(vertices.reshape(-1, 3), (BOX_TRIANGLES + first).reshape(-1, 3))
+        self._boxes = open3d_scene(vertices.reshape(-1, 3), (BOX_TRIANGLES + first).reshape(-1, 3))
 
     def find(
         self,
@@ -55,7 +55,7 @@ class BoxFinder:
         best: FloatArray,
         found: NDArray[np.int64],
     ) -> None:
-        """See `Finder.find`: rays are cast at the instances of their boxes, from the nearest on."""
+        """See `InstanceFinder.find`."""
         for first in range(0, len(directions), RAYS_AT_A_TIME):
             some = slice(first, first + RAYS_AT_A_TIME)
             origins = origins_m if origins_m.ndim == 1 else origins_m[some]
@@ -121,12 +121,12 @@ class BoxFinder:
         found: NDArray[np.int64],
     ) -> None:
         """Cast rays at one instance each, in its frame and from its box on; keep what is nearer."""
-        crowd = self._crowd
+        crowd = self._instances
         rays, instances, enters = pairs
         entries_m = origins_m[rays] + enters[:, None] * directions[rays]
         T = crowd.T_object_map[instances]
-        origins = turned(T[:, :3, :3], entries_m) + T[:, :3, 3]
-        local_directions = turned(T[:, :3, :3], directions[rays])
+        origins = matvec(T[:, :3, :3], entries_m) + T[:, :3, 3]
+        local_directions = matvec(T[:, :3, :3], directions[rays])
         distances = np.empty(len(rays))
         triangle_ids = np.empty(len(rays), np.int64)
         for group, rows in crowd.by_group(instances):
@@ -138,4 +138,4 @@ class BoxFinder:
         triangle_ids = triangle_ids[hit] + crowd.first[instances[hit]]
         farthest_first = np.argsort(-distances, kind="stable")
         of_hits = (each[farthest_first] for each in (rays, distances, triangle_ids))
-        keep_nearer(best, found, *of_hits)
+        keep_nearest(best, found, *of_hits)

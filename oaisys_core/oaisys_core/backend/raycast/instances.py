@@ -7,12 +7,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from oaisys_core.backend.raycast.embree import Embree
-from oaisys_core.backend.raycast.instance_arrays import Crowd, Finder, Shapes, Standing, turned
-from oaisys_core.backend.raycast.instance_boxes import BoxFinder
-from oaisys_core.backend.raycast.instance_trees import TreeFinder
-from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, surface_height_m, unit
-from oaisys_core.backend.raycast.visible_pixels import in_sight
+from oaisys_core.backend.raycast.embree import NOTHING, Embree
+from oaisys_core.backend.raycast.instance_arrays import (
+    InstanceArrays,
+    InstanceFinder,
+    PlacedPrototype,
+    PrototypeMeshes,
+    keep_nearest,
+    matvec,
+)
+from oaisys_core.backend.raycast.instance_boxes import BoxInstanceFinder
+from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, refined, surface_height_m, unit
+from oaisys_core.backend.raycast.visible_pixels import visible_pixels
 from oaisys_core.scene import PlacedCamera, merge_meshes
 from oaisys_core.types import FloatArray, TriangleMesh
 
@@ -27,19 +33,24 @@ class InstanceCaster:
     """
 
     def __init__(
-        self, standing: Sequence[Standing], shapes: Shapes, embree: Embree | None = None
+        self,
+        placed: Sequence[PlacedPrototype],
+        shapes: PrototypeMeshes,
+        embree: Embree | None = None,
     ) -> None:
         """Take over placements; without ``embree``, boxes are searched, ten times as long."""
-        self._standing = [each for each in standing if each.triangle_count]
+        self._placed_prototypes = [each for each in placed if each.triangle_count]
         self.low_m: FloatArray = np.full(3, np.inf)
         self.high_m: FloatArray = np.full(3, -np.inf)
-        if not self._standing:
+        if not self._placed_prototypes:
             return
-        self._crowd = Crowd(self._standing, shapes)
-        self.low_m = self._crowd.low_m.min(axis=0)
-        self.high_m = self._crowd.high_m.max(axis=0)
-        self._finder: Finder = (
-            BoxFinder(self._crowd) if embree is None else TreeFinder(self._crowd, embree)
+        self._instances = InstanceArrays(self._placed_prototypes, shapes)
+        self.low_m = self._instances.low_m.min(axis=0)
+        self.high_m = self._instances.high_m.max(axis=0)
+        self._finder: InstanceFinder = (
+            BoxInstanceFinder(self._instances)
+            if embree is None
+            else EmbreeInstanceFinder(self._instances, embree)
         )
 
     def intersect(
@@ -52,17 +63,17 @@ class InstanceCaster:
         shape = directions.shape[:-1]
         best = np.full(shape, np.inf).ravel() if limits is None else limits.astype(float).ravel()
         found = np.full(best.shape, NO_TRIANGLE, dtype=np.int64)
-        if self._standing:
+        if self._placed_prototypes:
             self._finder.find(origins_m, directions.reshape(-1, 3), best, found)
         best[found == NO_TRIANGLE] = np.inf
         return best.reshape(shape), found.reshape(shape)
 
-    def in_sight(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
+    def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
         """Return (H, W) where a camera without distortion may see any of them; None: anywhere."""
-        if not self._standing:
+        if not self._placed_prototypes:
             pinhole = camera.intrinsics
             return np.zeros((pinhole.height_px, pinhole.width_px), np.bool_)
-        return in_sight(camera, self._crowd.low_m, self._crowd.high_m)
+        return visible_pixels(camera, self._instances.low_m, self._instances.high_m)
 
     def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
         """Return the (N,) topmost heights at (N, 2) points, NaN where there is nothing."""
@@ -73,19 +84,67 @@ class InstanceCaster:
         ids = np.zeros(triangle_ids.shape, np.uint32)
         hit = triangle_ids != NO_TRIANGLE
         if hit.any():
-            ids[hit] = self._crowd.instance_ids[self._crowd.instances_of(triangle_ids[hit])]
+            ids[hit] = self._instances.instance_ids[self._instances.instances_of(triangle_ids[hit])]
         return ids
 
     def normals_of(self, triangle_ids: NDArray[np.int64]) -> FloatArray:
         """Return the (N, 3) unit normals of (N,) triangle ids; 0 for triangles without area."""
-        crowd = self._crowd
+        crowd = self._instances
         instances = crowd.instances_of(triangle_ids)
         local = triangle_ids - crowd.first[instances]
         normals = np.empty((len(triangle_ids), 3))
         for group, rows in crowd.by_group(instances):
             normals[rows] = crowd.shapes[group].planes[1][local[rows]]
-        return unit(turned(crowd.T_map_object[instances, :3, :3], unit(normals)))
+        return unit(matvec(crowd.T_map_object[instances, :3, :3], unit(normals)))
 
     def mesh(self) -> TriangleMesh:
         """Return the triangles of all instances, with ids."""
-        return merge_meshes([each.mesh() for each in self._standing])
+        return merge_meshes([each.mesh() for each in self._placed_prototypes])
+
+
+class EmbreeInstanceFinder:
+    """See `InstanceFinder`.
+
+    Embree finds the triangle in float32; how far it is, is then computed in float64.
+    """
+
+    def __init__(self, crowd: InstanceArrays, embree: Embree) -> None:
+        self._instances = crowd
+        self._origin_m = (crowd.low_m.min(axis=0) + crowd.high_m.max(axis=0)) / 2
+        ends = np.cumsum(np.bincount(crowd.groups, minlength=len(crowd.shapes)))
+        self._first_instance = np.concatenate(([0], ends))
+        T_local_object = crowd.T_map_object.copy()
+        T_local_object[:, :3, 3] -= self._origin_m
+        poses = np.split(T_local_object, ends[:-1])
+        self._scene = embree.instances([shape.tree(embree) for shape in crowd.shapes], poses)
+        shapes = list(dict.fromkeys(crowd.shapes))
+        starts = np.cumsum([0, *(shape.triangle_count for shape in shapes)])
+        self._first_plane = starts[[shapes.index(shape) for shape in crowd.shapes]]
+        self._corners = np.concatenate([shape.planes[0] for shape in shapes])
+        self._normals = np.concatenate([shape.planes[1] for shape in shapes])
+
+    def find(
+        self,
+        origins_m: FloatArray,
+        directions: FloatArray,
+        best: FloatArray,
+        found: NDArray[np.int64],
+    ) -> None:
+        """See `InstanceFinder.find`."""
+        # What is as far as a limit is found, too, before it is rounded.
+        limits = np.nextafter(best.astype(np.float32), np.float32(np.inf))
+        coarse, ids = self._scene.nearest(origins_m - self._origin_m, directions, limits)
+        rays = np.flatnonzero(ids[0] != NOTHING)
+        groups, numbers, triangles = ids[:, rays].astype(np.int64)
+        instances = self._first_instance[groups] + numbers
+        planes = self._first_plane[groups] + triangles
+        T = self._instances.T_object_map[instances]
+        origins = np.broadcast_to(origins_m, directions.shape)[rays]
+        distances = refined(
+            coarse[rays].astype(np.float64),
+            self._corners[planes],
+            self._normals[planes],
+            matvec(T[:, :3, :3], origins) + T[:, :3, 3],
+            matvec(T[:, :3, :3], directions[rays]),
+        )
+        keep_nearest(best, found, rays, distances, self._instances.first[instances] + triangles)

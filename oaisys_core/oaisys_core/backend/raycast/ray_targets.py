@@ -18,14 +18,14 @@ NO_ELEMENT = NO_TRIANGLE
 """Element of a ray that meets nothing."""
 
 
-MOST_IN_SIGHT = 0.7
+MAX_VISIBLE_SHARE = 0.7
 """Share of a camera's pixels up to which it pays to cast only the rays of some of them."""
 
 
-class Part(ABC):
+class RayTarget(ABC):
     """Some of a scene; it numbers its elements (triangles, or one for a whole solid) from 0."""
 
-    def in_sight(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
+    def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
         """Return (H, W) which rays are to be cast at it, as the others miss it; None: all."""
         return None
 
@@ -64,7 +64,7 @@ class TriangleCaster(Caster, Protocol):
         """See `RayCaster.surface_height_m`."""
 
 
-class TrianglePart(Part):
+class TriangleTarget(RayTarget):
     """Triangles."""
 
     def __init__(self, caster: TriangleCaster) -> None:
@@ -73,46 +73,46 @@ class TrianglePart(Part):
     def nearest(
         self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
     ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """See `Part`."""
+        """See `RayTarget`."""
         return self._caster.intersect(origin_m, directions)
 
     def instance_ids(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """See `Part`."""
+        """See `RayTarget`."""
         return self._caster.instance_ids_of(elements)
 
     def normals(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
-        """See `Part`."""
+        """See `RayTarget`."""
         return self._caster.normals_of(elements)
 
     def height_m(self, xy_m: FloatArray) -> FloatArray:
-        """See `Part`."""
+        """See `RayTarget`."""
         return self._caster.surface_height_m(xy_m)
 
 
-class InstancePart(TrianglePart):
+class InstanceTarget(TriangleTarget):
     """Instances, of which those beyond the limits are left out."""
 
     def __init__(self, caster: InstanceCaster) -> None:
         super().__init__(caster)
         self._instances = caster
 
-    def in_sight(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
-        """See `Part`."""
+    def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
+        """See `RayTarget`."""
         if any(camera.intrinsics.distortion):
             return None
-        found = self._instances.in_sight(camera)
-        if found is None or np.count_nonzero(found) > MOST_IN_SIGHT * found.size:
+        found = self._instances.visible_pixels(camera)
+        if found is None or np.count_nonzero(found) > MAX_VISIBLE_SHARE * found.size:
             return None
         return found
 
     def nearest(
         self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
     ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """See `Part`."""
+        """See `RayTarget`."""
         return self._instances.intersect(origin_m, directions, limits)
 
 
-class SolidPart(Part):
+class SolidTarget(RayTarget):
     """One exact solid."""
 
     def __init__(self, solid: Solid, instance_id: int, top_m: float) -> None:
@@ -124,20 +124,20 @@ class SolidPart(Part):
     def nearest(
         self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
     ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """See `Part`."""
+        """See `RayTarget`."""
         distances = self._solid.intersect(origin_m, directions)
         return distances, np.where(np.isfinite(distances), 0, NO_ELEMENT)
 
     def instance_ids(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """See `Part`."""
+        """See `RayTarget`."""
         return np.full(elements.shape, self._instance_id, np.uint32)
 
     def normals(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
-        """See `Part`."""
+        """See `RayTarget`."""
         return self._solid.normals_at(points_m)
 
     def height_m(self, xy_m: FloatArray) -> FloatArray:
-        """See `Part`."""
+        """See `RayTarget`."""
         above_m = self._top_m + 1.0
         origins = np.column_stack((xy_m, np.full(len(xy_m), above_m)))
         down = np.broadcast_to((0.0, 0.0, -1.0), origins.shape)

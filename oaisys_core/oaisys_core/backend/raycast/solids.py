@@ -1,4 +1,4 @@
-"""Shapes whose surface has a closed form, so that rays meet them exactly (float64)."""
+"""PrototypeMeshes whose surface has a closed form, so that rays meet them exactly (float64)."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ class CameraHits(ShortRepr):
     points_m: FloatArray
 
 
-class Tree(Protocol):
+class TriangleBvh(Protocol):
     """A structure over triangles."""
 
     def first(
@@ -64,7 +64,7 @@ class Tree(Protocol):
         """Build it now, if that is still to be done."""
 
 
-TreeMaker = Callable[[FloatArray, NDArray[np.int32]], Tree]
+BvhBuilder = Callable[[FloatArray, NDArray[np.int32]], TriangleBvh]
 """Makes a tree over (V, 3) vertices and (T, 3) triangles."""
 
 
@@ -75,7 +75,7 @@ class RayCaster:
         low_m, high_m: (3,) corners of the box around them; infinite and reversed around nothing.
     """
 
-    def __init__(self, meshes: Sequence[TriangleMesh], maker: TreeMaker | None = None) -> None:
+    def __init__(self, meshes: Sequence[TriangleMesh], maker: BvhBuilder | None = None) -> None:
         """Build the search structure over ``meshes``; ids that a mesh lacks count as 0.
 
         ``maker`` makes it; None takes Open3D.
@@ -84,7 +84,7 @@ class RayCaster:
         counts = [len(mesh.triangles) for mesh in meshes]
         self._semantic_ids = _ids([m.semantic_ids for m in meshes], counts, np.uint16)
         self._instance_ids = _ids([m.instance_ids for m in meshes], counts, np.uint32)
-        self._tree: Tree | None = None
+        self._bvh: TriangleBvh | None = None
         self.low_m: FloatArray = np.full(3, np.inf)
         self.high_m: FloatArray = np.full(3, -np.inf)
         if not meshes:
@@ -94,12 +94,12 @@ class RayCaster:
         self._origin_m: FloatArray = (self.low_m + self.high_m) / 2
         self._local_m = soup.vertices_m - self._origin_m
         self._triangles = soup.triangles
-        self._tree = (maker or Open3DTree)(self._local_m, self._triangles)
+        self._bvh = (maker or Open3DBvh)(self._local_m, self._triangles)
 
     def prepare(self) -> None:
         """Build the search structure now; else the first ray that is cast waits for it."""
-        if self._tree is not None:
-            self._tree.prepare()
+        if self._bvh is not None:
+            self._bvh.prepare()
 
     def cast(self, T_map_camera: FloatArray, intrinsics: PinholeIntrinsics) -> CameraHits:
         """Return what a camera with its optical frame at ``T_map_camera`` sees."""
@@ -134,11 +134,11 @@ class RayCaster:
             (...) int64 triangle ids, `NO_TRIANGLE` for none.
         """
         shape = directions.shape[:-1]
-        if self._tree is None:
+        if self._bvh is None:
             return np.full(shape, np.inf), np.full(shape, NO_TRIANGLE, dtype=np.int64)
         local_m = np.asarray(origins_m, dtype=np.float64) - self._origin_m
         of_rays = local_m if local_m.ndim == 1 else local_m.reshape(-1, 3)
-        coarse, triangles = self._tree.first(of_rays, directions.reshape(-1, 3))
+        coarse, triangles = self._bvh.first(of_rays, directions.reshape(-1, 3))
         distances = coarse.astype(np.float64).reshape(shape)
         hit = np.isfinite(distances)
         triangle_ids = np.where(hit, triangles.astype(np.int64).reshape(shape), NO_TRIANGLE)
@@ -233,16 +233,16 @@ def unit(vectors: FloatArray) -> FloatArray:
     return np.asarray(vectors / np.where(lengths > 0, lengths, 1.0))
 
 
-class Open3DTree:
-    """See `Tree`; it is built when the first ray is cast."""
+class Open3DBvh:
+    """See `TriangleBvh`; it is built when the first ray is cast."""
 
     def __init__(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> None:
-        self._scene = embree_scene(vertices_m, triangles)
+        self._scene = open3d_scene(vertices_m, triangles)
 
     def first(
         self, origins: FloatArray, directions: FloatArray
     ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """See `Tree.first`."""
+        """See `TriangleBvh.first`."""
         import open3d as o3d
 
         rays = np.empty((len(directions), 6), dtype=np.float32)
@@ -251,11 +251,11 @@ class Open3DTree:
         return found["t_hit"].numpy(), found["primitive_ids"].numpy()
 
     def prepare(self) -> None:
-        """See `Tree.prepare`."""
+        """See `TriangleBvh.prepare`."""
         self.first(np.zeros(3), np.zeros((1, 3)))
 
 
-def embree_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
+def open3d_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
     """Return Embree's structure over (V, 3) vertices and (T, 3) triangles."""
     import open3d as o3d
 

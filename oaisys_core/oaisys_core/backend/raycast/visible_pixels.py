@@ -14,14 +14,14 @@ BOX_CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1
 MARGIN_PX = 0.01
 """By which a box is held to reach farther in the image: more than rounding in float32 moves it."""
 
-MOST_BOXES = 5_000
+MAX_BOXES = 5_000
 """Boxes from which on most pixels may see one, and to tell which takes as long as it saves."""
 
 LEAST_AHEAD = 1e-3
-"""Part of a box's size that it must be ahead of a camera for its image to be bounded."""
+"""RayTarget of a box's size that it must be ahead of a camera for its image to be bounded."""
 
 
-def in_sight(
+def visible_pixels(
     camera: PlacedCamera, low_m: FloatArray, high_m: FloatArray
 ) -> NDArray[np.bool_] | None:
     """Return (H, W) whether the ray through a pixel's centre may meet a box; None: any may.
@@ -30,7 +30,7 @@ def in_sight(
         camera: Without distortion.
         low_m, high_m: (N, 3) corners of boxes along the axes of ``map``.
     """
-    if len(low_m) > MOST_BOXES:
+    if len(low_m) > MAX_BOXES:
         return None
     pinhole, T = camera.intrinsics, camera.T_map_camera
     low_m, high_m = low_m - T[:3, 3], high_m - T[:3, 3]

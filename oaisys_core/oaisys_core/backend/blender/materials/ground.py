@@ -16,18 +16,19 @@ import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.materials.footprint import by_footprint
-from oaisys_core.backend.blender.materials.gloss import glossed, is_glossy
 from oaisys_core.backend.blender.materials.haze import through_haze
 from oaisys_core.backend.blender.materials.images import ImageStore
 from oaisys_core.backend.blender.materials.masks import layer_shares, mask_images
-from oaisys_core.backend.blender.materials.nodes import MIX_RESULT, NodeTree, Socket, grouped
+from oaisys_core.backend.blender.materials.nodes import MIX_RESULT, NodeTree, Socket, in_group
 from oaisys_core.backend.blender.materials.surfaces import (
+    add_gloss,
     diffuse,
+    is_glossy,
     new_material,
     show,
     without_detail,
 )
-from oaisys_core.backend.blender.materials.tiling import Look, TilingNodes
+from oaisys_core.backend.blender.materials.tiling import TextureLookup, TilingNodes
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.textures.levels import LEAST_PX, level_at
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
@@ -46,8 +47,8 @@ SIDE_BLEND = 2.5
 """How quickly one side gives way to the next around a corner."""
 
 
-LOOKS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
-MOST_LOOKS = 100
+LOOKUPS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
+MAX_LOOKUPS = 100
 """Looks of its texture that each kind of tiling mixes, and how many of them, over all layers,
 sides and levels, a material may have before it makes do with every other level."""
 
@@ -72,7 +73,7 @@ class Texel(NamedTuple):
     roughness: Socket
 
 
-class Tables(NamedTuple):
+class MaterialTables(NamedTuple):
     """What all levels of a ground's material have in common.
 
     Attributes:
@@ -88,7 +89,7 @@ class Tables(NamedTuple):
     varies: bool
 
 
-class Level(NamedTuple):
+class MaterialLevel(NamedTuple):
     """A terrain material as it looks in pixels of one size.
 
     Attributes:
@@ -100,7 +101,7 @@ class Level(NamedTuple):
 
     material: TerrainMaterial
     images: ImageStore
-    tables: Tables
+    tables: MaterialTables
     footprint_m: float
 
     def seen(self, maps: PbrMaps, tile_m: float) -> PbrMaps:
@@ -109,7 +110,7 @@ class Level(NamedTuple):
         return levels[level_at(replace(maps, tile_m=tile_m), len(levels), self.footprint_m)]
 
 
-def level_surface(tree: NodeTree, level: Level) -> Socket:
+def level_surface(tree: NodeTree, level: MaterialLevel) -> Socket:
     """Add the ground's surface at one level to a tree."""
     geometry = tree.add("NewGeometry").outputs
     position, material = geometry["Position"], level.material
@@ -118,7 +119,7 @@ def level_surface(tree: NodeTree, level: Level) -> Socket:
     def laid_on(axes: tuple[int, int] | None) -> Socket:
         """Return the surface of all layers on a plane."""
         first, *others = (
-            grouped(
+            in_group(
                 tree, "ground_layer", partial(_layer_surface, level=level, axes=axes, layer=layer)
             )
             for layer in material.layers
@@ -143,7 +144,7 @@ def level_surface(tree: NodeTree, level: Level) -> Socket:
 class LayerNodes:
     """Makes the surface of one layer, as if it lay everywhere, on one plane."""
 
-    def __init__(self, tree: NodeTree, level: Level, axes: tuple[int, int] | None) -> None:
+    def __init__(self, tree: NodeTree, level: MaterialLevel, axes: tuple[int, int] | None) -> None:
         self._tree = tree
         self._level = level
         self._images = level.images
@@ -171,7 +172,7 @@ class LayerNodes:
         surface, _ = diffuse(tree, color, texel.roughness, normal)
         if self._level.tables.glossy[id(layer.maps)]:
             unit = tree.vector("NORMALIZE", normal)
-            surface = glossed(tree, surface, texel.roughness, unit)
+            surface = add_gloss(tree, surface, texel.roughness, unit)
         return surface
 
     def _slope(self, detail: Socket, plane: Plane) -> Socket:
@@ -191,11 +192,11 @@ class LayerNodes:
             # Its labels are a matter of what lies above, so its colours must be too.
             plane = Plane(self._position, plane.axes)
         place = tree.scaled(plane.place, 1.0 / maps.tile_m)
-        looks = self._tilings.looks(layer.tiling, place)
-        if len(looks) == 1:
-            return self._sample(maps, looks[0])
-        texels = [self._sample(maps, look) for look in looks]
-        weights = [look.weight for look in looks]
+        lookups = self._tilings.lookups(layer.tiling, place)
+        if len(lookups) == 1:
+            return self._sample(maps, lookups[0])
+        texels = [self._sample(maps, lookup) for lookup in lookups]
+        weights = [lookup.weight for lookup in lookups]
         roughness: Socket = 0.0
         for texel, weight in zip(texels, weights, strict=True):
             roughness = tree.math("MULTIPLY_ADD", texel.roughness, weight, roughness)
@@ -206,18 +207,18 @@ class LayerNodes:
         detail = _mixture(tree, [t.detail for t in texels], weights, gain, (x, y, z))
         return Texel(tree.vector("MAXIMUM", color, (0.0, 0.0, 0.0)), detail, roughness)
 
-    def _sample(self, maps: PbrMaps, look: Look) -> Texel:
+    def _sample(self, maps: PbrMaps, lookup: TextureLookup) -> Texel:
         tree = self._tree
-        color = tree.add("TexImage", {"Vector": look.place}, image=self._images.color(maps))
+        color = tree.add("TexImage", {"Vector": lookup.place}, image=self._images.color(maps))
         image = self._images.normal_roughness(maps)
-        other = tree.add("TexImage", {"Vector": look.place}, image=image)
+        other = tree.add("TexImage", {"Vector": lookup.place}, image=image)
         detail = other.outputs["Color"]
-        if look.angle is not None:
+        if lookup.angle is not None:
             # The texture was turned one way under the place, so its slopes turn the other way.
             inputs: dict[str | int, Any] = {
                 "Vector": detail,
                 "Center": (0.5, 0.5, 0.0),
-                "Angle": tree.math("MULTIPLY", look.angle, -1.0),
+                "Angle": tree.math("MULTIPLY", lookup.angle, -1.0),
             }
             detail = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
         return Texel(color.outputs["Color"], detail, other.outputs["Alpha"])
@@ -239,7 +240,7 @@ class LayerNodes:
 
 
 def _layer_surface(
-    tree: NodeTree, level: Level, axes: tuple[int, int] | None, layer: TerrainLayer
+    tree: NodeTree, level: MaterialLevel, axes: tuple[int, int] | None, layer: TerrainLayer
 ) -> Socket:
     return LayerNodes(tree, level, axes).surface(layer)
 
@@ -252,28 +253,28 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
     result = new_material("ground")
     tree = NodeTree(node_tree_of(result))
     maps, variation = material.layers[0].maps, material.variation
-    tables = Tables(
+    tables = MaterialTables(
         masks=mask_images(material),
         tilings={},
         glossy={id(layer.maps): is_glossy(layer.maps) for layer in material.layers},
         varies=bool(variation.brightness or variation.tint) and bool(np.ptp(maps.height)),
     )
     footprints_m = _footprints_m(material)
-    levels = [Level(material, images, tables, footprint_m) for footprint_m in footprints_m]
+    levels = [MaterialLevel(material, images, tables, footprint_m) for footprint_m in footprints_m]
     surfaces = [
-        grouped(tree, "ground_level", partial(level_surface, level=level)) for level in levels
+        in_group(tree, "ground_level", partial(level_surface, level=level)) for level in levels
     ]
     _, veil = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
     surface = by_footprint(tree, footprints_m[1:], surfaces)
     # An image of the whole ground has no colour that goes for all of it.
     if not any(layer.label_image is not None for layer in material.layers):
-        mean = grouped(tree, "ground_mean", partial(_mean_surface, level=levels[-1]))
+        mean = in_group(tree, "ground_mean", partial(_mean_surface, level=levels[-1]))
         surface = without_detail(tree, surface, mean)
     show(tree, surface, veil)
     return result
 
 
-def _mean_surface(tree: NodeTree, level: Level) -> Socket:
+def _mean_surface(tree: NodeTree, level: MaterialLevel) -> Socket:
     """Return the ground with layers of one colour each."""
     position = tree.add("NewGeometry").outputs["Position"]
     shares = layer_shares(tree, level.material, level.tables.masks, position)
@@ -292,9 +293,9 @@ def _footprints_m(material: TerrainMaterial) -> list[float]:
     finest_m = min(maps.tile_m / len(maps.color_srgb) for maps in sets)
     coarsest_m = max(maps.tile_m / LEAST_PX for maps in sets)
     octaves = max(0, round(log2(coarsest_m / finest_m)))
-    looks = sum(LOOKS[type(layer.tiling)] for layer in material.layers)
-    looks *= 3 if material.projects_sides else 1
-    stride = 1 if looks * octaves <= MOST_LOOKS else 2
+    lookups = sum(LOOKUPS[type(layer.tiling)] for layer in material.layers)
+    lookups *= 3 if material.projects_sides else 1
+    stride = 1 if lookups * octaves <= MAX_LOOKUPS else 2
     return [finest_m * 2**step for step in range(0, octaves + 1, stride)]
 
 

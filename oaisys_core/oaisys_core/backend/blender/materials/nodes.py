@@ -82,7 +82,7 @@ class NodeTree:
         return self.add("MixShader", {0: factor, 1: first, 2: second}).outputs[0]
 
 
-def grouped(tree: NodeTree, name: str, make: Callable[[NodeTree], Socket]) -> Socket:
+def in_group(tree: NodeTree, name: str, make: Callable[[NodeTree], Socket]) -> Socket:
     """Return the surface that ``make`` adds to a tree of its own, which ``tree`` uses as a group.
 
     Blender goes through a whole tree whenever something is added: many small ones are faster.

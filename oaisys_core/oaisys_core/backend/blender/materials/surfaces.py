@@ -5,15 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import bpy
+import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.materials.footprint import by_footprint
 from oaisys_core.backend.blender.materials.haze import through_haze, without_light_sampling
-from oaisys_core.backend.blender.materials.images import ImageStore
+from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, new_image
 from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.backend.blender.objects.instances import SIZE
 from oaisys_core.backend.raycast.shading import linear, mean_color
-from oaisys_core.scene import PbrMaps
+from oaisys_core.scene import MeshPrototype, PbrMaps
 
 BOX_BLEND = 0.25
 """Share of a rock's surface over which projections from two sides run into each other."""
@@ -112,3 +113,80 @@ def show(tree: NodeTree, surface: Socket, veil: Socket) -> None:
     air = tree.add("Emission", {"Color": veil}).outputs[0]
     both = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
     tree.add("OutputMaterial", {"Surface": both})
+
+
+PAINT = "paint"
+"""Name of a mesh's colour attribute or texture coordinates."""
+
+ROUGHNESS = 0.5
+
+
+def painted_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
+    """Return the material of a mesh's own colours, which are put into it; None without any."""
+    if prototype.color_image_srgb is not None and prototype.uv is not None:
+        result = new_material(prototype.name)
+        tree = NodeTree(node_tree_of(result))
+        color = _from_picture(tree, prototype, mesh)
+    elif prototype.vertex_colors_srgb is not None:
+        result = new_material(prototype.name)
+        tree = NodeTree(node_tree_of(result))
+        color = _from_vertices(tree, prototype, mesh)
+    else:
+        return None
+    show(tree, *diffuse(tree, color, ROUGHNESS, None))
+    return result
+
+
+def _from_picture(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:
+    rgb = np.asarray(prototype.color_image_srgb)
+    layer = mesh.uv_layers.new(name=PAINT)
+    layer.uv.foreach_set("vector", np.ascontiguousarray(prototype.uv, np.float32).ravel())
+    pixels = np.ones((*rgb.shape[:2], 4), dtype=np.float32)
+    np.multiply(rgb[::-1], BYTE, out=pixels[..., :3])
+    image = new_image(prototype.name, pixels, is_float=False, is_color=True)
+    place = tree.add("UVMap", uv_map=PAINT).outputs[0]
+    return tree.add("TexImage", {"Vector": place}, image=image).outputs["Color"]
+
+
+def _from_vertices(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:
+    rgb = np.asarray(prototype.vertex_colors_srgb)
+    rgba = np.ones((len(rgb), 4), dtype=np.float32)
+    np.multiply(rgb, BYTE, out=rgba[:, :3])
+    layer = mesh.color_attributes.new(PAINT, "BYTE_COLOR", "POINT")
+    layer.data.foreach_set("color_srgb", rgba.ravel())
+    return tree.add("Attribute", attribute_name=PAINT).outputs["Color"]
+
+
+IOR = 1.33
+"""Refractive index of water; ice has 1.31."""
+
+SHINY, DULL = 0.25, 0.6
+"""Roughness up to which a film of water or ice is whole, and from which there is none."""
+
+SHINY_SHARE = 0.01
+"""Share of a texture that must be shinier than dull for the ground to have gloss at all: on dry
+ground, gloss costs noise and shows nothing."""
+
+
+def is_glossy(maps: PbrMaps) -> bool:
+    """Return whether a texture set has parts that shine."""
+    shiny = np.count_nonzero(maps.roughness < DULL * 255)
+    return bool(shiny > SHINY_SHARE * maps.roughness.size)
+
+
+def add_gloss(tree: NodeTree, surface: Socket, roughness: Socket, normal: Socket) -> Socket:
+    """Return a surface under a film that reflects by Fresnel's law where it is not dull.
+
+    Args:
+        tree: The material's.
+        surface: What is below the film.
+        roughness: 0 to 1.
+        normal: In ``map``, unit length.
+    """
+    slope = 1 / (DULL - SHINY)
+    film = tree.clamped("MULTIPLY_ADD", roughness, -slope, DULL * slope)
+    fresnel = tree.add("Fresnel", {"IOR": IOR, "Normal": normal}).outputs[0]
+    seen, _ = through_haze(tree, (1.0, 1.0, 1.0, 1.0))
+    inputs: dict[str | int, Socket] = {"Color": seen, "Roughness": roughness, "Normal": normal}
+    mirror = tree.add("BsdfGlossy", inputs).outputs[0]
+    return tree.mixed(tree.math("MULTIPLY", fresnel, film), surface, mirror)

@@ -13,7 +13,7 @@ from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.world.tiling import CRISPNESS, SHIFTS, StochasticTiling, Tiling, VoronoiTiling
 
 
-class Look(NamedTuple):
+class TextureLookup(NamedTuple):
     """One of the places that a point of the ground is mixed of.
 
     Attributes:
@@ -37,15 +37,15 @@ class TilingNodes:
         self._tree = tree
         self._tables = tables
 
-    def looks(self, tiling: Tiling, place: Socket) -> list[Look]:
+    def lookups(self, tiling: Tiling, place: Socket) -> list[TextureLookup]:
         """Return of what places a point is mixed; ``place`` is the point's own, in tiles."""
         if isinstance(tiling, VoronoiTiling):
             return self._voronoi(tiling, place)
         if isinstance(tiling, StochasticTiling):
             return self._stochastic(tiling, place)
-        return [Look(place)]
+        return [TextureLookup(place)]
 
-    def _voronoi(self, tiling: VoronoiTiling, place: Socket) -> list[Look]:
+    def _voronoi(self, tiling: VoronoiTiling, place: Socket) -> list[TextureLookup]:
         tree = self._tree
         at = tree.scaled(place, 1.0 / tiling.period_tiles)
         moves = self._lookup(tiling.moves, at, "Closest")
@@ -56,9 +56,12 @@ class TilingNodes:
             "VectorRotate", {"Vector": place, "Angle": angle}, rotation_type="Z_AXIS"
         ).outputs[0]
         moved = tree.vector("ADD", turned, tree.combined(shift_u, shift_v, 0.0))
-        return [Look(moved, weight, angle), Look(place, tree.math("SUBTRACT", 1.0, weight))]
+        return [
+            TextureLookup(moved, weight, angle),
+            TextureLookup(place, tree.math("SUBTRACT", 1.0, weight)),
+        ]
 
-    def _stochastic(self, tiling: StochasticTiling, place: Socket) -> list[Look]:
+    def _stochastic(self, tiling: StochasticTiling, place: Socket) -> list[TextureLookup]:
         tree = self._tree
         x, y, _ = tree.add("SeparateXYZ", {0: tree.scaled(place, 1.0 / tiling.cell_tiles)}).outputs
         x = tree.math("MULTIPLY_ADD", y, -1 / sqrt(3), x)
@@ -77,13 +80,15 @@ class TilingNodes:
         steps: tuple[Socket, ...] = (both, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
         powers = [tree.math("POWER", share, CRISPNESS) for share in shares]
         total = tree.math("ADD", tree.math("ADD", powers[0], powers[1]), powers[2])
-        looks = []
+        lookups = []
         for step, power in zip(steps, powers, strict=True):
             centre = (0.5 / SHIFTS, 0.5 / SHIFTS, 0.0)
             at = tree.vector("MULTIPLY_ADD", tree.vector("ADD", corner, step), 1 / SHIFTS, centre)
             shift = self._lookup(tiling.shifts, at, "Closest")
-            looks.append(Look(tree.vector("ADD", place, shift), tree.math("DIVIDE", power, total)))
-        return looks
+            lookups.append(
+                TextureLookup(tree.vector("ADD", place, shift), tree.math("DIVIDE", power, total))
+            )
+        return lookups
 
     def _lookup(self, table: NDArray[np.float32], at: Socket, interpolation: str) -> Socket:
         """Return the colour of a table of up to three values a texel, row 0 at v = 0."""

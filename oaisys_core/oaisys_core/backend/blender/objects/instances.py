@@ -23,7 +23,7 @@ ROTATION = "turned"
 """Attribute that holds an instance's quaternion."""
 
 ID = "instance_id"
-"""Attribute of an instance, and property of an object, that holds its id; see `id_halves`."""
+"""Attribute of an instance, and property of an object, that holds its id; see `ids_to_floats`."""
 
 NODES = "instances"
 """Name of the node group."""
@@ -40,7 +40,7 @@ class InstancedMesh:
         points.vertices.add(len(placement.instance_ids))
         points.attributes.new(ROTATION, "QUATERNION", "POINT")
         points.attributes.new(SIZE, "FLOAT", "POINT")
-        halves = id_halves(placement.instance_ids)
+        halves = ids_to_floats(placement.instance_ids)
         numbers = points.attributes.new(ID, "FLOAT_VECTOR", "POINT")
         numbers.data.foreach_set("vector", halves.ravel())
         self._points = points
@@ -70,17 +70,17 @@ class InstancedMesh:
         bpy.data.batch_remove([self.thing, self._original, self._points, self._nodes])
 
 
-def id_halves(instance_ids: NDArray[np.uint32]) -> NDArray[np.float32]:
+def ids_to_floats(instance_ids: NDArray[np.uint32]) -> NDArray[np.float32]:
     """Return (N, 3) lower and upper halves of (N,) ids, and 0: a float holds 24 bits exactly.
 
-    Inverse: `ids_of`.
+    Inverse: `ids_from_floats`.
     """
     halves = np.zeros((len(instance_ids), 3), np.float32)
     halves[:, 0], halves[:, 1] = instance_ids & 0xFFFF, instance_ids >> 16
     return halves
 
 
-def ids_of(halves: NDArray[np.float32]) -> NDArray[np.uint32]:
+def ids_from_floats(halves: NDArray[np.float32]) -> NDArray[np.uint32]:
     """Return (...) ids of (..., 2) lower and upper halves."""
     low, high = np.moveaxis(halves.astype(np.uint32), -1, 0)
     return np.asarray(high << np.uint32(16) | low)

@@ -7,8 +7,9 @@ from typing import Any
 import bpy
 import numpy as np
 from mathutils import Matrix
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.scene import Ground, HeightField
 from oaisys_core.types import FloatArray, TriangleMesh
 
 
@@ -48,3 +49,86 @@ def evaluated_mesh(thing: Any) -> TriangleMesh:
     corners = np.empty(len(mesh.polygons) * 3, dtype=np.int32)
     mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
     return TriangleMesh(vertices.reshape(-1, 3).astype(np.float64), corners.reshape(-1, 3))
+
+
+NAME = "ground"
+
+Corners = NDArray[np.int32]
+
+
+class GroundMeshes:
+    """Makes the meshes of one ground after the other.
+
+    Grids of one size differ in nothing but where their points are, so each shares all else with
+    the one before, in Blender's memory too.
+    """
+
+    def __init__(self) -> None:
+        self._last: Any = None
+        self._shape: tuple[int, ...] | None = None
+
+    def make(self, ground: Ground) -> Any:
+        """Return a smooth mesh of a ground, without materials."""
+        before, shape = self._last, self._shape
+        self._shape = ground.elevation_m.shape if isinstance(ground, HeightField) else None
+        if self._shape is None:
+            self._last = new_mesh(NAME, ground.vertices_m(), ground.triangles(), smooth=True)
+        else:
+            self._last = before.copy() if self._shape == shape else _grid_mesh(ground, self._shape)
+            self._last.materials.clear()
+            _set(self._last, "position", "vector", ground.vertices_m())
+            self._last.update()
+        # It outlives the object that shows it, so that the next one can be a copy of it.
+        self._last.use_fake_user = True
+        if before is not None:
+            before.use_fake_user = False
+        return self._last
+
+
+def _grid_mesh(ground: Ground, shape: tuple[int, ...]) -> Any:
+    """Return a mesh of a grid, with its points anywhere."""
+    rows, cols = shape
+    triangles = ground.triangles()
+    edges, edge_of_corner = _edges(rows, cols)
+    mesh = bpy.data.meshes.new(NAME)
+    mesh.vertices.add(rows * cols)
+    mesh.edges.add(len(edges))
+    mesh.loops.add(triangles.size)
+    mesh.polygons.add(len(triangles))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, triangles.size, 3, dtype=np.int32))
+    _set(mesh, ".edge_verts", "value", edges)
+    _set(mesh, ".corner_vert", "value", triangles)
+    _set(mesh, ".corner_edge", "value", edge_of_corner)
+    mesh.shade_smooth()
+    return mesh
+
+
+def _edges(rows: int, cols: int) -> tuple[Corners, Corners]:
+    """Return (E, 2) edges of a grid's triangles, and (T, 3) which one follows each corner.
+
+    First come those along x, then along y, then the cells' diagonals.
+    """
+    point = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
+    along_x = np.arange(rows * (cols - 1), dtype=np.int32).reshape(rows, cols - 1)
+    along_y = along_x.size + np.arange((rows - 1) * cols, dtype=np.int32).reshape(rows - 1, cols)
+    cells = (rows - 1, cols - 1)
+    first_diagonal = along_x.size + along_y.size
+    diagonal = first_diagonal + np.arange(cells[0] * cells[1], dtype=np.int32).reshape(cells)
+    edges = np.empty((first_diagonal + diagonal.size, 2), np.int32)
+    for numbers, start, end in (
+        (along_x, point[:, :-1], point[:, 1:]),
+        (along_y, point[:-1], point[1:]),
+        (diagonal, point[:-1, :-1], point[1:, 1:]),
+    ):
+        part = edges[numbers[0, 0] : numbers[-1, -1] + 1]
+        part[:, 0], part[:, 1] = start.ravel(), end.ravel()
+    of_corner = np.empty((*cells, 6), np.int32)
+    sides = (along_x[:-1], along_y[:, 1:], diagonal, diagonal, along_x[1:], along_y[:, :-1])
+    for index, side in enumerate(sides):
+        of_corner[..., index] = side
+    return edges, of_corner.reshape(-1, 3)
+
+
+def _set(mesh: Any, attribute: str, field: str, values: NDArray[Any]) -> None:
+    """Fill an attribute by a copy of memory; Blender's own collections take each value in turn."""
+    mesh.attributes[attribute].data.foreach_set(field, values.ravel())

@@ -7,9 +7,10 @@ from typing import Any
 
 import bpy
 import numpy as np
+from mathutils import Vector
 
 from oaisys_core.backend.blender.compat import SKY_SCALE, node_tree_of, set_up_sky_node
-from oaisys_core.backend.blender.materials.haze import clear_share
+from oaisys_core.backend.blender.materials.haze import clear_share, set_haze
 from oaisys_core.backend.blender.materials.images import new_image
 from oaisys_core.backend.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
 from oaisys_core.environment.light import plain_radiance, sun_color, veil_radiance
@@ -136,3 +137,34 @@ def _new_image(image: SkyImage) -> Any:
     pixels = np.ones((rows, cols, 4), dtype=np.float32)
     pixels[..., :3] = image.radiance[::-1]
     return new_image(image.name, pixels, is_float=True, is_color=False)
+
+
+class Lights:
+    """A sun lamp, whose disc casts the shadows, and a sky without the disc.
+
+    Light from a lamp converges with far fewer samples than from a bright spot in the sky.
+    """
+
+    def __init__(self) -> None:
+        lamp = bpy.data.lights.new("sun", "SUN")
+        self._sun = bpy.data.objects.new("sun", lamp)
+        bpy.context.scene.collection.objects.link(self._sun)
+        self._background = Background()
+        self._sky: Sky | None = None
+
+    def set(self, sky: Sky) -> bool:
+        """Make light and sky so; return whether they were another."""
+        if sky == self._sky:
+            return False
+        self._sky = sky
+        self._sun.rotation_mode = "QUATERNION"
+        self._sun.rotation_quaternion = Vector(sky.to_sun).to_track_quat("Z", "Y")
+        lamp: Any = self._sun.data
+        lamp.energy = sky.lamp_w_m2
+        lamp.angle = sky.sun_angular_diameter_rad
+        lamp.color = sun_color(sky)
+        # Else each light sample would ask how bright a dark lamp is.
+        self._sun.hide_render = sky.lamp_w_m2 <= 0
+        self._background.set(sky)
+        set_haze(sky)
+        return True

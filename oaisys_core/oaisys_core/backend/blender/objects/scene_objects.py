@@ -10,9 +10,12 @@ import numpy as np
 from mathutils import Matrix
 
 from oaisys_core.backend.blender.materials.images import ImageStore
-from oaisys_core.backend.blender.materials.surfaces import plain_material, rock_material
-from oaisys_core.backend.blender.materials.vertex_colors import painted_material
-from oaisys_core.backend.blender.objects.instances import ID, SIZE, InstancedMesh, id_halves
+from oaisys_core.backend.blender.materials.surfaces import (
+    painted_material,
+    plain_material,
+    rock_material,
+)
+from oaisys_core.backend.blender.objects.instances import ID, SIZE, InstancedMesh, ids_to_floats
 from oaisys_core.backend.blender.objects.meshes import new_mesh, new_object
 from oaisys_core.backend.raycast.solids import tessellated
 from oaisys_core.scene import MeshPrototype, Placement, Primitive, Scene
@@ -23,7 +26,7 @@ INSTANCED_FROM = 256
 takes Blender 0.1 ms more to build, and 20 µs more a view, than an instance does."""
 
 
-class Shown(Protocol):
+class BlenderInstances(Protocol):
     """Instances of one mesh."""
 
     def place(self, T_map_object: FloatArray) -> None:
@@ -41,30 +44,30 @@ class SeparateObjects:
             new_object(f"instance_{instance_id}", mesh, np.eye(4))
             for instance_id in placement.instance_ids.tolist()
         ]
-        halves = id_halves(placement.instance_ids).tolist()
+        halves = ids_to_floats(placement.instance_ids).tolist()
         for thing, half in zip(self._things, halves, strict=True):
             thing[ID] = half
         self.place(placement.T_map_object)
 
     def place(self, T_map_object: FloatArray) -> None:
-        """See `Shown`."""
+        """See `BlenderInstances`."""
         sizes = np.linalg.norm(T_map_object[:, :3, 0], axis=1).tolist()
         for thing, size, T in zip(self._things, sizes, T_map_object, strict=True):
             thing.matrix_world = Matrix(T)
             thing[SIZE] = size
 
     def remove(self) -> None:
-        """See `Shown`."""
+        """See `BlenderInstances`."""
         bpy.data.batch_remove(self._things)
 
 
 @dataclass
-class Group:
+class ShownPlacement:
     """A placement as it is shown."""
 
     prototype: MeshPrototype
     placement: Placement
-    shown: Shown
+    shown: BlenderInstances
 
     def can_become(self, prototype: MeshPrototype, placement: Placement) -> bool:
         """Return whether moving its instances is all that another placement asks for."""
@@ -72,14 +75,14 @@ class Group:
         return self.prototype is prototype and same_ids
 
 
-class Objects:
+class SceneObjects:
     """The placements and solids of a scene; those that did not change stay as they are."""
 
     def __init__(self, images: ImageStore) -> None:
         self._images = images
         self._meshes: dict[int, tuple[MeshPrototype, Any]] = {}
         self._rock_materials: dict[int, Any] = {}
-        self._groups: list[Group] = []
+        self._groups: list[ShownPlacement] = []
         self._solids: list[tuple[Primitive, Any]] = []
 
     def clear(self) -> None:
@@ -100,7 +103,7 @@ class Objects:
         standing = [(scene.prototypes[p.prototype], p) for p in scene.placements]
         left = {id(group.placement): group for group in self._groups}
         kept = {id(p): left.pop(id(p)) for _, p in standing if id(p) in left}
-        groups: list[Group] = []
+        groups: list[ShownPlacement] = []
         for prototype, placement in standing:
             group = kept.get(id(placement))
             if group is None or group.prototype is not prototype:
@@ -117,8 +120,8 @@ class Objects:
             self._meshes.pop(key)[1].use_fake_user = False
 
     def _moved_or_new(
-        self, prototype: MeshPrototype, placement: Placement, left: dict[int, Group]
-    ) -> Group:
+        self, prototype: MeshPrototype, placement: Placement, left: dict[int, ShownPlacement]
+    ) -> ShownPlacement:
         for key, group in left.items():
             if group.can_become(prototype, placement):
                 group.shown.place(placement.T_map_object)
@@ -126,9 +129,9 @@ class Objects:
                 return left.pop(key)
         mesh = self._mesh(prototype)
         if len(placement.instance_ids) < INSTANCED_FROM:
-            return Group(prototype, placement, SeparateObjects(mesh, placement))
+            return ShownPlacement(prototype, placement, SeparateObjects(mesh, placement))
         shown = InstancedMesh(f"instances_of_{prototype.name}", mesh, placement)
-        return Group(prototype, placement, shown)
+        return ShownPlacement(prototype, placement, shown)
 
     def _update_solids(self, scene: Scene) -> None:
         left = dict(enumerate(self._solids))
@@ -182,5 +185,5 @@ def _solid(primitive: Primitive) -> Any:
     mesh = new_mesh(primitive.shape, triangles.vertices_m, triangles.triangles, smooth=is_round)
     mesh.materials.append(plain_material(primitive.color_srgb))
     thing = new_object(f"instance_{primitive.instance_id}", mesh, primitive.T_map_object)
-    thing[ID] = id_halves(np.array([primitive.instance_id], np.uint32))[0].tolist()
+    thing[ID] = ids_to_floats(np.array([primitive.instance_id], np.uint32))[0].tolist()
     return thing

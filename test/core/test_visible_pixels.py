@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 from synthetic_worlds import camera
 
-from oaisys_core.backend.raycast.visible_pixels import BOX_CORNERS, MOST_BOXES, in_sight
+from oaisys_core.backend.raycast.visible_pixels import BOX_CORNERS, MAX_BOXES, visible_pixels
 from oaisys_core.geometry import invert, pixel_rays, pose_looking_at
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
@@ -24,7 +24,7 @@ def camera_at(*position_m: float) -> PlacedCamera:
 
 
 def seen(camera: PlacedCamera, low_m: FloatArray, high_m: FloatArray) -> NDArray[np.bool_]:
-    found = in_sight(camera, low_m, high_m)
+    found = visible_pixels(camera, low_m, high_m)
     assert found is not None
     return found
 
@@ -84,7 +84,7 @@ def test_no_box_is_seen_by_none() -> None:
 
 def test_too_many_boxes_are_anywhere() -> None:
     seeing = camera_at(3, 4, 5)
-    low_m = np.full((MOST_BOXES, 3), -0.5, np.float64)
+    low_m = np.full((MAX_BOXES, 3), -0.5, np.float64)
     assert 0 < seen(seeing, low_m, -low_m).mean() < 1
-    more_m = np.full((MOST_BOXES + 1, 3), -0.5, np.float64)
-    assert in_sight(seeing, more_m, more_m + 1) is None
+    more_m = np.full((MAX_BOXES + 1, 3), -0.5, np.float64)
+    assert visible_pixels(seeing, more_m, more_m + 1) is None

@@ -9,24 +9,28 @@ import numpy as np
 
 from oaisys_core.backend.blender.materials.ground import ground_material
 from oaisys_core.backend.blender.materials.images import ImageStore
-from oaisys_core.backend.blender.objects.far_plain import Plain
-from oaisys_core.backend.blender.objects.ground_mesh import GroundMeshes
-from oaisys_core.backend.blender.objects.meshes import evaluated_mesh, new_object
-from oaisys_core.backend.blender.objects.things import Objects
+from oaisys_core.backend.blender.objects.meshes import (
+    GroundMeshes,
+    evaluated_mesh,
+    new_mesh,
+    new_object,
+)
+from oaisys_core.backend.blender.objects.scene_objects import SceneObjects
+from oaisys_core.backend.raycast.far_plain import LEVEL, SLOPE, rings, stage_of
 from oaisys_core.scene import Scene, stands_on
 from oaisys_core.types import TriangleMesh
 
 
-class World:
+class SceneGeometry:
     """Everything solid in Blender's scene."""
 
     def __init__(self) -> None:
         self._images = ImageStore()
         self._ground: Any = None
         self._ground_meshes = GroundMeshes()
-        self._plain = Plain()
+        self._plain = FarPlainObject()
         self._scene: Scene | None = None
-        self._objects = Objects(self._images)
+        self._objects = SceneObjects(self._images)
 
     def clear(self, scene: Scene) -> bool:
         """Remove all objects; return whether ``scene`` stands on the same ground, which stays."""
@@ -95,3 +99,34 @@ class World:
     def _purge(self) -> None:
         bpy.data.orphans_purge(do_recursive=True)
         self._images.remove_unused()
+
+
+PLAIN = "plain"
+"""Name of the object and its mesh."""
+
+
+class FarPlainObject:
+    """What goes on beyond the stage, with the ground's material."""
+
+    def __init__(self) -> None:
+        self._thing: Any = None
+
+    def clear(self) -> None:
+        """Remove it, so that nothing uses the ground's material any more."""
+        if self._thing is not None:
+            bpy.data.meshes.remove(self._thing.data)
+        self._thing = None
+
+    def build(self, scene: Scene, material: Any) -> None:
+        """Make it around a scene's ground."""
+        self.clear()
+        triangles = rings(stage_of(scene.ground), (*SLOPE, *LEVEL))
+        mesh = new_mesh(PLAIN, *triangles, smooth=True)
+        mesh.materials.append(material)
+        self._thing = new_object(PLAIN, mesh, np.eye(4))
+
+    def show(self, is_shown: bool) -> None:
+        """Let it be seen or not."""
+        # To set what is set already has Blender look at the whole scene again.
+        if self._thing is not None and self._thing.hide_render == is_shown:
+            self._thing.hide_render = not is_shown

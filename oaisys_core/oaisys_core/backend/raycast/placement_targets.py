@@ -1,0 +1,97 @@
+"""The objects of a scene as rays meet them: those that stay and those that move, apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from oaisys_core.backend.raycast.embree import blenders_embree
+from oaisys_core.backend.raycast.instance_arrays import PlacedPrototype, PrototypeMeshes
+from oaisys_core.backend.raycast.instances import InstanceCaster
+from oaisys_core.backend.raycast.ray_targets import InstanceTarget, RayTarget, TriangleTarget
+from oaisys_core.backend.raycast.triangles import RayCaster
+from oaisys_core.scene import Scene
+from oaisys_core.types import TriangleMesh
+
+MERGED_TRIANGLES = 12_000_000
+"""Triangles up to which one structure over copies of all instances is taken, where there is no
+Embree that knows instances.
+
+It is ten times as fast to cast at as boxes and more, but takes 0.7 s and 0.1 GB per million
+triangles to build (two cores): 100,000 pebbles of 80 triangles take 6 s and 0.8 GB, as boxes 0.6 s
+and 0.1 GB.
+"""
+
+
+class PlacementTargets:
+    """Placements, in two groups, so that what moves does not cost a new structure over all.
+
+    A placement that was replaced or removed since the batch began is held to move from then on.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._embree = blenders_embree()
+        self._shapes = PrototypeMeshes()
+        self._static: list[PlacedPrototype] = []
+        self._static_targets: list[RayTarget] = []
+        self._unprepared: RayCaster | None = None
+        self._moving: list[PlacedPrototype] = []
+        self._moving_targets: list[RayTarget] = []
+        self.start_batch(scene)
+
+    def start_batch(self, scene: Scene) -> None:
+        """Take over a batch's placements: those that do not move are held to stand still."""
+        still = [each for each in _placed_prototypes(scene) if not each.placement.is_moving]
+        if not _are_same(still, self._static):
+            self._static = still
+            self._static_targets = self._targets_of(still)
+        self.update(scene)
+
+    def prepare(self) -> None:
+        """Build now what the first view would wait for: 0.7 s per million triangles."""
+        if self._unprepared is not None:
+            self._unprepared.prepare()
+
+    @property
+    def targets(self) -> list[RayTarget]:
+        """Everything that rays can meet."""
+        return [*self._static_targets, *self._moving_targets]
+
+    def update(self, scene: Scene) -> None:
+        """Take over the placements of a scene; those that are the same objects cost nothing."""
+        placed = _placed_prototypes(scene)
+        still = [each for each in self._static if any(each.is_same(now) for now in placed)]
+        if len(still) < len(self._static):
+            self._static = still
+            self._static_targets = self._targets_of(still)
+        others = [each for each in placed if not any(each.is_same(kept) for kept in still)]
+        if not _are_same(others, self._moving):
+            self._moving = others
+            self._moving_targets = [self._instances(others)]
+        self._shapes.keep_only(scene.prototypes)
+
+    def meshes(self) -> list[TriangleMesh]:
+        """Return the triangles of all placements, with ids."""
+        return [each.mesh() for each in (*self._static, *self._moving)]
+
+    def _targets_of(self, placed: Sequence[PlacedPrototype]) -> list[RayTarget]:
+        self._unprepared = None
+        if not placed:
+            return []
+        triangles = sum(each.triangle_count for each in placed)
+        if self._embree is None and triangles <= MERGED_TRIANGLES:
+            self._unprepared = RayCaster([each.mesh() for each in placed])
+            return [TriangleTarget(self._unprepared)]
+        return [self._instances(placed)]
+
+    def _instances(self, placed: Sequence[PlacedPrototype]) -> RayTarget:
+        return InstanceTarget(InstanceCaster(placed, self._shapes, self._embree))
+
+
+def _are_same(some: Sequence[PlacedPrototype], others: Sequence[PlacedPrototype]) -> bool:
+    return len(some) == len(others) and all(
+        one.is_same(other) for one, other in zip(some, others, strict=True)
+    )
+
+
+def _placed_prototypes(scene: Scene) -> list[PlacedPrototype]:
+    return [PlacedPrototype(scene.prototypes[p.prototype], p) for p in scene.placements]
