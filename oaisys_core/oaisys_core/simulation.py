@@ -21,7 +21,12 @@ from oaisys_core.module import drawn
 from oaisys_core.modules.sensors import select
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.sensing.faults import PoseDrift, odometry_of
-from oaisys_core.sensing.view_source import FramesPlacement, ViewSource, leave_frames
+from oaisys_core.sensing.view_renderer import (
+    FramesPlacement,
+    SampleSteps,
+    ViewRenderer,
+    leave_frames,
+)
 from oaisys_core.stage_store import StageRecord
 from oaisys_core.types import (
     FloatArray,
@@ -33,12 +38,10 @@ from oaisys_core.types import (
     ObjectQuery,
     Provenance,
     Sample,
-    SampleFramesCallback,
     SampleOutline,
     SimulatorInfo,
     TriangleMesh,
     ignore_progress,
-    ignore_sample_frames,
 )
 from oaisys_core.world.batch import Batch
 from oaisys_core.world.height_grids import Extent, height_grid
@@ -65,8 +68,9 @@ class Simulation:
             config: What worlds are drawn from.
             backend: Of another kind, or shared; None: a new one, as the configuration says.
             pose_cache_bytes: Of images that are kept for views that come again; 0: none.
-            place_frames: Moves frames as they become ready, such as into shared memory; all that
-                follows, the cache too, has them from there.
+            place_frames: Moves frames that become ready together, for instance into shared memory;
+                samples and the cache hold the moved ones. The thread that asks a group for its
+                result calls it.
 
         Raises:
             ConfigError: The configuration names something that does not exist.
@@ -78,7 +82,7 @@ class Simulation:
         self._modules = ModuleSet.of(config)
         self._stage, self._sensors = self._modules.stage, self._modules.sensors
         self._backend = backend if backend is not None else make_backend(config.backend)
-        self._views = ViewSource(self._backend, pose_cache_bytes, place_frames)
+        self._views = ViewRenderer(self._backend, pose_cache_bytes, place_frames)
         self._drift = PoseDrift()
         self._undo: Undo | None = None
         self._batch: Batch | None = None
@@ -131,7 +135,6 @@ class Simulation:
         modalities: Sequence[str] = (),
         sensors: Sequence[str] = (),
         progress: ProgressCallback = ignore_progress,
-        on_frames: SampleFramesCallback = ignore_sample_frames,
     ) -> Sample:
         """Move sensors and light as the metadata says, render, and return the frames.
 
@@ -142,14 +145,33 @@ class Simulation:
             sensors: Which of them to render; none named: all whose turn it is. Sensors or
                 modalities that are named render whether it is their turn or not.
             progress: Told how far it is; may raise `CancelledError`.
-            on_frames: Told each frame once, as soon as it is ready: depth and labels before any
-                colour. The sample is complete, and its id taken, only when this method returns.
 
         Raises:
             NotReadyError: Before the first batch.
             InvalidInputError: Metadata, pose, modality or sensor are refused, and nothing changed;
                 or the rig's motion finds no pose.
             CancelledError, RenderError: It was stopped; everything is as before.
+        """
+        return _returned(
+            self.stream_sample(metadata, modalities=modalities, sensors=sensors, progress=progress)
+        )
+
+    def stream_sample(
+        self,
+        metadata: ModuleMetadata | None = None,
+        *,
+        modalities: Sequence[str] = (),
+        sensors: Sequence[str] = (),
+        progress: ProgressCallback = ignore_progress,
+    ) -> SampleSteps:
+        """Do as `step_sample`, and yield the frames in groups as they are rendered.
+
+        Depth and labels come before any colour. Each group comes with the outline of the sample;
+        the generator's return value is the complete sample. The sample counts, and its id is
+        taken, when the generator ends. Closing it earlier leaves everything as before.
+
+        Raises:
+            OaisysError: See `step_sample`.
         """
         started_s = time.perf_counter()
         batch = self._current()
@@ -162,41 +184,25 @@ class Simulation:
             cameras = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
             settings = drawn(batch.world.render)
             cameras = settings.allowed(cameras)
-            outline = self._outline(batch, cameras, settings)
-            return self._sample(batch, outline, cameras, settings, progress, on_frames, started_s)
+            return (yield from self._sample(batch, cameras, settings, progress, started_s))
 
     def _sample(
         self,
         batch: Batch,
-        outline: SampleOutline,
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
         progress: ProgressCallback,
-        on_frames: SampleFramesCallback,
         started_s: float,
-    ) -> Sample:
-        """Render what stands, and count it as the next sample."""
+    ) -> SampleSteps:
+        """Render the world as it is, and count it as the next sample."""
+        outline = self._outline(batch, cameras, settings)
         faults = self._sensors.faults.of_depth
-        seen = self._views.see(
-            outline, batch.world.scene(), cameras, settings, progress, on_frames, faults
+        sample = yield from self._views.sample(
+            outline, batch.world.scene(), cameras, settings, progress, faults, started_s
         )
         batch.sample_id += 1
         batch.last_rig_poses.update((camera.name, outline.rig_pose) for camera in cameras)
-        return Sample(
-            batch_id=outline.batch_id,
-            sample_id=outline.sample_id,
-            rig_pose=outline.rig_pose,
-            frames=seen.view.frames,
-            render_time_s=time.perf_counter() - started_s,
-            provenance=replace(
-                outline.provenance,
-                render_samples=seen.view.render_samples,
-                device=self._backend.device,  # may have been chosen by this very render
-            ),
-            from_cache=seen.from_cache,
-            finished_ns=seen.finished_ns,
-            odometry=outline.odometry,
-        )
+        return sample
 
     def repeat(
         self, outline: SampleOutline, progress: ProgressCallback = ignore_progress
@@ -222,13 +228,12 @@ class Simulation:
             # How many samples there was time for is known now.
             settings = replace(settings, time_budget_s=None, samples=how.render_samples)
         batch.sample_id = outline.sample_id - 1
-        again = self._outline(batch, cameras, settings)
-        return self._sample(
-            batch, again, cameras, settings, progress, ignore_sample_frames, time.perf_counter()
+        return _returned(
+            self._sample(batch, cameras, settings, progress, started_s=time.perf_counter())
         )
 
     def withdraw_sample(self) -> None:
-        """Undo the last sample, which nobody got: the next one follows the one before, as it did.
+        """Undo the last sample, because nobody received it; the next one takes its id.
 
         Raises:
             NotReadyError: None was rendered since the last batch or withdrawal.
@@ -469,3 +474,13 @@ class Simulation:
                 previous_poses_json=previous_poses_text(cameras, batch.last_rig_poses),
             ),
         )
+
+
+def _returned(steps: SampleSteps) -> Sample:
+    """Run a generator to its end and return its return value."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            sample: Sample = end.value
+            return sample

@@ -156,7 +156,7 @@ class Provenance:
         backend: ``blender`` or ``analytic``.
         backend_version: For instance ``5.2.3``; the package's own version for ``analytic``.
         quality: Name of the quality preset.
-        render_samples: Light samples per pixel of the RGB pass (0: none).
+        render_samples: Samples per pixel of the RGB pass (0: none).
         device: What rendered colour, such as ``cpu``.
         stage_seed: What ground and materials were drawn from; differs on a reused stage.
         asset_seed: What the things on it were drawn from; differs where they were kept.
@@ -201,7 +201,7 @@ class Frame(ShortRepr):
 
 
 def early_first(frames: Iterable[Frame]) -> tuple[Frame, ...]:
-    """Return frames in the order in which they are wanted: those that need no light first."""
+    """Return frames in the order in which they are sent: depth and labels before colour."""
     return tuple(sorted(frames, key=lambda frame: frame.modality in (RGB, ALBEDO)))
 
 

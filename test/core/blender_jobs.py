@@ -30,7 +30,7 @@ def views(scene: Scene, cameras: Sequence[PlacedCamera]) -> tuple[Frame, ...]:
     """Frames of a world."""
     backend = BlenderBackend()
     backend.build(scene, ignore)
-    return backend.render(cameras, settings(), ignore)
+    return backend.render_all(cameras, settings(), ignore)
 
 
 def passes(
@@ -52,7 +52,7 @@ def passes(
     result = []
     with mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX):
         for each in cameras:
-            frames = backend.render([each], settings(samples=1), ignore)
+            frames = backend.render_all([each], settings(samples=1), ignore)
             index = next(seen[name] for name in ("IndexOB", "Object Index") if name in seen)
             result.append((frames, seen["Depth"], np.rint(index).astype(np.uint32)))
     return result
@@ -80,10 +80,10 @@ def life() -> dict[str, Any]:
     backend.build(replace(scene, stage_hash="another"), ignore)
     found["again"] = blocks()
 
-    found["sunny"] = backend.render(view, settings(4), ignore)[0].data
-    found["brighter"] = backend.render(view, settings(4, exposure_ev=1.0), ignore)[0].data
+    found["sunny"] = backend.render_all(view, settings(4), ignore)[0].data
+    found["brighter"] = backend.render_all(view, settings(4, exposure_ev=1.0), ignore)[0].data
     backend.update(replace(scene, sky=replace(SUNNY, sun_elevation_rad=-0.2)))
-    found["night"] = backend.render(view, settings(4), ignore)[0].data
+    found["night"] = backend.render_all(view, settings(4), ignore)[0].data
     try:
         backend.build(scene, _cancel_at_objects)
     except CancelledError:
@@ -128,13 +128,13 @@ def moves() -> dict[str, tuple[int, NDArray[Any], NDArray[Any]]]:
     found = {}
     for name, (now, view, wanted) in steps.items():
         backend.update(now)
-        image = backend.render([view], wanted, ignore)[0].data
+        image = backend.render_all([view], wanted, ignore)[0].data
         count = marks[-1]
         backend._cycles.free_persistent_data()
-        alone = backend.render([view], wanted, ignore)[0].data
+        alone = backend.render_all([view], wanted, ignore)[0].data
         found[name] = (count, image, alone)
         # The next change shall meet a session that has rendered this one.
-        backend.render([view], wanted, ignore)
+        backend.render_all([view], wanted, ignore)
     return found
 
 

@@ -50,7 +50,7 @@ def pictures() -> dict[str, NDArray[np.uint8]]:
     backend.build(scene, lambda _: None)
 
     def picture(wanted: Any) -> NDArray[np.uint8]:
-        return np.asarray(backend.render([view], wanted, lambda _: None)[0].data)
+        return np.asarray(backend.render_all([view], wanted, lambda _: None)[0].data)
 
     found = {
         "noisy": picture(settings(4)),

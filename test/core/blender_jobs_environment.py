@@ -37,6 +37,6 @@ def linear_views(
             backend.update(replace(scene, sky=sky))
             for camera in cameras:
                 only_rgb = replace(camera, modalities=(RGB,))
-                (frame,) = backend.render([only_rgb], wanted, ignore)
+                (frame,) = backend.render_all([only_rgb], wanted, ignore)
                 seen.append(frame.data / 255.0)
     return seen

@@ -22,7 +22,7 @@ def views(cases: Sequence[tuple[Scene, PlacedCamera]]) -> list[tuple[Frame, ...]
     frames = []
     for scene, camera in cases:
         backend.build(scene, ignore)
-        frames.append(backend.render([camera], settings(samples=16), ignore))
+        frames.append(backend.render_all([camera], settings(samples=16), ignore))
     return frames
 
 

@@ -24,10 +24,10 @@ def samples(scenes: Sequence[Scene], cameras: Sequence[PlacedCamera]) -> list[tu
     """Frames of a world, then of what each update makes of it, one camera for each."""
     backend = BlenderBackend()
     backend.build(scenes[0], ignore)
-    frames = [backend.render([cameras[0]], settings(), ignore)]
+    frames = [backend.render_all([cameras[0]], settings(), ignore)]
     for scene, camera in zip(scenes[1:], cameras[1:], strict=True):
         backend.update(scene)
-        frames.append(backend.render([camera], settings(), ignore))
+        frames.append(backend.render_all([camera], settings(), ignore))
     return frames
 
 
@@ -35,7 +35,7 @@ def pictures(scene: Scene, cases: Sequence[tuple[PlacedCamera, RenderSettings]])
     """The first frame of each case in one world."""
     backend = BlenderBackend()
     backend.build(scene, ignore)
-    return [backend.render([camera], wanted, ignore)[0] for camera, wanted in cases]
+    return [backend.render_all([camera], wanted, ignore)[0] for camera, wanted in cases]
 
 
 def updated_surface(

@@ -25,5 +25,5 @@ def views(cases: Sequence[tuple[Scene, PlacedCamera]], samples: int = 1) -> list
         backend.build(scene, ignore)
         linear = settings(samples, exposure_ev=-BASE_EXPOSURE_EV)
         wanted = replace(linear, view_transform="raw")
-        frames.append(backend.render([camera], wanted, ignore))
+        frames.append(backend.render_all([camera], wanted, ignore))
     return frames

@@ -30,13 +30,15 @@ def test_it_is_made_by_name() -> None:
 
 def test_nothing_is_rendered_before_there_is_a_scene() -> None:
     with pytest.raises(NotReadyError):
-        AnalyticBackend().render([camera(pose_looking_down(0, 0, 5))], settings(), lambda _: None)
+        AnalyticBackend().render_all(
+            [camera(pose_looking_down(0, 0, 5))], settings(), lambda _: None
+        )
 
 
 def test_frames_come_in_the_order_asked_for() -> None:
     down = camera(pose_looking_down(0, 0, 9), modalities=("instance", "rgb"))
     up = replace(down, name="other", modalities=("depth",))
-    frames = built(flat_world()).render([down, up], settings(), lambda _: None)
+    frames = built(flat_world()).render_all([down, up], settings(), lambda _: None)
     assert [(f.sensor, f.modality) for f in frames] == [
         ("camera", "instance"),
         ("camera", "rgb"),
@@ -51,8 +53,8 @@ def test_lambert_and_exposure_give_the_ball_its_colour() -> None:
         replace(flat_world(), sky=replace(SUNNY, sun_elevation_rad=np.pi / 2, sky_strength=0.0))
     )
     view = [camera(pose_looking_down(2, 1, 9), modalities=(RGB, "instance"))]
-    frames = backend.render(view, settings(), lambda _: None)
-    brighter = backend.render(view, settings(exposure_ev=0.5), lambda _: None)
+    frames = backend.render_all(view, settings(), lambda _: None)
+    brighter = backend.render_all(view, settings(exposure_ev=0.5), lambda _: None)
     row, col = 23, 31
     assert frames[1].data[row, col] == SPHERE.instance_id
     expected = linear(SPHERE.color_srgb) * SUNNY.sun_strength_w_m2 / np.pi
@@ -71,7 +73,7 @@ def test_the_lit_side_is_the_one_towards_the_sun() -> None:
                 flat_world(), sky=replace(SUNNY, sun_azimuth_rad=azimuth, sun_elevation_rad=0.3)
             )
         )
-        image, ids = (f.data for f in backend.render(view, settings(), lambda _: None))
+        image, ids = (f.data for f in backend.render_all(view, settings(), lambda _: None))
         rows, cols = np.nonzero(ids == SPHERE.instance_id)
         side = (rows - rows.mean()) * d_row + (cols - cols.mean()) * d_col
         level = image[rows, cols].mean(axis=1)
@@ -147,5 +149,5 @@ def test_a_view_from_within_sees_the_far_side() -> None:
     backend = built(flat_world())
     x, y, z = SPHERE.T_map_object[:3, 3]
     view = [camera(pose_looking_at((x, y, z), (x + 1, y, z)), modalities=("depth",))]
-    depth_m = backend.render(view, settings(), lambda _: None)[0].data
+    depth_m = backend.render_all(view, settings(), lambda _: None)[0].data
     assert depth_m.max() <= SPHERE.size_m[0]

@@ -46,7 +46,7 @@ def rendered(backend: str, scene: Scene, cameras: Sequence[PlacedCamera]) -> tup
         return frames
     analytic = AnalyticBackend()
     analytic.build(scene, lambda _: None)
-    return analytic.render(cameras, settings(), lambda _: None)
+    return analytic.render_all(cameras, settings(), lambda _: None)
 
 
 @cache

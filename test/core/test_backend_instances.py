@@ -218,7 +218,7 @@ def images_of(scene: Scene) -> list[NDArray[Any]]:
     views = [replace(v, modalities=(DEPTH, INSTANCE, SEMANTIC_0, NORMAL)) for v in VIEWS]
     backend = AnalyticBackend()
     backend.build(scene, lambda _: None)
-    return [frame.data for frame in backend.render(views, settings(), lambda _: None)]
+    return [frame.data for frame in backend.render_all(views, settings(), lambda _: None)]
 
 
 def test_rays_that_are_not_cast_at_instances_miss_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -68,7 +68,7 @@ def updated(backend: str) -> list[dict[str, Any]]:
 
 
 def _seen(backend: AnalyticBackend) -> dict[str, Any]:
-    frames = backend.render([VIEW], settings(), lambda _: None)
+    frames = backend.render_all([VIEW], settings(), lambda _: None)
     return _found(frames, backend.ground_truth_mesh(), backend.surface_height_m(XY_M))
 
 

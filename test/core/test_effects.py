@@ -85,7 +85,7 @@ def test_effects_touch_colour_only_and_repeat_with_their_seed() -> None:
 
     def rendered(noise_seed: int, effects: Effects) -> list[bytes]:
         wanted = replace(settings(), effects=effects, noise_seed=noise_seed)
-        return [f.data.tobytes() for f in backend.render([view], wanted, lambda _: None)]
+        return [f.data.tobytes() for f in backend.render_all([view], wanted, lambda _: None)]
 
     plain, first, again, other = (
         rendered(3, NO_EFFECTS),

@@ -22,7 +22,7 @@ def frames(sky: Sky, view: PlacedCamera = VIEW) -> tuple[NDArray[np.float64], by
     """Linear colour, and the bytes of depth and labels."""
     backend = AnalyticBackend()
     backend.build(replace(flat_world(), primitives=(), sky=sky), lambda _: None)
-    rgb, depth, labels = backend.render([view], settings(), lambda _: None)
+    rgb, depth, labels = backend.render_all([view], settings(), lambda _: None)
     return linear(rgb.data / 255), depth.data.tobytes() + labels.data.tobytes()
 
 

@@ -66,10 +66,10 @@ def samples(
         return found
     analytic = AnalyticBackend()
     analytic.build(scenes[0], lambda _: None)
-    frames = [analytic.render([cameras[0]], settings(), lambda _: None)]
+    frames = [analytic.render_all([cameras[0]], settings(), lambda _: None)]
     for scene, each in zip(scenes[1:], cameras[1:], strict=True):
         analytic.update(scene)
-        frames.append(analytic.render([each], settings(), lambda _: None))
+        frames.append(analytic.render_all([each], settings(), lambda _: None))
     return frames
 
 

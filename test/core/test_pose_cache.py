@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -11,12 +12,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.base import Backend
+from oaisys_core.backend.base import Backend, FrameGroup
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import CancelledError
 from oaisys_core.fingerprint import Fingerprints
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.sensing.view_cache import PoseCache, View
+from oaisys_core.sensing.view_cache import PoseCache, RenderedView
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (
     Frame,
@@ -76,7 +77,7 @@ def test_a_view_that_comes_again_is_not_rendered_again() -> None:
     class Counting(AnalyticBackend):
         renders = 0
 
-        def render(self, *arguments: Any) -> tuple[Frame, ...]:
+        def render(self, *arguments: Any) -> Iterator[FrameGroup]:
             self.renders += 1
             return super().render(*arguments)
 
@@ -203,14 +204,14 @@ def test_memory_is_bounded_and_what_was_not_asked_for_longest_goes() -> None:
     frame = Frame("camera", "depth", np.zeros((10, 10), np.float32), camera, np.eye(4))
     cache = PoseCache(1000)
     for name in (b"a", b"b"):
-        cache.add(name, View((frame,), 4))
+        cache.add(name, RenderedView((frame,), 4))
     assert cache.get(b"a") is not None
-    cache.add(b"c", View((frame,), 4))
+    cache.add(b"c", RenderedView((frame,), 4))
     assert [cache.get(name) is not None for name in (b"a", b"b", b"c")] == [True, False, True]
     assert cache.size_bytes == 800
-    cache.add(b"c", View((frame,), 4))
+    cache.add(b"c", RenderedView((frame,), 4))
     assert cache.size_bytes == 800
-    cache.add(b"large", View((frame,) * 3, 4))
+    cache.add(b"large", RenderedView((frame,) * 3, 4))
     assert cache.get(b"large") is None
     assert cache.size_bytes == 800
 
@@ -232,23 +233,30 @@ def test_nobody_can_change_what_is_kept() -> None:
         again.frames[0].data[:] = 1
 
 
-def test_a_cancelled_view_is_not_kept_and_takes_no_id() -> None:
-    def stop(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
-        raise CancelledError("enough")
-
+def test_a_view_that_is_given_up_is_not_kept_and_takes_no_id() -> None:
     sim = simulation()
     metadata = ModuleMetadata(sensor={"pose": POSES[0]})
-    with pytest.raises(CancelledError):
-        sim.step_sample(metadata, on_frames=stop)
+    steps = sim.stream_sample(metadata)
+    next(steps)
+    steps.close()
     assert not seen(sim).from_cache
+    steps = sim.stream_sample(metadata)
+    next(steps)
     with pytest.raises(CancelledError):
-        sim.step_sample(metadata, on_frames=stop)
+        steps.throw(CancelledError("enough"))
     assert (seen(sim).sample_id, sim.info().sample_id) == (2, 2)
 
 
 def test_depth_and_labels_of_all_cameras_come_before_any_colour() -> None:
     told: list[tuple[SampleOutline, tuple[Frame, ...]]] = []
-    sample = simulation().step_sample(on_frames=lambda *frames: told.append(frames))
+    steps = simulation().stream_sample()
+    while True:
+        try:
+            outline, group = next(steps)
+        except StopIteration as end:
+            sample = end.value
+            break
+        told.append((outline, group.result()))
     outlines = {id(outline): outline for outline, _ in told}
     (outline,) = outlines.values()
     assert (outline.sample_id, outline.rig_pose) == (sample.sample_id, sample.rig_pose)

@@ -175,7 +175,7 @@ def pictures() -> dict[str, Any]:
 def test_colour_through_a_lens_lies_where_the_labels_do(pictures: dict[str, Any]) -> None:
     backend = AnalyticBackend()
     backend.build(BRIGHT, lambda _: None)
-    (labels,) = backend.render([camera(LOW, BENT, (INSTANCE,))], settings(), lambda _: None)
+    (labels,) = backend.render_all([camera(LOW, BENT, (INSTANCE,))], settings(), lambda _: None)
     own = labels.data > 0
     border = binary_dilation(own) & ~binary_erosion(own)
     red = redness(pictures["bent"]) > 0.5 * np.median(redness(pictures["bent"])[own & ~border])

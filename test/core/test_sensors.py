@@ -1,6 +1,7 @@
 """The rig's cameras: mounts, pairs, turns, lenses, and what a step may change of them."""
 
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -8,13 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.base import RenderSettings
+from oaisys_core.backend.base import FrameGroup, RenderSettings
 from oaisys_core.config import adjusted, config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_down, project
 from oaisys_core.scene import Lens, PlacedCamera
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import Frame, ModuleMetadata, Pose, Sample
+from oaisys_core.types import ModuleMetadata, Pose, Sample
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",
@@ -37,7 +38,9 @@ class Watching(AnalyticBackend):
         super().__init__()
         self.seen: list[tuple[PlacedCamera, ...]] = []
 
-    def render(self, cameras: Any, settings: RenderSettings, *callbacks: Any) -> tuple[Frame, ...]:
+    def render(
+        self, cameras: Any, settings: RenderSettings, *callbacks: Any
+    ) -> Iterator[FrameGroup]:
         """Render, and remember."""
         self.seen.append(tuple(cameras))
         return super().render(cameras, settings, *callbacks)

@@ -99,7 +99,7 @@ def test_landmarks_reproject_in_depth_and_labels(config: CameraConfig, seed: int
     balls = spheres(seen_by, rng)
     backend = AnalyticBackend()
     backend.build(with_spheres(seen_by, balls), ignore)
-    check(seen_by, balls, backend.render([seen_by.camera()], render_settings(), ignore))
+    check(seen_by, balls, backend.render_all([seen_by.camera()], render_settings(), ignore))
 
 
 def random_config(

@@ -2,18 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import oaisys_core
 from oaisys_core import randomness
-from oaisys_core.backend.base import (
-    Backend,
-    FramesCallback,
-    ProgressCallback,
-    RenderSettings,
-    ignore_frames,
-    in_order,
-)
+from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
 from oaisys_core.backend.flow import PoseMemory
 from oaisys_core.backend.geometry_pass import frame_of, frames_of
 from oaisys_core.backend.raycast.shading import Palette, encoded, shaded
@@ -71,28 +64,25 @@ class AnalyticBackend(Backend):
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
         progress: ProgressCallback,
-        on_frames: FramesCallback = ignore_frames,
-    ) -> tuple[Frame, ...]:
+    ) -> Iterator[FrameGroup]:
         """See `Backend.render`."""
         surface, palette = self._built()
-        frames: list[Frame] = []
+        geometry: list[Frame] = []
         views: dict[str, View] = {}
         for index, camera in enumerate(cameras):
             progress(Progress("rays", 0.5 * index / len(cameras)))
             view = surface.view(camera)
-            frames.extend(frames_of(surface, view, camera, self._memory).values())
+            geometry.extend(frames_of(surface, view, camera, self._memory).values())
             if {RGB, ALBEDO}.intersection(camera.modalities):
                 views[camera.name] = view
-        if frames:
-            on_frames(tuple(frames))
+        if geometry:
+            yield FrameGroup.of(geometry)
         for index, camera in enumerate(cameras):
             progress(Progress("color", 0.5 + 0.5 * index / len(cameras)))
             if camera.name in views:
-                colors = _colors(surface, palette, views.pop(camera.name), camera, settings)
-                on_frames(colors)
-                frames.extend(colors)
+                view = views.pop(camera.name)
+                yield FrameGroup.of(_colors(surface, palette, view, camera, settings))
         self._memory.remember(cameras, surface.scene)
-        return in_order(cameras, frames)
 
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.revisited`."""

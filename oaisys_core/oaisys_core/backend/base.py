@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
@@ -11,18 +12,53 @@ from typing import Literal
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.sensing.effects import NO_EFFECTS, Effects
-from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh
+from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh, ignore_progress
 
 ProgressCallback = Callable[[Progress], None]
 """Called between steps of long work; it may raise `CancelledError` to stop it."""
 
 
-FramesCallback = Callable[[tuple[Frame, ...]], None]
-"""Called with frames as soon as they are ready; it may raise `CancelledError` too."""
+class FrameGroup:
+    """Frames that become ready together; another thread may still be computing them."""
 
+    def __init__(
+        self, compute: Callable[[], tuple[Frame, ...]], done: Callable[[], bool] = lambda: True
+    ) -> None:
+        """Compute nothing yet.
 
-def ignore_frames(frames: tuple[Frame, ...]) -> None:
-    """Wait for all of them instead."""
+        Args:
+            compute: Returns the frames; called once, by the first thread that asks for them.
+            done: Whether ``compute`` returns without waiting for another thread.
+        """
+        self._compute = compute
+        self._done = done
+        self._lock = threading.Lock()
+        self._frames: tuple[Frame, ...] | None = None
+
+    @classmethod
+    def of(cls, frames: Iterable[Frame]) -> FrameGroup:
+        """Return a group of frames that are ready."""
+        ready = tuple(frames)
+        return cls(lambda: ready)
+
+    def done(self) -> bool:
+        """Return whether `result` returns without waiting for another thread."""
+        return self._done()
+
+    def result(self) -> tuple[Frame, ...]:
+        """Wait for the frames and return them.
+
+        Raises:
+            Exception: Whatever computing them raised.
+        """
+        with self._lock:
+            if self._frames is None:
+                self._frames = self._compute()
+            return self._frames
+
+    def mapped(self, change: Callable[[tuple[Frame, ...]], tuple[Frame, ...]]) -> FrameGroup:
+        """Return the group of the changed frames; ``change`` is called when they are asked for."""
+        return FrameGroup(lambda: change(self.result()), self._done)
 
 
 ViewTransform = Literal["agx", "filmic", "standard", "raw"]
@@ -36,7 +72,7 @@ class RenderSettings:
 
     Attributes:
         quality: Name of the preset, for provenance.
-        samples: Light samples per pixel; with a time budget, the most of them.
+        samples: Samples per pixel; with a time budget, the most of them.
         max_bounces: Light bounces.
         denoise: Whether the denoiser runs after sampling.
         exposure_ev: Exposure in stops, applied before the view transform.
@@ -87,7 +123,7 @@ class Backend(ABC):
     """What colour is rendered on, for provenance."""
 
     samples_per_pixel: int | None = None
-    """Light samples per pixel of the last colour images, where a time budget chose them."""
+    """Samples per pixel of the last colour images, where a time budget chose them."""
 
     @property
     @abstractmethod
@@ -112,18 +148,30 @@ class Backend(ABC):
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
         progress: ProgressCallback,
-        on_frames: FramesCallback = ignore_frames,
-    ) -> tuple[Frame, ...]:
-        """Return one frame per camera and modality, in the cameras' order.
+    ) -> Iterator[FrameGroup]:
+        """Yield one frame per camera and modality, in groups, each as early as possible.
+
+        The first group has the depth, labels and other geometry of all cameras; one group per
+        colour image follows. The geometry may still be computed while colours are rendered. All
+        groups are done when the generator ends; it raises the error of any of them.
 
         Depth is planar z at pixel centres, float32, ``+inf`` where nothing was hit; ids are exact
         and never mixed.
 
-        Args:
-            on_frames: Told each frame once, as soon as it is ready: first what needs no light, of
-                all cameras together, then one colour after the other. It may be called by another
-                thread, though never while ``progress`` is.
+        Raises:
+            RenderError: The backend failed.
+            CancelledError: ``progress`` raised it.
         """
+
+    def render_all(
+        self,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback = ignore_progress,
+    ) -> tuple[Frame, ...]:
+        """Render, and return the frames in the order of the cameras and of their modalities."""
+        groups = list(self.render(cameras, settings, progress))
+        return _in_order(cameras, [frame for group in groups for frame in group.result()])
 
     @abstractmethod
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
@@ -154,7 +202,7 @@ class Backend(ABC):
         """Release what the backend holds; nothing may be called afterwards."""
 
 
-def in_order(cameras: Sequence[PlacedCamera], frames: Sequence[Frame]) -> tuple[Frame, ...]:
+def _in_order(cameras: Sequence[PlacedCamera], frames: Sequence[Frame]) -> tuple[Frame, ...]:
     """Return the frames in the order of the cameras and of their modalities.
 
     Where cameras share a name, the frames of each modality are in the cameras' order already.

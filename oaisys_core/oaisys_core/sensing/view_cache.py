@@ -1,4 +1,4 @@
-"""Views rendered lately: the same view of the same world is answered without rendering it."""
+"""Keeps recently rendered views, so that the same view is not rendered again."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from oaisys_core.world.provenance import depends_on_past
 _LOG = logging.getLogger(__name__)
 
 
-class View(NamedTuple):
-    """What was seen: all frames, and the light samples per pixel of colour (0: none)."""
+class RenderedView(NamedTuple):
+    """All frames of a view, and the samples per pixel of colour (0: none)."""
 
     frames: tuple[Frame, ...]
     render_samples: int
@@ -32,19 +32,18 @@ class View(NamedTuple):
 
 
 class PoseCache:
-    """Keeps frames within a bound of memory; those that were not asked for longest go first.
+    """Keeps views within a bound of memory and drops the least recently used first.
 
-    A key is made of all that frames depend on: where they come from (seeds, configuration,
-    backend, device), the content of the world as the backend was given it, each camera with its
-    pose, and how colour is rendered. Frames that depend on more than that have no key:
-    optical flow (on the sample before), colour with sensor noise (on the sample's number) and
-    colour within a time budget (on how fast the machine was).
+    A view's key is a digest of all that its frames depend on: seeds, configuration, backend,
+    device, the world's content, each camera with its pose, and the render settings. Frames that
+    depend on more than that have no key: optical flow (on the sample before), colour with sensor
+    noise (on the sample's number) and colour within a time budget (on the machine's speed).
     """
 
     def __init__(self, max_bytes: int) -> None:
         """Keep at most ``max_bytes`` of images; 0: none, which costs no time either."""
         self._max_bytes = max_bytes
-        self._views: OrderedDict[Digest, View] = OrderedDict()
+        self._views: OrderedDict[Digest, RenderedView] = OrderedDict()
         self._fingerprints = Fingerprints()
         self._size = 0
 
@@ -78,14 +77,14 @@ class PoseCache:
         """Let go of the world of the last key; views of it are kept."""
         self._fingerprints.forget()
 
-    def get(self, key: Digest | None) -> View | None:
+    def get(self, key: Digest | None) -> RenderedView | None:
         """Return a view, or None; nobody can change its images."""
         if key is None or key not in self._views:
             return None
         self._views.move_to_end(key)
         return self._views[key]
 
-    def add(self, key: Digest | None, view: View) -> None:
+    def add(self, key: Digest | None, view: RenderedView) -> None:
         """Keep a view, unless it has no key or is too large; images that may change are copied."""
         if key is None or view.size_bytes > self._max_bytes:
             return

@@ -20,14 +20,19 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from oaisys_core.backend.base import FrameGroup
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.paths import AssetRoots, confined
 from oaisys_core.errors import CancelledError, NotReadyError, OaisysError, RenderError
 from oaisys_core.interruption import interruptible
+from oaisys_core.sensing.view_renderer import SampleSteps
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, Progress, Sample, SampleOutline, SimulatorInfo
 from oaisys_grpc.contract.faults import fault_from_error
@@ -149,7 +154,9 @@ class Worker:
         """Send each frame as soon as it is ready, and return the sample without them."""
         simulation = self._ready()
         fault_injection.strike(report)
-        sample = simulation.step_sample(**arguments, progress=report, on_frames=report.frames)
+        steps = simulation.stream_sample(**arguments, progress=report)
+        with ThreadPoolExecutor(1, "sender") as executor:
+            sample = _sent(steps, report, executor)
         fault_injection.strike_last(report)
         if len(report.last_frames) == len(sample.frames):
             return sample
@@ -208,6 +215,31 @@ class _Reporter:
         """Raise where the call was cancelled, or its time is over."""
         if self._call in self._cancelled:
             raise CancelledError("cancelled by the caller")
+
+
+def _sent(steps: SampleSteps, report: _Reporter, executor: Executor) -> Sample:
+    """Send frames as they become ready: those that a thread still computes by another thread."""
+    sending: Future[None] | None = None
+    while True:
+        try:
+            outline, group = next(steps)
+            if sending is not None:
+                sending.result()
+            if group.done():
+                report.frames(outline, group.result())
+            else:
+                send = partial(_send, report, outline, group)
+                sending = executor.submit(copy_context().run, send)
+        except StopIteration as end:
+            sample: Sample = end.value
+            return sample
+        except BaseException:
+            steps.close()
+            raise
+
+
+def _send(report: _Reporter, outline: SampleOutline, group: FrameGroup) -> None:
+    report.frames(outline, group.result())
 
 
 def _differs(info: SimulatorInfo, told: SimulatorInfo) -> bool:

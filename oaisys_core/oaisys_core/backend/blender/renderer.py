@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -15,15 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.backend.base import (
-    Backend,
-    FramesCallback,
-    ProgressCallback,
-    RenderSettings,
-    ignore_frames,
-    in_order,
-)
-from oaisys_core.backend.blender.background_geometry import Aside, computed_aside
+from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
+from oaisys_core.backend.blender.background_geometry import BackgroundGeometry
 from oaisys_core.backend.blender.camera import (
     covering_pinhole,
     distorted_image,
@@ -133,19 +126,15 @@ class BlenderBackend(Backend):
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
         progress: ProgressCallback,
-        on_frames: FramesCallback = ignore_frames,
-    ) -> tuple[Frame, ...]:
+    ) -> Iterator[FrameGroup]:
         """See `Backend.render`."""
         surface = self._built()
         self.samples_per_pixel = None
         if any(m in camera.modalities for camera in cameras for m in (RGB, ALBEDO)):
-            frames = self._with_colors(cameras, settings, progress, on_frames)
-        else:
-            frames = self._geometry(cameras, progress)
-            if frames:
-                on_frames(frames)
+            yield from self._with_colors(cameras, settings, progress)
+        elif frames := self._geometry(cameras, progress):
+            yield FrameGroup.of(frames)
         self._memory.remember(cameras, surface.scene)
-        return in_order(cameras, frames)
 
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.revisited`."""
@@ -179,24 +168,22 @@ class BlenderBackend(Backend):
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
         progress: ProgressCallback,
-        on_frames: FramesCallback,
-    ) -> tuple[Frame, ...]:
-        """Return all frames of cameras of which one at least asks for a colour."""
+    ) -> Iterator[FrameGroup]:
+        """Render colours on this thread while another one computes the geometry."""
         ends_s = time.perf_counter() + (settings.time_budget_s or inf)
-        views = [(c, m) for c in cameras for m in (RGB, ALBEDO) if m in c.modalities]
-        colors: list[Frame] = []
-        with computed_aside(partial(self._geometry, cameras), on_frames) as aside:
-            for index, (camera, modality) in enumerate(views):
-                aside.tell(progress, Progress("color", index / len(views)))
-                left_s = (ends_s - time.perf_counter()) / (len(views) - index)
+        colors = [(c, m) for c in cameras for m in (RGB, ALBEDO) if m in c.modalities]
+        with BackgroundGeometry(partial(self._geometry, cameras)) as geometry:
+            if any(set(camera.modalities) - {RGB, ALBEDO} for camera in cameras):
+                yield geometry.group
+            for index, (camera, modality) in enumerate(colors):
+                progress(Progress("color", index / len(colors)))
+                left_s = (ends_s - time.perf_counter()) / (len(colors) - index)
                 if modality == RGB:
-                    image = self._color(camera, settings, left_s, None if colors else aside)
+                    image = self._color(camera, settings, left_s, None if index else geometry)
                 else:
                     image = self._albedo(camera, settings, left_s)
-                colors.append(frame_of(camera, modality, image))
-                geometry = aside.frames()
-                on_frames((colors[-1],))
-        return (*geometry, *colors)
+                geometry.group.result()
+                yield FrameGroup.of([frame_of(camera, modality, image)])
 
     def _geometry(
         self, cameras: Sequence[PlacedCamera], progress: ProgressCallback = ignore_progress
@@ -214,11 +201,11 @@ class BlenderBackend(Backend):
         camera: PlacedCamera,
         settings: RenderSettings,
         seconds: float,
-        aside: Aside | None,
+        geometry: BackgroundGeometry | None,
     ) -> NDArray[np.uint8]:
         """Return the colour image of a camera, in the seconds that are left for it.
 
-        ``aside`` is what is computed beside it.
+        ``geometry`` is what another thread computes meanwhile.
         """
         began_s = time.perf_counter()
         pinhole = _pinhole_of(camera)
@@ -237,7 +224,7 @@ class BlenderBackend(Backend):
             denoising = lowest_quality(denoising, spare)
             self.samples_per_pixel = min(light.samples, self.samples_per_pixel or light.samples)
         image = self._cycles.denoise_and_tonemap(light, settings, denoising)
-        self._learn(rendered, light, started_s, denoising, aside)
+        self._learn(rendered, light, started_s, denoising, geometry)
         image = _as_seen(image, pinhole, camera)
         rng = randomness.stream(settings.noise_seed, camera.name)
         return with_effects(image, settings.effects, camera.intrinsics, rng)
@@ -274,7 +261,7 @@ class BlenderBackend(Backend):
         light: RenderResult,
         started_s: float,
         denoising: DenoisingQuality,
-        aside: Aside | None,
+        geometry: BackgroundGeometry | None,
     ) -> None:
         """Remember what the last view took since it was started."""
         if light.samples:
@@ -287,7 +274,7 @@ class BlenderBackend(Backend):
                     sampling_s=sampling_s,
                     finishing_s=time.perf_counter() - light.sampling_ended_s,
                     denoising=denoising,
-                    beside_s=aside.cost_s(sampling_s) if aside is not None else 0.0,
+                    beside_s=geometry.cost_s(sampling_s) if geometry is not None else 0.0,
                 )
             )
 

@@ -1,0 +1,122 @@
+"""Gets a sample's frames from the cache of views or from the backend."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
+
+from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
+from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
+from oaisys_core.sensing.view_cache import PoseCache, RenderedView
+from oaisys_core.types import (
+    DEPTH,
+    RANGE,
+    RGB,
+    Frame,
+    FrameName,
+    Sample,
+    SampleOutline,
+    early_first,
+)
+
+FramesPlacement = Callable[[tuple[Frame, ...]], tuple[Frame, ...]]
+
+SampleSteps = Generator[tuple[SampleOutline, FrameGroup], None, Sample]
+"""Yields groups of a sample's frames with the sample's outline; returns the complete sample."""
+
+
+def leave_frames(frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+    """Return the frames as they are."""
+    return frames
+
+
+class ViewRenderer:
+    """Renders views of the backend's world, or returns them from the cache."""
+
+    def __init__(
+        self, backend: Backend, cache_bytes: int = 0, place_frames: FramesPlacement = leave_frames
+    ) -> None:
+        """Start with an empty cache; see `Simulation` for the arguments."""
+        self._backend = backend
+        self._cache = PoseCache(cache_bytes)
+        self._place_frames = place_frames
+
+    def forget_world(self) -> None:
+        """Let go of the world of the last view; its cached views are kept."""
+        self._cache.forget_world()
+
+    def sample(
+        self,
+        outline: SampleOutline,
+        scene: Scene,
+        cameras: Sequence[PlacedCamera],
+        settings: RenderSettings,
+        progress: ProgressCallback,
+        faults: DepthFaults,
+        started_s: float,
+    ) -> SampleSteps:
+        """Render what cameras see of ``scene``, which the backend was given.
+
+        Args:
+            outline: Of the sample; whether it comes from the cache is set here.
+            faults: Errors of depth sensors. Views with such errors are not cached, because no two
+                samples have the same noise.
+            started_s: When the sample began, by `time.perf_counter`.
+        """
+        key = None
+        if not (faults.active and _have_depth(cameras)):
+            key = self._cache.key(outline.provenance, scene, cameras, settings)
+        view = self._cache.get(key)
+        outline = replace(outline, from_cache=view is not None)
+        finished_ns = time.monotonic_ns()
+        if view is not None:
+            yield outline, FrameGroup.of(early_first(view.frames))
+            self._backend.revisited(cameras)
+        else:
+            groups = []
+            for rendered in self._backend.render(cameras, settings, progress):
+                finished_ns = time.monotonic_ns()
+                groups.append(rendered.mapped(lambda f: self._measured(f, faults, outline)))
+                yield outline, groups[-1]
+            view = self._rendered_view(outline, groups, settings)
+            self._cache.add(key, view)
+        return Sample(
+            batch_id=outline.batch_id,
+            sample_id=outline.sample_id,
+            rig_pose=outline.rig_pose,
+            frames=view.frames,
+            render_time_s=time.perf_counter() - started_s,
+            provenance=replace(
+                outline.provenance,
+                render_samples=view.render_samples,
+                device=self._backend.device,  # may have been chosen by this very render
+            ),
+            from_cache=outline.from_cache,
+            finished_ns=finished_ns,
+            odometry=outline.odometry,
+        )
+
+    def _measured(
+        self, frames: tuple[Frame, ...], faults: DepthFaults, outline: SampleOutline
+    ) -> tuple[Frame, ...]:
+        """Return what sensors measure instead of the true frames, placed where frames are kept."""
+        batch_id, sample_id = outline.batch_id, outline.sample_id
+        shots = [Shot(batch_id, sample_id, frame.sensor) for frame in frames]
+        measured = [measured_frame(f, faults, s) for f, s in zip(frames, shots, strict=True)]
+        return self._place_frames(tuple(measured))
+
+    def _rendered_view(
+        self, outline: SampleOutline, groups: Sequence[FrameGroup], settings: RenderSettings
+    ) -> RenderedView:
+        """Wait for all groups and return their frames in the outline's order."""
+        by_name = {FrameName(f.sensor, f.modality): f for g in groups for f in g.result()}
+        frames = tuple(by_name[name] for name in outline.frames)
+        samples = self._backend.samples_per_pixel or settings.samples
+        has_color = any(name.modality == RGB for name in outline.frames)
+        return RenderedView(frames, samples if has_color else 0)
+
+
+def _have_depth(cameras: Sequence[PlacedCamera]) -> bool:
+    return any({DEPTH, RANGE}.intersection(camera.modalities) for camera in cameras)
