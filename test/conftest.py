@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-import tempfile
 import uuid
 from collections.abc import Iterator
-from pathlib import Path
 
 import hypothesis
 import pytest
@@ -21,28 +18,15 @@ import oaisys_core  # noqa: F401
 hypothesis.settings.register_profile("repeatable", derandomize=True)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
-LARGEST_DOMAIN_ID = 101
-"""Above it, DDS's ports run into those that Linux gives to clients."""
-
 
 @pytest.fixture
 def ros_domain_id(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A `ROS_DOMAIN_ID` that no other test of this machine uses; set for child processes too.
+    """A `ROS_DOMAIN_ID` that no other test of this machine uses; set for child processes too."""
+    from oaisys_ros_bridge.namespaces import DOMAIN_VARIABLE, claimed_domain
 
-    A file lock claims it, so it holds across pytest processes and goes with a killed one.
-    """
-    folder = Path(tempfile.gettempdir(), f"oaisys-ros-domains-{os.getuid()}")
-    folder.mkdir(exist_ok=True)
-    for domain_id in range(1, LARGEST_DOMAIN_ID + 1):
-        with (folder / str(domain_id)).open("w") as claim:
-            try:
-                fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain_id))
-            yield domain_id
-            return
-    pytest.fail(f"all {LARGEST_DOMAIN_ID} ROS domains are in use")
+    with claimed_domain() as domain_id:
+        monkeypatch.setenv(DOMAIN_VARIABLE, str(domain_id))
+        yield domain_id
 
 
 def claim_domain_first(request: pytest.FixtureRequest) -> None:

@@ -35,13 +35,13 @@ def record(
     namespace: Annotated[str, typer.Option(help="Record what is in there.")] = "",
 ) -> None:
     """Record topics as a rosbag2 MCAP; prints `recording: BAG` once it listens to them."""
-    from oaisys_ros_bridge.namespaces import placing_arguments, require_namespace
+    from oaisys_ros_bridge.namespaces import namespace_arguments, require_namespace
     from oaisys_ros_bridge.nodes.recorder import run_recorder
 
     require_namespace(namespace)
     given = {"path": str(out or ""), "topics": ["", *(topic or [])], "all": everything}
     given |= {"duration_s": duration} | ({} if exclude is None else {"exclude": exclude})
-    raise typer.Exit(run_recorder(["record", *placing_arguments(namespace)], **given))
+    raise typer.Exit(run_recorder(["record", *namespace_arguments(namespace)], **given))
 
 
 @bag_app.command("info")

@@ -1,32 +1,85 @@
-"""Where a node stands among others: in a namespace, with the transforms it deals with.
+"""Keeps simulators apart that run at the same time: by ROS namespaces and by ROS domains.
 
-Names of ours are relative, so a namespace moves them all. ROS's own names of transforms are not:
-below a namespace they are remapped to ``NAMESPACE/tf`` and ``NAMESPACE/tf_static``. What belongs to
-all of a machine stays where it is: ``/clock`` and ``/diagnostics``.
+Topics, services and actions of this package have relative names, so a namespace moves them all. The
+names ``/tf`` and ``/tf_static`` are absolute: below a namespace they are remapped to
+``NAMESPACE/tf`` and ``NAMESPACE/tf_static``. ``/clock`` and ``/diagnostics`` stay at the root.
 """
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import os
+import random
 import re
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, OaisysError
 
 TF = "/tf"
 TF_STATIC = "/tf_static"
+
+DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
+LARGEST_DOMAIN = 101
+"""The ports of larger domains overlap the range from which Linux takes clients' ports."""
 
 _NAMESPACE = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 
 
 def require_namespace(namespace: str) -> None:
-    """Raise `InvalidInputError` where this is none that ROS takes; empty is the root."""
+    """Raise `InvalidInputError` where ROS would not take this namespace; empty is the root."""
     if namespace and not _NAMESPACE.fullmatch(namespace):
         raise InvalidInputError("namespace", namespace, "names like mars or lab/mars")
 
 
-def placing_arguments(namespace: str) -> list[str]:
+def namespace_arguments(namespace: str) -> list[str]:
     """Return the ROS arguments that put a node into a namespace; none for the root."""
     if not namespace:
         return []
     rules = [f"__ns:=/{namespace.strip('/')}"]
     rules += [f"{topic}:={topic.removeprefix('/')}" for topic in (TF, TF_STATIC)]
     return ["--ros-args", *(argument for rule in rules for argument in ("-r", rule))]
+
+
+@contextlib.contextmanager
+def claimed_domain() -> Iterator[int]:
+    """Claim a ROS domain for as long as the block lasts, and yield its number.
+
+    The claim is a lock on a file, which the kernel releases when the process ends.
+
+    Raises:
+        OaisysError: Other processes have claimed all of them.
+    """
+    folder = Path(tempfile.gettempdir(), f"oaisys-ros-domains-{os.getuid()}")
+    folder.mkdir(exist_ok=True)
+    for number in random.SystemRandom().sample(range(1, LARGEST_DOMAIN + 1), LARGEST_DOMAIN):
+        with (folder / str(number)).open("w") as claim:
+            try:
+                fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield number
+            return
+    raise OaisysError(
+        f"all ROS domains from 1 to {LARGEST_DOMAIN} are in use: set {DOMAIN_VARIABLE}"
+    )
+
+
+@contextlib.contextmanager
+def own_domain() -> Iterator[None]:
+    """Set ``ROS_DOMAIN_ID`` to a claimed domain within the block, unless it is set already.
+
+    Raises:
+        OaisysError: Other processes have claimed all domains.
+    """
+    if DOMAIN_VARIABLE in os.environ:
+        yield
+        return
+    with claimed_domain() as number:
+        os.environ[DOMAIN_VARIABLE] = str(number)
+        try:
+            yield
+        finally:
+            del os.environ[DOMAIN_VARIABLE]

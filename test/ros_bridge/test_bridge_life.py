@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_ros_bridge.experiments import survey_client
-from oaisys_ros_bridge.experiments.survey_client import SurveyClient
+from oaisys_ros_bridge.experiments import status
+from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 from oaisys_ros_bridge.qos import DEEP_QOS, SENSOR_QOS
 
 pytestmark = pytest.mark.ros
@@ -122,12 +122,12 @@ def test_two_bridges_of_one_name_are_told_apart_before_a_survey(
     for _ in range(2):
         stage.start_bridge(address)
     stage.user.wait_until(lambda: stage.user.node.count_publishers("oaisys_bridge/ready") == 2)
-    monkeypatch.setattr(survey_client, "DISCOVERY_TIMEOUT_S", 2.0)
+    monkeypatch.setattr(status, "DISCOVERY_TIMEOUT_S", 2.0)
     expected = rf"bridges but ours to leave ROS domain {ros_domain_id}"
-    with SurveyClient("camera", ("depth",)) as client:
-        stage.user.wait_until(lambda: client.bridges == 2)
+    with PlannerClient("camera", ("depth",)) as client:
+        stage.user.wait_until(lambda: client.status.bridges == 2)
         with pytest.raises(DeadlineExceededError, match=expected):
-            client.wait_for_bridge(PATIENCE_S, lambda: None)
+            client.status.wait_for_bridge(PATIENCE_S, lambda: None)
 
 
 def test_a_second_bridge_that_is_discovered_late_ends_a_survey_before_its_next_view(
@@ -135,12 +135,12 @@ def test_a_second_bridge_that_is_discovered_late_ends_a_survey_before_its_next_v
 ) -> None:
     address = stage.start_world(FLAT_WORLD).address
     stage.start_bridge(address)
-    monkeypatch.setattr(survey_client, "DISCOVERY_TIMEOUT_S", 2.0)
+    monkeypatch.setattr(status, "DISCOVERY_TIMEOUT_S", 2.0)
     expected = rf"bridges but ours to leave ROS domain {ros_domain_id}"
-    with SurveyClient("camera", ("depth",)) as client:
-        client.wait_for_bridge(PATIENCE_S, lambda: None)
+    with PlannerClient("camera", ("depth",)) as client:
+        client.status.wait_for_bridge(PATIENCE_S, lambda: None)
         stage.start_bridge(address)
-        stage.user.wait_until(lambda: client.bridges == 2)
+        stage.user.wait_until(lambda: client.status.bridges == 2)
         pose = pose_looking_down(0, 0, 5)
         with pytest.raises(DeadlineExceededError, match=expected):
             client.view(pose, "", "map", PATIENCE_S)

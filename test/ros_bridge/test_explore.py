@@ -20,20 +20,15 @@ from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Planner, Vehicle, level_pose
 from oaisys_ros_bridge.bridge.requests import poses_of_trajectory
 from oaisys_ros_bridge.conversions import pose_from_msg
-from oaisys_ros_bridge.experiments.explore.explorer import (
-    LOST_POSES,
+from oaisys_ros_bridge.experiments.explore.exploration import (
+    MOST_REFUSALS,
     ExplorationLimits,
     explore,
-    poses_along,
-    trajectory_to_msg,
 )
-from oaisys_ros_bridge.experiments.explore.plan import (
-    flight_box,
-    planners_of,
-    start_pose,
-    worlds_of,
-)
-from oaisys_ros_bridge.experiments.survey_client import ReceivedView
+from oaisys_ros_bridge.experiments.explore.plan import flight_box, planners_of, start_pose
+from oaisys_ros_bridge.experiments.explore.trajectory_client import poses_along, trajectory_to_msg
+from oaisys_ros_bridge.experiments.options import seeds_of
+from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 
 WORLD = """
@@ -189,7 +184,7 @@ def test_refused_poses_are_asked_for_again_elsewhere_but_not_forever():
     planner = Listed(*steps)
     with pytest.raises(RenderError, match="never"):
         explored(planner, never)
-    assert len(steps) - len(planner.poses) == LOST_POSES
+    assert len(steps) - len(planner.poses) == MOST_REFUSALS
 
 
 def test_the_way_that_is_flown_ends_at_the_view_and_is_level():
@@ -211,13 +206,13 @@ def test_the_way_that_is_flown_ends_at_the_view_and_is_level():
     ("text", "first", "seeds"), [("3", 5, (5, 6, 7)), ("4,", 1, (4,)), ("2, 9,2", 1, (2, 9))]
 )
 def test_worlds_are_counted_or_listed(text, first, seeds):
-    assert worlds_of(text, first) == seeds
+    assert seeds_of(text, first) == seeds
 
 
 @pytest.mark.parametrize("text", ["", "0", "-2", "one", ",", "3,-1", "1;2"])
 def test_worlds_that_are_neither_are_refused(text):
     with pytest.raises(InvalidInputError, match="--seeds"):
-        worlds_of(text, 1)
+        seeds_of(text, 1)
 
 
 def test_planners_are_named_once_each():

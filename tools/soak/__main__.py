@@ -15,15 +15,11 @@ import typer
 from oaisys_core.errors import OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Pose
+from oaisys_ros_bridge.experiments.bringup import MAP_TIMEOUT_S, SimulatorStack, bring_up
+from oaisys_ros_bridge.experiments.configuration import ExperimentOptions
 from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals, raise_if_interrupted
+from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 from oaisys_ros_bridge.experiments.progress import Reporter
-from oaisys_ros_bridge.experiments.survey_client import SurveyClient
-from oaisys_ros_bridge.experiments.system import (
-    MAP_TIMEOUT_S,
-    System,
-    SystemOptions,
-    running_system,
-)
 from tools.soak.counts import busy_loops, missing_in_bag
 from tools.soak.gauges import Gauge, read_gauges
 
@@ -64,7 +60,7 @@ def main(
     Exit 1 where something has grown, or where map or bag lack a message of a sample.
     """
     interrupt_on_signals()
-    options = SystemOptions(
+    options = ExperimentOptions(
         out=out,
         config=None,
         overrides={"backend": backend, "size": size, "quality": "preview"},
@@ -98,7 +94,7 @@ def main(
 
 
 def run(
-    options: SystemOptions, samples: int, reporter: Reporter, *, sweep: bool
+    options: ExperimentOptions, samples: int, reporter: Reporter, *, sweep: bool
 ) -> tuple[Readings, list[str]]:
     """Take the samples; return what was read on the way, and what the map lacks.
 
@@ -108,12 +104,12 @@ def run(
     readings: Readings = {}
     reading_at = reading_points(samples)
     root = psutil.Process()
-    with running_system(options, SurveyClient, reporter) as system:
+    with bring_up(options, PlannerClient, reporter) as stack:
         if sweep:
             poses = list(viewpoints(samples))
-            told = system.client.sweep(poses, "map", VIEW_TIMEOUT_S * samples)
+            told = stack.client.sweep(poses, "map", VIEW_TIMEOUT_S * samples)
             faults = [told.message] if told.message else []
-            frames = system.client.save_mesh(
+            frames = stack.client.save_mesh(
                 str((options.out / "mesh.ply").resolve()), MAP_TIMEOUT_S
             )
             if frames.frames != samples or frames.message:
@@ -121,18 +117,18 @@ def run(
             return {samples: read_gauges(root)}, faults
         for number, pose in enumerate(reporter.track(list(viewpoints(samples)), "samples"), 1):
             raise_if_interrupted()
-            take(system, pose)
+            take(stack, pose)
             if number in reading_at:
-                system.client.wait_for_map(number, MAP_TIMEOUT_S)
+                stack.client.status.wait_for_map(number, MAP_TIMEOUT_S)
                 readings[number] = read_gauges(root)
                 for line in table({number: readings[number]})[1:]:
                     reporter.say(line)
-        return readings, system.client.shortfalls(MAP_TIMEOUT_S)
+        return readings, stack.client.shortfalls(MAP_TIMEOUT_S)
 
 
-def take(system: System[SurveyClient], pose: Pose) -> None:
+def take(stack: SimulatorStack[PlannerClient], pose: Pose) -> None:
     """Take one view, with all that is published of it."""
-    system.client.view(pose, system.posed_sensor, "map", VIEW_TIMEOUT_S)
+    stack.client.view(pose, stack.posed_sensor, "map", VIEW_TIMEOUT_S)
 
 
 def reading_points(samples: int) -> set[int]:

@@ -18,6 +18,9 @@ FIRST_BATCH_ERROR = "first_batch_error"
 FIRST_BATCH_RETRIED = "first_batch_retried_after"
 """Key of what the first of these tries failed of; stays where the second one succeeds."""
 
+SUBSCRIBERS = "subscribers "
+"""Prefix of the keys that hold how many subscribers of a topic the bridge is matched with."""
+
 
 def diagnostics_msg(
     name: str, hardware_id: str, level: bytes, message: str, values: Mapping[str, object]

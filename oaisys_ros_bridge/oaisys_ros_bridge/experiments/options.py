@@ -1,4 +1,4 @@
-"""Options that the shell commands of experiments share."""
+"""Command-line options that the experiments share."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ KeyOption = Annotated[
 ]
 
 
-def system_options(
+def experiment_options(
     *,
     out: Path,
     config: Path | None,
@@ -62,10 +62,10 @@ def system_options(
     log_level: str,
     use_sim_time: bool,
 ) -> dict[str, Any]:
-    """Return the fields of a `SystemOptions` by name, from what was given on the command line.
+    """Return the fields of `ExperimentOptions` by name, from the command line.
 
     Raises:
-        InvalidInputError: There is no such configuration file, or no such parameters or level.
+        InvalidInputError: A file does not exist or cannot be used, or there is no such log level.
     """
     from oaisys_ros_bridge.parameters.node_settings import node_settings  # not for `oaisys --help`
 
@@ -84,3 +84,23 @@ def system_options(
         "nodes": node_settings(params_file, log_level, use_sim_time=use_sim_time),
         "command": ["oaisys", *sys.argv[1:]],
     }
+
+
+def seeds_of(text: str, first: int) -> tuple[int, ...]:
+    """Return the seeds that ``--seeds`` names: ``3``, three from ``first`` on, or ``4,7``.
+
+    Raises:
+        InvalidInputError: It is neither.
+    """
+    expected = "how many worlds, or their seeds with commas between them"
+    try:
+        numbers = [int(part) for part in text.split(",") if part.strip()]
+    except ValueError:
+        raise InvalidInputError("--seeds", text, expected) from None
+    if "," in text:
+        if not numbers or min(numbers) < 0:
+            raise InvalidInputError("--seeds", text, expected)
+        return tuple(dict.fromkeys(numbers))
+    if not numbers or numbers[0] < 1:
+        raise InvalidInputError("--seeds", text, expected)
+    return tuple(range(first, first + numbers[0]))

@@ -23,6 +23,7 @@ from oaisys_ros_bridge.bridge.command_queue import CommandQueue
 from oaisys_ros_bridge.bridge.diagnostics import (
     FIRST_BATCH_ERROR,
     FIRST_BATCH_RETRIED,
+    SUBSCRIBERS,
     diagnostics_msg,
     resident_mb,
     simulator_values,
@@ -396,7 +397,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         }
         for publisher in self.publishers:
             # A caller that must not lose the first sample waits until its subscribers are known.
-            values[f"subscribers {publisher.topic_name}"] = publisher.get_subscription_count()
+            values[f"{SUBSCRIBERS}{publisher.topic_name}"] = publisher.get_subscription_count()
         reason = "" if link is None else link.state.reason
         message = "ready" if ready else (reason if meant else "") or self.state_name
         name = f"{self.get_name()}: simulator"

@@ -117,11 +117,11 @@ def challenge(
 
     Exit 0 if the right one closes and all others are rejected.
     """
-    from oaisys_ros_bridge.experiments.evaluation.perturbation_test import challenge_bag
+    from oaisys_ros_bridge.experiments.evaluation.perturbation_test import perturb_bag
     from oaisys_ros_bridge.experiments.progress import Reporter, print_table
     from oaisys_ros_bridge.experiments.survey.seeds import faults_table
 
-    records = challenge_bag(folder, Reporter())
+    records = perturb_bag(folder, Reporter())
     print_table(faults_table([record.to_dict() for record in records]))
     if any(record.rejected == (record.name == "none") for record in records):
         raise typer.Exit(1)

@@ -1,7 +1,4 @@
-"""Makes a certificate's world, views and map again, and compares the figures.
-
-The simulator alone is asked, without ROS: what it renders must close by itself.
-"""
+"""Renders a certificate's views again, maps them, and compares the figures; without ROS."""
 
 from __future__ import annotations
 
@@ -25,20 +22,21 @@ from oaisys_mapping.evaluation.truth_io import as_stored
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_mapping.voxels.rectification import rectified, rectified_camera, rectified_labels
+from oaisys_ros_bridge.experiments.bringup import START_TIMEOUT_S
+from oaisys_ros_bridge.experiments.configuration import CONFIG_FILE
 from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from oaisys_ros_bridge.experiments.progress import Reporter
-from oaisys_ros_bridge.experiments.system import CONFIG_FILE, START_TIMEOUT_S
 
 
 def render_and_compare(
     content: Mapping[str, Any], worker_python: Path | None, reporter: Reporter
 ) -> list[CheckResult]:
-    """Return what the figures of a map made anew say of those in a certificate.
+    """Return whether the figures of a map that is rendered again agree with a certificate.
 
     Args:
         content: Of the certificate.
         worker_python: Interpreter that has ``bpy``; None: this one.
-        reporter: Told what is being done.
+        reporter: Says what is being done.
 
     Raises:
         InvalidInputError: The certificate lacks what is needed.
@@ -46,21 +44,23 @@ def render_and_compare(
     """
     views = views_from_json(content["views"], "FILE: views")
     with tempfile.TemporaryDirectory(prefix="oaisys_certificate_") as folder:
-        volume, truth, sha256 = _made_again(content, views, worker_python, Path(folder), reporter)
+        volume, truth, sha256 = _render_world_again(
+            content, views, worker_python, Path(folder), reporter
+        )
     said = content["facts"].get("config_sha256")
     findings = [CheckResult("the simulator's own hash of the configuration", sha256 == said)]
     classes = volume if volume.config.semantic else None
     return [*findings, *measure_again(content, volume.extract_mesh(), truth, classes)]
 
 
-def _made_again(
+def _render_world_again(
     content: Mapping[str, Any],
     views: Sequence[PosedCamera],
     worker_python: Path | None,
     folder: Path,
     reporter: Reporter,
 ) -> tuple[TsdfVolume, TriangleMesh, str]:
-    """Return the map, the truth, and the hash of the configuration, as they come out this time."""
+    """Return the map, the truth, and the hash of the configuration of a new rendering."""
     config = folder / CONFIG_FILE
     config.write_text(json.dumps(content["config"]), encoding="utf-8")
     command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config", str(config)]
@@ -73,12 +73,12 @@ def _made_again(
         with SimulatorClient(address, timeout_s=START_TIMEOUT_S) as simulator:
             reporter.say("building the world")
             simulator.step_batch(seed=content["facts"].get("world_seed"))
-            volume = _mapped(content, views, simulator, reporter)
+            volume = _map_views(content, views, simulator, reporter)
             truth = as_stored(simulator.ground_truth_mesh())
             return volume, truth, simulator.info().config_sha256
 
 
-def _mapped(
+def _map_views(
     content: Mapping[str, Any],
     views: Sequence[PosedCamera],
     simulator: SimulatorClient,
@@ -118,4 +118,4 @@ def _check_same_camera(frame: Frame, view: PosedCamera) -> None:
     if not np.allclose(camera.K, view.intrinsics.K):
         raise InvalidInputError("FILE: views", view.intrinsics.K.tolist(), f"K {camera.K.tolist()}")
     if not np.allclose(frame.T_map_camera, view.T_map_camera, atol=1e-6):
-        raise OaisysError("the simulator's camera did not go where the certificate's was")
+        raise OaisysError("the simulator's camera is not where the certificate's was")

@@ -1,4 +1,4 @@
-"""Makes maps with deliberate faults of a survey's bag, from what was recorded alone."""
+"""Repeats the perturbation test of a survey from its recorded bag alone."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from tf2_msgs.msg import TFMessage
 from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.certificate.certificate import CERTIFICATE_FILE, read_certificate
 from oaisys_mapping.certificate.perturbations import PerturbationResult, PosedDepth
-from oaisys_mapping.certificate.perturbations import run_perturbation_tests as challenged
 from oaisys_mapping.certificate.view_files import views_from_json
 from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.true_surface import true_surface
 from oaisys_mapping.evaluation.truth_io import read_truth
 from oaisys_mapping.tsdf import TsdfConfig
 from oaisys_ros_bridge.bags.info import mcap_file
-from oaisys_ros_bridge.experiments.evaluation.evaluation import TRUTH_FILE
+from oaisys_ros_bridge.experiments.evaluation.map_evaluation import TRUTH_FILE, run_perturbations
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler
 
@@ -30,12 +29,12 @@ MAP_FRAME = "map"
 DEPTH_TOPIC = "/depth/image_raw"
 
 
-def challenge_bag(folder: Path, reporter: Reporter) -> list[PerturbationResult]:
-    """Return what becomes of the maps of a survey's frames, without and with each fault.
+def perturb_bag(folder: Path, reporter: Reporter) -> list[PerturbationResult]:
+    """Return the verdicts on maps of a survey's recorded frames, without and with each fault.
 
     Args:
-        folder: Of the survey: its certificate, its truth and its bag.
-        reporter: Told of each map.
+        folder: Of the survey, with its certificate, its truth and its bag.
+        reporter: Says the verdict on each map.
 
     Raises:
         InvalidInputError: One of them is missing.
@@ -55,11 +54,8 @@ def challenge_bag(folder: Path, reporter: Reporter) -> list[PerturbationResult]:
         np.random.default_rng(seed),
     )
     config = TsdfConfig(voxel_size_m=voxel_size_m, max_range_m=range_m)
-    records = []
-    for record in challenged(frames, surface, survey_thresholds(voxel_size_m), config, seed):
-        reporter.say(f"{record.what}: {'rejected' if record.rejected else 'accepted'}")
-        records.append(record)
-    return records
+    thresholds = survey_thresholds(voxel_size_m)
+    return run_perturbations(frames, surface, thresholds, config, seed, reporter)
 
 
 def frames_of_bag(bag: Path) -> Iterator[PosedDepth]:
@@ -75,19 +71,21 @@ def frames_of_bag(bag: Path) -> Iterator[PosedDepth]:
         depth = min((topic for topic in topics if topic.endswith(DEPTH_TOPIC)), default="")
         if not depth:
             return
-        inputs = _inputs(assembler, depth)
-        wanted = sorted(topic for topic in topics if _kind_of(topic) in inputs or topic in inputs)
+        handlers = _handlers(assembler, depth)
+        wanted = sorted(
+            topic for topic in topics if _last_part(topic) in handlers or topic in handlers
+        )
         for _, channel, message in reader.iter_messages(topics=wanted):
-            kind, take = inputs.get(channel.topic) or inputs[_kind_of(channel.topic)]
-            take(deserialize_message(message.data, kind))
+            kind, handle = handlers.get(channel.topic) or handlers[_last_part(channel.topic)]
+            handle(deserialize_message(message.data, kind))
             while (frame := assembler.pop()) is not None:
                 yield PosedDepth(frame.depth_m, frame.intrinsics, frame.T_map_camera)
 
 
-def _inputs(
+def _handlers(
     assembler: FrameAssembler, depth: str
 ) -> dict[str, tuple[type[Any], Callable[[Any], None]]]:
-    """Return what is done with the messages of a topic, or of any that ends as a kind does."""
+    """Return the type and the handler of messages, by topic or by a topic's last part."""
     info = depth.replace("image_raw", "camera_info")
     return {
         "tf_static": (TFMessage, assembler.add_static),
@@ -97,5 +95,5 @@ def _inputs(
     }
 
 
-def _kind_of(topic: str) -> str:
+def _last_part(topic: str) -> str:
     return topic.rsplit("/", 1)[-1]

@@ -1,4 +1,4 @@
-"""What a report tells of its certificate, of deliberate faults and of labels, as tables."""
+"""The report's tables of deliberate faults, classes, completeness and the certificate."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from oaisys_mapping.certificate.certificate import CERTIFICATE_FILE
 from oaisys_mapping.certificate.perturbations import PerturbationResult
 from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
 from oaisys_mapping.report.report import ReportTable
-from oaisys_ros_bridge.experiments.evaluation.evaluation import Closure
+from oaisys_ros_bridge.experiments.evaluation.map_evaluation import MapEvaluation
 
 NOT_MEASURED = "–"
 
 
-def sections_of(closure: Closure) -> list[ReportTable]:
-    """Return the tables that there is something to fill with."""
-    metrics = closure.evaluation.metrics
-    sections = [_fault_section(closure.faults)] if closure.faults else []
+def tables_of(result: MapEvaluation) -> list[ReportTable]:
+    """Return the tables for which there are figures."""
+    metrics = result.evaluation.metrics
+    sections = [_fault_section(result.faults)] if result.faults else []
     if metrics.classes is not None and metrics.classes.iou:
         sections.append(_class_section(metrics))
-    return [*sections, _completeness_section(metrics), _certificate_section(closure.certificate)]
+    return [*sections, _completeness_section(metrics), _certificate_section(result.certificate)]
 
 
 def _fault_section(faults: Sequence[PerturbationResult]) -> ReportTable:

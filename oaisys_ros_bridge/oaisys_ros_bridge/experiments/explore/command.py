@@ -21,7 +21,8 @@ from oaisys_ros_bridge.experiments.options import (
     UseSimTimeOption,
     VoxelSizeOption,
     WorkerPythonOption,
-    system_options,
+    experiment_options,
+    seeds_of,
 )
 
 UNTIL, UNTIL_COMPARED = 0.95, 0.9
@@ -116,14 +117,13 @@ def explore(
         ExploreOptions,
         default_config,
         planners_of,
-        worlds_of,
     )
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
     from oaisys_ros_bridge.experiments.progress import Reporter
 
     planners = planners_of(planner, compare=compare)
-    worlds = worlds_of(seeds, FIRST_SEED if seed is None else seed)
-    shared = system_options(
+    worlds = seeds_of(seeds, FIRST_SEED if seed is None else seed)
+    shared = experiment_options(
         out=out,
         config=config or default_config(),
         size=size,

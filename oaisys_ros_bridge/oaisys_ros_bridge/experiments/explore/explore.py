@@ -1,8 +1,8 @@
-"""The paper's active view planning: an aerial vehicle looks at a steep hill view by view.
+"""The paper's active view planning: an aerial vehicle explores a steep hill view by view.
 
-The planner knows what ROS gave it: depth images with their cameras and poses. The simulator's own
-interface is asked for what no planner could know: the box to fly in, and the true surface, against
-which coverage is counted.
+The planner knows what it receives over ROS: depth images with their cameras and poses. What no
+planner could know comes from the simulator over gRPC: the box to fly in, and the true surface,
+against which coverage is counted.
 """
 
 from __future__ import annotations
@@ -25,77 +25,40 @@ from oaisys_mapping.exploration.planners import make_planner
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply
 from oaisys_mapping.voxels.rectification import rectified_camera
-from oaisys_ros_bridge.experiments.explore.explorer import (
-    Exploration,
-    ExplorationLimits,
-    ExplorerClient,
-    explore,
-    poses_along,
-)
-from oaisys_ros_bridge.experiments.explore.plan import ExploreOptions, flight_box, start_pose
-from oaisys_ros_bridge.experiments.explore.report import Measured, write_explore_report
-from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
-from oaisys_ros_bridge.experiments.progress import Reporter
-from oaisys_ros_bridge.experiments.survey_client import ReceivedView
-from oaisys_ros_bridge.experiments.system import (
+from oaisys_ros_bridge.experiments.bringup import (
     MAP_TIMEOUT_S,
     START_TIMEOUT_S,
-    System,
-    running_system,
+    SimulatorStack,
+    bring_up,
 )
+from oaisys_ros_bridge.experiments.evaluation.map_evaluation import MESH_FILE
+from oaisys_ros_bridge.experiments.explore.exploration import (
+    Exploration,
+    ExplorationLimits,
+    explore,
+)
+from oaisys_ros_bridge.experiments.explore.plan import ExploreOptions, flight_box, start_pose
+from oaisys_ros_bridge.experiments.explore.report import MappedExploration, write_explore_report
+from oaisys_ros_bridge.experiments.explore.trajectory_client import TrajectoryClient, poses_along
+from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
+from oaisys_ros_bridge.experiments.planner_client import ReceivedView
+from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 
 VIEW_TIMEOUT_S = 300.0
 
-ANYWHERE_POSES = 600
-"""Random poses in truly free space: what none of them sees counts as out of reach."""
+REACHABLE_POSES = 600
+"""Random poses in truly free space: surface that none of them sees counts as out of reach."""
 
 COVERAGE_SPACING_M = 0.4
-"""A point of the true surface stands for the square of this."""
+"""A point of the true surface stands for a square of this edge length."""
 
-
-def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
-    """Let every planner explore every world, write the report, return whether the map closes.
-
-    The map that is measured is that of the first planner in the first world.
-
-    Raises:
-        ConfigError: The configuration cannot be used.
-        InvalidInputError: There is no planner of some name, or the vehicle does not fit.
-        OaisysError: A process failed, or did not answer in time.
-    """
-    started_s = time.monotonic()
-    for name in options.planners:
-        make_planner(name)
-    records: list[CoverageRecord] = []
-    measured: Measured | None = None
-    with running_system(options, ExplorerClient, reporter) as system:
-        for seed in options.seeds:
-            flight: Flight | None = None
-            for name in options.planners:
-                reporter.say(f"world {seed}: building it for {name}")
-                system.client.step_batch(seed, START_TIMEOUT_S)
-                flight = flight or _flight(options, system, seed)
-                flight.coverage.forget()
-                # Pictures are wanted of the map that is measured; planners need depth alone.
-                if measured is not None:
-                    system.client.ask_only_for((DEPTH,))
-                found, coverage = _explored(options, system, flight, name, seed, reporter)
-                records.append(_record(name, seed, found, coverage, system))
-                if measured is None:
-                    _note_integration(found, system)
-                    mesh = _saved_map(options, system)
-                    measured = Measured(found, flight.vehicle, mesh, flight.truth)
-        lacks = system.client.shortfalls(MAP_TIMEOUT_S)
-        info = system.simulator.info()
-    assert measured is not None
-    seconds = time.monotonic() - started_s
-    return write_explore_report(options, info, records, measured, seconds, reporter, lacks)
+Stack = SimulatorStack[TrajectoryClient]
 
 
 @dataclass(frozen=True)
-class Flight:
-    """Where a vehicle flies in one world, and what there is to see."""
+class FlightArea:
+    """The part of one world that a vehicle flies in, and the true surface in it."""
 
     vehicle: Vehicle
     bounds: Bounds
@@ -104,8 +67,47 @@ class Flight:
     coverage: SurfaceCoverage
 
 
-def _flight(options: ExploreOptions, system: System[ExplorerClient], seed: int) -> Flight:
-    simulator, sensor = system.simulator, system.sensor
+def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
+    """Let every planner explore every world, write the report, return whether the map closes.
+
+    The evaluated map is that of the first planner in the first world.
+
+    Raises:
+        ConfigError: The configuration cannot be used.
+        InvalidInputError: A planner does not exist, or the vehicle does not fit.
+        OaisysError: A process failed, or did not answer in time.
+    """
+    started_s = time.monotonic()
+    for name in options.planners:
+        make_planner(name)
+    records: list[CoverageRecord] = []
+    mapped: MappedExploration | None = None
+    with bring_up(options, TrajectoryClient, reporter) as stack:
+        for seed in options.seeds:
+            area: FlightArea | None = None
+            for name in options.planners:
+                reporter.say(f"world {seed}: building it for {name}")
+                stack.client.step_batch(seed, START_TIMEOUT_S)
+                area = area or _flight_area(options, stack, seed)
+                area.coverage.forget()
+                # Images are wanted of the evaluated map; planners need depth alone.
+                if mapped is not None:
+                    stack.client.request_only((DEPTH,))
+                found, coverage = _explore_world(options, stack, area, name, seed, reporter)
+                records.append(_record(name, seed, found, coverage, stack))
+                if mapped is None:
+                    _add_map_times(found, stack)
+                    mesh = _save_map(options, stack)
+                    mapped = MappedExploration(found, area.vehicle, mesh, area.truth)
+        losses = stack.client.shortfalls(MAP_TIMEOUT_S)
+        info = stack.simulator.info()
+    assert mapped is not None
+    seconds = time.monotonic() - started_s
+    return write_explore_report(options, info, records, mapped, seconds, reporter, losses)
+
+
+def _flight_area(options: ExploreOptions, stack: Stack, seed: int) -> FlightArea:
+    simulator, sensor = stack.simulator, stack.sensor
     extent_m = simulator.info().stage_extent_m
     if extent_m is None:
         raise OaisysError("the simulator has no world")
@@ -124,9 +126,9 @@ def _flight(options: ExploreOptions, system: System[ExplorerClient], seed: int) 
     def clearance_m(points_m: FloatArray) -> FloatArray:
         return simulator.query_height(points_m).clearance_m
 
-    anywhere = random_poses(bounds, vehicle, clearance_m, ANYWHERE_POSES, rng)
-    coverage = SurfaceCoverage(truth, vehicle, anywhere, COVERAGE_SPACING_M, rng)
-    return Flight(vehicle, bounds, start, truth, coverage)
+    reachable = random_poses(bounds, vehicle, clearance_m, REACHABLE_POSES, rng)
+    coverage = SurfaceCoverage(truth, vehicle, reachable, COVERAGE_SPACING_M, rng)
+    return FlightArea(vehicle, bounds, start, truth, coverage)
 
 
 def _heights_of(simulator: SimulatorClient) -> Callable[[FloatArray], FloatArray]:
@@ -137,25 +139,25 @@ def _heights_of(simulator: SimulatorClient) -> Callable[[FloatArray], FloatArray
     return height_m
 
 
-def _explored(
+def _explore_world(
     options: ExploreOptions,
-    system: System[ExplorerClient],
-    flight: Flight,
+    stack: Stack,
+    area: FlightArea,
     name: str,
     seed: int,
     reporter: Reporter,
 ) -> tuple[Exploration, list[float]]:
-    """Let a planner explore a world; return what it did and its coverage after each view."""
+    """Let a planner explore a world; return the exploration and the coverage after each view."""
     coverage: list[float] = []
 
-    def look(pose: Pose, way_m: FloatArray) -> tuple[ReceivedView, DepthFrame]:
+    def render(pose: Pose, path_m: FloatArray) -> tuple[ReceivedView, DepthFrame]:
         raise_if_interrupted()
         if options.via == "trajectory":
-            return system.client.fly(poses_along(way_m, pose), VIEW_TIMEOUT_S)
-        return system.client.look(pose, "", VIEW_TIMEOUT_S)
+            return stack.client.view_by_trajectory(poses_along(path_m, pose), VIEW_TIMEOUT_S)
+        return stack.client.view_by_service(pose, VIEW_TIMEOUT_S)
 
     def goes_on(found: Exploration) -> bool:
-        coverage.append(flight.coverage.add(found.poses[-1]))
+        coverage.append(area.coverage.add(found.poses[-1]))
         reporter.say(
             f"{name}, world {seed}, view {len(coverage)}: {coverage[-1]:.1%} seen, "
             f"{found.path_m[-1]:.0f} m flown, rendered in {found.views[-1].render_s:.2f} s"
@@ -163,11 +165,11 @@ def _explored(
         return coverage[-1] < options.until
 
     found = explore(
-        look,
+        render,
         make_planner(name),
-        flight.start,
-        flight.bounds,
-        flight.vehicle,
+        area.start,
+        area.bounds,
+        area.vehicle,
         options.planning_voxel_m,
         ExplorationLimits(_most_views(options, name), options.path_m),
         np.random.default_rng(seed),
@@ -176,9 +178,9 @@ def _explored(
     return found, coverage
 
 
-def _saved_map(options: ExploreOptions, system: System[ExplorerClient]) -> ColoredMesh:
-    path = options.out / "mesh.ply"
-    system.client.save_mesh(str(path.resolve()), MAP_TIMEOUT_S)
+def _save_map(options: ExploreOptions, stack: Stack) -> ColoredMesh:
+    path = options.out / MESH_FILE
+    stack.client.save_mesh(str(path.resolve()), MAP_TIMEOUT_S)
     return read_ply(path)
 
 
@@ -186,24 +188,21 @@ def _most_views(options: ExploreOptions, name: str) -> int:
     return options.views if name == options.planners[0] else options.baseline_views
 
 
-def _note_integration(found: Exploration, system: System[ExplorerClient]) -> None:
-    """Complete the views with what transfer and fusing of each of them took."""
-    seconds = system.client.wait_for_map(len(found.views), MAP_TIMEOUT_S)
+def _add_map_times(found: Exploration, stack: Stack) -> None:
+    """Add to the views how long transferring and fusing each of them took."""
+    status = stack.client.status
+    seconds = status.wait_for_map(len(found.views), MAP_TIMEOUT_S)
     found.views[:] = [
-        replace(view, integration_s=each, transfer_s=system.client.transfer_s(view))
+        replace(view, integration_s=each, transfer_s=status.transfer_s(view.stamp_ns))
         for view, each in zip(found.views, seconds, strict=True)
     ]
 
 
 def _record(
-    name: str,
-    seed: int,
-    found: Exploration,
-    coverage: list[float],
-    system: System[ExplorerClient],
+    name: str, seed: int, found: Exploration, coverage: list[float], stack: Stack
 ) -> CoverageRecord:
-    places_m = np.array([pose.position_m for pose in found.poses])
-    clearance_m = system.simulator.query_height(places_m).clearance_m
+    positions_m = np.array([pose.position_m for pose in found.poses])
+    clearance_m = stack.simulator.query_height(positions_m).clearance_m
     return CoverageRecord(
         name,
         seed,

@@ -1,4 +1,4 @@
-"""What an exploration is asked to do, and the box that it flies in."""
+"""The options of an exploration, and the box that it flies in."""
 
 from __future__ import annotations
 
@@ -16,43 +16,43 @@ from oaisys_mapping.certificate.signature import PrivateKey
 from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle, level_pose
 from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS
-from oaisys_ros_bridge.experiments.system import SystemOptions
+from oaisys_ros_bridge.experiments.configuration import ExperimentOptions
 
 PACKAGE = "oaisys_ros_bridge"
 
 ALL_PLANNERS = "all"
-"""Stands for all of ours."""
+"""Stands for all planners of this package."""
 
 FIRST_SEED = 1
-"""Of the first world, where none is given."""
+"""Seed of the first world, where none is given."""
 
 HEADROOM_M = 6.0
-"""The box reaches so far above the highest ground."""
+"""Height of the box above the highest ground."""
 
 START_SHARE = 0.75
-"""An exploration starts in a corner, so far out from the middle of the stage."""
+"""Where an exploration starts: this share of the way from the stage's centre to a corner."""
 
 PROBES = 64
-"""Heights are asked for at so many places along an edge of the stage."""
+"""Number of positions along an edge of the stage at which heights are queried."""
 
 
 @dataclass(frozen=True)
-class ExploreOptions(SystemOptions):
-    """What an exploration is asked to do.
+class ExploreOptions(ExperimentOptions):
+    """Options of an exploration.
 
     Attributes:
-        planners: Names, each of which explores every world.
+        planners: Names of the planners, each of which explores every world.
         seeds: One world each.
-        via: How poses are asked for: ``service`` or ``trajectory``.
+        via: How views are requested: by ``service`` or by ``trajectory``.
         views: Most views of an exploration.
-        baseline_views: Most views of all planners but the first.
-        until: Coverage at which it ends; 1: only when the planner finds nothing more.
+        baseline_views: Most views of each planner but the first.
+        until: Coverage at which it ends; 1: when the planner finds no further pose.
         path_m: Longest path.
-        planning_voxel_m: Of the map that plans are made on.
-        vehicle_radius_m: The ball around the vehicle that must be free.
-        camera_range_m: How far depth is used.
-        start_height_m: Above the ground, of the first view.
-        key: Signs the certificate; None: nobody does.
+        planning_voxel_m: Voxel size of the planner's map.
+        vehicle_radius_m: Radius of the ball around the vehicle that must be free.
+        camera_range_m: Farthest depth that is used.
+        start_height_m: Height of the first view above the ground.
+        key: Signs the certificate; None: it is not signed.
     """
 
     planners: Sequence[str]
@@ -70,7 +70,7 @@ class ExploreOptions(SystemOptions):
 
 
 def planners_of(text: str, *, compare: bool) -> tuple[str, ...]:
-    """Return the planners that ``--planner`` names, once each; with ``compare`` all of ours, too.
+    """Return the planners that ``--planner`` names, once each; with ``compare`` all own ones, too.
 
     Raises:
         InvalidInputError: It names none.
@@ -81,26 +81,6 @@ def planners_of(text: str, *, compare: bool) -> tuple[str, ...]:
     ours = tuple(BUILT_IN_PLANNERS)
     named = [each for name in names for each in (ours if name == ALL_PLANNERS else (name,))]
     return tuple(dict.fromkeys((*named, *(ours if compare else ()))))
-
-
-def worlds_of(text: str, first: int) -> tuple[int, ...]:
-    """Return the seeds that ``--seeds`` means: ``3`` is so many from the first on, ``4,7`` those.
-
-    Raises:
-        InvalidInputError: It is neither.
-    """
-    expected = "how many worlds, or their seeds with commas between them"
-    try:
-        numbers = [int(part) for part in text.split(",") if part.strip()]
-    except ValueError:
-        raise InvalidInputError("--seeds", text, expected) from None
-    if "," in text:
-        if not numbers or min(numbers) < 0:
-            raise InvalidInputError("--seeds", text, expected)
-        return tuple(dict.fromkeys(numbers))
-    if not numbers or numbers[0] < 1:
-        raise InvalidInputError("--seeds", text, expected)
-    return tuple(range(first, first + numbers[0]))
 
 
 def flight_box(extent_m: Sequence[float], height_m: Callable[[FloatArray], FloatArray]) -> Bounds:

@@ -1,4 +1,4 @@
-"""What explorations found, as the mapping package's report takes it."""
+"""The report of explorations."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_r
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report.report import COVERAGE_GOAL, SurveyReport, write_report
-from oaisys_ros_bridge.experiments.evaluation.evaluation import measure_and_certify
-from oaisys_ros_bridge.experiments.evaluation.report_sections import sections_of
-from oaisys_ros_bridge.experiments.explore.explorer import Exploration
+from oaisys_ros_bridge.experiments.configuration import CONFIG_FILE
+from oaisys_ros_bridge.experiments.evaluation.map_evaluation import evaluate_and_certify
+from oaisys_ros_bridge.experiments.evaluation.report_sections import tables_of
+from oaisys_ros_bridge.experiments.explore.exploration import Exploration
 from oaisys_ros_bridge.experiments.explore.plan import ExploreOptions
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.experiments.survey.report import (
-    closure_facts,
+    evaluation_facts,
     run_facts,
     say_result,
     view_record,
 )
-from oaisys_ros_bridge.experiments.system import CONFIG_FILE
 
 
 @dataclass(frozen=True)
-class Measured:
-    """The exploration whose map is measured."""
+class MappedExploration:
+    """The exploration whose map is evaluated."""
 
-    found: Exploration
+    exploration: Exploration
     vehicle: Vehicle
     mesh: ColoredMesh
     truth: TriangleMesh
@@ -44,25 +44,25 @@ def write_explore_report(
     options: ExploreOptions,
     info: SimulatorInfo,
     records: Sequence[CoverageRecord],
-    measured: Measured,
+    mapped: MappedExploration,
     seconds_total: float,
     reporter: Reporter,
-    lacks: Sequence[str] = (),
+    losses: Sequence[str] = (),
 ) -> bool:
-    """Measure the map, write everything to the output folder, and return whether it closes.
+    """Evaluate the map, write the report, and return whether the loop closes.
 
-    It does not where something is missing: ``lacks`` is what mapper and recorder have lost.
+    It does not where ``losses`` says that mapper or recorder have lost something.
     """
-    vehicle = measured.vehicle
+    vehicle = mapped.vehicle
     views = [
         PosedCamera(vehicle.intrinsics, pose_to_matrix(pose) @ vehicle.T_base_camera)
-        for pose in measured.found.poses
+        for pose in mapped.exploration.poses
     ]
     thresholds = exploration_thresholds(options.voxel_size_m)
-    closure = measure_and_certify(
+    result = evaluate_and_certify(
         options,
         info,
-        measured.truth,
+        mapped.truth,
         views,
         [],
         thresholds,
@@ -70,13 +70,13 @@ def write_explore_report(
         reporter,
         world_seed=records[0].seed,
     )
-    received = measured.found.views
+    received = mapped.exploration.views
     report = SurveyReport(
         title="Exploration of a rendered terrain",
-        facts=run_facts(info, received, seconds_total) | _facts(records) | closure_facts(closure),
-        evaluation=closure.evaluation,
+        facts=run_facts(info, received, seconds_total) | _facts(records) | evaluation_facts(result),
+        evaluation=result.evaluation,
         thresholds=thresholds,
-        mesh=closure.mesh,
+        mesh=result.mesh,
         views=[view_record(view) for view in received],
         columns=ceil(sqrt(len(received) * 6 / 5)),
         labels=info.semantic_labels,
@@ -84,8 +84,8 @@ def write_explore_report(
         config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
         coverage=records,
         cameras=views,
-        tables=sections_of(closure),
-        losses=lacks,
+        tables=tables_of(result),
+        losses=losses,
     )
     write_report(report, options.out)
     say_result(report, options, reporter)

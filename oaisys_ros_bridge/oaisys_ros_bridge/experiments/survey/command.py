@@ -21,7 +21,7 @@ from oaisys_ros_bridge.experiments.options import (
     UseSimTimeOption,
     VoxelSizeOption,
     WorkerPythonOption,
-    system_options,
+    experiment_options,
 )
 
 ViewsOption = Annotated[int, typer.Option(help="Viewpoints on the grid.", min=1)]
@@ -75,7 +75,7 @@ def survey(
     from oaisys_ros_bridge.experiments.survey.seeds import run_seeds
     from oaisys_ros_bridge.experiments.survey.survey import run_survey
 
-    shared = system_options(
+    shared = experiment_options(
         out=out,
         config=config,
         size=size,

@@ -1,4 +1,4 @@
-"""What a survey is asked to do, and its grid of viewpoints that look straight down."""
+"""The options of a survey, and its grid of viewpoints that look straight down."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import nadir_spacing_m
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.certificate.signature import PrivateKey
-from oaisys_ros_bridge.experiments.system import SystemOptions
+from oaisys_ros_bridge.experiments.configuration import ExperimentOptions
 
 
 @dataclass(frozen=True)
-class SurveyOptions(SystemOptions):
-    """What a survey is asked to do.
+class SurveyOptions(ExperimentOptions):
+    """Options of a survey.
 
     Attributes:
         views: Viewpoints on the grid.
         altitude_m: Height above the surface below each.
         overlap: Share of an image's edge that neighbours share.
-        faults: Whether maps with deliberate faults are shown beside the true one.
-        key: Signs the certificate; None: nobody does.
+        faults: Whether to run the perturbation test.
+        key: Signs the certificate; None: it is not signed.
     """
 
     views: int
@@ -35,7 +35,7 @@ class SurveyOptions(SystemOptions):
 
 
 NORTH_UP_YAW_RAD = pi / 2
-"""Yaw of a rig that looks down with the image's upper edge towards +y."""
+"""Yaw of a rig that looks down and has +y at the upper edge of its image."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class SurveyPlan:
 
 
 def survey_columns(views: int) -> int:
-    """Return how many viewpoints stand in a row: thirty are six by five."""
+    """Return the number of columns of a grid: thirty viewpoints are six by five."""
     return ceil(sqrt(views * 6 / 5))
 
 
@@ -102,7 +102,7 @@ def _too_large(
     altitude_m: float,
     overlap: float,
 ) -> InvalidInputError:
-    """Return the error of a grid of viewpoints that leaves the stage; it says what would fit."""
+    """Return the error of a grid that is larger than the stage; it says what would fit."""
     span_m = (grid - 1) * step_m
     shrink = float((stage_m[grid > 1] / span_m[grid > 1]).min())
     fitting = (stage_m / step_m).astype(int) + 1

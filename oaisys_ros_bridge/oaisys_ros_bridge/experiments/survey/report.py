@@ -1,4 +1,4 @@
-"""What a survey found, as the mapping package's report takes it."""
+"""The report of a survey."""
 
 from __future__ import annotations
 
@@ -11,55 +11,55 @@ from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SimulatorInfo
 from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.report.report import SurveyReport, ViewRecord
-from oaisys_ros_bridge.experiments.evaluation.evaluation import Closure
-from oaisys_ros_bridge.experiments.evaluation.report_sections import sections_of
+from oaisys_ros_bridge.experiments.configuration import CONFIG_FILE, ExperimentOptions
+from oaisys_ros_bridge.experiments.evaluation.map_evaluation import MapEvaluation
+from oaisys_ros_bridge.experiments.evaluation.report_sections import tables_of
+from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.experiments.survey.plan import SurveyOptions, survey_columns
-from oaisys_ros_bridge.experiments.survey_client import ReceivedView
-from oaisys_ros_bridge.experiments.system import CONFIG_FILE, SystemOptions
 
 
 def survey_report(
     options: SurveyOptions,
     info: SimulatorInfo,
-    closure: Closure,
+    result: MapEvaluation,
     views: Sequence[PosedCamera],
     received: Sequence[ReceivedView],
     seconds_total: float,
-    lacks: Sequence[str] = (),
+    losses: Sequence[str] = (),
 ) -> SurveyReport:
-    """Return everything that the report shows; ``lacks`` is what mapper and recorder have lost."""
+    """Return the report; ``losses`` says what mapper and recorder have lost."""
     return SurveyReport(
         title="Survey of a rendered terrain",
         facts=run_facts(info, received, seconds_total)
         | {"altitude_m": options.altitude_m, "overlap": options.overlap}
-        | closure_facts(closure),
-        evaluation=closure.evaluation,
+        | evaluation_facts(result),
+        evaluation=result.evaluation,
         thresholds=survey_thresholds(options.voxel_size_m),
-        mesh=closure.mesh,
+        mesh=result.mesh,
         views=[view_record(view) for view in received],
         columns=survey_columns(options.views),
         labels=info.semantic_labels,
         command=shlex.join(options.command),
         config_text=(options.out / CONFIG_FILE).read_text(encoding="utf-8"),
         cameras=views,
-        tables=sections_of(closure),
-        losses=lacks,
+        tables=tables_of(result),
+        losses=losses,
     )
 
 
-def closure_facts(closure: Closure) -> dict[str, Any]:
-    """Return what a report's figures tell of its certificate and of maps with faults."""
+def evaluation_facts(result: MapEvaluation) -> dict[str, Any]:
+    """Return the entries of ``report.json`` on the certificate and the perturbation test."""
     return {
-        "certificate_sha256": closure.certificate["sha256"],
-        "faults": [record.to_dict() for record in closure.faults],
+        "certificate_sha256": result.certificate["sha256"],
+        "faults": [record.to_dict() for record in result.faults],
     }
 
 
 def run_facts(
     info: SimulatorInfo, received: Sequence[ReceivedView], seconds_total: float
 ) -> dict[str, Any]:
-    """Return what every experiment's report says of how it was run."""
+    """Return the entries of ``report.json`` on how an experiment was run."""
     is_blender = info.backend == "blender"
     return {
         "views": len(received),
@@ -76,7 +76,7 @@ def run_facts(
 
 
 def view_record(view: ReceivedView) -> ViewRecord:
-    """Return what the report shows of a view."""
+    """Return a view as the report shows it."""
     images = view.images
     return ViewRecord(
         rgb=images.get(RGB),
@@ -92,7 +92,7 @@ def view_record(view: ReceivedView) -> ViewRecord:
     )
 
 
-def say_result(report: SurveyReport, options: SystemOptions, reporter: Reporter) -> None:
+def say_result(report: SurveyReport, options: ExperimentOptions, reporter: Reporter) -> None:
     """Print the figures and the verdict."""
     figures = report.evaluation.metrics
     reporter.say(

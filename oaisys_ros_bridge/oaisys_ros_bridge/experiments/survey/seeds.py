@@ -1,4 +1,4 @@
-"""The same survey of several worlds, and a table of what came of them."""
+"""Surveys of several worlds, and a table of their figures."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Any
 
 from rich.table import Table
 
-from oaisys_ros_bridge.experiments.explore.plan import worlds_of
+from oaisys_ros_bridge.experiments.configuration import write_config
+from oaisys_ros_bridge.experiments.options import seeds_of
 from oaisys_ros_bridge.experiments.progress import Reporter, print_table
 from oaisys_ros_bridge.experiments.survey.plan import SurveyOptions
 from oaisys_ros_bridge.experiments.survey.survey import run_survey
-from oaisys_ros_bridge.experiments.system import write_config
 
 SEEDS_FILE = "seeds.json"
 
@@ -30,19 +30,17 @@ COLUMNS = (
 
 
 def run_seeds(options: SurveyOptions, reporter: Reporter, seeds: str) -> bool:
-    """Survey worlds as `worlds_of` reads them, write a table, and return whether all went well.
-
-    It went well where every loop closes and every map with a deliberate fault is rejected.
+    """Survey several worlds, print a table, and return whether `went_well` holds for all.
 
     Raises:
-        InvalidInputError: ``seeds`` names no worlds.
+        InvalidInputError: ``seeds`` is not what `seeds_of` reads.
         ConfigError: The configuration cannot be used.
         OaisysError: A process failed, or did not answer in time.
     """
     config = write_config(options)
     first = int(json.loads(config.read_text(encoding="utf-8"))["seed"])
     reports: list[dict[str, Any]] = []
-    for seed in worlds_of(seeds, first):
+    for seed in seeds_of(seeds, first):
         reporter.say(f"world {seed}")
         out = options.out / f"seed_{seed}"
         overrides = {**options.overrides, "seed": str(seed)}
@@ -61,7 +59,7 @@ def went_well(report: dict[str, Any]) -> bool:
 
 
 def seeds_table(reports: list[dict[str, Any]]) -> Table:
-    """Return the figures of surveys, with those of their maps with faults below each."""
+    """Return the figures of surveys, each followed by those of its perturbation test."""
     table = Table("seed", "map", *(heading for heading, *_ in COLUMNS), "verdict")
     for report in reports:
         verdict = "closed" if report["closed"] else "open"
@@ -72,7 +70,7 @@ def seeds_table(reports: list[dict[str, Any]]) -> Table:
 
 
 def faults_table(faults: list[dict[str, Any]]) -> Table:
-    """Return the figures of maps without and with deliberate faults."""
+    """Return the figures of a perturbation test."""
     table = Table("seed", "map", *(heading for heading, *_ in COLUMNS), "verdict")
     _add_faults(table, faults)
     return table

@@ -1,8 +1,7 @@
-"""The paper's scene reconstruction: look down from a grid, rebuild the terrain, measure it.
+"""The paper's scene reconstruction: views from a grid above the terrain, a map, its evaluation.
 
-Server, bridge, mapper and recorder are processes of their own; the survey itself is a planner that
-knows only ROS. The simulator's own interface is asked for what no planner could know: the height
-of the ground, to fly over it, and the true surface, to measure against.
+The survey itself uses ROS as a planner would. What no planner could know comes from the simulator
+over gRPC: the height of the ground to fly over, and the true surface to measure against.
 """
 
 from __future__ import annotations
@@ -22,12 +21,14 @@ from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.report.report import write_report
 from oaisys_mapping.voxels.rectification import rectified_camera
-from oaisys_ros_bridge.experiments.evaluation.evaluation import (
+from oaisys_ros_bridge.experiments.bringup import MAP_TIMEOUT_S, SimulatorStack, bring_up
+from oaisys_ros_bridge.experiments.evaluation.map_evaluation import (
     MESH_FILE,
     VOLUME_FILE,
-    measure_and_certify,
+    evaluate_and_certify,
 )
 from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
+from oaisys_ros_bridge.experiments.planner_client import PlannerClient, ReceivedView
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.experiments.survey.plan import (
     NORTH_UP_YAW_RAD,
@@ -36,69 +37,69 @@ from oaisys_ros_bridge.experiments.survey.plan import (
     plan_survey,
 )
 from oaisys_ros_bridge.experiments.survey.report import say_result, survey_report
-from oaisys_ros_bridge.experiments.survey_client import ReceivedView, SurveyClient
-from oaisys_ros_bridge.experiments.system import MAP_TIMEOUT_S, System, running_system
 
 VIEW_TIMEOUT_S = 300.0
 MAP_FRAME = "map"
 
 
 def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
-    """Run a survey, write its report, and return whether the loop closes, and nothing was lost.
+    """Run a survey, write its report, and return whether the loop closes and nothing was lost.
 
     Raises:
         ConfigError: The configuration cannot be used.
         OaisysError: A process failed, or did not answer in time.
     """
     started_s = time.monotonic()
-    with running_system(options, SurveyClient, reporter) as system:
-        poses = _viewpoints(_plan(options, system), system.simulator)
-        received = _visit(system, poses, reporter)
-        lacks = system.client.shortfalls(MAP_TIMEOUT_S)
+    with bring_up(options, PlannerClient, reporter) as stack:
+        poses = _viewpoints(_plan(options, stack), stack.simulator)
+        received = _render_all(stack, poses, reporter)
+        losses = stack.client.shortfalls(MAP_TIMEOUT_S)
         reporter.say("saving the map")
         for name in (MESH_FILE, VOLUME_FILE):
-            system.client.save_mesh(str((options.out / name).resolve()), MAP_TIMEOUT_S)
-        truth = system.simulator.ground_truth_mesh()
-        info = system.simulator.info()
-    views = _views(system.sensor, poses)
-    closure = measure_and_certify(
+            stack.client.save_mesh(str((options.out / name).resolve()), MAP_TIMEOUT_S)
+        truth = stack.simulator.ground_truth_mesh()
+        info = stack.simulator.info()
+    views = _views(stack.sensor, poses)
+    result = evaluate_and_certify(
         options,
         info,
         truth,
         views,
-        _frames(system.sensor, views, received) if options.faults else [],
+        _frames(stack.sensor, views, received) if options.faults else [],
         survey_thresholds(options.voxel_size_m),
         options.key,
         reporter,
     )
     seconds = time.monotonic() - started_s
-    report = survey_report(options, info, closure, views, received, seconds, lacks)
+    report = survey_report(options, info, result, views, received, seconds, losses)
     write_report(report, options.out)
     say_result(report, options, reporter)
     return not report.missed
 
 
-def _plan(options: SurveyOptions, system: System[SurveyClient]) -> SurveyPlan:
-    extent_m = system.simulator.info().stage_extent_m
+def _plan(options: SurveyOptions, stack: SimulatorStack[PlannerClient]) -> SurveyPlan:
+    extent_m = stack.simulator.info().stage_extent_m
     if extent_m is None:
         raise OaisysError("the simulator has lost its world since the bridge was ready")
-    camera = system.sensor.intrinsics
+    camera = stack.sensor.intrinsics
     return plan_survey(options.views, options.altitude_m, options.overlap, camera, extent_m)
 
 
-def _visit(
-    system: System[SurveyClient], poses: Sequence[Pose], reporter: Reporter
+def _render_all(
+    stack: SimulatorStack[PlannerClient], poses: Sequence[Pose], reporter: Reporter
 ) -> list[ReceivedView]:
-    """Look from every pose in turn."""
+    """Return the views from all poses, once the map holds them."""
     received = []
     for pose in reporter.track(poses, "views"):
         raise_if_interrupted()
-        view = system.client.view(pose, system.posed_sensor, MAP_FRAME, VIEW_TIMEOUT_S)
+        view = stack.client.view(pose, stack.posed_sensor, MAP_FRAME, VIEW_TIMEOUT_S)
         received.append(view)
         reporter.step(f"rendered in {view.render_s:.2f} s, answered in {view.service_s:.2f} s")
-    integration_s = system.client.wait_for_map(len(poses), MAP_TIMEOUT_S)
+    integration_s = stack.client.status.wait_for_map(len(poses), MAP_TIMEOUT_S)
     return [
-        replace(view, integration_s=seconds, transfer_s=system.client.transfer_s(view))
+        replace(
+            view, integration_s=seconds, transfer_s=stack.client.status.transfer_s(view.stamp_ns)
+        )
         for view, seconds in zip(received, integration_s, strict=True)
     ]
 
@@ -115,7 +116,7 @@ def _viewpoints(plan: SurveyPlan, simulator: SimulatorClient) -> list[Pose]:
 
 
 def _views(sensor: SensorInfo, poses: Sequence[Pose]) -> list[PosedCamera]:
-    """Return the cameras as the mapper rectifies them: a pose is that of the sensor's link."""
+    """Return the rectified cameras, as the mapper fuses them, from poses of the sensor's link."""
     camera = rectified_camera(sensor.intrinsics)
     return [PosedCamera(camera, pose_to_matrix(pose) @ T_LINK_OPTICAL) for pose in poses]
 
@@ -123,7 +124,7 @@ def _views(sensor: SensorInfo, poses: Sequence[Pose]) -> list[PosedCamera]:
 def _frames(
     sensor: SensorInfo, views: Sequence[PosedCamera], received: Sequence[ReceivedView]
 ) -> list[PosedDepth]:
-    """Return the depth images that came, each with the camera and the pose it was taken with."""
+    """Return the received depth images, each with its camera and pose."""
     return [
         PosedDepth(images[DEPTH], sensor.intrinsics, view.T_map_camera)
         for view, images in zip(views, (one.images for one in received), strict=True)

@@ -1,4 +1,4 @@
-"""Whether an experiment's loop closes: measures its map, challenges the verdict, certifies it."""
+"""Evaluates an experiment's map against the true surface, and writes its certificate."""
 
 from __future__ import annotations
 
@@ -34,26 +34,26 @@ from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_ros_bridge.experiments.configuration import CONFIG_FILE, ExperimentOptions
 from oaisys_ros_bridge.experiments.progress import Reporter
-from oaisys_ros_bridge.experiments.system import CONFIG_FILE, SystemOptions
 
 MESH_FILE, TRUTH_FILE, VOLUME_FILE = "mesh.ply", "truth.ply", "volume.npz"
 POSES_FILE = "poses.json"
 
 TAUS_VOXELS = (0.2, 0.5, 1.0, 2.0)
-"""Tolerances at which F-scores are told."""
+"""Tolerances of the F-scores, in voxels."""
 
 LIBRARIES = ("oaisys_core", "oaisys_mapping", "oaisys_ros_bridge", "numpy", "open3d", "scipy")
 
 
 @dataclass(frozen=True)
-class Closure:
-    """What became of an experiment's map.
+class MapEvaluation:
+    """The result of an experiment's evaluation.
 
     Attributes:
-        evaluation: Its figures.
+        evaluation: Of the map against the true surface.
         mesh: The map's surface, as it was saved.
-        faults: What became of the same frames with deliberate faults.
+        faults: The verdicts on maps of the same frames with deliberate faults.
         certificate: As it was written.
     """
 
@@ -63,8 +63,8 @@ class Closure:
     certificate: dict[str, Any]
 
 
-def measure_and_certify(
-    options: SystemOptions,
+def evaluate_and_certify(
+    options: ExperimentOptions,
     info: SimulatorInfo,
     truth: TriangleMesh,
     views: Sequence[PosedCamera],
@@ -74,36 +74,83 @@ def measure_and_certify(
     reporter: Reporter,
     *,
     world_seed: int | None = None,
-) -> Closure:
-    """Measure the map that stands in the output folder, and write poses, truth and certificate.
+) -> MapEvaluation:
+    """Evaluate the map in the output folder, and write poses, truth and certificate beside it.
 
     Args:
         options: Of the experiment.
         info: Of the simulator at its end.
         truth: The true surface.
-        views: Where the cameras were.
-        frames: What they saw, to make maps with deliberate faults of; empty for none.
-        thresholds: What counts as closed.
-        key: Signs the certificate.
-        reporter: Told what is being done.
-        world_seed: What the world was drawn from, where that is not the configuration's seed.
+        views: The cameras of the map's views.
+        frames: Their depth images, for the perturbation test; empty: without one.
+        thresholds: That the map must meet.
+        key: Signs the certificate; None: it is not signed.
+        reporter: Says what is being done.
+        world_seed: Seed of the world, where it is not the configuration's.
     """
     reporter.say("measuring against the true surface")
-    out = options.out
     truth = as_stored(truth)
-    write_truth(out / TRUTH_FILE, truth)
-    write_views(out / POSES_FILE, views)
-    mesh = read_ply(out / MESH_FILE)
-    voxel_size_m, rng = options.voxel_size_m, np.random.default_rng(info.seed)
-    taus_m = tuple(share * voxel_size_m for share in TAUS_VOXELS)
+    write_truth(options.out / TRUTH_FILE, truth)
+    write_views(options.out / POSES_FILE, views)
+    mesh = read_ply(options.out / MESH_FILE)
+    rng = np.random.default_rng(info.seed)
     with reporter.stages("measuring") as on_progress:
-        surface = true_surface(truth, views, voxel_size_m, options.max_range_m, rng, on_progress)
+        surface = true_surface(
+            truth, views, options.voxel_size_m, options.max_range_m, rng, on_progress
+        )
         volume = _volume(options, mesh)
         classes = volume if mesh.class_ids is not None else None
+        taus_m = tuple(share * options.voxel_size_m for share in TAUS_VOXELS)
         extras = Extras(taus_m, volume, info.semantic_labels, classes, on_progress)
-        evaluation = evaluate_against(surface, mesh, voxel_size_m, rng, extras)
-    faults = _challenged(frames, surface, thresholds, options, info.seed, reporter)
-    statement = CertificateContent(
+        evaluation = evaluate_against(surface, mesh, options.voxel_size_m, rng, extras)
+    config = TsdfConfig(voxel_size_m=options.voxel_size_m, max_range_m=options.max_range_m)
+    faults: list[PerturbationResult] = []
+    if frames:
+        faults = run_perturbations(frames, surface, thresholds, config, info.seed, reporter)
+    statement = _statement(options, info, views, evaluation, thresholds, faults, world_seed)
+    certificate = write_certificate(options.out / CERTIFICATE_FILE, statement, key)
+    return MapEvaluation(evaluation, mesh, faults, certificate)
+
+
+def _volume(options: ExperimentOptions, mesh: ColoredMesh) -> TsdfVolume | None:
+    """Return the mapper's volume, if it was saved."""
+    path: Path = options.out / VOLUME_FILE
+    if not path.is_file():
+        return None
+    semantic = mesh.class_ids is not None
+    volume = TsdfVolume(TsdfConfig(voxel_size_m=options.voxel_size_m, semantic=semantic))
+    volume.load(path)
+    return volume
+
+
+def run_perturbations(
+    frames: Sequence[PosedDepth],
+    surface: TrueSurface,
+    thresholds: Thresholds,
+    config: TsdfConfig,
+    seed: int,
+    reporter: Reporter,
+) -> list[PerturbationResult]:
+    """Return the verdicts on maps of the same frames, without and with each deliberate fault."""
+    records = []
+    for record in run_perturbation_tests(frames, surface, thresholds, config, seed):
+        verdict = "rejected" if record.rejected else "accepted"
+        reporter.say(f"perturbation test, {record.name} ({record.what}): {verdict}")
+        records.append(record)
+    return records
+
+
+def _statement(
+    options: ExperimentOptions,
+    info: SimulatorInfo,
+    views: Sequence[PosedCamera],
+    evaluation: Evaluation,
+    thresholds: Thresholds,
+    faults: Sequence[PerturbationResult],
+    world_seed: int | None,
+) -> CertificateContent:
+    out = options.out
+    return CertificateContent(
         facts={**_facts(options, info), "world_seed": world_seed},
         config=json.loads((out / CONFIG_FILE).read_text(encoding="utf-8")),
         views=views,
@@ -116,41 +163,9 @@ def measure_and_certify(
         files={"mesh": out / MESH_FILE, "truth": out / TRUTH_FILE},
         versions=_versions(info),
     )
-    certificate = write_certificate(out / CERTIFICATE_FILE, statement, key)
-    return Closure(evaluation, mesh, faults, certificate)
 
 
-def _volume(options: SystemOptions, mesh: ColoredMesh) -> TsdfVolume | None:
-    """Return the mapper's volume, if it was saved."""
-    path: Path = options.out / VOLUME_FILE
-    if not path.is_file():
-        return None
-    semantic = mesh.class_ids is not None
-    volume = TsdfVolume(TsdfConfig(voxel_size_m=options.voxel_size_m, semantic=semantic))
-    volume.load(path)
-    return volume
-
-
-def _challenged(
-    frames: Sequence[PosedDepth],
-    surface: TrueSurface,
-    thresholds: Thresholds,
-    options: SystemOptions,
-    seed: int,
-    reporter: Reporter,
-) -> list[PerturbationResult]:
-    if not frames:
-        return []
-    config = TsdfConfig(voxel_size_m=options.voxel_size_m, max_range_m=options.max_range_m)
-    records = []
-    for record in run_perturbation_tests(frames, surface, thresholds, config, seed):
-        word = "rejected" if record.rejected else "not rejected"
-        reporter.say(f"fault {record.name} ({record.what}): {word}")
-        records.append(record)
-    return records
-
-
-def _facts(options: SystemOptions, info: SimulatorInfo) -> dict[str, Any]:
+def _facts(options: ExperimentOptions, info: SimulatorInfo) -> dict[str, Any]:
     return {
         "command": shlex.join(options.command),
         "seed": info.seed,

@@ -1,0 +1,227 @@
+"""Brings up server, bridge, mapper and recorder as the child processes of an experiment."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from oaisys_core.errors import DeadlineExceededError, OaisysError
+from oaisys_core.geometry import T_LINK_OPTICAL
+from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
+from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_ros_bridge.experiments.configuration import ExperimentOptions, write_config
+from oaisys_ros_bridge.experiments.planner_client import PlannerClient
+from oaisys_ros_bridge.experiments.processes import ManagedProcess
+from oaisys_ros_bridge.experiments.progress import Reporter
+from oaisys_ros_bridge.namespaces import (
+    TF,
+    TF_STATIC,
+    namespace_arguments,
+    own_domain,
+    require_namespace,
+)
+from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY, sensor_namespace
+
+START_TIMEOUT_S = 600.0
+"""Until a world must be built; textures are made on a machine's first run."""
+
+MAP_TIMEOUT_S = 120.0
+
+_WARNING = re.compile(r"\b(WARN|WARNING|ERROR|CRITICAL|FATAL)\b|Traceback")
+_POLL_PERIOD_S = 0.5
+_LINES_QUOTED = 3
+"""Of each log, in the notes of an error."""
+
+Client = TypeVar("Client", bound=PlannerClient)
+
+
+@dataclass(frozen=True)
+class SimulatorStack(Generic[Client]):
+    """The running processes, as an experiment talks to them.
+
+    Attributes:
+        simulator: The gRPC client, for what no planner could know.
+        client: The ROS client.
+        sensor: The camera whose images are mapped.
+        posed_sensor: The sensor whose pose is requested; empty where the rig's pose is the same.
+    """
+
+    simulator: SimulatorClient
+    client: Client
+    sensor: SensorInfo
+    posed_sensor: str
+
+
+@contextmanager
+def bring_up(
+    options: ExperimentOptions,
+    make_client: Callable[[str, tuple[str, ...], str], Client],
+    reporter: Reporter,
+) -> Iterator[SimulatorStack[Client]]:
+    """Start server, bridge, mapper and recorder; end them in reverse order after the block.
+
+    Args:
+        options: What to run; the complete configuration is written to ``out``.
+        make_client: Given the camera's namespace, the modalities to wait for, and the nodes'
+            namespace.
+        reporter: Says what is being started.
+
+    Raises:
+        ConfigError: The configuration cannot be used.
+        OaisysError: A process failed, or did not answer in time.
+    """
+    require_namespace(options.namespace)
+    config_path = write_config(options)
+    with ExitStack() as stack:
+        stack.enter_context(naming_logs(options.out / "logs"))
+        stack.enter_context(own_domain())
+        processes = _Processes(options, stack)
+        reporter.say("starting the simulator")
+        address = processes.start_server(config_path)
+        simulator = stack.enter_context(SimulatorClient(address, timeout_s=START_TIMEOUT_S))
+        info = simulator.info()
+        sensor = info.sensors[0]
+        namespace = sensor_namespace(sensor.name, info.sensors)
+        reporter.say("building the world")
+        processes.start_bridge(address)
+        processes.start_mapper(namespace, sensor)
+        modalities = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensor.modalities)
+        client = make_client(namespace, modalities, options.namespace)
+        stack.enter_context(client)
+        wait_for_world = partial(_wait_for_world, client, simulator, processes.check, address)
+        wait_for_world()
+        client.wait_for_mapper()
+        if options.record:
+            processes.start_recorder(namespace, modalities)
+        client.status.wait_for_subscribers()
+        wait_for_world()  # a worker may have been lost since
+        yield SimulatorStack(simulator, client, sensor, _posed_sensor(info))
+
+
+class _Processes:
+    """Starts the processes of an experiment; ``stack`` ends them."""
+
+    def __init__(self, options: ExperimentOptions, stack: ExitStack) -> None:
+        self._options = options
+        self._stack = stack
+        self._running: list[ManagedProcess] = []
+        # Nodes discover each other on this machine alone, unless the user has set otherwise.
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        self._environment = dict(os.environ)
+
+    def check(self) -> None:
+        """Raise `WorkerLostError` where a process has ended."""
+        for process in self._running:
+            process.check()
+
+    def start_server(self, config_path: Path) -> str:
+        """Start the simulator and return its address."""
+        arguments = ["serve", "--config", str(config_path), "--address", "127.0.0.1:0"]
+        if self._options.worker_python is not None:
+            arguments += ["--worker-python", str(self._options.worker_python)]
+        arguments += self._options.server_options
+        server = self._start("server", "oaisys_grpc", arguments)
+        return server.wait_for_line("ready:", START_TIMEOUT_S)
+
+    def start_bridge(self, address: str) -> None:
+        fixed = {"address": address, **self._options.bridge_parameters}
+        self._start_node("bridge", fixed=fixed)
+
+    def start_mapper(self, namespace: str, sensor: SensorInfo) -> None:
+        """Start the mapper of a camera; a parameter file may change ``usual``, not ``fixed``."""
+        # No mesh every few seconds: one is saved at the end.
+        usual = {"mesh_period": 0.0, "use_semantics": SEMANTIC_0 in sensor.modalities}
+        fixed = {
+            "camera": namespace,
+            "voxel_size": self._options.voxel_size_m,
+            "max_range": self._options.max_range_m,
+        }
+        self._start_node("mapper", usual=usual, fixed=fixed)
+
+    def start_recorder(self, namespace: str, modalities: Sequence[str]) -> None:
+        """Record everything; return once the recorder listens to the topics of a sample."""
+        folder = self._options.out / "bag"
+        _remove_old_bag(folder)
+        topics = [f"{namespace}/{TOPIC_BY_MODALITY.get(m, m)}/image_raw" for m in modalities]
+        topics += [TF, TF_STATIC, "ground_truth/odometry", "oaisys_bridge/sample_info"]
+        arguments = ["--out", str(folder), "--all", "--topics", *topics]
+        recorder = self._start_node("recorder", arguments)
+        recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
+
+    def _start_node(
+        self,
+        name: str,
+        arguments: Sequence[str] = (),
+        usual: Mapping[str, Any] | None = None,
+        fixed: Mapping[str, Any] | None = None,
+    ) -> ManagedProcess:
+        ros_arguments = self._options.nodes.ros_arguments(name, usual or {}, fixed or {})
+        ros_arguments += namespace_arguments(self._options.namespace)
+        return self._start(name, f"oaisys_ros_bridge.nodes.{name}", [*arguments, *ros_arguments])
+
+    def _start(self, name: str, module: str, arguments: Sequence[str]) -> ManagedProcess:
+        command = [sys.executable, "-m", module, *arguments]
+        log = self._options.out / "logs" / f"{name}.log"
+        process = ManagedProcess(name, command, log, self._environment)
+        self._running.append(process)
+        return self._stack.enter_context(process)
+
+
+def _wait_for_world(
+    client: PlannerClient, simulator: SimulatorClient, check: Callable[[], None], address: str
+) -> None:
+    """Wait until the bridge is ready and the simulator itself says that it has a world.
+
+    Raises:
+        OaisysError: A process ended, the world cannot be built, or it took too long.
+    """
+    end_s = time.monotonic() + START_TIMEOUT_S
+    while True:
+        client.status.wait_for_bridge(max(0.0, end_s - time.monotonic()), check, address)
+        if simulator.info().stage_extent_m is not None:
+            return
+        if time.monotonic() >= end_s:
+            raise DeadlineExceededError(
+                f"the simulator at {address} had no world after {START_TIMEOUT_S:g} s"
+            )
+        time.sleep(_POLL_PERIOD_S)
+
+
+@contextmanager
+def naming_logs(folder: Path) -> Iterator[None]:
+    """Add the processes' logs, and the last warnings in them, to the notes of an error."""
+    began_s = time.time()
+    try:
+        yield
+    except OaisysError as error:
+        for log in sorted(folder.glob("*.log")):
+            if log.stat().st_mtime < began_s - 1.0:
+                continue  # of an earlier run
+            error.add_note(f"log: {log}")
+            lines = log.read_text(errors="replace").splitlines()
+            for line in [line for line in lines if _WARNING.search(line)][-_LINES_QUOTED:]:
+                error.add_note(f"  | {line}")
+        raise
+
+
+def _posed_sensor(info: SimulatorInfo) -> str:
+    sensor = info.sensors[0]
+    is_rig = len(info.sensors) == 1 and np.allclose(sensor.T_base_camera, T_LINK_OPTICAL)
+    return "" if is_rig else sensor.name
+
+
+def _remove_old_bag(folder: Path) -> None:
+    """Remove the bag of an earlier experiment, but no other folder."""
+    if any(folder.glob("*.mcap")):
+        shutil.rmtree(folder)

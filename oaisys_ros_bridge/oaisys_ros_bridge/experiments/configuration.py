@@ -1,0 +1,74 @@
+"""What an experiment runs: its options, and the configuration of its simulator."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_ros_bridge.parameters.node_settings import NodeSettings
+
+CONFIG_FILE = "config.yaml"
+"""The complete configuration of an experiment, in its output folder."""
+
+CONFIG_TIMEOUT_S = 600.0
+
+
+@dataclass(frozen=True)
+class ExperimentOptions:
+    """What runs in an experiment.
+
+    Attributes:
+        out: Folder for everything it writes.
+        config: Configuration file; None: the default world.
+        overrides: Options of ``oaisys config show`` that change the configuration.
+        voxel_size_m, max_range_m: Of the map.
+        record: Whether everything is recorded to a bag.
+        worker_python: Interpreter that has ``bpy``; None: this one.
+        command: The command line that started it.
+        namespace: Of all ROS nodes, and of TF; empty: the root.
+        server_options: Further options of ``oaisys serve``.
+        bridge_parameters: Further ROS parameters of the bridge.
+        nodes: Settings of all nodes.
+    """
+
+    out: Path
+    config: Path | None
+    overrides: Mapping[str, str]
+    voxel_size_m: float
+    max_range_m: float
+    record: bool
+    worker_python: Path | None
+    command: Sequence[str]
+    namespace: str = field(default="", kw_only=True)
+    server_options: Sequence[str] = field(default=(), kw_only=True)
+    bridge_parameters: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
+    nodes: NodeSettings = field(default=NodeSettings(), kw_only=True)
+
+
+def write_config(options: ExperimentOptions) -> Path:
+    """Write the complete, validated configuration to the output folder and return its path.
+
+    Raises:
+        ConfigError: The configuration cannot be used.
+        OaisysError: It could not be read.
+    """
+    command = [sys.executable, "-m", "oaisys_core", "config", "show"]
+    if options.config is not None:
+        command += ["--config", str(options.config)]
+    for name, value in options.overrides.items():
+        command += [f"--{name}", value]
+    result = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=CONFIG_TIMEOUT_S
+    )
+    if result.returncode != 0:
+        message = result.stderr.strip().removeprefix("oaisys: ")
+        raise ConfigError(message) if result.returncode == 2 else OaisysError(message)
+    options.out.mkdir(parents=True, exist_ok=True)
+    path = options.out / CONFIG_FILE
+    path.write_text(result.stdout, encoding="utf-8")
+    return path

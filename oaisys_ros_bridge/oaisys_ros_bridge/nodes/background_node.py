@@ -1,0 +1,129 @@
+"""A ROS node that spins in a background thread of a program that does something else."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from oaisys_core.errors import DeadlineExceededError
+from oaisys_ros_bridge.transport import prepare_transport
+
+CHECK_PERIOD_S = 0.5
+"""How often `BackgroundNode.wait` calls its check while nothing is received."""
+
+
+class BackgroundNode:
+    """A node whose subscriptions are handled in a background thread; a context manager.
+
+    Callbacks of `subscribe` run one at a time under the lock of ``changed``.
+
+    Attributes:
+        node: The rclpy node.
+        changed: Notified after every message.
+    """
+
+    def __init__(self, name: str, arguments: Sequence[str] = ()) -> None:
+        """Initialise rclpy and make the node; `start` begins to handle messages.
+
+        Args:
+            name: Of the node.
+            arguments: ROS arguments, beginning with ``--ros-args``.
+        """
+        prepare_transport()
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node(name, cli_args=list(arguments))
+        self.changed = threading.Condition()
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._spin, name=f"{name} executor", daemon=True)
+
+    def start(self) -> None:
+        """Begin to handle messages."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Destroy the node and shut rclpy down."""
+        self._executor.shutdown(timeout_sec=2.0)
+        rclpy.try_shutdown()
+        self._thread.join(timeout=2.0)
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        error_type: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close it."""
+        self.close()
+
+    def subscribe(
+        self,
+        message_type: type[Any],
+        topic: str,
+        handle: Callable[[Any], None],
+        qos: QoSProfile | int,
+    ) -> None:
+        """Call ``handle`` with each message of a topic."""
+
+        def handle_and_notify(message: Any) -> None:
+            with self.changed:
+                handle(message)
+                self.changed.notify_all()
+
+        self.node.create_subscription(message_type, topic, handle_and_notify, qos)
+
+    def wait(
+        self,
+        what: str,
+        condition: Callable[[], bool],
+        timeout_s: float,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Wait until ``condition`` holds, which is evaluated under the lock after every message.
+
+        Args:
+            what: Is waited for, in an error's words.
+            condition: What to wait for.
+            timeout_s: How long.
+            check: Called every `CHECK_PERIOD_S` or more often; may raise to stop waiting.
+
+        Raises:
+            DeadlineExceededError: It does not hold in time.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        with self.changed:
+            while not condition():
+                left_s = deadline_s - time.monotonic()
+                if left_s <= 0:
+                    raise DeadlineExceededError(f"waited {timeout_s:g} s for {what}")
+                check()
+                self.changed.wait(min(left_s, CHECK_PERIOD_S))
+
+    def _spin(self) -> None:
+        try:
+            self._executor.spin()
+        except ExternalShutdownException:
+            return
+
+
+def result_of(future: Future, name: str, timeout_s: float) -> Any:
+    """Return the result of a call to ``name``; `DeadlineExceededError` without one in time."""
+    done = threading.Event()
+    future.add_done_callback(lambda _: done.set())
+    if not done.wait(timeout_s):
+        raise DeadlineExceededError(f"{name} did not answer within {timeout_s:g} s")
+    return future.result()
