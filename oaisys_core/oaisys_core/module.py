@@ -63,7 +63,7 @@ class World:
         self.drawn_ground, self.stage_notes = other.drawn_ground, other.stage_notes
         self.detail = other.detail
         self.material = other.material
-        layers = drawn(other.material).layers
+        layers = require(other.material).layers
         ids = {semantic_id for layer in layers for semantic_id in layer.all_semantic_ids}
         labels = other.semantic_labels
         self.semantic_labels.update({i: labels[i] for i in ids if i in labels})
@@ -71,7 +71,7 @@ class World:
     @property
     def surface(self) -> Ground:
         """The ground as it is seen now."""
-        return self.near_ground or drawn(self.ground)
+        return self.near_ground or require(self.ground)
 
     def refine(self) -> bool:
         """Refine the ground where the cameras are; return whether it became another."""
@@ -79,7 +79,7 @@ class World:
             return False
         before = self.near_ground
         positions_m = np.array([camera.T_map_camera[:3, 3] for camera in self.cameras])
-        self.near_ground = self.detail.around(drawn(self.ground), before, positions_m)
+        self.near_ground = self.detail.around(require(self.ground), before, positions_m)
         return self.near_ground is not before
 
     def scene(self) -> Scene:
@@ -90,11 +90,11 @@ class World:
         """
         return Scene(
             ground=self.surface,
-            material=drawn(self.material),
+            material=require(self.material),
             prototypes=self.prototypes,
             placements=self.placements,
             primitives=self.primitives,
-            sky=drawn(self.sky),
+            sky=require(self.sky),
             semantic_labels=dict(sorted(self.semantic_labels.items())),
             stage_hash=self.stage_hash + (self.near_ground.tag if self.near_ground else ""),
             custom={"stage": dict(self.stage_notes)},
@@ -104,8 +104,8 @@ class World:
 T = TypeVar("T")
 
 
-def drawn(part: T | None) -> T:
-    """Return a part of the world, or of a module, that a batch has drawn.
+def require(part: T | None) -> T:
+    """Return a part of the world, or of a module, that a batch must have drawn by now.
 
     Raises:
         NotReadyError: There was no batch yet.
@@ -113,6 +113,10 @@ def drawn(part: T | None) -> T:
     if part is None:
         raise NotReadyError("the world is not complete: step a batch first (StepBatch)")
     return part
+
+
+drawn = require
+"""The name under which extensions import `require`."""
 
 
 class Module(ABC):

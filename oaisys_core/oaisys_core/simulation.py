@@ -18,7 +18,7 @@ from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.module import drawn
-from oaisys_core.modules.sensors import select
+from oaisys_core.modules.camera_selection import select
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.sensing.faults import PoseDrift, odometry_of
 from oaisys_core.sensing.view_renderer import (
@@ -27,7 +27,6 @@ from oaisys_core.sensing.view_renderer import (
     ViewRenderer,
     leave_frames,
 )
-from oaisys_core.stage_store import StageRecord
 from oaisys_core.types import (
     FloatArray,
     FrameName,
@@ -43,12 +42,12 @@ from oaisys_core.types import (
     TriangleMesh,
     ignore_progress,
 )
-from oaisys_core.world.batch import Batch
+from oaisys_core.world.batch import Batch, ModuleSnapshot, SampleSnapshot
 from oaisys_core.world.height_grids import Extent, height_grid
 from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet
 from oaisys_core.world.provenance import metadata_text, previous_poses_text, state_of
-from oaisys_core.world.reuse import Origin, origin_of, section_sha256
-from oaisys_core.world.undo import ModuleStates, Undo
+from oaisys_core.world.reuse import BatchSeeds, batch_seeds, section_sha256
+from oaisys_core.world.stage_store import StageRecord
 
 
 class Simulation:
@@ -84,7 +83,7 @@ class Simulation:
         self._backend = backend if backend is not None else make_backend(config.backend)
         self._views = ViewRenderer(self._backend, pose_cache_bytes, place_frames)
         self._drift = PoseDrift()
-        self._undo: Undo | None = None
+        self._undo: SampleSnapshot | None = None
         self._batch: Batch | None = None
         self._last_batch_id = 0
         self._modules.setup()
@@ -121,7 +120,7 @@ class Simulation:
         standing = self._current() if reuse_stage else self._batch
         self._modules.check(metadata, is_batch=True)
         metadata_text(metadata)
-        origin, drawn_with = origin_of(
+        origin, drawn_with = batch_seeds(
             self._stage, self._assets_sha256, metadata, seed, standing, reuse_stage
         )
         self._build(batch_id, origin, drawn_with, progress)
@@ -343,7 +342,7 @@ class Simulation:
         standing = state["batch"]
         if standing is not None:
             wanted = Batch.from_state(standing)
-            origin = Origin(wanted.seed, wanted.stage_seed, wanted.asset_seed)
+            origin = BatchSeeds(wanted.seed, wanted.stage_seed, wanted.asset_seed)
             self._build(wanted.id, origin, wanted.metadata, progress)
             if wanted.sample_id:
                 # What moves or changes by itself is where the last sample left it.
@@ -376,12 +375,12 @@ class Simulation:
     def _build(
         self,
         batch_id: int,
-        origin: Origin,
+        origin: BatchSeeds,
         metadata: ModuleMetadata,
         progress: ProgressCallback,
     ) -> None:
         """Draw a world and have the backend build it; if that fails there is no world at all."""
-        states = ModuleStates(self._modules.all)
+        states = ModuleSnapshot(self._modules.all)
         try:
             world = self._modules.draw(origin, metadata, self._batch, progress)
         except BaseException:
@@ -398,7 +397,7 @@ class Simulation:
         )
         self._last_batch_id = batch_id
 
-    def _keep_stage(self, origin: Origin, metadata: ModuleMetadata) -> None:
+    def _keep_stage(self, origin: BatchSeeds, metadata: ModuleMetadata) -> None:
         """Save the stage of a new batch where the configuration or ``metadata`` says so."""
         batch = self._current()
         record = StageRecord(
@@ -415,7 +414,7 @@ class Simulation:
     def _undone_on_failure(self, batch: Batch) -> Iterator[None]:
         """Have a sample that fails or is cancelled leave everything as it was before."""
         self._undo = None
-        undo = Undo(batch, self._modules.all, self._backend)
+        undo = SampleSnapshot(batch, self._modules.all, self._backend)
         try:
             yield
         except BaseException:

@@ -20,12 +20,12 @@ from oaisys_core.types import ModuleMetadata, Pose, Sample
 from oaisys_core.verification.audit import (
     WINDOW_PX,
     WINDOWS,
-    Audited,
-    Reference,
+    AuditResult,
     audit_sample,
     audit_views,
 )
 from oaisys_core.verification.numpy_caster import NumpyCaster
+from oaisys_core.verification.reference_scene import ReferenceScene
 
 WORLD: dict[str, Any] = {
     "backend": "analytic",
@@ -42,7 +42,7 @@ SAMPLED_PX = WINDOWS * (WINDOW_PX - 2) ** 2
 """Of each image, edges included."""
 
 
-def audited(config: dict, views: int = 3) -> dict[str, Audited]:
+def audited(config: dict, views: int = 3) -> dict[str, AuditResult]:
     simulation = Simulation(config_from_mapping(config))
     simulation.step_batch()
     found = audit_views(simulation, views, np.random.default_rng(1))
@@ -60,10 +60,12 @@ def test_every_kind_of_terrain_is_right_off_edges(preset: str) -> None:
         assert one.wrong_share <= 5e-4, one
 
 
-def one_view() -> tuple[Sample, Reference]:
+def one_view() -> tuple[Sample, ReferenceScene]:
     simulation = Simulation(config_from_mapping(WORLD))
     simulation.step_batch()
-    return simulation.step_sample(), Reference(simulation.scene, simulation.ground_truth_mesh())
+    return simulation.step_sample(), ReferenceScene(
+        simulation.scene, simulation.ground_truth_mesh()
+    )
 
 
 def drawn() -> np.random.Generator:
@@ -114,7 +116,7 @@ def test_an_error_of_embree_itself_is_found(monkeypatch: pytest.MonkeyPatch) -> 
 def test_level_views_are_right_up_to_the_horizon() -> None:
     simulation = Simulation(config_from_mapping(WORLD))
     simulation.step_batch()
-    reference = Reference(simulation.scene, simulation.ground_truth_mesh())
+    reference = ReferenceScene(simulation.scene, simulation.ground_truth_mesh())
     z_m = float(simulation.query_height([(3.0, 4.0, 0.0)]).surface_height_m[0]) + 2.0
     for yaw_rad in (0.3, 2.0, 4.5):
         pose = Pose((3.0, 4.0, z_m), (0.0, 0.0, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)))

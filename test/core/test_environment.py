@@ -17,7 +17,7 @@ from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.environment import effects
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.geometry import pose_looking_at
-from oaisys_core.module import World, drawn
+from oaisys_core.module import World, require
 from oaisys_core.modules import EnvironmentModule
 from oaisys_core.scene import Sky
 from oaisys_core.simulation import Simulation
@@ -33,11 +33,11 @@ def skies(section: dict[str, Any], samples: int = 0, seed: int = SEED) -> list[S
     module.setup()
     world = World()
     module.step_batch(world, None, randomness.stream(seed, module.name))
-    seen = [drawn(world.sky)]
+    seen = [require(world.sky)]
     for sample_id in range(1, samples + 1):
         world.sample_id = sample_id
         module.step_sample(world, None, randomness.stream(seed, module.name, sample_id))
-        seen.append(drawn(world.sky))
+        seen.append(require(world.sky))
     return seen
 
 
@@ -178,14 +178,14 @@ class TestHdri:
     def test_samples_choose_from_the_folder(self, images: Path, choose: str) -> None:
         hdri = {"folder": str(images), "choose": choose, "strength": [1, 2]}
         seen = skies({"hdri": hdri, "redraw": "sample"}, samples=40)[1:]
-        names = [drawn(sky.hdri).image.name for sky in seen]
+        names = [require(sky.hdri).image.name for sky in seen]
         assert set(names) == {"a", "b"}
         pairs = list(zip(names[::2], names[1::2], strict=True))
         if choose == "cycle":
             assert set(pairs) == {("a", "b")}
         if choose == "shuffle":
             assert set(pairs) == {("a", "b"), ("b", "a")}
-        assert all(1 <= drawn(sky.hdri).strength <= 2 for sky in seen)
+        assert all(1 <= require(sky.hdri).strength <= 2 for sky in seen)
 
     def test_an_image_shown_again_is_the_same_object(self, images: Path) -> None:
         seen = skies({"hdri": {"folder": str(images)}}, samples=3)
@@ -193,7 +193,7 @@ class TestHdri:
 
     def test_pixels_are_linear_and_one_may_be_named(self, images: Path) -> None:
         (sky,) = skies({"hdri": {"folder": str(images), "use": "b"}})
-        np.testing.assert_allclose(drawn(sky.hdri).image.radiance, 0.5, rtol=0.01)
+        np.testing.assert_allclose(require(sky.hdri).image.radiance, 0.5, rtol=0.01)
         with pytest.raises(InvalidInputError, match="one of a, b"):
             skies({"hdri": {"folder": str(images), "use": "c"}})
 

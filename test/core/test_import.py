@@ -21,8 +21,7 @@ from oaisys_core.config import adjusted, config_from_mapping, load_config
 from oaisys_core.config.checking import name_faults
 from oaisys_core.config.importing.document import key_paths
 from oaisys_core.config.importing.frames import blender_rotation, mount, rig_pose
-from oaisys_core.config.importing.importer import import_file
-from oaisys_core.config.importing.inventory import fate_of
+from oaisys_core.config.importing.importer import import_file, outcome_of
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.output.poses import read_poses
 from oaisys_core.simulation import Simulation
@@ -46,12 +45,12 @@ def test_the_imported_file_is_valid_and_says_what_became_of_every_key(
 ) -> None:
     data = MODES[name]()
     found = import_file(write(data, tmp_path))
-    assert set(found.fates) == set(key_paths(data))
-    assert all(fate_of(path) is not None for path in key_paths(data))
+    assert set(found.outcomes) == set(key_paths(data))
+    assert all(outcome_of(path) is not None for path in key_paths(data))
     text = found.text("original.json")
     assert yaml.safe_load(text) == found.config
-    for path, fate in found.fates.items():
-        assert fate.kind == "mapped" or f"{path}: {fate.kind}" in text
+    for path, outcome in found.outcomes.items():
+        assert outcome.kind == "mapped" or f"{path}: {outcome.kind}" in text
     config_from_mapping(found.config)
 
 
@@ -129,15 +128,15 @@ def test_what_is_mapped_changes_the_result_and_what_is_not_does_not(
             continue
         if name == "space" and ("hoverBase" in path or "labelIDVec" in path):
             continue  # nothing to hover over; the body's material has the labels
-        fate = fate_of(path)
-        assert fate is not None, path
+        rule = outcome_of(path)
+        assert rule is not None, path
         data = MODES[name]()
         for other, node, key, value in leaves(data):
             if other == path:
                 node[key] = changed(value)
                 break
-        if (outcome(data, tmp_path) != base) != (fate.kind == "mapped"):
-            wrong.append((path, fate))
+        if (outcome(data, tmp_path) != base) != (rule.kind == "mapped"):
+            wrong.append((path, rule))
     assert not wrong
 
 

@@ -8,8 +8,14 @@ from oaisys_core import randomness
 from oaisys_core.config.sections.materials import ConditionConfig
 from oaisys_core.modules.materials import condition_gate
 from oaisys_core.scene import HeightField
-from oaisys_core.terrain.conditions import has_steep_parts, relief_of
-from oaisys_core.terrain.masks import LayerNoise, blend_masks, gate, layered_masks
+from oaisys_core.terrain.masks import (
+    LayerNoise,
+    blend_masks,
+    gate,
+    has_steep_parts,
+    layered_masks,
+    relief_of,
+)
 
 SIZE = 256
 NOISE = LayerNoise(scale=6.0, detail=1.5, roughness=0.4, distortion=0.3)

@@ -108,7 +108,7 @@ def test_colours_lie_where_labels_do(seen: dict[str, Any], name: str) -> None:
     rgb, depth, semantic = (frame.data for frame in seen[name])
     scene, placed = cases()[name]
     layer = scene.material.layers[0]
-    heaviest = layer.tiling.looks(_ground_xy(placed, depth) / TILE_M).weights.max(axis=0)
+    heaviest = layer.tiling.samples(_ground_xy(placed, depth) / TILE_M).weights.max(axis=0)
     clear = (heaviest > 0.9).reshape(depth.shape)
     clear &= minimum_filter(semantic, 5) == maximum_filter(semantic, 5)
     assert clear.mean() > 0.1

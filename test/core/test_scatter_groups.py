@@ -11,9 +11,8 @@ from scipy.spatial import cKDTree
 from oaisys_core import randomness
 from oaisys_core.config.sections.groups import GroupConfig
 from oaisys_core.scatter.density import band, make_density
-from oaisys_core.scatter.groups import scatter_group
+from oaisys_core.scatter.groups import group_sizes_m, scatter_group
 from oaisys_core.scatter.rocks import make_rock
-from oaisys_core.scatter.sizes import group_sizes_m
 from oaisys_core.scatter.spacing import Spacing, first_come, pairs_too_near
 from oaisys_core.scene import HeightField, MeshPrototype
 from oaisys_core.terrain.presets import make_ground

@@ -16,9 +16,9 @@ from oaisys_core.errors import ConfigError, InvalidInputError, NotReadyError
 from oaisys_core.meshes.files import LoadedMesh
 from oaisys_core.output import exr
 from oaisys_core.simulation import Simulation
-from oaisys_core.stage_store import load_stage
 from oaisys_core.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.types import ModuleMetadata
+from oaisys_core.world.stage_store import load_stage
 
 LOOK = geometry.pose_looking_down(1.0, 2.0, 12.0)
 

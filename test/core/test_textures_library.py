@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures import TEXTURES, texture_set
-from oaisys_core.textures.library import make_texture_set
-from oaisys_core.textures.recipes.all_recipes import RECIPES
+from oaisys_core.textures.library import RECIPES, make_texture_set
 
 SIZE = 192
 NAMES = sorted(TEXTURES)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.textures.recipes import strokes
-from oaisys_core.textures.recipes.strokes import Ribbons, Thicket
+from oaisys_core.textures.recipes.strokes import RibbonLayer, Ribbons
 
 SIZE = 64
 
@@ -31,43 +31,43 @@ def ribbon(row: float, column: float, **changed: Any) -> Ribbons:
 
 
 def test_a_straight_ribbon_covers_its_rectangle() -> None:
-    thicket = Thicket(SIZE, 4.0)
-    thicket.lay(ribbon(32.0, 10.0))
+    ribbon_layer = RibbonLayer(SIZE, 4.0)
+    ribbon_layer.lay(ribbon(32.0, 10.0))
     expected = np.zeros((SIZE, SIZE), bool)
     expected[29:35, 10:30] = True
-    assert (thicket.ids >= 0).tolist() == expected.tolist()
-    assert np.allclose(thicket.height_px[expected], 1.0, atol=1e-4)
-    assert (thicket.height_px[~expected] == 0).all()
-    along, across = thicket.along[32, 10:30], thicket.across[29:35, 15]
+    assert (ribbon_layer.ids >= 0).tolist() == expected.tolist()
+    assert np.allclose(ribbon_layer.height_px[expected], 1.0, atol=1e-4)
+    assert (ribbon_layer.height_px[~expected] == 0).all()
+    along, across = ribbon_layer.along[32, 10:30], ribbon_layer.across[29:35, 15]
     assert np.allclose(along, (np.arange(20) + 0.5) / 20, atol=0.03)
     assert np.allclose(across, (np.arange(6) - 2.5) / 3, atol=0.17)
 
 
 def test_a_ribbon_goes_around_the_tile() -> None:
-    thicket = Thicket(SIZE, 4.0)
-    thicket.lay(ribbon(0.0, 54.0))
-    rows, columns = np.nonzero(thicket.ids >= 0)
+    ribbon_layer = RibbonLayer(SIZE, 4.0)
+    ribbon_layer.lay(ribbon(0.0, 54.0))
+    rows, columns = np.nonzero(ribbon_layer.ids >= 0)
     assert set(rows) == {0, 1, 2, 61, 62, 63}
     assert set(columns) == {*range(54, 64), *range(10)}
 
 
 def test_heading_turns_from_columns_to_rows() -> None:
-    thicket = Thicket(SIZE, 4.0)
-    thicket.lay(ribbon(10.0, 32.0, heading=[np.pi / 2]))
-    rows, columns = np.nonzero(thicket.ids >= 0)
+    ribbon_layer = RibbonLayer(SIZE, 4.0)
+    ribbon_layer.lay(ribbon(10.0, 32.0, heading=[np.pi / 2]))
+    rows, columns = np.nonzero(ribbon_layer.ids >= 0)
     assert (rows.min(), rows.max()) == (10, 29)
     assert (columns.min(), columns.max()) == (29, 34)
 
 
 def test_the_highest_is_seen_whatever_the_order() -> None:
     for order in ((1.0, 3.0), (3.0, 1.0)):
-        thicket = Thicket(SIZE, 4.0)
-        thicket.lay(ribbon(32.0, 10.0, low=[order[0]]))
-        thicket.lay(ribbon(22.0, 20.0, heading=[np.pi / 2], low=[order[1]]))
-        assert thicket.count == 2
-        assert set(np.unique(thicket.ids)) == {-1, 0, 1}
-        assert thicket.ids[32, 20] == int(np.argmax(order))
-        assert np.isclose(thicket.height_px[32, 20], 3.0, atol=1e-4)
+        ribbon_layer = RibbonLayer(SIZE, 4.0)
+        ribbon_layer.lay(ribbon(32.0, 10.0, low=[order[0]]))
+        ribbon_layer.lay(ribbon(22.0, 20.0, heading=[np.pi / 2], low=[order[1]]))
+        assert ribbon_layer.count == 2
+        assert set(np.unique(ribbon_layer.ids)) == {-1, 0, 1}
+        assert ribbon_layer.ids[32, 20] == int(np.argmax(order))
+        assert np.isclose(ribbon_layer.height_px[32, 20], 3.0, atol=1e-4)
 
 
 def test_many_at_once_are_as_one_by_one() -> None:
@@ -83,7 +83,7 @@ def test_many_at_once_are_as_one_by_one() -> None:
         strokes.blade,
         strokes.arc,
     )
-    together, single = Thicket(SIZE, 5.0), Thicket(SIZE, 5.0)
+    together, single = RibbonLayer(SIZE, 5.0), RibbonLayer(SIZE, 5.0)
     together.lay(many)
     for k in range(40):
         part = {name: getattr(many, name)[k : k + 1] for name in Ribbons._fields[:7]}
@@ -93,9 +93,9 @@ def test_many_at_once_are_as_one_by_one() -> None:
 
 
 def test_an_arc_rises_and_hangs_over() -> None:
-    thicket = Thicket(SIZE, 8.0)
-    thicket.lay(ribbon(32.0, 10.0, low=[0.5], rise=[6.0], arch=strokes.arc))
-    profile = thicket.height_px[32, 10:30]
+    ribbon_layer = RibbonLayer(SIZE, 8.0)
+    ribbon_layer.lay(ribbon(32.0, 10.0, low=[0.5], rise=[6.0], arch=strokes.arc))
+    profile = ribbon_layer.height_px[32, 10:30]
     highest = int(np.argmax(profile))
     assert 10 < highest < 18
     assert profile[0] < 1.2

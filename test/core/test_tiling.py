@@ -35,12 +35,12 @@ def points(count: int = 4000) -> NDArray[np.float64]:
 @pytest.mark.parametrize("name", ["none", "voronoi", "stochastic"])
 def test_weights_sum_to_one_and_mixtures_have_no_seam(name: str) -> None:
     tiling, xy = tilings()[name], points()
-    looks = tiling.looks(xy)
-    assert np.allclose(looks.weights.sum(axis=0), 1)
-    assert looks.weights.min() >= 0
+    samples = tiling.samples(xy)
+    assert np.allclose(samples.weights.sum(axis=0), 1)
+    assert samples.weights.min() >= 0
 
     def mixed(at: NDArray[np.float64]) -> NDArray[np.float64]:
-        places, weights = tiling.looks(at)
+        places, weights = tiling.samples(at)
         wave = np.cos(2 * np.pi * places).sum(axis=-1)
         return np.asarray((weights * wave).sum(axis=0))
 
@@ -51,10 +51,10 @@ def test_weights_sum_to_one_and_mixtures_have_no_seam(name: str) -> None:
 
 def test_cells_are_turned_and_shifted() -> None:
     xy = points()
-    voronoi = tilings()["voronoi"].looks(xy)
+    voronoi = tilings()["voronoi"].samples(xy)
     own = voronoi.weights[0] > 0.99
     assert own.mean() > 0.3
-    near = voronoi.places[0][own] - tilings()["voronoi"].looks(xy[own] + (1e-6, 0)).places[0]
+    near = voronoi.places[0][own] - tilings()["voronoi"].samples(xy[own] + (1e-6, 0)).places[0]
     angle = np.arctan2(-near[:, 1], -near[:, 0])
     assert np.histogram(angle, 4, (-np.pi, np.pi))[0].min() > 0.1 * own.sum()
 
@@ -65,8 +65,8 @@ def test_labels_of_an_image_follow_the_texture(name: str) -> None:
     layer = TerrainLayer("a", (50, 60), maps(), tilings()[name], LabelImage(image[None]))
     material = TerrainMaterial((layer,), np.ones((1, 8, 8), np.float32), EXTENT_M)
     xy = points()
-    looks = layer.tiling.looks(xy / TILE_M)
-    place = looks.places[looks.weights.argmax(axis=0), np.arange(len(xy))]
+    samples = layer.tiling.samples(xy / TILE_M)
+    place = samples.places[samples.weights.argmax(axis=0), np.arange(len(xy))]
     # OpenCV's nearest pixel to texel coordinates, the image upside down as v points upwards.
     u, v = (place % 1).T
     texel = np.column_stack((u * 40 - 0.5, 24 - v * 24 - 0.5)).astype(np.float32)

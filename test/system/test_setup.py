@@ -14,9 +14,9 @@ import pytest
 
 from tools.setup.checks import check_compiler, check_disk
 from tools.setup.errors import OptionalStepError, SetupError
+from tools.setup.packages import relocate
 from tools.setup.progress import colcon_progress, pip_progress, run_with_progress
-from tools.setup.relocation import relocate
-from tools.setup.steps import Step, digest, run_steps
+from tools.setup.steps import SetupStep, digest, run_steps
 
 REPOSITORY = Path(__file__).parents[2]
 PREFIX = Path(sys.prefix)
@@ -46,7 +46,7 @@ def test_relocation_rewrites_text_and_is_idempotent(tmp_path: Path) -> None:
 def test_step_runs_once_and_again_when_its_key_changes(tmp_path: Path) -> None:
     done_before: list[bool] = []
     for key in ("a", "a", "b"):
-        run_steps([Step("step", "working", key, done_before.append)], tmp_path)
+        run_steps([SetupStep("step", "working", key, done_before.append)], tmp_path)
     assert done_before == [False, True]
 
 
@@ -58,7 +58,7 @@ def test_step_that_fails_is_not_stamped(tmp_path: Path) -> None:
         if len(runs) == 1:
             raise SetupError("no")
 
-    step = Step("step", "working", "key", fail_at_first)
+    step = SetupStep("step", "working", "key", fail_at_first)
     with pytest.raises(SetupError):
         run_steps([step], tmp_path)
     run_steps([step], tmp_path)
@@ -76,8 +76,8 @@ def test_optional_step_that_fails_stops_nothing_and_is_tried_again(
         raise OptionalStepError("no npm")
 
     steps = [
-        Step("three", "a", "key", fail),
-        Step("last", "b", "key", lambda _: done.append("ran")),
+        SetupStep("three", "a", "key", fail),
+        SetupStep("last", "b", "key", lambda _: done.append("ran")),
     ]
     run_steps(steps, tmp_path)
     run_steps(steps, tmp_path)

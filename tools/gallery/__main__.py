@@ -15,7 +15,7 @@ from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
-from tools.gallery.page import Entry, Shot, write_page, write_shots
+from tools.gallery.page import Entry, ViewImages, write_page, write_view_images
 from tools.gallery.scenes import Picture, pictures
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
@@ -61,7 +61,7 @@ def _render(out: Path, only: str, quality: str, backend: str) -> list[str]:
 
 def _entry(simulation: Simulation, chosen: Picture, out: Path) -> Entry:
     simulation.step_batch()
-    shots: list[Shot] = []
+    images: list[ViewImages] = []
     views = chosen.views or (None,) * OWN_VIEWS
     for index, view in enumerate(views, start=1):
         sensor = None if view is None else {"pose": view.pose(simulation)}
@@ -69,8 +69,8 @@ def _entry(simulation: Simulation, chosen: Picture, out: Path) -> Entry:
         title = f"view {index}" if view is None else view.name
         stem = f"{chosen.group}_{chosen.name}_{index}"
         labels = {0: "unlabelled", **simulation.info().semantic_labels}
-        shots += write_shots(out, stem, title, sample, labels)
-    return Entry(chosen.group, chosen.name, chosen.caption, shots)
+        images += write_view_images(out, stem, title, sample, labels)
+    return Entry(chosen.group, chosen.name, chosen.caption, images)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ FLOW_RANGE_PX = 40.0
 
 
 @dataclass(frozen=True)
-class Shot:
+class ViewImages:
     """The images of one sensor at one view.
 
     Attributes:
@@ -49,14 +49,14 @@ class Entry:
     group: str
     name: str
     caption: str
-    shots: list[Shot]
+    views: list[ViewImages]
 
 
-def write_shots(
+def write_view_images(
     out: Path, stem: str, view: str, sample: Sample, labels: Mapping[int, str]
-) -> list[Shot]:
+) -> list[ViewImages]:
     """Write all images of a sample and return what the page shows of them."""
-    shots = []
+    views = []
     for sensor in dict.fromkeys(frame.sensor for frame in sample.frames):
         frames = [frame for frame in sample.frames if frame.sensor == sensor]
         files = {}
@@ -67,8 +67,8 @@ def write_shots(
             (out / name).write_bytes(encode(picture(frame, labels)))
             files[frame.modality] = name
         title = view if len(frames) == len(sample.frames) else f"{view}, {sensor}"
-        shots.append(Shot(title, files, _legend(frames, labels)))
-    return shots
+        views.append(ViewImages(title, files, _legend(frames, labels)))
+    return views
 
 
 def picture(frame: Frame, labels: Mapping[int, str]) -> NDArray[np.uint8]:

@@ -20,7 +20,7 @@ TARGET_GROUP = "textures by themselves"
 
 
 @dataclass(frozen=True)
-class View:
+class Viewpoint:
     """From where a world is looked at, relative to the stage.
 
     Attributes:
@@ -53,10 +53,10 @@ class View:
         )
 
 
-EYE = View("eye height", (-0.3, -0.35), EYE_HEIGHT_M, (0.25, 0.2), 0.8)
-ABOVE = View("from above", (-0.85, -0.85), 0.62, (0.05, 0.05), 0.0, is_relative=True)
-CLOSE = View("close", (0.0, -0.25), 1.5, (0.0, 0.05))
-TOWARDS_SKY = View("towards the sky", (-0.3, -0.35), EYE_HEIGHT_M, (0.9, 0.75), 5.0)
+EYE = Viewpoint("eye height", (-0.3, -0.35), EYE_HEIGHT_M, (0.25, 0.2), 0.8)
+ABOVE = Viewpoint("from above", (-0.85, -0.85), 0.62, (0.05, 0.05), 0.0, is_relative=True)
+CLOSE = Viewpoint("close", (0.0, -0.25), 1.5, (0.0, 0.05))
+TOWARDS_SKY = Viewpoint("towards the sky", (-0.3, -0.35), EYE_HEIGHT_M, (0.9, 0.75), 5.0)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Picture:
     name: str
     caption: str
     config: SimulationConfig
-    views: tuple[View, ...]
+    views: tuple[Viewpoint, ...]
 
 
 def pictures(examples: Path, only: str, backend: str, quality: str) -> Iterator[Picture]:
@@ -82,7 +82,7 @@ def pictures(examples: Path, only: str, backend: str, quality: str) -> Iterator[
         )
 
 
-def _views(group: str, config: SimulationConfig) -> tuple[View, ...]:
+def _views(group: str, config: SimulationConfig) -> tuple[Viewpoint, ...]:
     if config.sensors.motion.kind != "given":
         return ()
     if group == "stage":

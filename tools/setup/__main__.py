@@ -10,11 +10,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tools.setup.browser import THREE_VERSION, install_three
+from tools.setup.checks import check_libraries
 from tools.setup.errors import SetupError
 from tools.setup.interfaces import build_interfaces
-from tools.setup.libraries import check_libraries
-from tools.setup.packages import check_machine, install_packages, install_requirements
+from tools.setup.packages import (
+    THREE_VERSION,
+    check_machine,
+    install_packages,
+    install_requirements,
+    install_three,
+)
 from tools.setup.paths import (
     INTERPRETER,
     OAISYS_MSGS,
@@ -25,44 +30,44 @@ from tools.setup.paths import (
     UNDERLAY,
     Environment,
 )
-from tools.setup.steps import Step, digest, run_steps
+from tools.setup.steps import SetupStep, digest, run_steps
 from tools.setup.variables import process_environment
 
 _PROJECT_FILES = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml")
 
 
-def _steps(environment: Environment) -> list[Step]:
+def _steps(environment: Environment) -> list[SetupStep]:
     requirements = digest(REQUIREMENTS, SETUP, INTERPRETER, str(environment.root))
     interfaces = digest(requirements, OAISYS_MSGS, *UNDERLAY)
     project = [package / name for package in PYTHON_PACKAGES for name in _PROJECT_FILES]
     packages = digest(requirements, *(file for file in project if file.is_file()))
     return [
-        Step(
+        SetupStep(
             "requirements",
             "installing the pinned packages (3 GB, 2 to 4 minutes)",
             requirements,
             lambda done_before: install_requirements(environment, keep=done_before),
             lambda done_before: check_machine(environment, keep=done_before),
         ),
-        Step(
+        SetupStep(
             "interfaces",
             "building the ROS interfaces (1 to 2 minutes)",
             interfaces,
             lambda _: build_interfaces(environment),
         ),
-        Step(
+        SetupStep(
             "libraries",
             "checking that everything loads",
             interfaces,
             lambda _: check_libraries(environment),
         ),
-        Step(
+        SetupStep(
             "packages",
             "installing the project's packages",
             packages,
             lambda _: install_packages(environment),
         ),
-        Step(
+        SetupStep(
             "three",
             "fetching three.js for reports",
             digest(requirements, THREE_VERSION),

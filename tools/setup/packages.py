@@ -1,8 +1,9 @@
-"""The virtual environment and the Python packages in it."""
+"""The virtual environment and the packages in it: wheels, our own, and three.js."""
 
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,11 +11,22 @@ import venv
 from pathlib import Path
 
 from tools.setup.checks import NEEDED_DISK_GB, check_compiler, check_disk
-from tools.setup.errors import SetupError
+from tools.setup.errors import OptionalStepError, SetupError
 from tools.setup.paths import INTERPRETER, PYTHON_PACKAGES, REQUIREMENTS, Environment
 from tools.setup.progress import pip_progress, run_with_progress
-from tools.setup.relocation import relocate
 from tools.setup.variables import process_environment, write_script
+
+THREE_VERSION = "0.183.2"
+"""The last that brings minified modules."""
+
+NPM_TIMEOUT_S = 120.0
+
+_BUILD_PREFIX = rb"/opt/python/cp\d+-cp\d+"
+_PYTHON_INCLUDE = re.compile(_BUILD_PREFIX + rb"/include/python3\.\d+")
+_NUMPY_INCLUDE = re.compile(
+    _BUILD_PREFIX + rb"/lib/python3\.\d+/site-packages/numpy/_?core/include"
+)
+_PREFIX = re.compile(_BUILD_PREFIX)
 
 
 def check_machine(environment: Environment, *, keep: bool) -> None:
@@ -125,3 +137,69 @@ def _include_folders(environment: Environment) -> tuple[Path, Path]:
         raise SetupError(f"numpy cannot be imported: {result.stderr.strip().splitlines()[-1]}")
     python_include, numpy_include = result.stdout.split()
     return Path(python_include), Path(numpy_include)
+
+
+def relocate(prefix: Path, python_include: Path, numpy_include: Path) -> int:
+    """Rewrite the build machine's paths in every text file under ``prefix/share``.
+
+    Doing it again changes nothing.
+
+    Args:
+        prefix: The virtual environment.
+        python_include: The folder that holds the interpreter's ``Python.h``.
+        numpy_include: The folder of numpy's headers.
+
+    Returns:
+        The number of files that were rewritten.
+    """
+    replacements = (
+        (_PYTHON_INCLUDE, _literal(python_include)),
+        (_NUMPY_INCLUDE, _literal(numpy_include)),
+        (_PREFIX, _literal(prefix)),
+    )
+    rewritten = 0
+    for file in sorted((prefix / "share").rglob("*")):
+        if not file.is_file() or file.is_symlink():
+            continue
+        old = file.read_bytes()
+        if b"\0" in old or not _PREFIX.search(old):
+            continue
+        new = old
+        for pattern, path in replacements:
+            new = pattern.sub(path, new)
+        file.write_bytes(new)
+        rewritten += 1
+    return rewritten
+
+
+def _literal(path: Path) -> bytes:
+    """Return ``path`` as a replacement in which nothing is special."""
+    return bytes(path).replace(b"\\", rb"\\")
+
+
+def install_three(environment: Environment) -> None:
+    """Install three.js to ``share/oaisys_mapping``, where reports find it.
+
+    Raises:
+        OptionalStepError: There is no npm, or it failed; reports show pictures instead.
+    """
+    without = "reports will show pictures of the mesh instead of one that turns"
+    npm = shutil.which("npm")
+    if npm is None:
+        raise OptionalStepError(f"three.js needs npm, and there is none: {without}")
+    folder = environment.root / "share" / "oaisys_mapping"
+    folder.mkdir(parents=True, exist_ok=True)
+    # What fails to be fetched is not tried for minutes.
+    command = [npm, "install", "--prefix", str(folder), "--no-save", "--no-package-lock"]
+    command += ["--no-audit", "--no-fund", "--ignore-scripts", "--fetch-retries=1"]
+    command.append(f"three@{THREE_VERSION}")
+    log = environment.state / "npm.log"
+    with log.open("w") as output:
+        try:
+            result = subprocess.run(
+                command, stdout=output, stderr=output, timeout=NPM_TIMEOUT_S, check=False
+            )
+        except subprocess.TimeoutExpired:
+            raise OptionalStepError(f"npm took more than {NPM_TIMEOUT_S:g} s: {without}") from None
+    if result.returncode:
+        raise OptionalStepError(f"npm failed, its output is in {log}: {without}")

@@ -13,7 +13,7 @@ from tools.setup.errors import OptionalStepError
 
 
 @dataclass(frozen=True)
-class Step:
+class SetupStep:
     """One piece of set-up.
 
     Attributes:
@@ -52,7 +52,7 @@ def _files(path: Path) -> Iterable[Path]:
     return sorted(file for file in files if file.parent.name != "__pycache__")
 
 
-def run_steps(steps: Sequence[Step], stamps: Path) -> None:
+def run_steps(steps: Sequence[SetupStep], stamps: Path) -> None:
     """Run the steps whose key is not the one stamped, in order; a stamp is written last.
 
     An interrupted step has no stamp, so the next set-up does it again from the start.

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 import trimesh
 
-from oaisys_core.stage_store import StageRecord, content_hash, save_stage
 from oaisys_core.terrain.presets import make_ground
+from oaisys_core.world.stage_store import StageRecord, content_hash, save_stage
 
 DEM_PX = 97
 DEM_STEP_M = 0.001

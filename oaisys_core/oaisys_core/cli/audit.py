@@ -23,7 +23,7 @@ from oaisys_core.errors import OaisysError
 
 if TYPE_CHECKING:
     from oaisys_core.config import SimulationConfig
-    from oaisys_core.verification.audit import Audited
+    from oaisys_core.verification.audit import AuditResult
 
 LARGEST_WRONG_SHARE = 5e-4
 
@@ -79,16 +79,16 @@ def audit(
         )
 
 
-def _audited(config: SimulationConfig, batches: int, views: int) -> list[Audited]:
+def _audited(config: SimulationConfig, batches: int, views: int) -> list[AuditResult]:
     import numpy as np
 
     from oaisys_core.simulation import Simulation
     from oaisys_core.types import ModuleMetadata
-    from oaisys_core.verification.audit import audit_views, summed
+    from oaisys_core.verification.audit import audit_views, sum_results
 
     simulation = Simulation(config)
     console = Console(stderr=True)
-    found: list[Audited] = []
+    found: list[AuditResult] = []
     try:
         with ProgressBar(console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("auditing", total=batches * views)
@@ -99,10 +99,10 @@ def _audited(config: SimulationConfig, batches: int, views: int) -> list[Audited
                 found += audit_views(simulation, views, rng, lambda _: bar.advance(task))
     finally:
         simulation.close()
-    return summed(found)
+    return sum_results(found)
 
 
-def _table(found: list[Audited]) -> Table:
+def _table(found: list[AuditResult]) -> Table:
     table = Table("sensor", "modality", "pixels off edges", "wrong", "share", "worst error")
     for f in found:
         worst = f"{f.worst_m * 1000:.3f} mm" if f.modality == "depth" else ""

@@ -117,9 +117,9 @@ def import_(
     imported = replace(imported, warnings=(*imported.warnings, *faults))
     _write_or_print(imported.text(file.name), out)
     if out is not None:
-        counts = Counter(fate.kind for fate in imported.fates.values())
+        counts = Counter(outcome.kind for outcome in imported.outcomes.values())
         told = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
-        typer.echo("\n".join([*imported.notes(), f"{out}: {len(imported.fates)} keys: {told}"]))
+        typer.echo("\n".join([*imported.notes(), f"{out}: {len(imported.outcomes)} keys: {told}"]))
 
 
 def _write_or_print(text: str, out: Path | None) -> None:

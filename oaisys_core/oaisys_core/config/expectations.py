@@ -75,7 +75,7 @@ WORDS: Mapping[str, str] = {
 
 
 @dataclass(frozen=True)
-class Fault:
+class ConfigFault:
     """One value that does not fit.
 
     Attributes:
@@ -98,7 +98,7 @@ class Fault:
         return ".".join(map(str, self.location))
 
 
-def faults_of(error: ValidationError, data: object) -> list[Fault]:
+def faults_of(error: ValidationError, data: object) -> list[ConfigFault]:
     """Return what is wrong, without what only says that something inside of it is wrong.
 
     Args:
@@ -110,7 +110,7 @@ def faults_of(error: ValidationError, data: object) -> list[Fault]:
     def inside(loc: tuple[int | str, ...]) -> bool:
         return any(len(d["loc"]) > len(loc) and d["loc"][: len(loc)] == loc for d in details)
 
-    found: dict[tuple[int | str, ...], Fault] = {}
+    found: dict[tuple[int | str, ...], ConfigFault] = {}
     for detail in details:
         if inside(detail["loc"]):
             continue
@@ -158,7 +158,7 @@ def _location(loc: tuple[int | str, ...], data: object) -> tuple[int | str, ...]
     return tuple(location)
 
 
-def _fault(detail: ErrorDetails, data: object) -> Fault:
+def _fault(detail: ErrorDetails, data: object) -> ConfigFault:
     kind, received = detail["type"], detail["input"]
     location = _location(detail["loc"], data)
     if kind.startswith("union_tag_"):
@@ -171,7 +171,7 @@ def _fault(detail: ErrorDetails, data: object) -> Fault:
     if kind == MISSING_KEY:
         received = None
     expected, statement = _expected(detail)
-    return Fault(location, received, expected, kind, statement)
+    return ConfigFault(location, received, expected, kind, statement)
 
 
 def _expected(detail: ErrorDetails) -> tuple[str, str | None]:

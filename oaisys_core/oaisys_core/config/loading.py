@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 from pydantic import ValidationError
 
-from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, Fault, faults_of
+from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, ConfigFault, faults_of
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.paths import BASE
 from oaisys_core.errors import ConfigError, nearest
@@ -86,7 +86,7 @@ def _checked(
     return config
 
 
-def _line(fault: Fault, source: str, root: yaml.Node | None) -> str:
+def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
     line = _line_of(root, fault.location)
     where = source if line is None else f"{source}:{line}"
     path = fault.path or "(whole file)"
@@ -102,7 +102,7 @@ def _line(fault: Fault, source: str, root: yaml.Node | None) -> str:
     return f"{where}: {path}: {shown}{fault.statement}"
 
 
-def _hint(fault: Fault) -> str:
+def _hint(fault: ConfigFault) -> str:
     """Return which of the values that are named was probably meant."""
     near = nearest(fault.received, re.findall(r"'([^']+)'", fault.expected))
     return "" if near is None else f" (did you mean {near}?)"

@@ -5,6 +5,7 @@ Lengths are metres, angles degrees (a person types them), pixels in OpenCV's con
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field, model_validator
@@ -13,10 +14,27 @@ from oaisys_core.config.section import Labelled, Section
 from oaisys_core.config.sections.assets import AssetsConfig
 from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.config.sections.materials import MaterialsConfig
-from oaisys_core.config.sections.output import OutputConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig
+
+
+class OutputConfig(Section):
+    """What ``oaisys render`` renders and writes; its command line comes before.
+
+    Attributes:
+        folder: Where to write, relative to where the command runs; None: ``--out`` must say.
+        batches: Worlds to build.
+        samples: Views of each world.
+        batch_offset: Added to the numbers of batch folders; the worlds are the same.
+        save_blend: Whether each batch's world is saved as a .blend file.
+    """
+
+    folder: Path | None = None
+    batches: int = Field(default=1, ge=1)
+    samples: int = Field(default=1, ge=1)
+    batch_offset: int = Field(default=0, ge=0)
+    save_blend: bool = False
 
 
 class SimulationConfig(Section):

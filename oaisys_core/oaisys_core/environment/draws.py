@@ -1,4 +1,4 @@
-"""Draws that depend on a seed, a redraw's number and a name alone."""
+"""NamedDraws that depend on a seed, a redraw's number and a name alone."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Draws:
+class NamedDraws:
     """All random numbers of one redraw; names draw independently of each other.
 
     Attributes:

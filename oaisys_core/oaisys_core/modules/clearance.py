@@ -21,7 +21,7 @@ MOST_EXTENTS = 1000.0
 """How far from the stage's centre a rig may be, in edges of the stage: long lenses see it there."""
 
 
-def admitted(
+def admitted_pose(
     pose: Pose,
     sensors: Sequence[SensorInfo],
     heights: HeightLookup,

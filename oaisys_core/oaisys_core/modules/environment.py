@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 from datetime import timedelta
-from math import radians
+from math import log, radians
 
 import numpy as np
 
 from oaisys_core.color import linear
-from oaisys_core.config.sections.environment import EnvironmentConfig, HdriConfig, SkyConfig
-from oaisys_core.environment.draws import Draws
+from oaisys_core.config.sections.environment import (
+    EnvironmentConfig,
+    HazeConfig,
+    HdriConfig,
+    SkyConfig,
+)
+from oaisys_core.environment.draws import NamedDraws
 from oaisys_core.environment.effects import load_effects
-from oaisys_core.environment.haze import haze_of
 from oaisys_core.environment.hdri import SkyImages, images_of
 from oaisys_core.environment.sun import azimuth_in_map, sun_position
 from oaisys_core.module import Metadata, World
 from oaisys_core.modules.overrides import SectionModule, overridden
-from oaisys_core.sky import Color, Gradient, Hdri, Sky
+from oaisys_core.sky import Color, Gradient, Haze, Hdri, Sky
+
+LEAST_CONTRAST = 0.02
+"""Contrast at the visual range, by definition of the term (Koschmieder 1924)."""
+
+THICKNESS = 0.1
+"""Of the hazy layer, as a share of the visual range, where nobody says: the sun shows through."""
+
+WAVELENGTHS_NM = np.array((680.0, 550.0, 440.0))
+"""That red, green and blue stand for; visual range is that of green."""
 
 
 class EnvironmentModule(SectionModule[EnvironmentConfig]):
-    """Draws the light of a batch; a step's metadata overrides any field of its configuration.
+    """NamedDraws the light of a batch; a step's metadata overrides any field of its configuration.
 
     What is drawn depends on the batch's seed, the redraw's number and the field's name alone.
     """
@@ -52,7 +65,7 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
 
     def apply(self, world: World, section: EnvironmentConfig) -> None:
         """Set sun and sky."""
-        draws = Draws(self._seed, _redraw(section, world.sample_id))
+        draws = NamedDraws(self._seed, _redraw(section, world.sample_id))
         sky = self._sky(section, draws, world.sample_id)
         for index, effect in enumerate(load_effects(section.effects)):
             sky = effect.apply(sky, draws.rng(f"effects.{index}"))
@@ -60,7 +73,7 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
         for thing in section.labelled:
             world.semantic_labels.update({i: name for i, name in thing.labels.items() if i})
 
-    def _sky(self, config: EnvironmentConfig, draws: Draws, sample_id: int) -> Sky:
+    def _sky(self, config: EnvironmentConfig, draws: NamedDraws, sample_id: int) -> Sky:
         elevation_rad, azimuth_rad = _sun(config, draws, sample_id)
         diameter_deg = draws.number("sun_angular_diameter_deg", config.sun_angular_diameter_deg)
         ground = config.ground_beyond_label
@@ -79,13 +92,13 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
             model=config.sky.model,
             gradient=_gradient(config.sky),
             hdri=self._hdri(config.hdri, config.sky_labels.semantic_ids, draws),
-            haze=haze_of(config.haze, draws),
+            haze=_haze(config.haze, draws),
             has_plain=config.ground_beyond,
             ground_semantic_ids=ground.semantic_ids if ground else None,
         )
 
     def _hdri(
-        self, config: HdriConfig | None, sky_ids: tuple[int, ...], draws: Draws
+        self, config: HdriConfig | None, sky_ids: tuple[int, ...], draws: NamedDraws
     ) -> Hdri | None:
         if config is None:
             return None
@@ -116,7 +129,7 @@ def _redraw(config: EnvironmentConfig, sample_id: int) -> int:
     return (sample_id - 1) // config.step_interval
 
 
-def _sun(config: EnvironmentConfig, draws: Draws, sample_id: int) -> tuple[float, float]:
+def _sun(config: EnvironmentConfig, draws: NamedDraws, sample_id: int) -> tuple[float, float]:
     """Return the sun's elevation and azimuth in ``map``."""
     at = config.sun_from_time
     if at is None:
@@ -136,6 +149,22 @@ def _gradient(config: SkyConfig) -> Gradient:
         glow=_color(config.glow_srgb),
         glow_rad=radians(config.glow_deg),
     )
+
+
+def _haze(config: HazeConfig | None, draws: NamedDraws) -> Haze | None:
+    """Return the haze that a configuration asks for."""
+    if config is None:
+        return None
+    visibility_m = draws.number("haze.visibility_m", config.visibility_m)
+    exponent = draws.number("haze.angstrom_exponent", config.angstrom_exponent)
+    at_green = -log(LEAST_CONTRAST) / visibility_m
+    red, green, blue = (at_green * (WAVELENGTHS_NM / WAVELENGTHS_NM[1]) ** -exponent).tolist()
+    thickness_m = visibility_m * THICKNESS
+    if config.thickness_m is not None:
+        thickness_m = draws.number("haze.thickness_m", config.thickness_m)
+    tint = linear(config.color_srgb)
+    tint_red, tint_green, tint_blue = (tint / max(tint.mean(), 1e-6)).tolist()
+    return Haze((red, green, blue), thickness_m, (tint_red, tint_green, tint_blue))
 
 
 def _color(srgb: Color) -> Color:

@@ -12,7 +12,7 @@ from pydantic import Field
 from oaisys_core import randomness
 from oaisys_core.config.sections.materials import ConditionConfig, LayerConfig, MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.module import Metadata, Module, World, drawn
+from oaisys_core.module import Metadata, Module, World, require
 from oaisys_core.modules.layers import (
     DrawnLayer,
     LayerLibrary,
@@ -23,9 +23,16 @@ from oaisys_core.modules.layers import (
 )
 from oaisys_core.modules.overrides import overridden
 from oaisys_core.scene import Ground, HeightField
-from oaisys_core.terrain.conditions import Relief, has_steep_parts, relief_of
 from oaisys_core.terrain.displacement import displaced
-from oaisys_core.terrain.masks import LayerNoise, blend_masks, gate, layered_masks
+from oaisys_core.terrain.masks import (
+    LayerNoise,
+    Relief,
+    blend_masks,
+    gate,
+    has_steep_parts,
+    layered_masks,
+    relief_of,
+)
 from oaisys_core.world.terrain_material import TerrainMaterial, Variation
 
 NO_SHARE = 1.0
@@ -84,7 +91,7 @@ class MaterialsModule(Module):
         config = overridden(self._config, metadata, self.metadata_part)
         if config.seed is not None:
             rng = randomness.stream(config.seed, self.name)
-        ground = drawn(world.ground)
+        ground = require(world.ground)
         layers = [
             self._library.draw(layer, config, randomness.child(rng, f"layer/{index}"))
             for index, layer in enumerate(chosen_layers(config, rng))
@@ -180,7 +187,7 @@ def _projects_sides(config: MaterialsConfig, ground: Ground) -> bool:
 
 
 def _displace(world: World, material: TerrainMaterial, layers: Sequence[DrawnLayer]) -> None:
-    ground = drawn(world.ground)
+    ground = require(world.ground)
     if not isinstance(ground, HeightField):
         raise InvalidInputError(
             "materials.displacement", "geometry", "bump on a ground that is no height field"

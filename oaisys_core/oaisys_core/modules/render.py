@@ -9,7 +9,7 @@ import numpy as np
 
 from oaisys_core.backend.base import RenderSettings
 from oaisys_core.config.sections.render import EffectsConfig, RenderConfig
-from oaisys_core.module import Metadata, World, drawn
+from oaisys_core.module import Metadata, World, require
 from oaisys_core.modules.overrides import SectionModule
 from oaisys_core.sensing.effects import Bloom, Effects, SensorNoise
 from oaisys_core.types import ALBEDO, DEPTH, FLOW, INSTANCE, NORMAL, RANGE, RGB
@@ -55,7 +55,7 @@ class RenderModule(SectionModule[RenderConfig]):
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Change what the metadata says, and draw the seed of this sample's sensor noise."""
         super().step_sample(world, metadata, rng)
-        world.render = replace(drawn(world.render), noise_seed=int(rng.integers(2**63)))
+        world.render = replace(require(world.render), noise_seed=int(rng.integers(2**63)))
 
 
 def _settings(config: RenderConfig) -> RenderSettings:

@@ -14,12 +14,13 @@ from oaisys_core.config.expectations import refusal
 from oaisys_core.config.sections.faults import FaultsConfig
 from oaisys_core.config.sections.motion import AnyMotion
 from oaisys_core.config.sections.sensors import CameraConfig, PosePolicy, SensorsConfig
-from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.module import Metadata, Module, World, drawn
-from oaisys_core.modules.clearance import Extent, HeightLookup, admitted
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.module import Metadata, Module, World, require
+from oaisys_core.modules.camera_selection import cameras_of, due_cameras
+from oaisys_core.modules.clearance import Extent, HeightLookup, admitted_pose
 from oaisys_core.modules.optics import changed, lens_of, sensor_info
 from oaisys_core.modules.overrides import differing, overridden
-from oaisys_core.motion import Motion, Step, make_motion
+from oaisys_core.motion import Motion, MotionStep, make_motion
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray, FrameName, Pose, SensorInfo
 
@@ -117,9 +118,9 @@ class SensorsModule(Module):
         Raises:
             InvalidInputError: No pose was found that the policy admits, or the motion is over.
         """
-        motion, ground = drawn(self._motion), drawn(world.ground)
+        motion, ground = require(self._motion), require(world.ground)
         index = (world.sample_id - 1) // motion.step_interval
-        step = Step(
+        step = MotionStep(
             index=index,
             rng=randomness.stream(batch_seed, MOTION_STREAM, index + 1),
             batch_rng=randomness.stream(batch_seed, MOTION_STREAM),
@@ -142,60 +143,28 @@ class SensorsModule(Module):
         modalities: Sequence[str],
         sensors: Sequence[str],
     ) -> tuple[PlacedCamera, ...]:
-        """Return the cameras that render the world's sample.
-
-        Where sensors or modalities are named these render, whatever their intervals; else those
-        whose turn it is, which may be none.
-
-        Args:
-            world: Says which sample it is.
-            last_rig_poses: Where the rig was at each camera's previous sample.
-            modalities: None named: all.
-            sensors: None named: all.
-        """
-        cameras = select(world.cameras, modalities, sensors)
-        if not modalities and not sensors:
-            cameras = tuple(self._in_turn(camera, world.sample_id) for camera in cameras)
-        mounts = {sensor.name: sensor.T_base_camera for sensor in self.sensors}
-        return tuple(
-            replace(c, T_map_previous=_previous(mounts[c.name], last_rig_poses.get(c.name)))
-            for c in cameras
-            if c.modalities
-        )
+        """Return the cameras that render the world's sample; see `due_cameras`."""
+        cameras = due_cameras(world, self._cameras, modalities, sensors)
+        return self._with_previous_poses(cameras, last_rig_poses)
 
     def named(
         self, world: World, last_rig_poses: Mapping[str, Pose], frames: Sequence[FrameName]
     ) -> tuple[PlacedCamera, ...]:
-        """Return the cameras that render just these frames.
+        """Return the cameras that render exactly these frames; see `cameras_of`."""
+        return self._with_previous_poses(cameras_of(world.cameras, frames), last_rig_poses)
 
-        Raises:
-            InvalidInputError: There is no such sensor, or it has no such modality.
-        """
-        wanted: dict[str, set[str]] = {}
-        for frame in frames:
-            select(world.cameras, (frame.modality,), (frame.sensor,))
-            wanted.setdefault(frame.sensor, set()).add(frame.modality)
+    def _with_previous_poses(
+        self, cameras: Sequence[PlacedCamera], last_rig_poses: Mapping[str, Pose]
+    ) -> tuple[PlacedCamera, ...]:
         mounts = {sensor.name: sensor.T_base_camera for sensor in self.sensors}
         return tuple(
-            replace(
-                camera,
-                modalities=tuple(m for m in camera.modalities if m in wanted[camera.name]),
-                T_map_previous=_previous(mounts[camera.name], last_rig_poses.get(camera.name)),
-            )
-            for camera in world.cameras
-            if camera.name in wanted
+            replace(c, T_map_previous=_previous(mounts[c.name], last_rig_poses.get(c.name)))
+            for c in cameras
         )
 
-    def _in_turn(self, camera: PlacedCamera, sample_id: int) -> PlacedCamera:
-        config = next(config for config in self._cameras if config.name == camera.name)
-        turn, rest = divmod(sample_id - 1 - config.step_offset, config.step_interval)
-        if turn < 0 or rest:
-            return replace(camera, modalities=())
-        intervals = config.modality_intervals
-        chosen = tuple(m for m in camera.modalities if turn % intervals.get(m, 1) == 0)
-        return replace(camera, modalities=chosen)
-
-    def _found(self, motion: Motion, step: Step, heights: HeightLookup, extent_m: Extent) -> Pose:
+    def _found(
+        self, motion: Motion, step: MotionStep, heights: HeightLookup, extent_m: Extent
+    ) -> Pose:
         policy: str = self._config.pose_policy
         if motion.is_lifted and policy == "reject":
             policy = "lift"
@@ -215,7 +184,7 @@ class SensorsModule(Module):
 
     def _admitted(self, pose: Pose, heights: HeightLookup, extent_m: Extent, policy: str) -> Pose:
         least_m = self._config.min_clearance_m
-        return admitted(pose, self.sensors, heights, extent_m, policy=policy, least_m=least_m)
+        return admitted_pose(pose, self.sensors, heights, extent_m, policy=policy, least_m=least_m)
 
     def _place(self, world: World) -> None:
         if self.rig_pose is None:
@@ -282,30 +251,6 @@ class SensorsModule(Module):
 
 
 _MOTIONS: TypeAdapter[AnyMotion] = TypeAdapter(AnyMotion)
-
-
-def select(
-    cameras: Sequence[PlacedCamera], modalities: Sequence[str], sensors: Sequence[str]
-) -> tuple[PlacedCamera, ...]:
-    """Return the cameras and modalities named, in the cameras' order; none named: all.
-
-    Raises:
-        InvalidInputError: There is no such sensor or modality.
-    """
-    names = [camera.name for camera in cameras]
-    for sensor in sensors:
-        if sensor not in names:
-            raise InvalidInputError("sensors", sensor, one_of(names, sensor))
-    offered = {modality for camera in cameras for modality in camera.modalities}
-    for modality in modalities:
-        if modality not in offered:
-            known = ", ".join(sorted(offered))
-            raise InvalidInputError("modalities", modality, f"one of {known}")
-    return tuple(
-        replace(c, modalities=tuple(m for m in c.modalities if not modalities or m in modalities))
-        for c in cameras
-        if not sensors or c.name in sensors
-    )
 
 
 def _previous(T_base_camera: FloatArray, rig_pose: Pose | None) -> FloatArray | None:

@@ -13,12 +13,12 @@ from oaisys_core.meshes.files import load_mesh
 from oaisys_core.module import Metadata, Module, World
 from oaisys_core.modules.overrides import overridden
 from oaisys_core.scene import Ground
-from oaisys_core.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
 from oaisys_core.terrain.dem import import_dem
 from oaisys_core.terrain.detail import Detail
 from oaisys_core.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.terrain.presets import check_preset, make_ground
 from oaisys_core.types import merged
+from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
 
 
 class StageModule(Module):

@@ -21,7 +21,7 @@ VERTICAL_COSINE = 1 - 1e-9
 
 
 @dataclass(frozen=True)
-class Step:
+class MotionStep:
     """One step of a motion.
 
     Attributes:
@@ -53,7 +53,7 @@ class Motion(ABC):
     is_lifted: bool = False
 
     @abstractmethod
-    def pose(self, step: Step) -> Pose | None:
+    def pose(self, step: MotionStep) -> Pose | None:
         """Return where the rig goes; None where that is off the ground it would follow.
 
         Raises:
@@ -67,7 +67,7 @@ def drawn_from(ranges: tuple[float, float], rng: np.random.Generator) -> float:
 
 
 def at_height(
-    position_m: FloatArray, config: MotionConfig, step: Step, rng: np.random.Generator
+    position_m: FloatArray, config: MotionConfig, step: MotionStep, rng: np.random.Generator
 ) -> FloatArray | None:
     """Return a (3,) position at the height that ``config`` wants; None where there is no ground."""
     if config.height_above_ground_m is None:

@@ -13,7 +13,15 @@ from scipy.spatial.transform import Rotation, RotationSpline
 from oaisys_core import geometry
 from oaisys_core.config.sections.motion import CsvMotion, GridMotion, SplineMotion
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.motion.base import Motion, Step, at_height, index_in, looking_at, on_ground, posed
+from oaisys_core.motion.base import (
+    Motion,
+    MotionStep,
+    at_height,
+    index_in,
+    looking_at,
+    on_ground,
+    posed,
+)
 from oaisys_core.output.poses import read_poses
 from oaisys_core.types import FloatArray, Pose, SensorInfo
 
@@ -32,7 +40,7 @@ class Csv(Motion):
         self.step_interval = config.step_interval
         self._poses = read_poses(config.path, config.columns)
 
-    def pose(self, step: Step) -> Pose | None:
+    def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""
         count = len(self._poses)
         chosen = self._poses[index_in(step.index, count, self._config.at_end, "poses of the file")]
@@ -58,7 +66,7 @@ class Grid(Motion):
             config.altitude_m, config.overlap, camera.intrinsics
         )
 
-    def pose(self, step: Step) -> Pose | None:
+    def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""
         config = self._config
         index = index_in(step.index, config.rows * config.columns, config.at_end, "views")
@@ -99,7 +107,7 @@ class Spline(Motion):
         steps_m = np.linalg.norm(np.diff(self._way(self._at), axis=0), axis=1)
         self._arc_m = np.append(0.0, np.cumsum(steps_m))
 
-    def pose(self, step: Step) -> Pose | None:
+    def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""
         at = self._parameter(step.index)
         position_m = at_height(self._way(at), self._config, step, step.rng)

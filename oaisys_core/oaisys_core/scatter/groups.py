@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 from scipy.spatial.transform import Rotation
+from scipy.stats import truncnorm
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.groups import GroupConfig
@@ -16,11 +17,11 @@ from oaisys_core.scatter.placement import (
     MOST_BURIED,
     bedding,
     leaning,
+    power_law_sizes,
     slope_deg,
 )
-from oaisys_core.scatter.sizes import group_sizes_m
-from oaisys_core.scatter.spacing import Spacing, Taken, first_come, pairs_too_near
-from oaisys_core.scatter.stance import build_of
+from oaisys_core.scatter.spacing import OccupiedPlaces, Spacing, first_come, pairs_too_near
+from oaisys_core.scatter.stance import footprint_of
 from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.types import FloatArray
 
@@ -68,7 +69,7 @@ def scatter_group(
     xy = _places(group, sizes_m, density, ground, randomness.child(rng, "places"))
     stands = np.isfinite(xy[:, 0])
     xy, sizes_m, shape_of = xy[stands], sizes_m[stands], shape_of[stands]
-    builds = np.array([build_of(shape) for shape in shapes])[shape_of]
+    builds = np.array([footprint_of(shape) for shape in shapes])[shape_of]
     turns = randomness.child(rng, "turns")
     rotations, depth_m = _stances(group, ground, xy, sizes_m, builds, turns)
     T_map_object = np.tile(np.eye(4), (len(xy), 1, 1))
@@ -76,6 +77,23 @@ def scatter_group(
     T_map_object[:, :2, 3] = xy
     T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
     return T_map_object, shape_of
+
+
+def group_sizes_m(group: GroupConfig, count: int, rng: np.random.Generator) -> FloatArray:
+    """Return (count,) sizes of a group's things, within its range, largest first."""
+    low, high = group.size_m
+    if low == high:
+        return np.full(count, low)
+    if group.size_distribution == "power_law":
+        sizes_m = power_law_sizes(count, group.size_m, group.size_exponent, rng)
+    elif group.size_distribution == "uniform":
+        sizes_m = rng.uniform(low, high, count)
+    else:
+        mean_m = (low + high) / 2 if group.size_mean_m is None else group.size_mean_m
+        std_m = (high - low) / 4 if group.size_std_m is None else group.size_std_m
+        bounds = truncnorm((low - mean_m) / std_m, (high - mean_m) / std_m, mean_m, std_m)
+        sizes_m = bounds.ppf(rng.uniform(size=count))
+    return np.sort(np.clip(sizes_m, low, high))[::-1]
 
 
 def _places(
@@ -87,9 +105,9 @@ def _places(
 ) -> FloatArray:
     """Return (N, 2) places for things of (N,) falling sizes, NaN where there was no room."""
     spacing = Spacing(group.spacing, group.spacing_m)
-    taken = Taken(spacing)
+    taken = OccupiedPlaces(spacing)
     xy = np.full((len(sizes_m), 2), np.nan)
-    wanted = _Wanted(group, density, ground, rng)
+    wanted = _PlaceSampler(group, density, ground, rng)
     # By octaves of size, so that large ones find room, and few pairs need to be looked at.
     octave = np.floor(np.log2(sizes_m[0] / sizes_m + 1e-9)) if len(sizes_m) else sizes_m
     for start, stop in _runs(octave):
@@ -109,7 +127,7 @@ def _places(
     return xy
 
 
-class _Wanted:
+class _PlaceSampler:
     """Draws places as likely as a group's densities say, on ground that is not too steep."""
 
     def __init__(

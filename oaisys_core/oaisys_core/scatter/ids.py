@@ -27,7 +27,7 @@ FAR = 2**20
 FIRST_ADDED_ID = 2**30
 
 
-class Block(NamedTuple):
+class IdBlock(NamedTuple):
     """Where the ids of a group begin, how many it holds, and where those beyond it begin."""
 
     first: int
@@ -46,12 +46,12 @@ class Block(NamedTuple):
         return self.first <= instance_id < self.first + self.size or is_far
 
 
-def rock_block(count: int) -> Block:
+def rock_block(count: int) -> IdBlock:
     """Return the block of rocks and primitives, of which the configuration has up to ``count``."""
-    return Block(1, min(max(ROCKS, count), FIRST_OBJECT_ID - 1), FAR)
+    return IdBlock(1, min(max(ROCKS, count), FIRST_OBJECT_ID - 1), FAR)
 
 
-def group_blocks(rocks: Block, counts: Sequence[int]) -> list[Block]:
+def group_blocks(rocks: IdBlock, counts: Sequence[int]) -> list[IdBlock]:
     """Return the blocks of groups; one does not depend on those after it.
 
     Args:
@@ -64,9 +64,9 @@ def group_blocks(rocks: Block, counts: Sequence[int]) -> list[Block]:
         if first < AFTER_OBJECTS_ID and first + count > FIRST_OBJECT_ID:
             first = AFTER_OBJECTS_ID
         if first + count > FAR:
-            blocks.append(Block(number * FAR, count, number * FAR + count))
+            blocks.append(IdBlock(number * FAR, count, number * FAR + count))
             continue
-        blocks.append(Block(first, count, number * FAR))
+        blocks.append(IdBlock(first, count, number * FAR))
         first += count
     return blocks
 

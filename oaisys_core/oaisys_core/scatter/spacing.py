@@ -33,7 +33,7 @@ class Spacing:
         return np.asarray(np.maximum(self.of_size * (sizes_m + other_sizes_m) / 2, self.least_m))
 
 
-class Taken:
+class OccupiedPlaces:
     """Places that are taken, kept by size so that few pairs need to be looked at."""
 
     def __init__(self, spacing: Spacing) -> None:

@@ -16,7 +16,7 @@ FOOT = 0.1
 """Share of its height up to which a thing's vertices belong to its foot."""
 
 
-class Build(NamedTuple):
+class Footprint(NamedTuple):
     """What counts of a shape when it is put on the ground.
 
     Attributes:
@@ -28,12 +28,12 @@ class Build(NamedTuple):
     foot_m: float
 
 
-def build_of(shape: MeshPrototype) -> Build:
+def footprint_of(shape: MeshPrototype) -> Footprint:
     """Return how high and how broad a shape is."""
     vertices_m = shape.vertices_m.astype(np.float64)
     height_m = float(vertices_m[:, 2].max())
     foot = vertices_m[vertices_m[:, 2] <= FOOT * height_m]
-    return Build(height_m, float(np.hypot(foot[:, 0], foot[:, 1]).max(initial=0.0)))
+    return Footprint(height_m, float(np.hypot(foot[:, 0], foot[:, 1]).max(initial=0.0)))
 
 
 def pose_on_ground(

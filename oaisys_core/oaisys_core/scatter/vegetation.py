@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from oaisys_core.scatter.parts import Parts
+from oaisys_core.scatter.mesh_builder import MeshBuilder
 from oaisys_core.scatter.rocks import icosphere
 from oaisys_core.scene import MeshPrototype
 from oaisys_core.types import FloatArray
@@ -22,7 +22,7 @@ MOSS, MOSS_TOP = (0.22, 0.28, 0.09), (0.50, 0.56, 0.24)
 
 def grass_tuft(rng: np.random.Generator) -> MeshPrototype:
     """Return a tuft of bent blades, some of them dry."""
-    parts = Parts()
+    parts = MeshBuilder()
     for _ in range(34):
         azimuth = rng.uniform(0, 2 * np.pi)
         lean = min(abs(rng.normal(0.0, 0.38)) + 0.05, 0.9)
@@ -39,7 +39,7 @@ def grass_tuft(rng: np.random.Generator) -> MeshPrototype:
 
 def fern(rng: np.random.Generator) -> MeshPrototype:
     """Return a crown of arching fronds with leaflets on both sides."""
-    parts = Parts()
+    parts = MeshBuilder()
     fronds = 11
     for frond in range(fronds):
         azimuth = 2 * np.pi * (frond + rng.uniform(-0.3, 0.3)) / fronds
@@ -69,7 +69,7 @@ def fern(rng: np.random.Generator) -> MeshPrototype:
 
 def rosette(rng: np.random.Generator) -> MeshPrototype:
     """Return a rosette of thick, channelled leaves, the inner ones upright."""
-    parts = Parts()
+    parts = MeshBuilder()
     leaves = 30
     for index in range(leaves):
         age = 1 - index / leaves
@@ -91,7 +91,7 @@ def rosette(rng: np.random.Generator) -> MeshPrototype:
 
 def shrub(rng: np.random.Generator) -> MeshPrototype:
     """Return a rounded shrub: stems that fork, with small leaves all over the outer twigs."""
-    parts = Parts()
+    parts = MeshBuilder()
     twigs = _branches(rng, stems=9, forks=(3, 3), length=0.42, spread=0.6, rise=0.35)
     for start, end, level in twigs:
         radius = 0.016 * 0.55**level
@@ -109,7 +109,7 @@ def shrub(rng: np.random.Generator) -> MeshPrototype:
 
 def dry_bush(rng: np.random.Generator) -> MeshPrototype:
     """Return a bare bush of thin, crooked, bleached twigs."""
-    parts = Parts()
+    parts = MeshBuilder()
     twigs = _branches(rng, stems=8, forks=(3, 3, 2), length=0.36, spread=0.75, rise=0.22)
     for start, end, level in twigs:
         radius = 0.013 * 0.6**level
@@ -121,7 +121,7 @@ def dry_bush(rng: np.random.Generator) -> MeshPrototype:
 
 def moss_cushion(rng: np.random.Generator) -> MeshPrototype:
     """Return a low dome of many small heads."""
-    parts = Parts()
+    parts = MeshBuilder()
     directions, triangles = icosphere(3)
     heads = rng.normal(size=(180, 3))
     heads /= np.linalg.norm(heads, axis=1, keepdims=True)
@@ -181,7 +181,7 @@ def _arch(
 
 
 def _leaf(
-    parts: Parts, spine: FloatArray, width: FloatArray, colors: FloatArray, twist: float
+    parts: MeshBuilder, spine: FloatArray, width: FloatArray, colors: FloatArray, twist: float
 ) -> None:
     """Add a blade of (K,) half widths along a (K, 3) spine, turned about it by ``twist``."""
     out = spine[-1] - spine[0]
@@ -192,7 +192,7 @@ def _leaf(
 
 
 def _blade(
-    parts: Parts,
+    parts: MeshBuilder,
     foot: FloatArray,
     way: FloatArray,
     length: float,

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.scatter.parts import Parts
+from oaisys_core.scatter.mesh_builder import MeshBuilder
 from oaisys_core.scene import MeshPrototype
 from oaisys_core.types import FloatArray
 
@@ -26,7 +26,7 @@ def rover() -> MeshPrototype:
 
     About 2.1 m long, 1.75 m wide and 1.9 m high.
     """
-    parts = Parts()
+    parts = MeshBuilder()
     for side in (-1.0, 1.0):
         _running_gear(parts, side)
     parts.box((0.05, 0, 0.72), (1.35, 0.92, 0.34), WHITE)
@@ -49,7 +49,7 @@ def lander() -> MeshPrototype:
 
     About 4.4 m wide with its wings and 2.9 m high.
     """
-    parts = Parts()
+    parts = MeshBuilder()
     _prism(parts, 0.85, 1.55, 1.15, 1.15, GOLD, FOIL_SHADE)
     _prism(parts, 1.55, 1.62, 1.22, 1.22, METAL, METAL)
     _prism(parts, 1.62, 2.15, 0.78, 0.60, WHITE, GREY)
@@ -75,7 +75,7 @@ def lander() -> MeshPrototype:
     return parts.mesh("lander")
 
 
-def _running_gear(parts: Parts, side: float) -> None:
+def _running_gear(parts: MeshBuilder, side: float) -> None:
     """Add the three wheels and the rocker and bogie of one side."""
     y = side * WHEEL_Y
     axles = [np.array((x, y, WHEEL_RADIUS)) for x in WHEEL_X]
@@ -98,7 +98,7 @@ def _running_gear(parts: Parts, side: float) -> None:
     parts.rod(rocker - _xyz(0, side * 0.12, 0), rocker + _xyz(0, side * 0.04, 0), 0.07, METAL, 12)
 
 
-def _wheel(parts: Parts, axle: FloatArray) -> None:
+def _wheel(parts: MeshBuilder, axle: FloatArray) -> None:
     """Add a wheel with cleats."""
     half = np.array((0.0, WHEEL_WIDTH / 2, 0.0))
     parts.rod(axle - half, axle + half, WHEEL_RADIUS - 0.012, METAL, 24)
@@ -119,7 +119,7 @@ def _wheel(parts: Parts, axle: FloatArray) -> None:
         parts.box(centre, (0.016, WHEEL_WIDTH, 0.016), DARK, turn)
 
 
-def _mast(parts: Parts) -> None:
+def _mast(parts: MeshBuilder) -> None:
     foot = np.array((0.52, 0.30, 0.92))
     parts.rod(foot, foot + _xyz(0, 0, 0.10), 0.07, GREY, 12)
     parts.rod(foot + _xyz(0, 0, 0.1), foot + _xyz(0, 0, 0.75), 0.04, WHITE, 12)
@@ -131,7 +131,7 @@ def _mast(parts: Parts) -> None:
         parts.rod(head + _xyz(0.11, y, -0.03), head + _xyz(0.12, y, -0.03), 0.025, GLASS, 10)
 
 
-def _power_source(parts: Parts) -> None:
+def _power_source(parts: MeshBuilder) -> None:
     """Add a finned generator at the back, tilted up."""
     start, end = np.array((-0.66, 0.0, 0.74)), np.array((-1.12, 0.0, 0.90))
     parts.rod(start, end, 0.12, GREY, 14)
@@ -143,7 +143,7 @@ def _power_source(parts: Parts) -> None:
         parts.box((start + 1.1 * end) / 2.1 + 0.16 * out, (0.38, 0.14, 0.015), GREY, R)
 
 
-def _arm(parts: Parts) -> None:
+def _arm(parts: MeshBuilder) -> None:
     """Add an arm folded at the front."""
     joints = np.array(((0.74, -0.25, 0.70), (1.12, -0.25, 0.80), (1.02, 0.12, 0.58)))
     for start, end in pairwise(joints):
@@ -154,7 +154,7 @@ def _arm(parts: Parts) -> None:
     parts.rod(joints[-1] + _xyz(0, 0.1, 0), joints[-1] + _xyz(0.1, 0.12, -0.08), 0.03, DARK, 8)
 
 
-def _dish(parts: Parts, foot: FloatArray, radius_m: float = 0.17) -> None:
+def _dish(parts: MeshBuilder, foot: FloatArray, radius_m: float = 0.17) -> None:
     """Add a dish on a stalk, looking up and back."""
     axis = np.array((-0.5, 0.0, 0.87))
     centre = foot + _xyz(0.0, 0.0, 0.18)
@@ -163,7 +163,7 @@ def _dish(parts: Parts, foot: FloatArray, radius_m: float = 0.17) -> None:
     parts.rod(centre, centre + 0.75 * radius_m * axis, 0.012, METAL, 6)
 
 
-def _leg(parts: Parts, azimuth: float) -> None:
+def _leg(parts: MeshBuilder, azimuth: float) -> None:
     """Add a leg with its struts and pad."""
     way = np.array((np.cos(azimuth), np.sin(azimuth), 0.0))
     side = np.array((-np.sin(azimuth), np.cos(azimuth), 0.0))
@@ -177,7 +177,7 @@ def _leg(parts: Parts, azimuth: float) -> None:
 
 
 def _prism(
-    parts: Parts,
+    parts: MeshBuilder,
     low_m: float,
     high_m: float,
     low_radius_m: float,
@@ -199,7 +199,9 @@ def _prism(
     parts.add(low, fan[:, ::-1], other)
 
 
-def _panel(parts: Parts, centre: FloatArray, size_m: tuple[float, float], roll_rad: float) -> None:
+def _panel(
+    parts: MeshBuilder, centre: FloatArray, size_m: tuple[float, float], roll_rad: float
+) -> None:
     """Add a solar panel with its rows of cells."""
     R = Rotation.from_euler("x", roll_rad).as_matrix()
     parts.box(centre, (*size_m, 0.025), METAL, R)

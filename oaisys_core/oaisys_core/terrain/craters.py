@@ -53,7 +53,9 @@ def crater_field(
     elevation_m = np.zeros((size_px, size_px))
     lobes = rng.uniform(0, 2 * np.pi, (count, 3))
     for i in order:
-        _strike(elevation_m, spacing_m, center_m[i], float(diameter_m[i]), float(age[i]), lobes[i])
+        _add_crater(
+            elevation_m, spacing_m, center_m[i], float(diameter_m[i]), float(age[i]), lobes[i]
+        )
     return elevation_m
 
 
@@ -96,7 +98,7 @@ def crater_profile(radius: FloatArray, freshness: float | FloatArray = 1.0) -> F
     return np.asarray(-edge * np.logaddexp(-bowl / edge, -ejecta / edge))
 
 
-def _strike(
+def _add_crater(
     elevation_m: FloatArray,
     spacing_m: float,
     center_m: FloatArray,

@@ -57,9 +57,9 @@ def _carried(layer: TerrainLayer, spacing_m: float) -> NDArray[np.float32]:
 
 def _height_at(layer: TerrainLayer, height: NDArray[np.float32], xy_m: FloatArray) -> FloatArray:
     """Return (N,) heights of a map that lies on the ground as the layer's tiling says."""
-    looks = layer.tiling.looks(xy_m / layer.maps.tile_m)
+    samples = layer.tiling.samples(xy_m / layer.maps.tile_m)
     result = np.zeros(len(xy_m))
-    for places, weights in zip(looks.places, looks.weights, strict=True):
+    for places, weights in zip(samples.places, samples.weights, strict=True):
         result += weights * _bilinear(height, places)
     return result
 

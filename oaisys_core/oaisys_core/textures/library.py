@@ -12,7 +12,16 @@ from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures import cache
 from oaisys_core.textures.fields import normals_from_height
-from oaisys_core.textures.recipes.all_recipes import RECIPES
+from oaisys_core.textures.recipes import earth, frozen, loose, organic, rocks
+from oaisys_core.textures.recipes.finish import Recipe
+
+RECIPES: dict[str, Recipe] = {
+    **loose.RECIPES,
+    **rocks.RECIPES,
+    **earth.RECIPES,
+    **organic.RECIPES,
+    **frozen.RECIPES,
+}
 
 TEXTURES = frozenset(RECIPES)
 

@@ -9,34 +9,26 @@ with one label in the eight pixels around it too.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.far_plain import LEVEL, SLOPE, rings, stage_of
 from oaisys_core.geometry import pose_looking_at
-from oaisys_core.scene import Scene, TerrainMaterial, id_of_level
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (
     DEPTH,
     INSTANCE,
-    FloatArray,
     Frame,
     ModuleMetadata,
     PinholeIntrinsics,
     Pose,
     Sample,
-    TriangleMesh,
     semantic_level,
 )
-from oaisys_core.verification.numpy_caster import NO_TRIANGLE, NumpyCaster
-
-GROUND_OR_SKY = 0
-"""Instance id of what is no object."""
+from oaisys_core.verification.reference_scene import ReferenceScene, ReferenceView, Window
 
 HEIGHTS_M = (1.5, 15.0)
 PITCHES_DEG = (5.0, 89.0)
@@ -44,7 +36,7 @@ PITCHES_DEG = (5.0, 89.0)
 
 
 @dataclass(frozen=True)
-class Audited:
+class AuditResult:
     """What was found in the images of one modality.
 
     Attributes:
@@ -65,7 +57,7 @@ class Audited:
         """Share of wrong pixels, 0 to 1."""
         return self.wrong / self.pixels if self.pixels else 0.0
 
-    def __add__(self, other: Audited) -> Audited:
+    def __add__(self, other: AuditResult) -> AuditResult:
         return replace(
             self,
             pixels=self.pixels + other.pixels,
@@ -73,9 +65,6 @@ class Audited:
             worst_m=max(self.worst_m, other.worst_m),
         )
 
-
-Window = tuple[slice, slice]
-"""Rows and columns of an image."""
 
 WINDOWS, WINDOW_PX = 16, 10
 """Squares of pixels that are compared of each image, and their edge; the outermost pixels only
@@ -90,7 +79,7 @@ def audit_views(
     views: int,
     rng: np.random.Generator,
     on_view: Callable[[int], None] = lambda _: None,
-) -> list[Audited]:
+) -> list[AuditResult]:
     """Render random views of the world that stands and return what is wrong with their pixels.
 
     Args:
@@ -99,21 +88,21 @@ def audit_views(
         rng: Gives the views.
         on_view: Told the number of views that are done.
     """
-    everything: list[Audited] = []
-    reference: Reference | None = None
+    everything: list[AuditResult] = []
+    reference: ReferenceScene | None = None
     for index in range(views):
         metadata = ModuleMetadata(sensor={"pose": random_view(simulation, rng)})
         sample = simulation.step_sample(metadata)
         if reference is None or simulation.scene.differs_from(reference.scene):
-            reference = Reference(simulation.scene, simulation.ground_truth_mesh())
+            reference = ReferenceScene(simulation.scene, simulation.ground_truth_mesh())
         everything.extend(audit_sample(sample, reference, rng))
         on_view(index + 1)
-    return summed(everything)
+    return sum_results(everything)
 
 
-def summed(found: Iterable[Audited]) -> list[Audited]:
+def sum_results(found: Iterable[AuditResult]) -> list[AuditResult]:
     """Return one sum for each sensor and modality."""
-    totals: dict[tuple[str, str], Audited] = {}
+    totals: dict[tuple[str, str], AuditResult] = {}
     for one in found:
         key = (one.sensor, one.modality)
         totals[key] = totals[key] + one if key in totals else one
@@ -137,8 +126,8 @@ def random_view(simulation: Simulation, rng: np.random.Generator) -> Pose:
 
 
 def audit_sample(
-    sample: Sample, reference: Reference, rng: np.random.Generator
-) -> Iterable[Audited]:
+    sample: Sample, reference: ReferenceScene, rng: np.random.Generator
+) -> Iterable[AuditResult]:
     """Yield what is wrong with samples of each frame of depth, instances and labels.
 
     Args:
@@ -159,7 +148,7 @@ def audit_sample(
             _audit_window(replace(frame, data=frame.data[window]), seen, reference, level)
             for window, seen in views[frame.sensor]
         ]
-        yield summed(found)[0]
+        yield sum_results(found)[0]
 
 
 def random_windows(intrinsics: PinholeIntrinsics, rng: np.random.Generator) -> list[Window]:
@@ -176,8 +165,8 @@ def random_windows(intrinsics: PinholeIntrinsics, rng: np.random.Generator) -> l
 
 
 def _audit_window(
-    frame: Frame, seen: ReferenceView, reference: Reference, level: int | None
-) -> Audited:
+    frame: Frame, seen: ReferenceView, reference: ReferenceScene, level: int | None
+) -> AuditResult:
     if frame.modality == DEPTH:
         inner = _off_edges(seen.instance_ids, np.isfinite(seen.depth_m))
         known, told = seen.depth_m[inner], frame.data[inner].astype(np.float64)
@@ -185,11 +174,13 @@ def _audit_window(
         wrong = ~(error_m <= DEPTH_TOLERANCE * known)
         wrong &= told != known
         worst_m = float(error_m.max(initial=0.0))
-        return Audited(frame.sensor, frame.modality, int(inner.sum()), int(wrong.sum()), worst_m)
+        return AuditResult(
+            frame.sensor, frame.modality, int(inner.sum()), int(wrong.sum()), worst_m
+        )
     expected = seen.instance_ids if level is None else reference.semantic_ids(seen, level)
     inner = _off_edges(seen.instance_ids, np.isfinite(seen.depth_m), expected)
     wrong = frame.data[inner] != expected[inner]
-    return Audited(frame.sensor, frame.modality, int(inner.sum()), int(wrong.sum()))
+    return AuditResult(frame.sensor, frame.modality, int(inner.sum()), int(wrong.sum()))
 
 
 def _off_edges(*images: NDArray[Any]) -> NDArray[np.bool_]:
@@ -203,134 +194,3 @@ def _off_edges(*images: NDArray[Any]) -> NDArray[np.bool_]:
             for col in range(3):
                 inner &= padded[row : row + rows, col : col + cols] == image
     return inner
-
-
-@dataclass(frozen=True)
-class ReferenceView:
-    """What the reference sees: (H, W) planar depth (float64) and ids, (H, W, 3) points, rays.
-
-    Attributes:
-        is_beyond: (H, W) whether it is ground beyond the stage.
-    """
-
-    depth_m: FloatArray
-    instance_ids: NDArray[np.uint32]
-    points_m: FloatArray
-    directions: FloatArray
-    is_beyond: NDArray[np.bool_]
-
-
-class Reference:
-    """An independent view of a world, from its exported mesh and what lies beyond the stage."""
-
-    def __init__(self, scene: Scene, mesh: TriangleMesh) -> None:
-        self.scene = scene
-        self._vertices_m = mesh.vertices_m.astype(np.float64)
-        self._triangles = mesh.triangles.astype(np.int64)
-        self._ids = np.asarray(mesh.instance_ids, np.uint32)
-        self._stage_triangles = len(mesh.triangles)
-        if scene.sky.shows_plain:
-            vertices_m, triangles = rings(stage_of(scene.ground), (*SLOPE, *LEVEL))
-            self._triangles = np.concatenate((self._triangles, triangles + len(self._vertices_m)))
-            self._vertices_m = np.concatenate((self._vertices_m, vertices_m))
-            self._ids = np.concatenate((self._ids, np.zeros(len(triangles), np.uint32)))
-
-    def views(
-        self, intrinsics: PinholeIntrinsics, T_map_camera: FloatArray, windows: Sequence[Window]
-    ) -> Iterable[ReferenceView]:
-        """Yield what a camera with its optical frame at ``T_map_camera`` sees in windows."""
-        rays = _camera_rays(intrinsics)
-        R, origin_m = T_map_camera[:3, :3], T_map_camera[:3, 3]
-        caster = NumpyCaster((self._vertices_m - origin_m) @ R, self._triangles)
-        for window in windows:
-            depth_m, triangles = caster.nearest(rays[window])
-            directions = rays[window] @ R.T
-            with np.errstate(invalid="ignore"):
-                points_m = origin_m + depth_m[..., None] * directions
-            ids = np.where(triangles == NO_TRIANGLE, 0, self._ids[triangles]).astype(np.uint32)
-            is_beyond = triangles >= self._stage_triangles
-            yield ReferenceView(depth_m, ids, points_m, directions, is_beyond)
-
-    def semantic_ids(self, seen: ReferenceView, level: int) -> NDArray[np.uint16]:
-        """Return the (H, W) labels of a view."""
-        scene = self.scene
-        by_instance: dict[int, int] = {GROUND_OR_SKY: 0}
-        for placement in scene.placements:
-            label = id_of_level(placement.semantic_ids, level)
-            by_instance.update(dict.fromkeys(placement.instance_ids.tolist(), label))
-        for primitive in scene.primitives:
-            by_instance[primitive.instance_id] = id_of_level(primitive.semantic_ids, level)
-        present, index = np.unique(seen.instance_ids, return_inverse=True)
-        labels = np.array([by_instance[i] for i in present.tolist()], np.uint16)
-        labels = labels[index].reshape(seen.instance_ids.shape)
-        hit = np.isfinite(seen.depth_m)
-        ground = hit & (seen.instance_ids == GROUND_OR_SKY)
-        labels[ground] = ground_labels(scene.material, seen.points_m[ground][:, :2], level)
-        if scene.sky.ground_semantic_ids is not None:
-            labels[seen.is_beyond] = id_of_level(scene.sky.ground_semantic_ids, level)
-        labels[~hit] = scene.sky.semantic_ids_at(seen.directions[~hit], level)
-        return labels
-
-
-def ground_labels(material: TerrainMaterial, xy_m: FloatArray, level: int) -> NDArray[np.uint16]:
-    """Return the (N,) ids of the heaviest layer at (N, 2) points, by OpenCV's interpolation.
-
-    Soft borders and label images have one definition, the material's own; only where the point
-    lies is independent then.
-    """
-    plain = material.label_cell_m is None and all(la.label_image is None for la in material.layers)
-    if not plain:
-        return material.semantic_ids_at(xy_m, level)
-    x0, y0, x1, y1 = material.extent_m
-    size = material.masks.shape[1]
-    texels = np.asarray((xy_m - (x0, y0)) / (x1 - x0, y1 - y0) * size)
-    beyond = (texels < 0) | (texels > size)
-    there = np.mod(texels[beyond], 2 * size)
-    texels[beyond] = np.where(there > size, 2 * size - there, there)
-    texels -= 0.5
-    weights = np.stack([_remapped(mask, texels) for mask in material.masks])
-    ids = np.array([id_of_level(la.semantic_ids, level) for la in material.layers], np.uint16)
-    return np.asarray(ids[weights.argmax(axis=0)])
-
-
-MOST_COLUMNS = 32_000
-"""OpenCV addresses pixels of its destination with 16 bits."""
-
-
-def _remapped(mask: NDArray[np.float32], texels: FloatArray) -> NDArray[np.float32]:
-    """Return the (N,) values at (N, 2) texels; OpenCV's own steps are 1/32 of one, so twofold."""
-    low = np.floor(texels)
-    step = (texels - low).astype(np.float32)
-    corners = []
-    for offset in ((0, 0), (1, 0), (0, 1), (1, 1)):
-        place = (low + offset).astype(np.float32)
-        values = [
-            cv2.remap(mask, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE).ravel()
-            for x, y in _blocks(place)
-        ]
-        corners.append(np.concatenate(values) if values else np.zeros(0, np.float32))
-    s, t = step.T
-    lower, upper = corners[0] * (1 - s) + corners[1] * s, corners[2] * (1 - s) + corners[3] * s
-    return np.asarray(lower * (1 - t) + upper * t)
-
-
-def _blocks(place: NDArray[np.float32]) -> Iterable[tuple[NDArray[Any], NDArray[Any]]]:
-    for first in range(0, len(place), MOST_COLUMNS):
-        x, y = place[first : first + MOST_COLUMNS].T
-        yield x[None].copy(), y[None].copy()
-
-
-def _camera_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
-    """Return the (H, W, 3) rays through pixel centres in the optical frame, scaled to z = 1."""
-    rows, cols = np.mgrid[: intrinsics.height_px, : intrinsics.width_px]
-    pixels = np.stack((cols, rows), axis=-1).reshape(-1, 1, 2).astype(np.float64)
-    distortion = np.array(intrinsics.distortion or (0.0,) * 5)
-    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-    # OpenCV 5 has taken the name away and the parameter into the other function.
-    if hasattr(cv2, "undistortPointsIter"):
-        flat = cv2.undistortPointsIter(pixels, intrinsics.K, distortion, None, None, stop)
-    else:
-        flat = cv2.undistortPoints(pixels, intrinsics.K, distortion, criteria=stop)
-    rays = np.ones((*rows.shape, 3))
-    rays[..., :2] = flat.reshape(*rows.shape, 2)
-    return rays

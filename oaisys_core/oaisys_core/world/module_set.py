@@ -21,7 +21,7 @@ from oaisys_core.modules import (
 )
 from oaisys_core.types import OWN_PARTS, ModuleMetadata, Progress
 from oaisys_core.world.batch import Batch
-from oaisys_core.world.reuse import OF_STAGE, Origin, same_stage
+from oaisys_core.world.reuse import STAGE_MODULES, BatchSeeds, same_stage
 
 DRAW_SHARE = 0.5
 """Share of a batch's progress until the backend begins to build."""
@@ -97,7 +97,7 @@ class ModuleSet:
 
     def draw(
         self,
-        origin: Origin,
+        origin: BatchSeeds,
         metadata: ModuleMetadata,
         kept: Batch | None,
         progress: ProgressCallback,
@@ -111,7 +111,7 @@ class ModuleSet:
         world = World()
         for index, module in enumerate(self.all):
             progress(Progress(module.name, DRAW_SHARE * index / len(self.all)))
-            if module.name in OF_STAGE and kept and same_stage(origin, metadata, kept):
+            if module.name in STAGE_MODULES and kept and same_stage(origin, metadata, kept):
                 world.keep_stage(kept.world)
                 continue
             rng = randomness.stream(_seed_of(module, origin), module.name)
@@ -126,7 +126,7 @@ class ModuleSet:
             module.step_sample(batch.world, metadata.part(module.metadata_part), rng)
 
 
-def _seed_of(module: Module, origin: Origin) -> int:
-    if module.name in OF_STAGE:
+def _seed_of(module: Module, origin: BatchSeeds) -> int:
+    if module.name in STAGE_MODULES:
         return origin.stage_seed
     return origin.asset_seed if isinstance(module, AssetsModule) else origin.seed

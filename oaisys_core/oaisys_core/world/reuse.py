@@ -15,7 +15,7 @@ from oaisys_core.modules.stage import StageModule
 from oaisys_core.types import ModuleMetadata, merged
 from oaisys_core.world.batch import Batch
 
-OF_STAGE = ("stage", "materials")
+STAGE_MODULES = ("stage", "materials")
 """Modules whose part of the world stays with a stage; parts of ``ModuleMetadata.custom``."""
 
 NOTHING_SCATTERED = {"count_factor": 0.0}
@@ -23,7 +23,7 @@ NOTHING_SCATTERED = {"count_factor": 0.0}
 
 
 @dataclass(frozen=True)
-class Origin:
+class BatchSeeds:
     """Seeds of a batch: of itself, of its ground and material, and of its things."""
 
     seed: int
@@ -31,14 +31,14 @@ class Origin:
     asset_seed: int
 
 
-def origin_of(
+def batch_seeds(
     stage: StageModule,
     assets_sha256: str,
     metadata: ModuleMetadata,
     seed: int,
     standing: Batch | None,
     reuse_stage: bool,
-) -> tuple[Origin, ModuleMetadata]:
+) -> tuple[BatchSeeds, ModuleMetadata]:
     """Return what a new batch is drawn from, and its metadata with that of what it keeps.
 
     Args:
@@ -54,12 +54,12 @@ def origin_of(
     """
     reuse = stage.reuse(metadata.part(stage.name))
     if standing is not None and reuse_stage:
-        _refuse_others(metadata, OF_STAGE)
-        return Origin(seed, standing.stage_seed, seed), _on_stage_of(standing, metadata)
+        _refuse_others(metadata, STAGE_MODULES)
+        return BatchSeeds(seed, standing.stage_seed, seed), _on_stage_of(standing, metadata)
     if reuse is None:
-        return Origin(seed, seed, seed), metadata
+        return BatchSeeds(seed, seed, seed), metadata
     if standing is not None and reuse.name == standing.world.stage_notes.get("hash"):
-        _refuse_others(metadata, OF_STAGE[1:])
+        _refuse_others(metadata, STAGE_MODULES[1:])
         metadata = _on_stage_of(standing, metadata)
         kept = (standing.stage_seed, standing.asset_seed, standing.metadata.asset)
     else:
@@ -71,12 +71,12 @@ def origin_of(
     return _with_objects(reuse, seed, *kept, metadata)
 
 
-def same_stage(origin: Origin, metadata: ModuleMetadata, standing: Batch | None) -> bool:
+def same_stage(origin: BatchSeeds, metadata: ModuleMetadata, standing: Batch | None) -> bool:
     """Return whether a batch has the ground and material of the one that stands."""
     return (
         standing is not None
         and standing.stage_seed == origin.stage_seed
-        and all(standing.metadata.part(part) == metadata.part(part) for part in OF_STAGE)
+        and all(standing.metadata.part(part) == metadata.part(part) for part in STAGE_MODULES)
     )
 
 
@@ -93,19 +93,19 @@ def _with_objects(
     asset_seed: int,
     kept: Mapping[str, Any] | None,
     metadata: ModuleMetadata,
-) -> tuple[Origin, ModuleMetadata]:
+) -> tuple[BatchSeeds, ModuleMetadata]:
     if reuse.objects == "keep":
         asset = merged(kept, metadata.asset)
-        return Origin(seed, stage_seed, asset_seed), replace(metadata, asset=asset)
+        return BatchSeeds(seed, stage_seed, asset_seed), replace(metadata, asset=asset)
     if reuse.objects == "clear":
         metadata = replace(metadata, asset=merged(NOTHING_SCATTERED, metadata.asset))
-    return Origin(seed, stage_seed, seed), metadata
+    return BatchSeeds(seed, stage_seed, seed), metadata
 
 
 def _on_stage_of(standing: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
     """Return metadata with what the standing stage was drawn with."""
-    own = {name: part for name, part in metadata.custom.items() if name not in OF_STAGE}
-    kept = {name: part for name, part in standing.metadata.custom.items() if name in OF_STAGE}
+    own = {name: part for name, part in metadata.custom.items() if name not in STAGE_MODULES}
+    kept = {name: part for name, part in standing.metadata.custom.items() if name in STAGE_MODULES}
     return replace(metadata, custom=own | kept)
 
 

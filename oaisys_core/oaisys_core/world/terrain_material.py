@@ -80,9 +80,9 @@ class TerrainLayer:
         """Return the (N,) ids of the layer at (N, 2) points; a mixture shows its heaviest part."""
         if self.label_image is None:
             return np.full(len(xy_m), id_of_level(self.semantic_ids, level), np.uint16)
-        looks = self.tiling.looks(xy_m / self.maps.tile_m)
-        heaviest = looks.weights.argmax(axis=0)
-        return self.label_image.ids_at(looks.places[heaviest, np.arange(len(xy_m))], level)
+        samples = self.tiling.samples(xy_m / self.maps.tile_m)
+        heaviest = samples.weights.argmax(axis=0)
+        return self.label_image.ids_at(samples.places[heaviest, np.arange(len(xy_m))], level)
 
     @property
     def all_semantic_ids(self) -> frozenset[int]:

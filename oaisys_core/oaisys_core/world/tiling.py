@@ -33,7 +33,7 @@ CRISPNESS = 3.0
 """Power of the weights of a stochastic tiling; higher mixes less."""
 
 
-class Looks(NamedTuple):
+class TextureSamples(NamedTuple):
     """Of what points are mixed: K places each.
 
     Attributes:
@@ -49,9 +49,9 @@ class Looks(NamedTuple):
 class PlainTiling:
     """The texture as it is."""
 
-    def looks(self, xy_tiles: FloatArray) -> Looks:
+    def samples(self, xy_tiles: FloatArray) -> TextureSamples:
         """Return of what (N, 2) points are mixed: of themselves."""
-        return Looks(xy_tiles[None], np.ones((1, len(xy_tiles))))
+        return TextureSamples(xy_tiles[None], np.ones((1, len(xy_tiles))))
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class VoronoiTiling:
         """Edge length of the tables."""
         return self.cell_tiles * PERIOD_CELLS
 
-    def looks(self, xy_tiles: FloatArray) -> Looks:
+    def samples(self, xy_tiles: FloatArray) -> TextureSamples:
         """Return of what (N, 2) points are mixed: of the moved and the plain texture."""
         size = len(self.moves)
         texel = xy_tiles / self.period_tiles * size
@@ -84,7 +84,7 @@ class VoronoiTiling:
         x, y = xy_tiles.T
         moved = np.column_stack((cos * x - sin * y + shift_u, sin * x + cos * y + shift_v))
         weight = _bilinear_repeated(self.weights, texel - 0.5)
-        return Looks(np.stack((moved, xy_tiles)), np.stack((weight, 1 - weight)))
+        return TextureSamples(np.stack((moved, xy_tiles)), np.stack((weight, 1 - weight)))
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ class StochasticTiling:
     cell_tiles: float
     shifts: NDArray[np.float32]
 
-    def looks(self, xy_tiles: FloatArray) -> Looks:
+    def samples(self, xy_tiles: FloatArray) -> TextureSamples:
         """Return of what (N, 2) points are mixed: of the copies at a triangle's corners."""
         x, y = (xy_tiles / self.cell_tiles).T
         skewed = np.column_stack((x - y / np.sqrt(3), y * (2 / np.sqrt(3))))
@@ -122,7 +122,7 @@ class StochasticTiling:
         )
         weights = weights**CRISPNESS
         column, row = np.moveaxis(corners.astype(np.int64) % SHIFTS, -1, 0)
-        return Looks(xy_tiles + self.shifts[row, column], weights / weights.sum(axis=0))
+        return TextureSamples(xy_tiles + self.shifts[row, column], weights / weights.sum(axis=0))
 
 
 Tiling = PlainTiling | VoronoiTiling | StochasticTiling

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from oaisys_core.config.importing.context import Import
+from oaisys_core.config.importing.context import ImportContext
 from oaisys_core.config.importing.document import Json, entries, part, span
 from oaisys_core.config.importing.frames import blender_rotation
 from oaisys_core.config.importing.materials import material, stand_in, texture_labels
@@ -36,7 +36,7 @@ SPACE = {"preset": "plane", "extent_m": 10.0, "resolution_px": 2}
 LARGEST_FIRST = 0.02
 
 
-def stage(document: Json, job: Import) -> tuple[Json, str]:
+def stage(document: Json, job: ImportContext) -> tuple[Json, str]:
     """Return the section ``stage`` and the name of its material."""
     found = entries(document, "ASSET_SETUP", "STAGES")
     if not found:
@@ -57,7 +57,7 @@ def stage(document: Json, job: Import) -> tuple[Json, str]:
     return {"preset": preset, "extent_m": float(params.get("stageSizeX", 200))}, name
 
 
-def _mesh_stage(params: Json, job: Import) -> Json:
+def _mesh_stage(params: Json, job: ImportContext) -> Json:
     if params.get("stageDisplacementActive", True):
         relief_m = abs(float(params.get("stageDisplacementStrength", 10.0)))
         return {"preset": "another_noise", "extent_m": 200.0, "relief_m": relief_m}
@@ -71,7 +71,7 @@ def _mesh_stage(params: Json, job: Import) -> Json:
     return {"mesh": mesh}
 
 
-def assets(document: Json, job: Import, extent_m: float) -> tuple[Json, dict[str, Json]]:
+def assets(document: Json, job: ImportContext, extent_m: float) -> tuple[Json, dict[str, Json]]:
     """Return the section ``assets``, and where those objects are that a rig may look at."""
     groups: list[Json] = []
     objects: list[Json] = []
@@ -94,7 +94,7 @@ def assets(document: Json, job: Import, extent_m: float) -> tuple[Json, dict[str
     return {"rocks": [], "groups": groups, "objects": objects}, targets
 
 
-def _look(params: Json, job: Import, shape: str) -> Json:
+def _look(params: Json, job: ImportContext, shape: str) -> Json:
     path = str(params.get("meshFilePath"))
     file = job.file(path, f"the built-in shape {shape}", lambda made: made.mesh(path, shape))
     if file is None:
@@ -106,12 +106,12 @@ def _look(params: Json, job: Import, shape: str) -> Json:
     return {"file": str(file), **({"object_name": str(name)} if name else {})}
 
 
-def _labels(params: Json, job: Import, name: str) -> Json:
+def _labels(params: Json, job: ImportContext, name: str) -> Json:
     vectors = part(params, "passParams", "semantic_label").get("labelIDVec") or [[]]
     return job.labels([int(value) for value in vectors[0]], name)
 
 
-def _group(name: str, params: Json, job: Import, extent_m: float) -> Json:
+def _group(name: str, params: Json, job: ImportContext, extent_m: float) -> Json:
     density = part(params, "densityMapSettings") if params.get("useDensityMap", True) else {}
     count = density.get("numberInstances") or params.get("numberInstances", [300, 500])
     size_m = float(params.get("defaultSize", 1.0))
@@ -147,7 +147,7 @@ def _attitude(params: Json) -> Json:
     }
 
 
-def _density(settings: Json, job: Import, extent_m: float) -> list[Json]:
+def _density(settings: Json, job: ImportContext, extent_m: float) -> list[Json]:
     kind = settings.get("noiseType", "VORONOI")
     if kind == "BLEND":
         job.warn("a gradient as density map is left out: things are scattered evenly")
@@ -172,7 +172,7 @@ def _cover(settings: Json, power: float) -> float:
     return round(beyond if white[1] >= white[0] else 1 - beyond, 3)
 
 
-def _body(name: str, params: Json, document: Json, job: Import) -> Json:
+def _body(name: str, params: Json, document: Json, job: ImportContext) -> Json:
     has_stage = bool(entries(document, "ASSET_SETUP", "STAGES"))
     found: Json = {"name": name, **_look(params, job, "rounded")}
     labels = _labels(params, job, name)

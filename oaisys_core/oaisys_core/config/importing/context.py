@@ -12,7 +12,7 @@ from oaisys_core.textures.folder import has_color_map
 NO_LABEL = "unlabelled"
 
 
-class Import:
+class ImportContext:
     """One import: where files are found, what they are replaced by, and what labels are called."""
 
     def __init__(

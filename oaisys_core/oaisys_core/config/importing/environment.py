@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from oaisys_core.config.importing.context import Import
+from oaisys_core.config.importing.context import ImportContext
 from oaisys_core.config.importing.document import Json, entries, part, span
 from oaisys_core.config.importing.stand_ins import StandIns
 
@@ -20,7 +20,7 @@ CHOICES = {0: "cycle", 1: "random", 2: "shuffle"}
 MOST_ALTITUDE_M = 60000.0
 
 
-def environment(document: Json, job: Import) -> Json:
+def environment(document: Json, job: ImportContext) -> Json:
     """Return the section ``environment``."""
     general = part(document, "ENVIRONMENT_EFFECTS_SETUP", "GENERAL")
     least, most = (v / BACKGROUND for v in span(general.get("backgroundStrength"), (BACKGROUND,)))
@@ -40,7 +40,7 @@ def environment(document: Json, job: Import) -> Json:
     return found | {"ground_beyond": False}
 
 
-def _sky(params: Json, job: Import, background: float) -> Json:
+def _sky(params: Json, job: ImportContext, background: float) -> Json:
     turn = span(params.get("SunRotation"), (0.0, 360.0))
     sun = [v * SUN_W_M2 * background for v in span(params.get("SunIntensity"), (1.0,))]
     altitude_m = span(params.get("SunAltitude"), (3000.0, 3350.0))
@@ -57,7 +57,7 @@ def _sky(params: Json, job: Import, background: float) -> Json:
     } | _sky_labels(params, job)
 
 
-def _sky_labels(params: Json, job: Import) -> Json:
+def _sky_labels(params: Json, job: ImportContext) -> Json:
     ids = [int(i) for i in part(params, "passParams", "SemanticPass").get("semanticIDVec", [])]
     if not ids:
         return {}
@@ -67,7 +67,7 @@ def _sky_labels(params: Json, job: Import) -> Json:
     return found | ({"sky_levels": labels["levels"]} if "levels" in labels else {})
 
 
-def _hdri(params: Json, job: Import, least: float, most: float) -> Json:
+def _hdri(params: Json, job: ImportContext, least: float, most: float) -> Json:
     images = []
     for entry in params.get("HDRIList", []):
         path = str(entry.get("filePath"))
@@ -86,7 +86,7 @@ def _hdri(params: Json, job: Import, least: float, most: float) -> Json:
     return labels | {"hdri": {"images": images, "choose": choose}}
 
 
-def _image_labels(vector: list[Any], job: Import) -> Json:
+def _image_labels(vector: list[Any], job: ImportContext) -> Json:
     ids = [0 if isinstance(entry, Mapping) else int(entry) for entry in vector]
     found: Json = job.labels(ids, "sky") if ids else {}
     masks = []

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import yaml
 
+from oaisys_core.config.importing.asset_keys import ASSET_RULES
 from oaisys_core.config.importing.assets import assets, stage
-from oaisys_core.config.importing.context import Import
+from oaisys_core.config.importing.context import ImportContext
 from oaisys_core.config.importing.document import (
     Json,
     entries,
@@ -17,36 +19,41 @@ from oaisys_core.config.importing.document import (
     part,
 )
 from oaisys_core.config.importing.environment import environment
-from oaisys_core.config.importing.inventory import Fate, fate_of
+from oaisys_core.config.importing.key_outcomes import KeyOutcome
 from oaisys_core.config.importing.materials import materials
 from oaisys_core.config.importing.sensors import sensors
+from oaisys_core.config.importing.simulation_keys import SIMULATION_RULES
 from oaisys_core.config.importing.stand_ins import StandIns
 from oaisys_core.errors import ConfigError, InvalidInputError
 
 DEVICES = {"CPU": "cpu", "GPU": "auto"}
 """The original's devices; ours takes any kind of GPU where there is one."""
 
-UNKNOWN = Fate("no counterpart", "this key is not known")
+UNKNOWN = KeyOutcome("no counterpart", "this key is not known")
 
 
 @dataclass(frozen=True)
-class Imported:
+class ImportedConfig:
     """What became of an original file.
 
     Attributes:
         config: Our configuration, as plain data.
-        fates: What became of each key that the file has.
+        outcomes: What became of each key that the file has.
         warnings: What was replaced or left out.
     """
 
     config: Json
-    fates: dict[str, Fate]
+    outcomes: dict[str, KeyOutcome]
     warnings: tuple[str, ...]
 
     def notes(self) -> list[str]:
         """Return a line for each key that is not mapped, and for each warning."""
-        unmapped = {path: fate for path, fate in self.fates.items() if fate.kind != "mapped"}
-        keys = [f"{path}: {fate.kind}: {fate.text}" for path, fate in sorted(unmapped.items())]
+        unmapped = {
+            path: outcome for path, outcome in self.outcomes.items() if outcome.kind != "mapped"
+        }
+        keys = [
+            f"{path}: {outcome.kind}: {outcome.text}" for path, outcome in sorted(unmapped.items())
+        ]
         return [*keys, *(f"warning: {text}" for text in self.warnings)]
 
     def text(self, source: str) -> str:
@@ -63,7 +70,7 @@ def import_file(
     *,
     strict: bool = False,
     stand_ins: Path | None = None,
-) -> Imported:
+) -> ImportedConfig:
     """Return our configuration for an original JSON file.
 
     Args:
@@ -78,14 +85,14 @@ def import_file(
         ConfigError: The file cannot be used, or strictly not.
     """
     document = load_document(path)
-    fates = {key: fate_of(key) or UNKNOWN for key in key_paths(document)}
-    unknown = sorted(key for key, fate in fates.items() if fate is UNKNOWN)
+    outcomes = {key: outcome_of(key) or UNKNOWN for key in key_paths(document)}
+    unknown = sorted(key for key, outcome in outcomes.items() if outcome is UNKNOWN)
     if strict and unknown:
         raise ConfigError("\n".join(f"{path}: {key}: unknown key" for key in unknown))
     if strict and stand_ins is not None:
         raise InvalidInputError("--stand-ins", str(stand_ins), "none with --strict")
     made = None if stand_ins is None else StandIns(stand_ins)
-    job = Import(assets_folder, out, is_strict=strict, stand_ins=made)
+    job = ImportContext(assets_folder, out, is_strict=strict, stand_ins=made)
     try:
         config = _converted(document, job)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
@@ -94,7 +101,15 @@ def import_file(
         faults = dict.fromkeys(job.missing)
         raise ConfigError("\n".join(_missing(path, fault, assets_folder) for fault in faults))
     job.rename_shared(config)
-    return Imported(config, fates, tuple(job.warnings))
+    return ImportedConfig(config, outcomes, tuple(job.warnings))
+
+
+def outcome_of(path: str) -> KeyOutcome | None:
+    """Return what becomes of a key, given by its dotted path; None if the key is unknown."""
+    for patterns, outcome in (*SIMULATION_RULES, *ASSET_RULES):
+        if any(path == pattern or fnmatchcase(path, pattern) for pattern in patterns):
+            return outcome
+    return None
 
 
 def _missing(path: Path, fault: str, assets_folder: Path | None) -> str:
@@ -103,7 +118,7 @@ def _missing(path: Path, fault: str, assets_folder: Path | None) -> str:
     return f"{path}: {fault}, expected it below {assets_folder} (--assets)"
 
 
-def _converted(document: Json, job: Import) -> Json:
+def _converted(document: Json, job: ImportContext) -> Json:
     ground, material_name = stage(document, job)
     extent_m = float(ground.get("extent_m", 200.0))
     # The sky first: its label has a fixed name.
@@ -121,7 +136,7 @@ def _converted(document: Json, job: Import) -> Json:
     }
 
 
-def _render(document: Json, job: Import) -> Json:
+def _render(document: Json, job: ImportContext) -> Json:
     found: Json = {}
     device = part(document, "RENDER_SETUP", "GENERAL").get("renderDevice")
     if device in DEVICES:

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from oaisys_core.config.importing.context import Import
+from oaisys_core.config.importing.context import ImportContext
 from oaisys_core.config.importing.document import Json, entries, part, span
 from oaisys_core.config.importing.stand_ins import StandIns
 
@@ -39,7 +39,7 @@ def material(document: Json, name: str) -> Json:
     return part(named[0], "materialParams") if named else {}
 
 
-def materials(document: Json, job: Import, name: str, extent_m: float) -> Json:
+def materials(document: Json, job: ImportContext, name: str, extent_m: float) -> Json:
     """Return the section ``materials`` of a stage with that material."""
     params = material(document, name)
     general = part(params, "general")
@@ -75,7 +75,7 @@ def stand_in(name: str) -> str:
     return next((ours for word, ours in STAND_INS.items() if word in name.lower()), NO_STAND_IN)
 
 
-def texture_labels(entry: Json, job: Import, name: str) -> tuple[Json, Json | None]:
+def texture_labels(entry: Json, job: ImportContext, name: str) -> tuple[Json, Json | None]:
     """Return the labels of a texture, and what tells labels within it, if anything does."""
     vectors = part(entry, "passParams", "semantic_label").get("labelIDVec") or [[]]
     vector: list[Any] = list(vectors[0])
@@ -112,7 +112,7 @@ def _count(general: Json) -> list[int]:
     return [min(least, most), most]
 
 
-def _layer(entry: Json, general: Json, job: Import, extent_m: float) -> Json:
+def _layer(entry: Json, general: Json, job: ImportContext, extent_m: float) -> Json:
     entry = _with_template(entry, job)
     path = PurePosixPath(str(entry.get("path") or entry.get("templatePath", "texture")))
     folder_name = str(path.parent if path.suffix else path)
@@ -139,7 +139,7 @@ def _layer(entry: Json, general: Json, job: Import, extent_m: float) -> Json:
     return layer | ({"labels_from": image} if image else {})
 
 
-def _with_template(entry: Json, job: Import) -> Json:
+def _with_template(entry: Json, job: ImportContext) -> Json:
     """Return a texture's keys on top of those of the template file that it names."""
     name = entry.get("templatePath")
     if name is None:

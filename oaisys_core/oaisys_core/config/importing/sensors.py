@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from oaisys_core.config.importing.context import Import
+from oaisys_core.config.importing.context import ImportContext
 from oaisys_core.config.importing.document import Json, entries, part, span
 from oaisys_core.config.importing.frames import (
     BODY_FROM_TRACKING,
@@ -23,7 +23,7 @@ DOWN_YAW_DEG = -90.0
 """At angles of 0 the original's base looks down with the image's upper edge towards -y."""
 
 
-def sensors(document: Json, job: Import, targets: dict[str, Json]) -> Json:
+def sensors(document: Json, job: ImportContext, targets: dict[str, Json]) -> Json:
     """Return the section ``sensors``.
 
     Args:
@@ -111,7 +111,7 @@ def _modalities(params: Json, levels: int, passes: set[Any]) -> list[str]:
     return found or ["rgb"]
 
 
-def _motion(general: Json, document: Json, job: Import, targets: dict[str, Json]) -> Json:
+def _motion(general: Json, document: Json, job: ImportContext, targets: dict[str, Json]) -> Json:
     kind = general.get("sensorMovementType", "randomEuclideanTarget")
     shared: Json = {"step_interval": int(general.get("stepInterval", 1))}
     if kind == "centeredTarget":
@@ -152,7 +152,7 @@ def _box(general: Json, what: str) -> list[list[float]]:
     return [span(pair) for pair in zip(low, high, strict=True)]
 
 
-def _around(general: Json, document: Json, job: Import, targets: dict[str, Json]) -> Json:
+def _around(general: Json, document: Json, job: ImportContext, targets: dict[str, Json]) -> Json:
     name = str(general.get("targetObject", ""))
     target = targets.get(name) or next(iter(targets.values()), None)
     if target is None:
@@ -178,7 +178,7 @@ def _around(general: Json, document: Json, job: Import, targets: dict[str, Json]
     return found
 
 
-def _from_file(general: Json, job: Import) -> Json:
+def _from_file(general: Json, job: ImportContext) -> Json:
     name = str(general.get("sensorMovementPose", "poses.csv"))
     source = job.file(name, "a rig that hovers over the stage")
     if source is None:

@@ -11,9 +11,17 @@ from typing import Annotated, Any, Literal
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, model_validator
 
 from oaisys_core.config.paths import ConfigFile, ConfigFolder
-from oaisys_core.config.section import MAX_LEVELS, LabelConfig, Labelled, Range, Section, SemanticId
+from oaisys_core.config.section import (
+    MAX_LEVELS,
+    LabelConfig,
+    Labelled,
+    NotNegative,
+    Range,
+    Section,
+    SemanticId,
+    Within,
+)
 from oaisys_core.config.sections.materials import LabelImageConfig
-from oaisys_core.config.sections.ranges import NotNegative, Within
 from oaisys_core.sky import SkyModel
 
 Density = Annotated[Range, Within(0.0, 10.0)]

@@ -1,4 +1,4 @@
-"""Things with a shape and a place: built in or from a file, standing or moving.
+"""Objects with a shape and a place: built in or from a file, standing or moving.
 
 Lengths are metres, angles degrees (a person types them).
 """
@@ -62,7 +62,7 @@ class ShapedConfig(Labelled):
         return self
 
 
-class StandingConfig(ShapedConfig):
+class PlacedObjectConfig(ShapedConfig):
     """Something that stands at a place of its own.
 
     Attributes:
@@ -81,7 +81,7 @@ class StandingConfig(ShapedConfig):
     _unit = field_validator("quat_xyzw")(unit_quaternion)
 
 
-class ObjectConfig(StandingConfig):
+class ObjectConfig(PlacedObjectConfig):
     """Something at a fixed place.
 
     Attributes:

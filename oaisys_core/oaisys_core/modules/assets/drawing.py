@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 from oaisys_core import geometry, randomness
 from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, RockGroupConfig
 from oaisys_core.config.sections.groups import MOST_INSTANCES, GroupConfig
-from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, StandingConfig
+from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, PlacedObjectConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.modules.assets.ids import IdPlan
-from oaisys_core.modules.assets.looks import Looks
+from oaisys_core.modules.assets.ids import InstanceIdPlan
 from oaisys_core.modules.assets.metadata import AssetMetadata
+from oaisys_core.modules.assets.prototypes import PrototypeLibrary
 from oaisys_core.scatter.groups import scatter_group
-from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, Block
+from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, IdBlock
 from oaisys_core.scatter.placement import scatter_on
 from oaisys_core.scatter.rocks import make_rock
-from oaisys_core.scatter.stance import build_of, pose_on_ground
+from oaisys_core.scatter.stance import footprint_of, pose_on_ground
 from oaisys_core.scatter.trajectories import Trajectory, make_trajectory
 from oaisys_core.scene import Ground, MeshPrototype, PbrMaps, Placement, Primitive
 from oaisys_core.types import FloatArray, Pose
@@ -30,7 +30,7 @@ LARGE_ROCK_M = 1.3
 
 
 @dataclass(frozen=True)
-class Standing:
+class AssetPlacement:
     """Placements that belong together.
 
     Attributes:
@@ -48,7 +48,7 @@ class Mover:
     """What moves one of the placements.
 
     Attributes:
-        index: Into `Drawn.standing`.
+        index: Into `DrawnAssets.standing`.
         foot_m: Radius of its foot where it stands on the ground, None where it does not.
     """
 
@@ -67,7 +67,7 @@ class Mover:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnAssets:
     """All that a batch has drawn.
 
     Attributes:
@@ -75,7 +75,7 @@ class Drawn:
     """
 
     prototypes: tuple[MeshPrototype, ...]
-    standing: tuple[Standing, ...]
+    standing: tuple[AssetPlacement, ...]
     primitives: tuple[Primitive, ...]
     movers: tuple[Mover, ...]
     first_prototype: dict[str, int]
@@ -95,25 +95,25 @@ class Drawn:
         return {primitive.instance_id for primitive in self.primitives}
 
 
-class Drawing:
+class AssetGenerator:
     """Draws the things of one batch, part by part."""
 
     def __init__(
         self,
         config: AssetsConfig,
-        looks: Looks,
-        plan: IdPlan,
+        library: PrototypeLibrary,
+        plan: InstanceIdPlan,
         ground: Ground,
         rng: np.random.Generator,
     ) -> None:
-        self._config, self._looks, self._plan = config, looks, plan
+        self._config, self._library, self._plan = config, library, plan
         self._ground, self._rng = ground, rng
         self._prototypes: list[MeshPrototype] = []
-        self._standing: list[Standing] = []
+        self._standing: list[AssetPlacement] = []
         self._movers: list[Mover] = []
         self._first: dict[str, int] = {}
 
-    def draw(self, metadata: AssetMetadata) -> Drawn:
+    def draw(self, metadata: AssetMetadata) -> DrawnAssets:
         """Return everything that stands on the ground.
 
         Raises:
@@ -132,7 +132,7 @@ class Drawing:
             self._add_object(thing, FIRST_OBJECT_ID + index)
         for index, mover in enumerate(self._config.movers):
             self._add_mover(mover, FIRST_MOVER_ID + index)
-        return Drawn(
+        return DrawnAssets(
             tuple(self._prototypes),
             tuple(self._standing),
             primitives,
@@ -143,7 +143,7 @@ class Drawing:
     def _draw_rocks(self, factor: float) -> int:
         """Draw the rocks, one after the other from one stream; return how many there are."""
         number = 0
-        maps = self._looks.rock_maps() if self._config.rocks else None
+        maps = self._library.rock_maps() if self._config.rocks else None
         for group in self._config.rocks:
             shapes = _rock_shapes(group, maps, self._rng)
             T_map_object = _rock_poses(group, factor, self._ground, shapes, self._rng)
@@ -153,9 +153,9 @@ class Drawing:
             self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids)
         return number
 
-    def _draw_group(self, group: GroupConfig, block: Block, factor: float) -> None:
+    def _draw_group(self, group: GroupConfig, block: IdBlock, factor: float) -> None:
         rng = randomness.child(self._rng, f"group/{group.name}")
-        shapes = self._looks.group_prototypes(group, randomness.child(rng, "forms"))
+        shapes = self._library.group_prototypes(group, randomness.child(rng, "forms"))
         count = 0
         if randomness.child(rng, "presence").uniform() < group.probability:
             drawn = int(randomness.child(rng, "count").integers(*group.count, endpoint=True))
@@ -181,18 +181,18 @@ class Drawing:
                 len(self._prototypes) + variant, semantic_ids, T_map_object[chosen], ids[chosen]
             )
             hidden = group is not None and group.hidden
-            self._standing.append(Standing(placement, group.name if group else "", hidden))
+            self._standing.append(AssetPlacement(placement, group.name if group else "", hidden))
         self._prototypes.extend(shapes)
 
     def _add_object(self, thing: ObjectConfig, instance_id: int) -> None:
         rng = randomness.child(self._rng, f"object/{thing.name}")
         T_map_object = standing_pose(thing, self._ground, f"assets.objects.{thing.name}")
-        self._add_single(self._looks.prototype(thing, rng), thing, T_map_object, instance_id)
+        self._add_single(self._library.prototype(thing, rng), thing, T_map_object, instance_id)
 
     def _add_mover(self, mover: MoverConfig, instance_id: int) -> None:
         rng = randomness.child(self._rng, f"mover/{mover.name}")
-        look = self._looks.prototype(mover, rng)
-        foot_m = build_of(look).foot_m * mover.scale if mover.on_ground else None
+        look = self._library.prototype(mover, rng)
+        foot_m = footprint_of(look).foot_m * mover.scale if mover.on_ground else None
         moves = Mover(len(self._standing), make_trajectory(mover.trajectory), mover.scale, foot_m)
         self._movers.append(moves)
         T_map_object = moves.pose_at(0, self._ground)
@@ -211,7 +211,7 @@ class Drawing:
         self._prototypes.append(look)
         placement = single(index, config.semantic_ids, T_map_object, instance_id)
         self._standing.append(
-            Standing(replace(placement, is_moving=is_moving), hidden=config.hidden)
+            AssetPlacement(replace(placement, is_moving=is_moving), hidden=config.hidden)
         )
 
 
@@ -230,7 +230,7 @@ def scaled(T_map_object: FloatArray, scale: float) -> FloatArray:
     return T
 
 
-def standing_pose(config: StandingConfig, ground: Ground, field: str) -> FloatArray:
+def standing_pose(config: PlacedObjectConfig, ground: Ground, field: str) -> FloatArray:
     """Return the (4, 4) pose, scaled, of a thing at a fixed place; ``field`` is for errors.
 
     Raises:

@@ -7,17 +7,19 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from oaisys_core import randomness
 from oaisys_core.config.section import Labelled
 from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.interruption import stop_if_unwanted
-from oaisys_core.module import World, drawn
-from oaisys_core.modules.assets.drawing import Drawn, Standing, single, standing_pose
-from oaisys_core.modules.assets.looks import Looks
+from oaisys_core.module import World, require
+from oaisys_core.modules.assets.drawing import AssetPlacement, DrawnAssets, single, standing_pose
+from oaisys_core.modules.assets.edit_functions import (
+    changed_placement,
+    changed_primitives,
+    shown,
+)
 from oaisys_core.modules.assets.metadata import (
     PART,
     AddedConfig,
@@ -25,10 +27,10 @@ from oaisys_core.modules.assets.metadata import (
     GroupEdit,
     ObjectEdit,
 )
+from oaisys_core.modules.assets.prototypes import PrototypeLibrary
 from oaisys_core.modules.clearance import MOST_EXTENTS
 from oaisys_core.scatter.ids import added_id
-from oaisys_core.scene import Ground, MeshPrototype, Placement, Primitive
-from oaisys_core.types import FloatArray
+from oaisys_core.scene import Ground, MeshPrototype, Placement
 
 T = TypeVar("T")
 
@@ -40,7 +42,7 @@ Changed = tuple[Hashable, Placement, Placement]
 
 
 @dataclass
-class Memory:
+class EditCache:
     """What was made of a batch's things so far, so that what stays as it is stays the same object.
 
     Attributes:
@@ -52,14 +54,14 @@ class Memory:
         edits: Those that the primitives have now.
     """
 
-    standing: list[Standing]
+    standing: list[AssetPlacement]
     prototypes: list[MeshPrototype]
     shared: dict[Hashable, int] = field(default_factory=dict)
     changed: dict[object, Changed] = field(default_factory=dict)
     own_labels: set[int] = field(default_factory=set)
     edits: dict[int, ObjectEdit] | None = None
 
-    def copy(self) -> Memory:
+    def copy(self) -> EditCache:
         """Return an equal one that can be changed by itself."""
         return replace(
             self,
@@ -81,18 +83,18 @@ class EditedAssets:
 
     def __init__(
         self,
-        things: Drawn,
+        things: DrawnAssets,
         world: World,
-        looks: Looks,
+        library: PrototypeLibrary,
         rng: np.random.Generator,
-        memory: Memory | None = None,
+        cache: EditCache | None = None,
     ) -> None:
-        self._drawn, self._world, self._looks, self._rng = things, world, looks, rng
-        self._memory = memory or Memory(list(things.standing), list(things.prototypes))
+        self._drawn, self._world, self._library, self._rng = things, world, library, rng
+        self._cache = cache or EditCache(list(things.standing), list(things.prototypes))
 
     def in_world(self, world: World) -> EditedAssets:
         """Return the same things in another world; what is changed there is not changed here."""
-        return EditedAssets(self._drawn, world, self._looks, self._rng, self._memory.copy())
+        return EditedAssets(self._drawn, world, self._library, self._rng, self._cache.copy())
 
     def check(self, metadata: AssetMetadata) -> None:
         """Refuse changes to what is not there, and additions that do not fit in.
@@ -109,7 +111,7 @@ class EditedAssets:
         labels = {
             semantic_id: label
             for semantic_id, label in self._world.semantic_labels.items()
-            if semantic_id not in self._memory.own_labels
+            if semantic_id not in self._cache.own_labels
         }
         check_labels(metadata, labels)
         for name, spec in metadata.added.items():
@@ -118,7 +120,7 @@ class EditedAssets:
     @property
     def groups(self) -> list[str]:
         """Name of each placement's group, or empty, in the order of the world's; none of added."""
-        return [each.group for each in self._memory.standing]
+        return [each.group for each in self._cache.standing]
 
     def _check_reach(self, metadata: AssetMetadata) -> None:
         """Refuse places that are farther away than a camera may be."""
@@ -143,29 +145,29 @@ class EditedAssets:
         edits = self._edits_by_placement(metadata)
         placements = [
             self._edited(index, each, metadata.group(each.group), edits.get(index, ()))
-            for index, each in enumerate(self._memory.standing)
+            for index, each in enumerate(self._cache.standing)
         ]
         placements += [self._added(name, spec) for name, spec in metadata.added.items()]
         world.placements = _kept(world.placements, placements)
         edits_of_all = metadata.object_edits
-        if edits_of_all != self._memory.edits:
+        if edits_of_all != self._cache.edits:
             world.primitives = changed_primitives(self._drawn.primitives, edits_of_all)
-            self._memory.edits = edits_of_all
-        world.prototypes = _kept(world.prototypes, self._memory.prototypes)
+            self._cache.edits = edits_of_all
+        world.prototypes = _kept(world.prototypes, self._cache.prototypes)
         self._label(metadata)
 
     @property
     def _ground(self) -> Ground:
-        return drawn(self._world.ground)
+        return require(self._world.ground)
 
     def _move(self, sample_id: int) -> None:
         """Put the movers where they are at a sample; one that rests stays the same object."""
         for mover in self._drawn.movers:
-            each = self._memory.standing[mover.index]
+            each = self._cache.standing[mover.index]
             T_map_object = mover.pose_at(sample_id, self._ground)[None]
             if not np.array_equal(T_map_object, each.placement.T_map_object):
                 moved = replace(each.placement, T_map_object=T_map_object)
-                self._memory.standing[mover.index] = replace(each, placement=moved)
+                self._cache.standing[mover.index] = replace(each, placement=moved)
 
     def _edits_by_placement(
         self, metadata: AssetMetadata
@@ -181,27 +183,27 @@ class EditedAssets:
     def _edited(
         self,
         index: int,
-        each: Standing,
+        each: AssetPlacement,
         group: GroupEdit,
         edits: Sequence[tuple[int, ObjectEdit]],
     ) -> Placement:
         change = (group.scale, group.hidden, *edits)
         if change == (1.0, None) and not each.hidden:
             return each.placement
-        known = self._memory.changed.get(index)
+        known = self._cache.changed.get(index)
         if known is None or known[0] != change or known[1] is not each.placement:
             known = (change, each.placement, changed_placement(each, group, edits))
-            self._memory.changed[index] = known
+            self._cache.changed[index] = known
         return known[2]
 
     def _added(self, name: str, spec: AddedConfig) -> Placement:
-        known = self._memory.changed.get(name)
+        known = self._cache.changed.get(name)
         if known is None or known[0] != spec:
             prototype = self._prototype_of(name, spec)
             T_map_object = standing_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
             placement = single(prototype, spec.semantic_ids, T_map_object, added_id(name))
-            shown = _shown(placement, np.array([not spec.hidden]))
-            known = self._memory.changed[name] = (spec, placement, shown)
+            visible = shown(placement, np.array([not spec.hidden]))
+            known = self._cache.changed[name] = (spec, placement, visible)
         return known[2]
 
     def _prototype_of(self, name: str, spec: AddedConfig) -> int:
@@ -210,24 +212,24 @@ class EditedAssets:
             return self._drawn.first_prototype[spec.prototype]
         look = spec.model_dump_json(include=set(ShapedConfig.model_fields) - LABELS)
         key = (name if spec.file is None else "", look)
-        if key not in self._memory.shared:
+        if key not in self._cache.shared:
             stop_if_unwanted()
             rng = randomness.child(self._rng, f"add/{name}")
-            self._memory.shared[key] = len(self._memory.prototypes)
-            self._memory.prototypes.append(self._looks.prototype(spec, rng))
-        return self._memory.shared[key]
+            self._cache.shared[key] = len(self._cache.prototypes)
+            self._cache.prototypes.append(self._library.prototype(spec, rng))
+        return self._cache.shared[key]
 
     def _label(self, metadata: AssetMetadata) -> None:
         """Name the ids of what is added; forget those of what is gone."""
         labels = self._world.semantic_labels
         wanted = {k: v for spec in metadata.added.values() for k, v in spec.labels.items()}
-        for semantic_id in self._memory.own_labels - wanted.keys():
+        for semantic_id in self._cache.own_labels - wanted.keys():
             del labels[semantic_id]
-        self._memory.own_labels &= wanted.keys()
+        self._cache.own_labels &= wanted.keys()
         for semantic_id, label in wanted.items():
-            if semantic_id in self._memory.own_labels or semantic_id not in labels:
+            if semantic_id in self._cache.own_labels or semantic_id not in labels:
                 labels[semantic_id] = label
-                self._memory.own_labels.add(semantic_id)
+                self._cache.own_labels.add(semantic_id)
 
 
 def check_labels(metadata: AssetMetadata, labels: Mapping[int, str]) -> None:
@@ -243,64 +245,6 @@ def check_labels(metadata: AssetMetadata, labels: Mapping[int, str]) -> None:
             if known != label:
                 path = f"metadata.{PART}.add.{name}.label"
                 raise InvalidInputError(path, label, f"{known!r}, the name of {semantic_id}")
-
-
-def changed_placement(
-    each: Standing, group: GroupEdit, edits: Sequence[tuple[int, ObjectEdit]]
-) -> Placement:
-    """Return a placement after changes to its group and to single things of it."""
-    placement = each.placement
-    T_map_object = placement.T_map_object.copy()
-    T_map_object[:, :3, :3] *= group.scale
-    hidden = each.hidden if group.hidden is None else group.hidden
-    is_shown = np.full(len(T_map_object), not hidden)
-    row_of = {instance_id: row for row, instance_id in enumerate(placement.instance_ids.tolist())}
-    for instance_id, edit in edits:
-        row = row_of[instance_id]
-        T_map_object[row] = edited_pose(T_map_object[row], edit)
-        if edit.hidden is not None:
-            is_shown[row] = not edit.hidden
-    return _shown(replace(placement, T_map_object=T_map_object), is_shown)
-
-
-def edited_pose(T_map_object: FloatArray, edit: ObjectEdit) -> FloatArray:
-    """Return a (4, 4) pose, rotation times uniform scale, after a change to the thing."""
-    T = T_map_object.copy()
-    if edit.position_m is not None:
-        T[:3, 3] = edit.position_m
-    if edit.quat_xyzw is not None:
-        size = float(np.linalg.norm(T[:3, 0]))
-        T[:3, :3] = size * Rotation.from_quat(edit.quat_xyzw).as_matrix()
-    T[:3, :3] *= edit.scale
-    return T
-
-
-def changed_primitives(
-    primitives: tuple[Primitive, ...], edits: Mapping[int, ObjectEdit]
-) -> tuple[Primitive, ...]:
-    """Return exact solids after changes, the hidden ones left out; without any, as they were."""
-    if not any(primitive.instance_id in edits for primitive in primitives):
-        return primitives
-    result = []
-    for primitive in primitives:
-        edit = edits.get(primitive.instance_id)
-        if edit is None:
-            result.append(primitive)
-        elif not edit.hidden:
-            pose = edited_pose(primitive.T_map_object, edit.model_copy(update={"scale": 1.0}))
-            a, b, c = (size_m * edit.scale for size_m in primitive.size_m)
-            result.append(replace(primitive, T_map_object=pose, size_m=(a, b, c)))
-    return tuple(result)
-
-
-def _shown(placement: Placement, is_shown: NDArray[np.bool_]) -> Placement:
-    if is_shown.all():
-        return placement
-    return replace(
-        placement,
-        T_map_object=placement.T_map_object[is_shown],
-        instance_ids=placement.instance_ids[is_shown],
-    )
 
 
 def _kept(old: tuple[T, ...], new: Sequence[T]) -> tuple[T, ...]:

@@ -11,7 +11,7 @@ from oaisys_core.scatter.ids import (
 )
 
 
-class IdPlan:
+class InstanceIdPlan:
     """Which instance ids a configuration gives to what, however many there will be."""
 
     def __init__(self, config: AssetsConfig) -> None:

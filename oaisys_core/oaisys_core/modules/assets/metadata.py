@@ -9,7 +9,12 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from oaisys_core.config.expectations import refusal
 from oaisys_core.config.section import Position, Scale, Section
-from oaisys_core.config.sections.objects import Name, Quaternion, StandingConfig, unit_quaternion
+from oaisys_core.config.sections.objects import (
+    Name,
+    PlacedObjectConfig,
+    Quaternion,
+    unit_quaternion,
+)
 from oaisys_core.types import merged
 
 PART = "asset"
@@ -51,7 +56,7 @@ class ObjectEdit(Section):
         return None if value is None else unit_quaternion(value)
 
 
-class AddedConfig(StandingConfig):
+class AddedConfig(PlacedObjectConfig):
     """Something that is added to a world.
 
     Attributes:

@@ -12,13 +12,19 @@ from oaisys_core.config.sections.assets import AssetsConfig
 from oaisys_core.config.sections.groups import MOST_INSTANCES
 from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of
-from oaisys_core.module import Metadata, Module, World, drawn
-from oaisys_core.modules.assets.drawing import Drawing, Drawn
+from oaisys_core.module import Metadata, Module, World, require
+from oaisys_core.modules.assets.drawing import AssetGenerator, DrawnAssets
 from oaisys_core.modules.assets.edits import EditedAssets, check_labels
-from oaisys_core.modules.assets.ids import IdPlan
-from oaisys_core.modules.assets.looks import Looks
+from oaisys_core.modules.assets.ids import InstanceIdPlan
 from oaisys_core.modules.assets.metadata import PART, AssetMetadata, asset_metadata
-from oaisys_core.modules.assets.object_list import Things, box_of, check_query, page_of, solid
+from oaisys_core.modules.assets.object_list import (
+    ObjectInstances,
+    box_of,
+    check_query,
+    page_of,
+    solid,
+)
+from oaisys_core.modules.assets.prototypes import PrototypeLibrary
 from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, added_id
 from oaisys_core.scatter.rocks import ROCK_KINDS
 from oaisys_core.scene import Ground
@@ -34,19 +40,21 @@ class AssetsModule(Module):
 
     def __init__(self, config: AssetsConfig, texture_size_px: int, texture_seed: int) -> None:
         self._config = config
-        self._plan = IdPlan(config)
-        self._looks = Looks(config.rock_texture, config.rock_tile_m, texture_size_px, texture_seed)
+        self._plan = InstanceIdPlan(config)
+        self._library = PrototypeLibrary(
+            config.rock_texture, config.rock_tile_m, texture_size_px, texture_seed
+        )
         faults = [str(fault) for fault in self._faults()]
         if faults:
             raise ConfigError("\n".join(faults))
         self._metadata: Mapping[str, Any] = {}
         self._edited: EditedAssets | None = None
-        self._last: _Last | None = None
+        self._last: _PreviousDraw | None = None
 
     def setup(self) -> None:
         """Load or make the rocks' texture set."""
         if self._config.rocks:
-            self._looks.rock_maps()
+            self._library.rock_maps()
 
     def check(self, metadata: Metadata) -> None:
         """Refuse unknown keys, values out of range, and ids that no batch has."""
@@ -68,24 +76,24 @@ class AssetsModule(Module):
         checked = asset_metadata(self._metadata, metadata)
         self._check_groups(checked)
         self._check_added(checked)
-        drawn(self._edited).check(checked)
+        require(self._edited).check(checked)
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Replace all objects of the world; changes to ids that it has not are passed over."""
         checked = asset_metadata({}, metadata)
-        things = self._drawn(drawn(world.ground), checked, rng)
+        things = self._drawn(require(world.ground), checked, rng)
         world.primitives = things.primitives
         for thing in self._config.labelled:
             world.semantic_labels.update(thing.labels)
         self._metadata = merged({}, metadata)
-        self._edited = EditedAssets(things, world, self._looks, rng)
+        self._edited = EditedAssets(things, world, self._library, rng)
         self._edited.apply(checked)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Move what moves by itself, and change what the metadata says from here on."""
         self._metadata = merged(self._metadata, metadata)
         # A sample that fails brings the old module back, so what it holds must not change.
-        self._edited = drawn(self._edited).in_world(world)
+        self._edited = require(self._edited).in_world(world)
         self._edited.apply(asset_metadata({}, self._metadata))
 
     def listed(self, world: World, metadata: Metadata, query: ObjectQuery) -> ObjectPage:
@@ -97,14 +105,14 @@ class AssetsModule(Module):
         check_query(query)
         self.check_sample(metadata)
         later = replace(world, semantic_labels=dict(world.semantic_labels))
-        edited = drawn(self._edited).in_world(later)
+        edited = require(self._edited).in_world(later)
         checked = asset_metadata(self._metadata, metadata)
         edited.apply(checked)
         return page_of(self._things(later, edited, checked), later.semantic_labels, query)
 
     def _things(
         self, world: World, edited: EditedAssets, metadata: AssetMetadata
-    ) -> Iterable[Things]:
+    ) -> Iterable[ObjectInstances]:
         """Yield the things of a world, look by look."""
         yield from map(solid, world.primitives)
         names = {FIRST_OBJECT_ID + i: each.name for i, each in enumerate(self._config.objects)}
@@ -119,7 +127,7 @@ class AssetsModule(Module):
             if index < len(groups):
                 kind = self._plan.kind_of(int(placement.instance_ids[0]))
                 group = prototype.name if kind == "rock" else groups[index]
-            yield Things(
+            yield ObjectInstances(
                 kind,
                 group,
                 placement.semantic_ids[0],
@@ -129,15 +137,17 @@ class AssetsModule(Module):
                 names,
             )
 
-    def _drawn(self, ground: Ground, metadata: AssetMetadata, rng: np.random.Generator) -> Drawn:
+    def _drawn(
+        self, ground: Ground, metadata: AssetMetadata, rng: np.random.Generator
+    ) -> DrawnAssets:
         """Draw all things, or return those of the last batch where they would be the same."""
         before = rng.bit_generator.state
         last = self._last
         if last and last.ground is ground and (last.metadata, last.before) == (metadata, before):
             rng.bit_generator.state = last.after
             return last.things
-        things = Drawing(self._config, self._looks, self._plan, ground, rng).draw(metadata)
-        self._last = _Last(ground, metadata, before, rng.bit_generator.state, things)
+        things = AssetGenerator(self._config, self._library, self._plan, ground, rng).draw(metadata)
+        self._last = _PreviousDraw(ground, metadata, before, rng.bit_generator.state, things)
         return things
 
     def _faults(self) -> Iterable[InvalidInputError]:
@@ -152,7 +162,7 @@ class AssetsModule(Module):
             yield InvalidInputError("assets.rock_texture", rock_texture, expected)
         for field, thing in self._shaped():
             try:
-                self._looks.check(thing, field)
+                self._library.check(thing, field)
             except InvalidInputError as error:
                 yield error
 
@@ -179,7 +189,7 @@ class AssetsModule(Module):
         ids: dict[int, str] = {}
         for name, spec in metadata.added.items():
             path = f"metadata.{PART}.add.{name}"
-            self._looks.check(spec, path)
+            self._library.check(spec, path)
             if spec.prototype is not None and spec.prototype not in names:
                 known = ", ".join(sorted(names)) or "none is configured"
                 expected = f"the name of a group, object or mover ({known})"
@@ -189,14 +199,14 @@ class AssetsModule(Module):
                 raise InvalidInputError(path, name, f"a name whose id is not that of {other!r}")
 
 
-class _Last(NamedTuple):
+class _PreviousDraw(NamedTuple):
     """What a batch has drawn, from what, and the generator's states before and after."""
 
     ground: Ground
     metadata: AssetMetadata
     before: Mapping[str, Any]
     after: Mapping[str, Any]
-    things: Drawn
+    things: DrawnAssets
 
 
 def _refuse_counts(metadata: Mapping[str, Any]) -> None:

@@ -19,7 +19,7 @@ metadata has added."""
 
 
 @dataclass(frozen=True)
-class Things:
+class ObjectInstances:
     """Things of one look.
 
     Attributes:
@@ -52,10 +52,10 @@ def box_of(prototype: MeshPrototype) -> tuple[FloatArray, FloatArray]:
     return vertices.min(axis=0), vertices.max(axis=0)
 
 
-def solid(primitive: Primitive) -> Things:
+def solid(primitive: Primitive) -> ObjectInstances:
     """Return an exact solid."""
     half_m = np.asarray(primitive.size_m) * (1.0 if primitive.shape == "sphere" else 0.5)
-    return Things(
+    return ObjectInstances(
         "solid",
         primitive.shape,
         primitive.semantic_ids[0],
@@ -82,7 +82,9 @@ def check_query(query: ObjectQuery) -> None:
             raise InvalidInputError(name, list(corner), "x, y and z")
 
 
-def page_of(things: Iterable[Things], labels: Mapping[int, str], query: ObjectQuery) -> ObjectPage:
+def page_of(
+    things: Iterable[ObjectInstances], labels: Mapping[int, str], query: ObjectQuery
+) -> ObjectPage:
     """Return those that the query asks for, in the order of their instance ids.
 
     Args:
@@ -103,7 +105,7 @@ def page_of(things: Iterable[Things], labels: Mapping[int, str], query: ObjectQu
     return ObjectPage(tuple(objects), len(ids), objects[-1].instance_id if more else 0)
 
 
-def _passes(each: Things, query: ObjectQuery) -> NDArray[np.bool_]:
+def _passes(each: ObjectInstances, query: ObjectQuery) -> NDArray[np.bool_]:
     """Return which of the things a query lets through, (N,)."""
     count = len(each.instance_ids)
     if (query.kinds and each.kind not in query.kinds) or (
@@ -123,7 +125,7 @@ def _passes(each: Things, query: ObjectQuery) -> NDArray[np.bool_]:
     return passes
 
 
-def _ids_of_names(each: Things, names: Iterable[str]) -> NDArray[np.int64]:
+def _ids_of_names(each: ObjectInstances, names: Iterable[str]) -> NDArray[np.int64]:
     """Return the ids of those things that have one of the names."""
     wanted = set(names)
     numbers = (name.rpartition("_")[2] for name in wanted)
@@ -132,7 +134,7 @@ def _ids_of_names(each: Things, names: Iterable[str]) -> NDArray[np.int64]:
     return np.array([i for i in sorted(candidates) if each.name_of(i) in wanted], np.int64)
 
 
-def _object(each: Things, row: int, labels: Mapping[int, str]) -> SceneObject:
+def _object(each: ObjectInstances, row: int, labels: Mapping[int, str]) -> SceneObject:
     T = each.T_map_object[row]
     scale = float(np.linalg.norm(T[:3, 0]))
     # The box of a box that is turned: half its edges, by the size of what they turn into.

@@ -7,16 +7,16 @@ import numpy as np
 from oaisys_core.textures import cells, fields
 from oaisys_core.textures.recipes.finish import (
     Recipe,
-    Surface,
+    TextureMaps,
     blended,
     finished,
     smoothstep,
     tinted,
 )
-from oaisys_core.textures.recipes.stones import Bed, Pour
+from oaisys_core.textures.recipes.stones import StoneBed, StoneSpec
 
 
-def clay_cracks(size_px: int, rng: np.random.Generator) -> Surface:
+def clay_cracks(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A dried-up pond: polygons of clay with curled rims, split again by finer cracks."""
     first = cells.voronoi(size_px, 8, rng, warp=0.07, jitter=0.42, smooth=2.8)
     finer = cells.voronoi(size_px, 13, rng, warp=0.07, jitter=0.45, smooth=2.8)
@@ -56,17 +56,17 @@ def clay_cracks(size_px: int, rng: np.random.Generator) -> Surface:
     return finished(color, height, 0.9 + 0.02 * grain, albedo=0.255, shade=0.75)
 
 
-def mud(size_px: int, rng: np.random.Generator) -> Surface:
+def mud(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Churned, wet mud: clods and smears, shining where water stands in the hollows."""
     churned = fields.tile_noise(size_px, 5, rng, 2.0)
     lumps = fields.crests(size_px, 8, rng, octaves=3)
     smear = fields.tile_noise(size_px, 22, rng, 2.1)
     grain = fields.grains(size_px, rng, 1.0)
     height = 0.0050 * churned + 0.006 * lumps + 0.0008 * smear + 0.00006 * grain
-    bed = Bed(height.astype(np.float32))
+    bed = StoneBed(height.astype(np.float32))
     firm = np.clip(0.4 + 0.4 * fields.tile_noise(size_px, 3, rng), 0.05, 1)
-    bed.pour(Pour(5000, (0.002, 0.007), 2.3, edge=0.2, buried=0.5), rng, firm)
-    bed.pour(Pour(500, (0.006, 0.02), 2.2, edge=0.22, buried=0.55), rng, firm)
+    bed.add_stones(StoneSpec(5000, (0.002, 0.007), 2.3, edge=0.2, buried=0.5), rng, firm)
+    bed.add_stones(StoneSpec(500, (0.006, 0.02), 2.2, edge=0.22, buried=0.55), rng, firm)
     height = fields.blurred(bed.height, size_px / 1000)
     level = np.float32(np.quantile(height, 0.16))
     above = height - level
@@ -85,7 +85,7 @@ def mud(size_px: int, rng: np.random.Generator) -> Surface:
     return finished(color, height, rough, albedo=0.085, shade=0.6)
 
 
-def salt_crust(size_px: int, rng: np.random.Generator) -> Surface:
+def salt_crust(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A salt flat: pale plates, pushed up into broken rims where they meet."""
     plates = cells.voronoi(size_px, 5, rng, warp=0.09, jitter=0.38, smooth=2.8)
     distance = cells.border_distance(plates) / np.float32(size_px)

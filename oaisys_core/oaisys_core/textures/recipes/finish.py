@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from oaisys_core.color import srgb
 from oaisys_core.terrain.noise import Field
 from oaisys_core.textures import fields
-from oaisys_core.textures.recipes.stones import Bed
+from oaisys_core.textures.recipes.stones import StoneBed
 
 Color = tuple[float, float, float]
 """sRGB or, where a name says so, linear reflectance of red, green and blue; 0 to 1."""
@@ -20,7 +20,7 @@ LUMINANCE = np.array((0.2126, 0.7152, 0.0722), np.float32)
 """Weights of linear red, green and blue in brightness (ITU-R BT.709)."""
 
 
-class Surface(NamedTuple):
+class TextureMaps(NamedTuple):
     """A recipe's result.
 
     Attributes:
@@ -44,7 +44,7 @@ class Recipe(NamedTuple):
         albedo: Range of the mean luminance (linear) that such ground has in nature.
     """
 
-    make: Callable[[int, np.random.Generator], Surface]
+    make: Callable[[int, np.random.Generator], TextureMaps]
     tile_m: float
     version: int
     albedo: tuple[float, float]
@@ -80,7 +80,7 @@ def finished(
     *,
     albedo: float,
     shade: float = 0.5,
-) -> Surface:
+) -> TextureMaps:
     """Return the surface of a given brightness, its hollows darkened, as skylight leaves them.
 
     Args:
@@ -95,7 +95,7 @@ def finished(
     light = fields.occlusion(height, size_px / 300) * fields.occlusion(height, size_px / 80)
     color = np.clip(reflectance, 0, None) * np.power(light, np.float32(shade))[..., None]
     color *= np.float32(albedo / float((color @ LUMINANCE).mean()))
-    return Surface(encoded(color), height, np.clip(roughness, 0, 1).astype(np.float32))
+    return TextureMaps(encoded(color), height, np.clip(roughness, 0, 1).astype(np.float32))
 
 
 def dusty(
@@ -111,11 +111,11 @@ def dusty(
 
 def covered(
     ground: NDArray[np.float32],
-    bed: Bed,
+    bed: StoneBed,
     tones: Sequence[Color],
     rng: np.random.Generator,
     roughness: float,
-) -> Surface:
+) -> TextureMaps:
     """Return the surface of a bed; each stone has a tone of its own, and dust around its foot."""
     size_px = len(ground)
     tone = np.array(tones, np.float32)[rng.integers(len(tones), size=bed.count + 1)]
@@ -136,7 +136,7 @@ def lit(
     height: Field,
     rng: np.random.Generator,
     roughness: float,
-) -> Surface:
+) -> TextureMaps:
     """Return the surface with its hollows darkened, as skylight leaves them."""
     size_px = len(height)
     near, wide = (
@@ -144,7 +144,7 @@ def lit(
         fields.occlusion(height, size_px / 80),
     )
     rough = roughness + 0.04 * fields.grains(size_px, rng, 2.0)
-    return Surface(
+    return TextureMaps(
         np.clip(color * np.sqrt(near * wide)[..., None], 0, 1),
         height,
         np.clip(rough, 0, 1).astype(np.float32),

@@ -8,7 +8,7 @@ from oaisys_core.terrain.noise import Field
 from oaisys_core.textures import cells, fields
 from oaisys_core.textures.recipes.finish import (
     Recipe,
-    Surface,
+    TextureMaps,
     blended,
     finished,
     smoothstep,
@@ -16,7 +16,7 @@ from oaisys_core.textures.recipes.finish import (
 )
 
 
-def snow(size_px: int, rng: np.random.Generator) -> Surface:
+def snow(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Wind-packed snow: soft drifts, low sastrugi where wind cut layers away, a grainy crust."""
     drift = fields.windblown(size_px, rng, (3.0, 4.5), 2.4)
     ridges = fields.windblown(size_px, rng, (5.0, 11.0), 2.2)
@@ -36,7 +36,7 @@ def snow(size_px: int, rng: np.random.Generator) -> Surface:
     return finished(color, height, rough, albedo=0.80, shade=0.2)
 
 
-def ice(size_px: int, rng: np.random.Generator) -> Surface:
+def ice(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Clear lake ice: dark, with healed fractures, flocks of bubbles and a trace of snow."""
     milk = smoothstep(-2.5, 5.0, fields.tile_noise(size_px, 3, rng, 2.2))
     fine = fields.tile_noise(size_px, 40, rng, 1.6)

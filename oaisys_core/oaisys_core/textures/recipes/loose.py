@@ -9,7 +9,7 @@ from oaisys_core.textures import fields
 from oaisys_core.textures.recipes.finish import (
     Color,
     Recipe,
-    Surface,
+    TextureMaps,
     blended,
     covered,
     dusty,
@@ -17,7 +17,7 @@ from oaisys_core.textures.recipes.finish import (
     smoothstep,
     tinted,
 )
-from oaisys_core.textures.recipes.stones import Bed, Pour
+from oaisys_core.textures.recipes.stones import StoneBed, StoneSpec
 
 GRAVEL_STONES: tuple[Color, ...] = (
     (0.56, 0.49, 0.41),
@@ -60,49 +60,49 @@ LUNAR_STONES: tuple[Color, ...] = (
 )
 
 
-def gravel(size_px: int, rng: np.random.Generator) -> Surface:
+def gravel(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Broken stones of 1 to 20 cm on grit, dust between them."""
     return _broken_stones(size_px, rng, (0.52, 0.45, 0.36), GRAVEL_STONES)
 
 
-def gravel_dark(size_px: int, rng: np.random.Generator) -> Surface:
+def gravel_dark(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Broken volcanic stones on black grit."""
     return _broken_stones(size_px, rng, (0.31, 0.285, 0.265), VOLCANIC_STONES)
 
 
 def _broken_stones(
     size_px: int, rng: np.random.Generator, grit: Color, stones: tuple[Color, ...]
-) -> Surface:
+) -> TextureMaps:
     """Return stones of 1 to 20 cm on grit of one colour."""
     swell = fields.tile_noise(size_px, 3, rng, 2.2)
     color = dusty(size_px, rng, grit, 0.07)
-    bed = Bed(0.0015 * swell + 0.0004 * fields.grains(size_px, rng, 1.0))
+    bed = StoneBed(0.0015 * swell + 0.0004 * fields.grains(size_px, rng, 1.0))
     crowded = np.clip(0.75 + 0.3 * fields.tile_noise(size_px, 4, rng), 0.25, 1)
-    bed.pour(Pour(21000, (0.0024, 0.007), 2.2, edge=0.06, buried=0.2), rng)
-    bed.pour(Pour(2600, (0.007, 0.02), 2.2, edge=0.06, buried=0.25), rng, crowded)
-    bed.pour(
-        Pour(260, (0.015, 0.042), 2.0, flatness=0.7, edge=0.05, buried=0.3),
+    bed.add_stones(StoneSpec(21000, (0.0024, 0.007), 2.2, edge=0.06, buried=0.2), rng)
+    bed.add_stones(StoneSpec(2600, (0.007, 0.02), 2.2, edge=0.06, buried=0.25), rng, crowded)
+    bed.add_stones(
+        StoneSpec(260, (0.015, 0.042), 2.0, flatness=0.7, edge=0.05, buried=0.3),
         rng,
         crowded,
     )
-    bed.pour(Pour(5000, (0.0024, 0.005), 2.2, buried=0.1), rng, crowded)
+    bed.add_stones(StoneSpec(5000, (0.0024, 0.005), 2.2, buried=0.1), rng, crowded)
     return covered(color, bed, stones, rng, roughness=0.86)
 
 
-def sand(size_px: int, rng: np.random.Generator) -> Surface:
+def sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Wind-blown sand: faint ripples, hummocks, grit and pebbles in patches."""
     # Without the darkest stones: a few of them in plain sand would show that it repeats.
     return _gritty_sand(size_px, rng, (0.64, 0.54, 0.41), GRAVEL_STONES[:5])
 
 
-def red_sand(size_px: int, rng: np.random.Generator) -> Surface:
+def red_sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Sand under the rust-coloured dust of Mars, with dusty pebbles."""
     return _gritty_sand(size_px, rng, (0.575, 0.445, 0.345), RUSTY_STONES)
 
 
 def _gritty_sand(
     size_px: int, rng: np.random.Generator, tone: Color, stones: tuple[Color, ...]
-) -> Surface:
+) -> TextureMaps:
     """Return sand of one colour with grit and pebbles in patches."""
     patches = fields.tile_noise(size_px, 2, rng)
     ripples = fields.ripples(size_px, (24, 11), rng, bend=0.02)
@@ -113,14 +113,14 @@ def _gritty_sand(
     height = 0.0005 * ripples + 0.0016 * hummocks + 0.00018 * grain + 0.0003 * crumbs
     color = dusty(size_px, rng, tone, 0.035)
     color *= (1 + 0.02 * patches + 0.015 * hummocks + 0.008 * ripples + 0.045 * crumbs)[..., None]
-    bed = Bed(height.astype(np.float32))
+    bed = StoneBed(height.astype(np.float32))
     gritty = np.clip(0.35 + 0.35 * fields.tile_noise(size_px, 3, rng), 0.06, 1)
-    bed.pour(Pour(18000, (0.0011, 0.003), 2.2, buried=0.1), rng, gritty)
-    bed.pour(Pour(3200, (0.003, 0.018), 2.1, edge=0.08, buried=0.2), rng, gritty)
+    bed.add_stones(StoneSpec(18000, (0.0011, 0.003), 2.2, buried=0.1), rng, gritty)
+    bed.add_stones(StoneSpec(3200, (0.003, 0.018), 2.1, edge=0.08, buried=0.2), rng, gritty)
     return covered(color, bed, stones, rng, roughness=0.93)
 
 
-def rippled_sand(size_px: int, rng: np.random.Generator) -> Surface:
+def rippled_sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Sand in wind ripples 10 cm apart: steep lee sides, forks, coarse grains on the crests."""
     phase, amplitude = fields.narrow_band(size_px, 31, rng, (0.06, 0.12))
     swell = fields.tile_noise(size_px, 3, rng, 2.3)
@@ -139,21 +139,25 @@ def rippled_sand(size_px: int, rng: np.random.Generator) -> Surface:
     return finished(color, height, rough, albedo=0.32, shade=0.35)
 
 
-def pebbles(size_px: int, rng: np.random.Generator) -> Surface:
+def pebbles(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A river's bank: worn pebbles of many kinds of rock, sand between them."""
     swell = fields.tile_noise(size_px, 3, rng, 2.2)
     color = dusty(size_px, rng, (0.50, 0.44, 0.36), 0.06)
-    bed = Bed(0.0015 * swell + 0.0003 * fields.grains(size_px, rng, 1.0))
+    bed = StoneBed(0.0015 * swell + 0.0003 * fields.grains(size_px, rng, 1.0))
     # A stream sorts: here coarse, there fine.
     coarse = np.clip(0.6 + 0.45 * fields.tile_noise(size_px, 3, rng, 1.8), 0.05, 1)
-    bed.pour(Pour(15000, (0.003, 0.008), 2.0, flatness=0.6, edge=0.17, buried=0.2), rng)
-    bed.pour(Pour(4200, (0.008, 0.02), 2.2, flatness=0.6, edge=0.2, buried=0.3), rng, coarse)
-    bed.pour(Pour(560, (0.016, 0.036), 2.4, flatness=0.55, edge=0.2, buried=0.35), rng, coarse)
-    bed.pour(Pour(2500, (0.003, 0.006), 2.2, edge=0.15, buried=0.1), rng)
+    bed.add_stones(StoneSpec(15000, (0.003, 0.008), 2.0, flatness=0.6, edge=0.17, buried=0.2), rng)
+    bed.add_stones(
+        StoneSpec(4200, (0.008, 0.02), 2.2, flatness=0.6, edge=0.2, buried=0.3), rng, coarse
+    )
+    bed.add_stones(
+        StoneSpec(560, (0.016, 0.036), 2.4, flatness=0.55, edge=0.2, buried=0.35), rng, coarse
+    )
+    bed.add_stones(StoneSpec(2500, (0.003, 0.006), 2.2, edge=0.15, buried=0.1), rng)
     return covered(color, bed, RIVER_STONES, rng, roughness=0.72)
 
 
-def regolith(size_px: int, rng: np.random.Generator) -> Surface:
+def regolith(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Grey powder, beaten by small impacts, with clods and angular fragments, as on the Moon."""
     lumps = fields.tile_noise(size_px, 4, rng, 1.9)
     crumbs = fields.tile_noise(size_px, 40, rng, 1.5)
@@ -161,10 +165,10 @@ def regolith(size_px: int, rng: np.random.Generator) -> Surface:
     height += _small_craters(size_px, rng, 700, (0.004, 0.045))
     color = dusty(size_px, rng, (0.40, 0.39, 0.375), 0.05, hue=0.004)
     color *= (1 + 0.025 * lumps + 0.03 * crumbs)[..., None]
-    bed = Bed(height.astype(np.float32))
+    bed = StoneBed(height.astype(np.float32))
     patchy = np.clip(0.4 + 0.4 * fields.tile_noise(size_px, 3, rng), 0.08, 1)
-    bed.pour(Pour(20000, (0.0013, 0.004), 2.4, buried=0.2), rng, patchy)
-    bed.pour(Pour(1700, (0.004, 0.022), 2.2, edge=0.04, buried=0.3), rng, patchy)
+    bed.add_stones(StoneSpec(20000, (0.0013, 0.004), 2.4, buried=0.2), rng, patchy)
+    bed.add_stones(StoneSpec(1700, (0.004, 0.022), 2.2, edge=0.04, buried=0.3), rng, patchy)
     return covered(color, bed, LUNAR_STONES, rng, roughness=0.95)
 
 
@@ -188,7 +192,7 @@ def _small_craters(
     return height
 
 
-def soil(size_px: int, rng: np.random.Generator) -> Surface:
+def soil(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Dry, crusted earth: crumbs, hairline cracks, small stones."""
     clods = fields.tile_noise(size_px, 6, rng, 1.8)
     crumbs = fields.tile_noise(size_px, 45, rng, 1.4)
@@ -197,10 +201,10 @@ def soil(size_px: int, rng: np.random.Generator) -> Surface:
     height = 0.0014 * clods + 0.0004 * crumbs * (1 - 0.7 * crust) - 0.0025 * split
     color = dusty(size_px, rng, (0.53, 0.43, 0.33), 0.05)
     color *= (1 + 0.015 * clods + 0.04 * crumbs + 0.06 * crust - 0.3 * split)[..., None]
-    bed = Bed(height.astype(np.float32))
+    bed = StoneBed(height.astype(np.float32))
     stony = np.clip(0.35 + 0.4 * fields.tile_noise(size_px, 4, rng), 0.05, 1)
-    bed.pour(Pour(16000, (0.0015, 0.004), 2.2, buried=0.15), rng, stony)
-    bed.pour(Pour(2600, (0.004, 0.02), 2.0, edge=0.07, buried=0.2), rng, stony)
+    bed.add_stones(StoneSpec(16000, (0.0015, 0.004), 2.2, buried=0.15), rng, stony)
+    bed.add_stones(StoneSpec(2600, (0.004, 0.02), 2.0, edge=0.07, buried=0.2), rng, stony)
     return covered(color, bed, GRAVEL_STONES, rng, roughness=0.9)
 
 

@@ -10,13 +10,13 @@ from oaisys_core.textures.recipes import strokes
 from oaisys_core.textures.recipes.finish import (
     Color,
     Recipe,
-    Surface,
+    TextureMaps,
     blended,
     finished,
     smoothstep,
     tinted,
 )
-from oaisys_core.textures.recipes.strokes import Profile, Ribbons, Thicket
+from oaisys_core.textures.recipes.strokes import Profile, RibbonLayer, Ribbons
 from oaisys_core.types import FloatArray
 
 GRASS: tuple[Color, ...] = (
@@ -105,17 +105,17 @@ def _tones(
     return np.asarray(tone * rng.normal(1.0, spread, (count, 1)).clip(0.5, 1.6))
 
 
-def grass(size_px: int, rng: np.random.Generator) -> Surface:
+def grass(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A meadow, not mown for a while: tufts of leaning blades, some dry, over straw and earth."""
     lush = fields.tile_noise(size_px, 4, rng, 1.7)
     wind = 1.4 * fields.tile_noise(size_px, 3, rng, 1.9)
     tufts = smoothstep(-1.6, 0.3, fields.tile_noise(size_px, 9, rng, 1.5) + 0.5 * lush)
-    thicket = Thicket(size_px, 0.05 * size_px)
+    ribbon_layer = RibbonLayer(size_px, 0.05 * size_px)
     thatch = _scattered(
         size_px, rng, 9000, (0.02, 0.07), (0.0012, 0.0022), low=(0.0, 0.004), rise=(0, 0.004)
     )
-    thicket.lay(thatch)
-    dry = thicket.count
+    ribbon_layer.lay(thatch)
+    dry = ribbon_layer.count
     lower = _scattered(
         size_px,
         rng,
@@ -130,7 +130,7 @@ def grass(size_px: int, rng: np.random.Generator) -> Surface:
         arch=strokes.arc,
         density=0.4 + 0.6 * tufts,
     )
-    thicket.lay(lower)
+    ribbon_layer.lay(lower)
     upper = _scattered(
         size_px,
         rng,
@@ -145,13 +145,13 @@ def grass(size_px: int, rng: np.random.Generator) -> Surface:
         arch=strokes.arc,
         density=tufts,
     )
-    thicket.lay(upper)
+    ribbon_layer.lay(upper)
     tone = np.concatenate(
-        (_tones(STRAW, dry, rng, 0.2), _tones(GRASS, thicket.count - dry, rng, 0.16))
+        (_tones(STRAW, dry, rng, 0.2), _tones(GRASS, ribbon_layer.count - dry, rng, 0.16))
     ).astype(np.float32)
-    withered = rng.uniform(size=thicket.count) < 0.07
+    withered = rng.uniform(size=ribbon_layer.count) < 0.07
     tone[withered] = _tones(STRAW, int(withered.sum()), rng, 0.2)
-    ids, along, across = thicket.ids, thicket.along, thicket.across
+    ids, along, across = ribbon_layer.ids, ribbon_layer.along, ribbon_layer.across
     color = tone[ids]
     # The foot is pale and brownish, the tip dries first, and a blade is folded along its rib.
     color = blended(color, (0.26, 0.23, 0.12), 0.45 * smoothstep(0.3, 0.0, along))
@@ -160,14 +160,14 @@ def grass(size_px: int, rng: np.random.Generator) -> Surface:
     earth = tinted(1 + 0.15 * fields.tile_noise(size_px, 40, rng, 1.3), EARTH)
     color = np.where((ids >= 0)[..., None], color, earth)
     color *= (1 + 0.07 * lush)[..., None] * (1 + lush[..., None] * np.array((-0.03, 0.02, -0.02)))
-    height = thicket.height_px / size_px
+    height = ribbon_layer.height_px / size_px
     color *= (0.50 + 0.50 * smoothstep(-0.005, 0.005, _over(height, 0.012)))[..., None]
     rough = np.where(ids >= 0, 0.72, 0.95).astype(np.float32)
     relief = 0.10 * fields.blurred(height, 0.8) + 0.15 * fields.blurred(height, size_px / 170)
     return finished(color, relief, rough, albedo=0.15, shade=0.2)
 
 
-def moss(size_px: int, rng: np.random.Generator) -> Surface:
+def moss(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Cushions of moss: thousands of star-shaped shoots, older parts brown, over dark earth."""
     cushions = fields.spread(size_px, 700, (0.02, 0.085), 1.6, rng)
     cushion = np.sqrt(fields.domes(size_px, *cushions) / (0.05 * size_px))
@@ -175,12 +175,12 @@ def moss(size_px: int, rng: np.random.Generator) -> Surface:
     cushion = fields.blurred(cushion.astype(np.float32), size_px / 250)
     age = fields.tile_noise(size_px, 4, rng, 1.6)
     cover = smoothstep(-2.1, -1.2, age + 0.8 * cushion) * (0.3 + 0.7 * smoothstep(0, 0.5, cushion))
-    thicket = Thicket(size_px, 0.08 * size_px)
+    ribbon_layer = RibbonLayer(size_px, 0.08 * size_px)
     shoots = _shoots(size_px, rng, 60000, cover)
     row, column = shoots.root.astype(np.intp).T % size_px
     base = (0.028 * np.maximum(cushion, 0) * size_px)[row, column]
-    thicket.lay(shoots._replace(low=shoots.low + base))
-    ids, along = thicket.ids, thicket.along
+    ribbon_layer.lay(shoots._replace(low=shoots.low + base))
+    ids, along = ribbon_layer.ids, ribbon_layer.along
     shoot = np.maximum(ids, 0) // SHOOT_LEAVES
     tone = _tones(MOSS, int(shoot.max()) + 1, rng, 0.18).astype(np.float32)
     color = tone[shoot] * (0.55 + 0.75 * along)[..., None]
@@ -190,7 +190,9 @@ def moss(size_px: int, rng: np.random.Generator) -> Surface:
     earth = tinted(1 + 0.2 * fields.tile_noise(size_px, 40, rng, 1.3), (0.05, 0.038, 0.026))
     earth = blended(earth, (0.035, 0.042, 0.014), 0.8 * smoothstep(0.1, 0.5, cover))
     color = np.where((ids >= 0)[..., None], color, earth)
-    height = np.where(ids >= 0, thicket.height_px / size_px, 0.028 * cushion).astype(np.float32)
+    height = np.where(ids >= 0, ribbon_layer.height_px / size_px, 0.028 * cushion).astype(
+        np.float32
+    )
     color *= (0.5 + 0.5 * smoothstep(-0.004, 0.003, _over(height, 0.006)))[..., None]
     wide = fields.blurred(height, size_px / 200)
     relief = wide + 0.25 * (fields.blurred(height, 0.7) - wide)
@@ -220,14 +222,14 @@ def _shoots(size_px: int, rng: np.random.Generator, number: int, cover: Field) -
     return Ribbons(root, heading, length, width, bend, low, rise, strokes.blade, strokes.arc)
 
 
-def leaf_litter(size_px: int, rng: np.random.Generator) -> Surface:
+def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A forest's floor in autumn: fallen leaves in layers, twigs, needles, crumbs of earth."""
-    thicket = Thicket(size_px, 0.06 * size_px)
+    ribbon_layer = RibbonLayer(size_px, 0.06 * size_px)
     lumps = fields.tile_noise(size_px, 3, rng, 2.0)
-    thicket.lay(_scattered(size_px, rng, 7000, (0.008, 0.03), (0.0012, 0.004), low=(0, 0.008)))
-    needles = thicket.count
+    ribbon_layer.lay(_scattered(size_px, rng, 7000, (0.008, 0.03), (0.0012, 0.004), low=(0, 0.008)))
+    needles = ribbon_layer.count
     for layer in range(3):
-        thicket.lay(
+        ribbon_layer.lay(
             _scattered(
                 size_px,
                 rng,
@@ -242,12 +244,12 @@ def leaf_litter(size_px: int, rng: np.random.Generator) -> Surface:
                 curl=float(rng.uniform(-0.12, 0.2)),
             )
         )
-    leaves = thicket.count
-    thicket.lay(
+    leaves = ribbon_layer.count
+    ribbon_layer.lay(
         _scattered(size_px, rng, 260, (0.03, 0.16), (0.0016, 0.0042), low=(0.012, 0.03), bend=0.12)
     )
-    ids, along, across = thicket.ids, thicket.along, thicket.across
-    tone = _tones(LEAVES, thicket.count, rng, 0.2)
+    ids, along, across = ribbon_layer.ids, ribbon_layer.along, ribbon_layer.across
+    tone = _tones(LEAVES, ribbon_layer.count, rng, 0.2)
     tone[:needles] *= 0.7
     tone[leaves:] = (0.13, 0.105, 0.085)
     color = tone.astype(np.float32)[ids]
@@ -263,7 +265,7 @@ def leaf_litter(size_px: int, rng: np.random.Generator) -> Surface:
     color *= (1 - 0.10 * spots - 0.25 * smoothstep(1.2, 2.0, spots))[..., None]
     earth = tinted(1 + 0.2 * fields.tile_noise(size_px, 40, rng, 1.3), EARTH)
     color = np.where((ids >= 0)[..., None], color, earth)
-    height = thicket.height_px / size_px + 0.004 * lumps
+    height = ribbon_layer.height_px / size_px + 0.004 * lumps
     color *= (0.50 + 0.50 * smoothstep(-0.010, 0.004, _over(height, 0.012)))[..., None]
     relief = 0.5 * fields.blurred(height, 0.8)
     rough = np.where(is_leaf, 0.75, 0.9).astype(np.float32)

@@ -8,7 +8,7 @@ from oaisys_core.textures import cells, fields
 from oaisys_core.textures.recipes.finish import (
     Color,
     Recipe,
-    Surface,
+    TextureMaps,
     blended,
     dusty,
     finished,
@@ -18,22 +18,22 @@ from oaisys_core.textures.recipes.finish import (
 )
 
 
-def rock(size_px: int, rng: np.random.Generator) -> Surface:
+def rock(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Weathered, brown sandstone."""
     return _weathered(size_px, rng, (0.55, 0.48, 0.40))
 
 
-def basalt(size_px: int, rng: np.random.Generator) -> Surface:
+def basalt(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Dark grey rock with the bubbles of its lava, to lie on regolith."""
     plain = _weathered(size_px, rng, (0.36, 0.355, 0.348), staining=0.009)
     gassy = np.clip(0.3 + 0.5 * fields.tile_noise(size_px, 4, rng, 1.8), 0.02, 1)
     holes = fields.spread(size_px, 6500, (0.0014, 0.010), 2.4, rng, gassy)
     depth = fields.domes(size_px, *holes) / size_px
     color = plain.color * (1 - 0.35 * smoothstep(0.0, 0.004, depth))[..., None]
-    return Surface(color, plain.height - 0.8 * depth, plain.roughness)
+    return TextureMaps(color, plain.height - 0.8 * depth, plain.roughness)
 
 
-def bedrock(size_px: int, rng: np.random.Generator) -> Surface:
+def bedrock(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """A pavement of layered rock: slabs between joints, broken steps, sand in the low parts."""
     blocks = cells.jointed(size_px, (3, 1), rng, bend=0.012)
     breaks = cells.voronoi(size_px, 8, rng, warp=0.07, jitter=0.47, smooth=2.6)
@@ -73,7 +73,7 @@ def bedrock(size_px: int, rng: np.random.Generator) -> Surface:
     return finished(color, height, 0.88 + 0.03 * grain, albedo=0.23, shade=0.7)
 
 
-def lava(size_px: int, rng: np.random.Generator) -> Surface:
+def lava(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Ropy lava: lobes whose skin was pushed into folds, creases between them, bubbles."""
     lobes = cells.voronoi(size_px, 4, rng, warp=0.10, jitter=0.42, smooth=2.6)
     edge = cells.border_distance(lobes) / np.float32(size_px)
@@ -106,7 +106,7 @@ def lava(size_px: int, rng: np.random.Generator) -> Surface:
 
 def _weathered(
     size_px: int, rng: np.random.Generator, tone: Color, staining: float = 0.025
-) -> Surface:
+) -> TextureMaps:
     """Return bare rock: faint layers, broken steps, pits, cracks, stains."""
     layers = fields.strata(size_px, 22, rng)
     mass = fields.tile_noise(size_px, 4, rng, 1.9)

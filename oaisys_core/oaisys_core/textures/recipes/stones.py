@@ -17,7 +17,7 @@ CHUNK_PX = 400_000
 """Pixels computed at once; the stones of one chunk do not rest on each other."""
 
 
-class Pour(NamedTuple):
+class StoneSpec(NamedTuple):
     """One pour of stones.
 
     Attributes:
@@ -37,7 +37,7 @@ class Pour(NamedTuple):
     buried: float = 0.3
 
 
-class Bed:
+class StoneBed:
     """A tile's surface while stones are poured on it.
 
     Attributes:
@@ -53,7 +53,9 @@ class Bed:
         self.above = np.zeros(height.shape, np.float32)
         self.count = 0
 
-    def pour(self, pour: Pour, rng: np.random.Generator, density: Field | None = None) -> None:
+    def add_stones(
+        self, spec: StoneSpec, rng: np.random.Generator, density: Field | None = None
+    ) -> None:
         """Add stones, small ones first.
 
         Args:
@@ -62,12 +64,12 @@ class Bed:
             density: (N, N) 0 to 1, how likely a stone stays where it falls; None: everywhere.
         """
         size_px = len(self.height)
-        centre = rng.uniform(0, size_px, (pour.number, 2))
-        stays = rng.uniform(size=pour.number)
+        centre = rng.uniform(0, size_px, (spec.number, 2))
+        stays = rng.uniform(size=spec.number)
         if density is not None:
             row, column = centre.astype(np.intp).T
             centre = centre[stays < density[row, column]]
-        radius_px = np.sort(_power_law(len(centre), pour, rng)) * size_px
+        radius_px = np.sort(_power_law(len(centre), spec, rng)) * size_px
         facets = _facets(len(centre), rng)
         first = 0
         while first < len(centre):
@@ -78,7 +80,7 @@ class Bed:
             fits = int(np.searchsorted(radius_px, (half - 1) / 1.25, side="right"))
             last = max(first + 1, min(first + room, fits))
             part = slice(first, last)
-            self._lay(centre[part], radius_px[part], facets[part], half, pour)
+            self._lay(centre[part], radius_px[part], facets[part], half, spec)
             first = last
 
     def _lay(
@@ -87,7 +89,7 @@ class Bed:
         radius_px: FloatArray,
         facets: NDArray[np.float32],
         half: int,
-        pour: Pour,
+        spec: StoneSpec,
     ) -> None:
         size_px = len(self.height)
         corner = np.floor(centre).astype(np.int64)
@@ -95,8 +97,8 @@ class Bed:
         scale = radius_px[:, None]
         v = ((corner[:, :1] + offset + 0.5 - centre[:, :1]) / scale).astype(np.float32)
         u = ((corner[:, 1:] + offset + 0.5 - centre[:, 1:]) / scale).astype(np.float32)
-        dome = _soft_hull(u, v, facets, np.float32(pour.edge))
-        dome *= np.float32(pour.flatness)
+        dome = _soft_hull(u, v, facets, np.float32(spec.edge))
+        dome *= np.float32(spec.flatness)
         inside = dome > 0
         rows, columns = (
             (corner[:, :1] + offset) % size_px,
@@ -107,7 +109,7 @@ class Bed:
         rest = (ground * inside).sum((1, 2)) / np.maximum(inside.sum((1, 2)), 1)
         top = dome.max((1, 2))
         rise = (radius_px / size_px).astype(np.float32)
-        base = rest - np.float32(pour.buried) * top * rise
+        base = rest - np.float32(spec.buried) * top * rise
         z = base[:, None, None] + dome * rise[:, None, None]
         stone, y, x = np.nonzero(inside & (z > ground))
         # Written from low to high, so that the highest stone of the chunk stays.
@@ -120,12 +122,12 @@ class Bed:
         self.count += len(centre)
 
 
-def _power_law(count: int, pour: Pour, rng: np.random.Generator) -> FloatArray:
+def _power_law(count: int, spec: StoneSpec, rng: np.random.Generator) -> FloatArray:
     """Return (count,) radii by the inverse of the truncated power law's distribution."""
-    low, high = pour.radius
-    tail = 1 - (low / high) ** pour.exponent
+    low, high = spec.radius
+    tail = 1 - (low / high) ** spec.exponent
     share = rng.uniform(size=count) * tail
-    return np.asarray(low * (1 - share) ** (-1 / pour.exponent))
+    return np.asarray(low * (1 - share) ** (-1 / spec.exponent))
 
 
 def _facets(count: int, rng: np.random.Generator) -> NDArray[np.float32]:

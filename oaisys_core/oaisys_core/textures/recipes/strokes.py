@@ -74,7 +74,7 @@ def level(t: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.ones_like(t)
 
 
-class Thicket:
+class RibbonLayer:
     """A tile on which ribbons are laid; see `ids` and its neighbours for what is on top.
 
     Attributes:

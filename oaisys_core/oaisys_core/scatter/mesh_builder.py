@@ -9,7 +9,7 @@ from oaisys_core.scene import MeshPrototype
 from oaisys_core.types import FloatArray
 
 
-class Parts:
+class MeshBuilder:
     """Collects parts of a mesh; every part has vertices of its own, so that edges stay sharp."""
 
     def __init__(self) -> None:

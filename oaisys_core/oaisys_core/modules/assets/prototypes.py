@@ -18,7 +18,7 @@ from oaisys_core.scene import MeshPrototype, PbrMaps
 from oaisys_core.textures import TEXTURES, default_cache_dir, texture_set
 
 
-class Looks:
+class PrototypeLibrary:
     """Makes prototypes; files and textures are read once.
 
     Args:

@@ -1,0 +1,74 @@
+"""What changes in metadata do to placements and solids, each as a function without state."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from oaisys_core.modules.assets.drawing import AssetPlacement
+from oaisys_core.modules.assets.metadata import GroupEdit, ObjectEdit
+from oaisys_core.scene import Placement, Primitive
+from oaisys_core.types import FloatArray
+
+
+def changed_placement(
+    each: AssetPlacement, group: GroupEdit, edits: Sequence[tuple[int, ObjectEdit]]
+) -> Placement:
+    """Return a placement after changes to its group and to single things of it."""
+    placement = each.placement
+    T_map_object = placement.T_map_object.copy()
+    T_map_object[:, :3, :3] *= group.scale
+    hidden = each.hidden if group.hidden is None else group.hidden
+    is_shown = np.full(len(T_map_object), not hidden)
+    row_of = {instance_id: row for row, instance_id in enumerate(placement.instance_ids.tolist())}
+    for instance_id, edit in edits:
+        row = row_of[instance_id]
+        T_map_object[row] = edited_pose(T_map_object[row], edit)
+        if edit.hidden is not None:
+            is_shown[row] = not edit.hidden
+    return shown(replace(placement, T_map_object=T_map_object), is_shown)
+
+
+def edited_pose(T_map_object: FloatArray, edit: ObjectEdit) -> FloatArray:
+    """Return a (4, 4) pose, rotation times uniform scale, after a change to the thing."""
+    T = T_map_object.copy()
+    if edit.position_m is not None:
+        T[:3, 3] = edit.position_m
+    if edit.quat_xyzw is not None:
+        size = float(np.linalg.norm(T[:3, 0]))
+        T[:3, :3] = size * Rotation.from_quat(edit.quat_xyzw).as_matrix()
+    T[:3, :3] *= edit.scale
+    return T
+
+
+def changed_primitives(
+    primitives: tuple[Primitive, ...], edits: Mapping[int, ObjectEdit]
+) -> tuple[Primitive, ...]:
+    """Return exact solids after changes, the hidden ones left out; without any, as they were."""
+    if not any(primitive.instance_id in edits for primitive in primitives):
+        return primitives
+    result = []
+    for primitive in primitives:
+        edit = edits.get(primitive.instance_id)
+        if edit is None:
+            result.append(primitive)
+        elif not edit.hidden:
+            pose = edited_pose(primitive.T_map_object, edit.model_copy(update={"scale": 1.0}))
+            a, b, c = (size_m * edit.scale for size_m in primitive.size_m)
+            result.append(replace(primitive, T_map_object=pose, size_m=(a, b, c)))
+    return tuple(result)
+
+
+def shown(placement: Placement, is_shown: NDArray[np.bool_]) -> Placement:
+    """Return a placement without its hidden instances, ``is_shown`` (N,); itself if none is."""
+    if is_shown.all():
+        return placement
+    return replace(
+        placement,
+        T_map_object=placement.T_map_object[is_shown],
+        instance_ids=placement.instance_ids[is_shown],
+    )
