@@ -1,4 +1,4 @@
-"""Optical flow from geometry: where in the picture of the sample before each point was."""
+"""Optical flow from geometry: where each point was in the image of the previous sample."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from oaisys_core.types import FloatArray
 
 @dataclass(frozen=True)
 class ScenePoses:
-    """What stood where when a camera last rendered."""
+    """The objects' poses at one sample."""
 
     placements: tuple[Placement, ...]
     primitives: tuple[Primitive, ...]
@@ -26,33 +26,33 @@ class PoseMemory:
     """The objects' poses at each camera's previous sample of the batch."""
 
     def __init__(self) -> None:
-        self._seen: dict[str, ScenePoses] = {}
-        self._seen_before: dict[str, ScenePoses] = {}
+        self._previous: dict[str, ScenePoses] = {}
+        self._before_previous: dict[str, ScenePoses] = {}
 
     def forget(self) -> None:
-        """Begin a batch."""
-        self._seen, self._seen_before = {}, {}
+        """Forget all poses, for a new batch."""
+        self._previous, self._before_previous = {}, {}
 
     def remember(self, cameras: Sequence[PlacedCamera], scene: Scene) -> None:
-        """Keep what stands now as what these cameras saw last."""
-        seen = ScenePoses(scene.placements, scene.primitives)
-        self._seen_before = self._seen
-        self._seen = {**self._seen, **{camera.name: seen for camera in cameras}}
+        """Keep the current poses as the previous ones of these cameras."""
+        poses = ScenePoses(scene.placements, scene.primitives)
+        self._before_previous = self._previous
+        self._previous = {**self._previous, **{camera.name: poses for camera in cameras}}
 
     def withdraw(self) -> None:
-        """Forget what was remembered last."""
-        self._seen = self._seen_before
+        """Undo the last `remember`."""
+        self._previous = self._before_previous
 
     def flow(self, view: View, camera: PlacedCamera, scene: Scene) -> NDArray[np.float32]:
-        """Return the (H, W, 2) flow, see `modality_spec`.
+        """Return the (H, W, 2) flow in pixels, see `modality_spec`; NaN where it is unknown.
 
-        What is infinitely far away moves by the camera's turning alone. An object that was not
-        there before has none; neither has a moving one after a restart, which forgets its poses.
+        The sky moves by the camera's rotation only. The flow of an object is unknown at its first
+        sample, and that of a moving one also after a restart.
         """
         if camera.T_map_previous is None:
             return np.full((*view.depth_m.shape, 2), np.nan, np.float32)
         earlier_m = np.where(view.is_hit[..., None], view.points_m, 0.0)
-        self._move_back(earlier_m, view.instance_ids, self._seen.get(camera.name), scene)
+        self._move_back(earlier_m, view.instance_ids, self._previous.get(camera.name), scene)
         T_previous_map = invert(camera.T_map_previous)
         then = earlier_m @ T_previous_map[:3, :3].T + T_previous_map[:3, 3]
         then[~view.is_hit] = view.directions[~view.is_hit] @ T_previous_map[:3, :3].T
@@ -69,7 +69,7 @@ class PoseMemory:
         before: ScenePoses | None,
         now: Scene,
     ) -> None:
-        """Replace points on what moved by where they were; NaN where that is not known."""
+        """Move points on moving objects back in place; NaN if the previous pose is unknown."""
         placements, primitives = _changed(now, before)
         if not placements and not primitives:
             return
@@ -88,7 +88,7 @@ class PoseMemory:
 def _changed(
     now: Scene, before: ScenePoses | None
 ) -> tuple[tuple[Placement, ...], tuple[Primitive, ...]]:
-    """Return what is not as it was; with nothing known, what is meant to move."""
+    """Return the objects that have changed; without previous poses, those that may move."""
     if before is None:
         return tuple(p for p in now.placements if p.is_moving), ()
     kept = {id(part) for part in (*before.placements, *before.primitives)}
@@ -101,7 +101,7 @@ def _changed(
 def _poses(
     placements: Sequence[Placement], primitives: Sequence[Primitive], ids: NDArray[np.uint32]
 ) -> dict[int, FloatArray]:
-    """Return T_map_object by id, of those that are among ``ids``."""
+    """Return T_map_object by instance id, for those among ``ids``."""
     poses = {p.instance_id: p.T_map_object for p in primitives if p.instance_id in ids}
     for placement in placements:
         rows = np.flatnonzero(np.isin(placement.instance_ids, ids))

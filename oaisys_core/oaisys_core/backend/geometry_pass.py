@@ -1,4 +1,4 @@
-"""Passes of other packages: further modalities, computed from what each pixel sees."""
+"""Images of everything but colour, by modality, and the base class of further modalities."""
 
 from __future__ import annotations
 
@@ -28,24 +28,24 @@ from oaisys_core.types import (
 
 
 class GeometryPass(ABC):
-    """Computes one modality; its entry point's name is the modality's. It must keep no state."""
+    """Computes one modality, whose name is that of its entry point. It must not keep state."""
 
     spec: ModalitySpec
-    """What its pixels are."""
+    """Type and meaning of its pixels."""
 
     @abstractmethod
     def compute(self, surface: Surface, view: View, camera: PlacedCamera) -> NDArray[Any]:
-        """Return the image, (H, W) or (H, W, channels) as ``spec`` says."""
+        """Return the image, (H, W) or (H, W, channels), of the dtype in ``spec``."""
 
 
 def compute_extension_pass(
     surface: Surface, view: View, camera: PlacedCamera, modality: str
 ) -> NDArray[Any]:
-    """Return an installed pass's image.
+    """Return the image of an installed pass.
 
     Raises:
-        ConfigError: There is no such pass, or it is none.
-        RenderError: Its image is not what it says.
+        ConfigError: There is no such pass, or it is not a `GeometryPass`.
+        RenderError: Its image does not have the shape and dtype of its ``spec``.
     """
     kind = extensions.load(extensions.PASSES, modality)
     if not (isinstance(kind, type) and issubclass(kind, GeometryPass)):
@@ -59,7 +59,7 @@ def compute_extension_pass(
 
 
 def geometry_frames(surface: Surface, camera: PlacedCamera, memory: PoseMemory) -> dict[str, Frame]:
-    """Return the frames that a camera asks for beside its colours, by modality."""
+    """Cast rays and return a camera's frames except colour and albedo, by modality."""
     if set(camera.modalities) <= {RGB, ALBEDO}:
         return {}
     return frames_of(surface, surface.view(camera), camera, memory)
@@ -68,7 +68,7 @@ def geometry_frames(surface: Surface, camera: PlacedCamera, memory: PoseMemory) 
 def frames_of(
     surface: Surface, view: View, camera: PlacedCamera, memory: PoseMemory
 ) -> dict[str, Frame]:
-    """Return, of one view, the frames that its camera asks for beside its colours."""
+    """Return the frames of a view except colour and albedo, by modality."""
     return {
         modality: frame_of(camera, modality, _image(surface, view, camera, memory, modality))
         for modality in camera.modalities
@@ -77,14 +77,14 @@ def frames_of(
 
 
 def frame_of(camera: PlacedCamera, modality: str, image: NDArray[Any]) -> Frame:
-    """Return an image as the frame of a camera."""
+    """Return an image as a frame of a camera."""
     return Frame(camera.name, modality, image, camera.intrinsics, camera.T_map_camera)
 
 
 def _image(
     surface: Surface, view: View, camera: PlacedCamera, memory: PoseMemory, modality: str
 ) -> NDArray[Any]:
-    """Return an image as `modality_spec` describes it."""
+    """Return the image of one modality, see `modality_spec`."""
     level = semantic_level(modality)
     if level is not None:
         return surface.semantic_ids(view, level)

@@ -1,4 +1,4 @@
-"""Everything a camera can hit, and what it sees of it: depth and labels, shared by all backends."""
+"""Depth and labels by ray casting, shared by all backends."""
 
 from __future__ import annotations
 
@@ -24,13 +24,14 @@ from oaisys_core.scene import PlacedCamera, Scene, id_of_level, merge_meshes
 from oaisys_core.types import FloatArray, TriangleMesh
 
 NO_TARGET = -1
-"""RayTarget of a pixel that sees none."""
+"""Target of a pixel that sees nothing."""
+
+BAND_PIXELS = 40_000
+"""Pixels that are worked on at a time, so that intermediate arrays fit into a core's cache."""
 
 LARGE_TRIANGLES = 6_000_000
-"""Triangles of a ground from which on Blender's Embree is used, where there is one.
-
-Open3D's casts half as fast again, with the same results, but it is built by one thread: 6 s at 8
-million triangles, 28 s at 16 million, where Blender's takes 4.5 and 8 s (two cores)."""
+"""Grounds of so many triangles use Blender's Embree, if loaded: Open3D's casts half as fast again
+with the same results, but builds on one thread."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +40,10 @@ class View:
 
     Attributes:
         depth_m: float64 planar z, ``+inf`` where nothing was hit.
-        directions: float64 rays in ``map``, of planar length 1.
+        directions: float64 rays in ``map``, scaled so that their planar z is 1.
         points_m: float64 in ``map``; not finite where nothing was hit.
-        parts: int64, which of the surface's parts was hit, `NO_TARGET` for none.
-        elements: int64, which element of that part was hit.
+        targets: int64 index of the surface's ray target that was hit, `NO_TARGET` for none.
+        elements: int64 index of that target's element, see `RayTarget`.
         instance_ids: uint32, 0 for ground and sky.
     """
 
@@ -54,7 +55,7 @@ class View:
     instance_ids: NDArray[np.uint32]
 
     def rows(self, rows: slice) -> View:
-        """Return some rows of it; what is written there is written to the whole."""
+        """Return a view of some rows that shares its memory with the whole."""
         return View(**{name: array[rows] for name, array in self._arrays().items()})
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
@@ -62,25 +63,27 @@ class View:
 
     @cached_property
     def is_hit(self) -> NDArray[np.bool_]:
-        """(H, W) whether the pixel sees anything."""
+        """(H, W) whether the pixel's ray hits anything."""
         return np.isfinite(self.depth_m)
 
     @cached_property
     def is_ground(self) -> NDArray[np.bool_]:
-        """(H, W) whether the pixel sees the ground."""
+        """(H, W) whether the pixel's ray hits the ground."""
         return np.asarray(self.is_hit & (self.instance_ids == 0))
 
 
 class Surface:
-    """The ground, the objects and the exact solids of a scene, each rebuilt when it changes.
+    """The surface of a scene: ground, objects and exact solids, each rebuilt only when it changes.
 
-    The ground goes on beyond the stage where the sky says so; meshes and heights end with it.
+    Views include the far plain beyond the stage if the sky asks for it; mesh and heights do not.
     """
 
     def __init__(self, scene: Scene, ground: TriangleMesh | None) -> None:
-        """Take over a scene with its ground's triangles.
+        """Take over a scene and the triangles of its ground.
 
-        None takes the closed form of an exactly flat ground.
+        Args:
+            scene: The scene.
+            ground: None: the closed form of an exactly flat ground, or the scene's own triangles.
         """
         self._objects = PlacementTargets(scene)
         self._objects.prepare()
@@ -89,7 +92,7 @@ class Surface:
 
     @property
     def scene(self) -> Scene:
-        """The scene that is seen."""
+        """The current scene."""
         return self._scene
 
     def update(self, scene: Scene, ground: TriangleMesh | None) -> None:
@@ -102,21 +105,21 @@ class Surface:
         else:
             self._ground = ground or ground_mesh(scene)
             caster = RayCaster([self._ground], _bvh_builder(self._ground))
-            # Half a second per million triangles, which the first view need not wait for.
+            # Else the first view would wait for it.
             caster.prepare()
             self._ground_target = TriangleTarget(caster)
         self.update_objects(scene)
 
     def start_batch(self, scene: Scene) -> None:
-        """Take over another batch's scene on the same ground.
+        """Take over the scene of another batch on the same ground.
 
-        It takes no second: what is new among the objects is prepared by the first view.
+        New objects are prepared by the first view.
         """
         self._objects.start_batch(scene)
         self.update_objects(scene)
 
     def update_objects(self, scene: Scene) -> None:
-        """Take over a scene whose ground is as before; its material may be another."""
+        """Take over a scene with the same ground; the ground's material may differ."""
         self._scene = scene
         self._objects.update(scene)
         solids = [
@@ -131,18 +134,18 @@ class Surface:
         self._set_far_plain(scene)
 
     def _set_far_plain(self, scene: Scene) -> None:
-        """Add the ground beyond the stage, where the picture shows it."""
+        """Add the far plain if the sky shows it."""
         stage = stage_of(scene.ground)
         if not scene.sky.shows_plain:
             self._far_plain = None
             return
         if self._far_plain is None or self._far_plain.stage is not stage:
             self._far_plain = FarPlainTarget(stage)
-        # The last one: of the rays, few are still to be cast at it.
+        # Last, because few rays have hit nothing until then.
         self._targets.append(self._far_plain)
 
     def view(self, camera: PlacedCamera) -> View:
-        """Return what a camera sees."""
+        """Cast one ray through each pixel's centre and return the first hits."""
         camera_rays = pixel_rays(camera.intrinsics)
         shape = camera_rays.shape[:-1]
         view = View(
@@ -154,7 +157,7 @@ class Surface:
             instance_ids=np.zeros(shape, dtype=np.uint32),
         )
 
-        visible_pixels = [part.visible_pixels(camera) for part in self._targets]
+        visible_pixels = [target.visible_pixels(camera) for target in self._targets]
         T_map_camera = camera.T_map_camera
         for rows in bands(*shape):
             band = view.rows(rows)
@@ -170,24 +173,24 @@ class Surface:
     def _cast_at(
         self, index: int, origin_m: FloatArray, view: View, pixels: NDArray[np.bool_] | None
     ) -> None:
-        """Add to a band of a view what some of its pixels, or all, see of a part."""
+        """Cast the rays of some pixels, or of all, at one target, and keep nearer hits."""
         if pixels is not None and not pixels.any():
             return
-        part = self._targets[index]
+        target = self._targets[index]
         rays: Any = slice(None) if pixels is None else np.flatnonzero(pixels)
         depth_m = view.depth_m.reshape(-1)
         limits = depth_m[rays]
-        found_m, elements = part.nearest(origin_m, view.directions.reshape(-1, 3)[rays], limits)
+        found_m, elements = target.nearest(origin_m, view.directions.reshape(-1, 3)[rays], limits)
         nearer = np.flatnonzero(found_m < limits)
         elements = elements[nearer]
         seen = nearer if pixels is None else rays[nearer]
         depth_m[seen] = found_m[nearer]
         view.targets.reshape(-1)[seen] = index
         view.elements.reshape(-1)[seen] = elements
-        view.instance_ids.reshape(-1)[seen] = part.instance_ids(elements)
+        view.instance_ids.reshape(-1)[seen] = target.instance_ids(elements)
 
     def semantic_ids(self, view: View, level: int = 0) -> NDArray[np.uint16]:
-        """Return the (H, W) labels of a view: on the ground those of the heaviest layers."""
+        """Return the (H, W) semantic ids of a view: of objects, of the ground's layers, of sky."""
         of_instance = self._semantic_of_instance(level)
         ids = np.empty(view.depth_m.shape, np.uint16)
 
@@ -213,25 +216,28 @@ class Surface:
         return table_of(scene, of_placements, of_primitives, np.uint16)
 
     def normals(self, view: View) -> FloatArray:
-        """Return the (H, W, 3) unit normals in ``map``, towards the camera; 0 for nothing."""
+        """Return the (H, W, 3) unit normals in ``map``, facing the camera; 0 without a hit."""
         normals = np.zeros_like(view.points_m)
-        for index, part in enumerate(self._targets):
+        for index, target in enumerate(self._targets):
             seen = view.targets == index
             if seen.any():
-                normals[seen] = part.normals(view.elements[seen], view.points_m[seen])
+                normals[seen] = target.normals(view.elements[seen], view.points_m[seen])
         away = (normals * view.directions).sum(axis=-1) > 0
         normals[away] *= -1
         return normals
 
     def height_m(self, xy_m: FloatArray) -> FloatArray:
-        """Return the (N,) topmost heights at (N, 2) points, NaN off the ground and objects."""
+        """Return the (N,) heights of the topmost surface at (N, 2) points, NaN off it."""
         height_m = self._scene.ground.height_at(xy_m)
-        for part in self._targets:
-            height_m = np.fmax(height_m, part.height_m(xy_m))
+        for target in self._targets:
+            height_m = np.fmax(height_m, target.height_m(xy_m))
         return height_m
 
     def mesh(self) -> TriangleMesh:
-        """Return all triangles with ids: solids tessellated, the ground labelled by centroids."""
+        """Return all triangles with ids.
+
+        Solids are tessellated; a triangle of the ground has the semantic id at its centroid.
+        """
         ground = self._ground or ground_mesh(self._scene)
         centres_m = ground.vertices_m[ground.triangles, :2].mean(axis=1)
         labelled = replace(
@@ -258,13 +264,8 @@ def _bvh_builder(ground: TriangleMesh) -> BvhBuilder | None:
     return None if embree is None else embree.mesh
 
 
-BAND_PIXELS = 40_000
-"""Some hundred bytes of each pixel are worked with: more would not stay in a core's cache, and take
-4 GB at 4096x3072. Two threads at two bands gain nothing on two logical cores."""
-
-
 def bands(height_px: int, width_px: int) -> Iterator[slice]:
-    """Yield slices that make up all rows; raise between them if nobody waits any more."""
+    """Yield slices of rows that cover an image; raise between them if the work was cancelled."""
     rows = max(1, BAND_PIXELS // width_px)
     for first in range(0, height_px, rows):
         stop_if_unwanted()

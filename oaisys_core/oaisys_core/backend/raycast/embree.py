@@ -1,6 +1,6 @@
-"""Embree, called in the library that comes with Blender.
+"""Ray casting with instances, by the Embree library that comes with Blender.
 
-It knows instances, which Open3D, that has a copy of it inside, does not hand on.
+Open3D and embreex wrap Embree too, but neither of them exposes its instances.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from oaisys_core.errors import RenderError
 from oaisys_core.types import FloatArray
 
 LIBRARY = "libembree4.so.4"
-"""By this name alone it is the one that is loaded already, with Blender."""
+"""Blender has loaded it already, so the dynamic linker finds it without a path."""
 
-OLDEST = 40300
-"""First version with arrays of instances, as Embree writes 4.3.0."""
+MIN_VERSION = 40300
+"""First version with instance arrays: 4.3.0 in Embree's notation."""
 
 VERSION, TRIANGLES_SUPPORTED = 0, 96
 TRIANGLE, INSTANCE_ARRAY = 0, 122
@@ -34,15 +34,16 @@ ROBUST = 4
 ``RTCSceneFlags``."""
 
 PACKET, FIELDS = 16, 21
-"""Rays of one call, and numbers of 32 bits that each has: a ``RTCRayHit16``."""
+"""Rays per call, and 32-bit fields per ray, of an ``RTCRayHit16``."""
 ORIGIN, NEAR, DIRECTION, TIME, FAR, MASK, FLAGS = slice(0, 3), 3, slice(4, 7), 7, 8, 9, 11
 PRIMITIVE, INSTANCE, INSTANCE_PRIMITIVE = 17, 19, 20
-"""Places among these."""
+"""Indices of fields."""
 
-NOTHING = 0xFFFFFFFF
-"""Id of what was not met."""
+INVALID_ID = 0xFFFFFFFF
+"""Id that Embree gives where a ray hit nothing."""
 
 ALIGNMENT = 64
+"""Bytes, of the memory that Embree reads rays from."""
 
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "rtcNewDevice": (c_void_p, [c_char_p]),
@@ -66,13 +67,13 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
 
 
 class Embree:
-    """Makes structures that rays can be cast at."""
+    """Builds scenes that rays can be cast at."""
 
     def __init__(self, library: CDLL) -> None:
-        """Open a library of `LIBRARY`'s name.
+        """Declare the library's functions and open a device.
 
         Raises:
-            RenderError: It is too old, or was built without triangles.
+            RenderError: The library is too old, or was built without triangles.
         """
         self.library = library
         for name, (result, arguments) in _SIGNATURES.items():
@@ -83,12 +84,14 @@ class Embree:
             library.rtcGetDeviceProperty(self._device, each)
             for each in (VERSION, TRIANGLES_SUPPORTED)
         )
-        if version < OLDEST or not triangles:
-            raise RenderError(f"Embree: received version {version}, expected {OLDEST} or later")
+        if version < MIN_VERSION or not triangles:
+            raise RenderError(
+                f"Embree: received version {version}, expected {MIN_VERSION} or later"
+            )
 
     def mesh(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> EmbreeScene:
-        """Return a structure over (V, 3) vertices and (T, 3) triangles."""
-        # It reads 16 bytes of each vertex, of the last one, too.
+        """Return a scene of (V, 3) vertices and (T, 3) triangles."""
+        # Embree reads 16 bytes per vertex, so the last one needs padding.
         corners = np.zeros((len(vertices_m) + 1, 3), np.float32)
         corners[:-1] = vertices_m
         indices = np.ascontiguousarray(triangles, np.uint32)
@@ -100,7 +103,7 @@ class Embree:
     def instances(
         self, meshes: Sequence[EmbreeScene], poses: Sequence[NDArray[np.float64]]
     ) -> EmbreeScene:
-        """Return a structure in which each mesh stands at its (N, 4, 4) poses."""
+        """Return a scene with one instance of each mesh at each of its (N, 4, 4) poses."""
         geometries, kept = [], []
         for mesh, T in zip(meshes, poses, strict=True):
             columns = np.ascontiguousarray(T[:, :3].transpose(0, 2, 1), np.float32)
@@ -136,10 +139,10 @@ class Embree:
 
 
 class EmbreeScene:
-    """One structure; it may be part of another, which then keeps it."""
+    """A scene that rays can be cast at; a scene of its instances keeps it alive."""
 
     def __init__(self, library: CDLL, handle: Any, kept: Sequence[Any]) -> None:
-        """Own a handle, and keep what its memory is in."""
+        """Own a handle, and keep alive the arrays and scenes that it refers to."""
         self.handle = handle
         self._library = library
         self._kept = kept
@@ -148,27 +151,27 @@ class EmbreeScene:
     def nearest(
         self, origins: FloatArray, directions: FloatArray, limits: FloatArray
     ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """Return what each ray meets first.
+        """Return the first hit of each ray.
 
         Args:
             origins: (R, 3), or (3,) for all rays.
             directions: (R, 3) of any length.
-            limits: (R,) distances, in units of the directions' lengths, where rays end.
+            limits: (R,) lengths of the rays, in units of the directions' lengths.
 
         Returns:
-            (R,) distances in these units, the limit for none, and (3, R) which mesh, which of its
-            instances, and which triangle of it, all `NOTHING` for none; of a structure that is
-            itself a mesh, the triangle alone.
+            (R,) distances in the same units, the limit for a miss, and (3, R) indices of mesh,
+            instance of that mesh, and triangle, all `INVALID_ID` for a miss. In a scene of one
+            mesh without instances, only the triangle is valid.
         """
         count = len(directions)
         packets = _packets(-(-count // PACKET))
         ids = packets.view(np.uint32)
         packets[:, (NEAR, TIME)] = 0.0
-        ids[:, MASK:] = NOTHING
+        ids[:, MASK:] = INVALID_ID
         ids[:, FLAGS] = 0
         _fill(packets[:, ORIGIN], np.broadcast_to(origins, directions.shape), 0.0)
         _fill(packets[:, DIRECTION], directions, 0.0)
-        # Rays that end before they begin fill up the last packet.
+        # The last packet is filled up with rays of negative length, which hit nothing.
         _fill(packets[:, FAR : FAR + 1], limits[:, None], -np.inf)
         self._cast(packets)
         places = (INSTANCE, INSTANCE_PRIMITIVE, PRIMITIVE)
@@ -178,23 +181,20 @@ class EmbreeScene:
     def first(
         self, origins: FloatArray, directions: FloatArray
     ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """See `TriangleBvh.first`, of a structure of triangles."""
+        """See `TriangleBvh.first`; only for a scene without instances."""
         distances, ids = self.nearest(origins, directions, np.full(len(directions), np.inf))
         return distances, ids[-1]
 
     def prepare(self) -> None:
-        """See `TriangleBvh.prepare`; there is nothing left to do."""
+        """See `TriangleBvh.prepare`; the scene is built already."""
 
     def _cast(self, packets: NDArray[np.float32]) -> None:
-        """Fill in what rays meet; Embree has no call for many packets.
-
-        Callers share their rays among threads: each call lets the others go on.
-        """
+        """Write the hits into packets of rays, one call per packet."""
         valid = _aligned((PACKET,), np.int32)
         valid[:] = -1
         start, size = packets.ctypes.data, packets.strides[0]
         addresses = range(start, start + packets.nbytes, size)
-        # A loop without a line of Python in it.
+        # Embree has no call for many packets; this loop runs without Python bytecode.
         calls = map(
             self._library.rtcIntersect16,
             repeat(valid.ctypes.data),
@@ -207,7 +207,7 @@ class EmbreeScene:
 
 @cache
 def blenders_embree() -> Embree | None:
-    """Return the Embree of the library that Blender has loaded; None where it has another."""
+    """Return Embree as Blender has loaded it; None without Blender, or with another version."""
     try:
         return Embree(CDLL(LIBRARY))
     except (OSError, AttributeError, RenderError):
@@ -215,12 +215,12 @@ def blenders_embree() -> Embree | None:
 
 
 def _packets(count: int) -> NDArray[np.float32]:
-    """Return (count, FIELDS, PACKET) numbers without values."""
+    """Return an uninitialised (count, FIELDS, PACKET) array."""
     return _aligned((count, FIELDS, PACKET), np.float32)
 
 
 def _aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
-    """Return an array without values whose memory begins where Embree wants it."""
+    """Return an uninitialised array that is aligned to `ALIGNMENT` bytes."""
     size = int(np.prod(shape)) * np.dtype(dtype).itemsize
     memory = np.empty(size + ALIGNMENT, np.uint8)
     first = -memory.ctypes.data % ALIGNMENT
@@ -228,7 +228,7 @@ def _aligned(shape: tuple[int, ...], dtype: type[np.generic]) -> NDArray[Any]:
 
 
 def _fill(fields: NDArray[np.float32], values: FloatArray, rest: float) -> None:
-    """Write (R, F) values of rays into (P, F, PACKET) fields, ``rest`` where there is no ray."""
+    """Write (R, F) values of rays into (P, F, PACKET) fields, and ``rest`` behind the last ray."""
     whole, width = len(values) // PACKET, values.shape[1]
     fields[:whole] = values[: whole * PACKET].reshape(whole, PACKET, width).transpose(0, 2, 1)
     if whole < len(fields):

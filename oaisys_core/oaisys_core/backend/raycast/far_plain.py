@@ -1,7 +1,7 @@
-"""The ground beyond the stage: it slopes down to a plain that is level up to the horizon.
+"""The far plain: the ground beyond the stage slopes down to a level plane up to the horizon.
 
-Colour is rendered from its triangles (`rings`), depth and labels are cast at the same ones and,
-where they are level, at the plane that they lie in. The ground truth mesh ends with the stage.
+Colour is rendered from its triangles (see `rings`). Depth and labels are cast at the triangles of
+the slope and at the infinite level plane. The ground truth mesh ends with the stage.
 """
 
 from __future__ import annotations
@@ -19,29 +19,29 @@ EDGE_POINTS = 192
 """Points along each edge of the stage."""
 
 FLAT_AT = 3.0
-"""Distance from the stage's centre, in shares of its edge's, from which the plain is level."""
+"""Where the plain becomes level: distance from the stage's centre, in units of its edge's."""
 
 FARTHEST = 2000.0
-"""Distance at which its triangles end, likewise: at eye height their rim and the horizon are one.
+"""Where its triangles end, in the same units; from eye height the rim coincides with the horizon.
 """
 
 SLOPE = (0.9995, 1.0, 1.03, 1.08, 1.15, 1.25, 1.4, 1.6, 1.85, 2.1, 2.4, 2.7, FLAT_AT)
 LEVEL = (10.0, FARTHEST)
-"""Distances of the rings of points, likewise."""
+"""Distances of the rings of vertices, in the same units."""
 
 SUNK_M = 0.3
-"""Depth of the innermost ring below the stage, whose edge has more points."""
+"""Depth of the innermost ring below the stage's edge, so that no gap shows between the two."""
 
 
 class FarPlainTarget(TriangleTarget):
-    """The ground beyond the stage, as rays meet it.
+    """The far plain as a ray target.
 
     Attributes:
-        stage: The ground that it lies around.
+        stage: The ground that it surrounds.
     """
 
     def __init__(self, stage: Ground) -> None:
-        """Lay it around a stage, see `stage_of`."""
+        """Build the slope around a stage, see `stage_of`."""
         self.stage = stage
         vertices_m, triangles = rings(stage, SLOPE)
         self._slope = RayCaster([TriangleMesh(vertices_m.astype(np.float64), triangles)])
@@ -75,17 +75,17 @@ class FarPlainTarget(TriangleTarget):
         return normals
 
     def instance_ids(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """See `RayTarget`; it is ground."""
+        """Return zeros: it is ground."""
         return np.zeros(elements.shape, np.uint32)
 
     def height_m(self, xy_m: FloatArray) -> FloatArray:
-        """Return NaN: heights are asked of the stage alone."""
+        """Return NaN: heights are defined on the stage only."""
         return np.full(len(xy_m), np.nan)
 
     def _may_meet(
         self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
     ) -> NDArray[np.bool_]:
-        """Return (R,) which rays may get there: those that leave the stage before they end."""
+        """Return (R,) which rays may hit it: those that leave the stage before their limit."""
         low, high = self._low_m + self._inset_m, self._high_m - self._inset_m
         xy = origin_m[:2]
         may = np.ones(len(directions), bool)
@@ -100,7 +100,7 @@ class FarPlainTarget(TriangleTarget):
         return np.asarray(may & (leaves.min(axis=1) < limits))
 
     def _to_level(self, origin_m: FloatArray, directions: FloatArray) -> FloatArray:
-        """Return (R,) distances to the level plane outside of the stage, ``+inf`` for none."""
+        """Return (R,) distances to the level plane outside the stage, ``+inf`` for a miss."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             t = (self._level_m - origin_m[2]) / directions[:, 2]
             xy = origin_m[:2] + t[:, None] * directions[:, :2]
@@ -109,7 +109,7 @@ class FarPlainTarget(TriangleTarget):
 
 
 def stage_of(ground: Ground) -> Ground:
-    """Return the ground as it is without finer parts near the cameras: its edge stays."""
+    """Return the ground without the detail near the cameras, which does not change its edge."""
     return ground.coarse if isinstance(ground, DetailedGround) else ground
 
 
@@ -118,11 +118,11 @@ def rings(
 ) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
     """Return (V, 3) vertices and (T, 3) triangles of rings around a stage.
 
-    They only fall, from the stage's edge to the edge's lowest point.
+    They descend from the stage's edge to the height of the edge's lowest point.
 
     Args:
         stage: See `stage_of`.
-        scales: Of the rings, the first one in shares of the distance of the stage's edge.
+        scales: Distances of the rings from the stage's centre, in units of its edge's.
     """
     x0, y0, x1, y1 = stage.extent_m
     half_m = np.array(((x1 - x0) / 2, (y1 - y0) / 2))
@@ -131,7 +131,7 @@ def rings(
     one = np.ones(EDGE_POINTS)
     sides = ((t, -one), (one, t), (-t, one), (-one, -t))
     edge = np.concatenate([np.column_stack(side) for side in sides])
-    # Just inside, for an edge is no part of every kind of ground.
+    # Sampled just inside, because not every kind of ground has heights on its edge.
     height_m = stage.height_at(centre_m + edge * half_m * 0.9999)
     lowest_m = np.nanmin(height_m) if np.isfinite(height_m).any() else 0.0
     height_m = np.where(np.isfinite(height_m), height_m, lowest_m)
@@ -146,7 +146,7 @@ def rings(
 
 
 def _between_rings(rings: int, points: int) -> NDArray[np.int32]:
-    """Return (T, 3) triangles, counter-clockwise from above, of rings one around the other."""
+    """Return (T, 3) triangles between concentric rings, counter-clockwise from above."""
     index = np.arange(rings * points, dtype=np.int32).reshape(rings, points)
     a, b = index[:-1], index[1:]
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)

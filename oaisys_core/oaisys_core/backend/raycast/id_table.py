@@ -1,4 +1,4 @@
-"""What belongs to instance ids, which may be few and far between."""
+"""Lookup of values by instance ids, which may be sparse."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from oaisys_core.scene import Scene
 
 
 class IdTable:
-    """Values by instance id; ids that are not in it have zeros."""
+    """Values by instance id; 0 for ids that it does not contain."""
 
     def __init__(self, ids: NDArray[np.uint32], values: NDArray[Any]) -> None:
         order = np.argsort(ids, kind="stable")
@@ -21,7 +21,7 @@ class IdTable:
         self._values = np.concatenate((nothing, values[order]))
 
     def __call__(self, ids: NDArray[np.uint32]) -> NDArray[Any]:
-        """Return the values of ids of any shape, followed by a value's own shape."""
+        """Return the values of (...) ids, of shape (..., *value's shape)."""
         place = np.searchsorted(self._ids, ids, side="right") - 1
         place = np.where(self._ids[place] == ids, place, 0)
         return np.asarray(self._values[place])

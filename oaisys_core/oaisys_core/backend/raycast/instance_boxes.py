@@ -1,7 +1,7 @@
-"""Instances found by the boxes around them, where Embree's own instances are not to be had.
+"""Ray casting at instances without Blender's Embree, by their bounding boxes.
 
-A first structure holds one box around each instance; the rays that meet a box are then cast at
-that instance's prototype, in its own frame.
+Open3D finds which boxes each ray enters; the ray is then cast at the prototype of each of these
+instances, in the instance's own frame.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.types import FloatArray
 
 BOX_MARGIN = 0.01
-"""Share of a box's size by which it is enlarged, so that rays do not slip past it by rounding, and
-start outside of what it holds."""
+"""Share of its size by which a box is enlarged, so that rounding makes no ray miss its instance."""
 
 RAYS_AT_A_TIME = 10_000
-"""A ray that grazes the ground may meet thousands of boxes, each of them a pair to remember."""
+"""Bounds the memory for pairs of ray and box: a ray along the ground may enter thousands of boxes.
+"""
 
 BOX_TRIANGLES = np.array(
     [
@@ -30,18 +30,18 @@ BOX_TRIANGLES = np.array(
     ],
     np.int32,
 )
-"""Two per face: lower and upper x, then y, then z."""
+"""Two triangles per face, faces ordered by lower and upper x, y, z."""
 
 
 class BoxInstanceFinder:
-    """See `InstanceFinder`; what lies beyond the distances to lower need not be looked at."""
+    """See `InstanceFinder`."""
 
-    def __init__(self, crowd: InstanceArrays) -> None:
-        self._instances = crowd
-        reach_m = max(np.abs(crowd.low_m).max(), np.abs(crowd.high_m).max())
-        size_m = (crowd.high_m - crowd.low_m).max(axis=1, keepdims=True)
+    def __init__(self, arrays: InstanceArrays) -> None:
+        self._arrays = arrays
+        reach_m = max(np.abs(arrays.low_m).max(), np.abs(arrays.high_m).max())
+        size_m = (arrays.high_m - arrays.low_m).max(axis=1, keepdims=True)
         margin_m = BOX_MARGIN * size_m + 1e-6 * reach_m
-        self._low_m, self._high_m = crowd.low_m - margin_m, crowd.high_m + margin_m
+        self._low_m, self._high_m = arrays.low_m - margin_m, arrays.high_m + margin_m
         self._origin_m = (self._low_m.min(axis=0) + self._high_m.max(axis=0)) / 2
         low_m, high_m = self._low_m[:, None], self._high_m[:, None]
         vertices = np.where(BOX_CORNERS == 0, low_m, high_m) - self._origin_m
@@ -68,10 +68,7 @@ class BoxInstanceFinder:
         best: FloatArray,
         found: NDArray[np.int64],
     ) -> None:
-        """Do so for some rays.
-
-        More boxes are tried in each round, as the rays that are left need ever more of them.
-        """
+        """Find the hits of some rays: try their nearest boxes first, in rounds of 1, 2, 4, …."""
         stop_if_unwanted()
         rays, instances, enters = self._candidates(origins_m, directions, best)
         origins = np.broadcast_to(origins_m, (*directions.shape[:-1], 3)).reshape(-1, 3)
@@ -87,7 +84,10 @@ class BoxInstanceFinder:
     def _candidates(
         self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], FloatArray]:
-        """Return pairs of ray and instance with the distance to its box, by ray, nearest first."""
+        """Return rays, the instances whose boxes they enter, and distances to these boxes.
+
+        The pairs are sorted by ray, then by distance.
+        """
         import open3d as o3d
 
         rays_in_box = np.empty((len(directions), 6), np.float32)
@@ -120,22 +120,22 @@ class BoxInstanceFinder:
         best: FloatArray,
         found: NDArray[np.int64],
     ) -> None:
-        """Cast rays at one instance each, in its frame and from its box on; keep what is nearer."""
-        crowd = self._instances
+        """Cast each ray at its instance, in the instance's frame, and keep the nearer hits."""
+        arrays = self._arrays
         rays, instances, enters = pairs
         entries_m = origins_m[rays] + enters[:, None] * directions[rays]
-        T = crowd.T_object_map[instances]
+        T = arrays.T_object_map[instances]
         origins = matvec(T[:, :3, :3], entries_m) + T[:, :3, 3]
         local_directions = matvec(T[:, :3, :3], directions[rays])
         distances = np.empty(len(rays))
         triangle_ids = np.empty(len(rays), np.int64)
-        for group, rows in crowd.by_group(instances):
-            distances[rows], triangle_ids[rows] = crowd.shapes[group].caster.intersect(
+        for group, rows in arrays.by_group(instances):
+            distances[rows], triangle_ids[rows] = arrays.shapes[group].caster.intersect(
                 origins[rows], local_directions[rows]
             )
         hit = triangle_ids != NO_TRIANGLE
         rays, distances = rays[hit], (enters + distances)[hit]
-        triangle_ids = triangle_ids[hit] + crowd.first[instances[hit]]
+        triangle_ids = triangle_ids[hit] + arrays.first[instances[hit]]
         farthest_first = np.argsort(-distances, kind="stable")
         of_hits = (each[farthest_first] for each in (rays, distances, triangle_ids))
         keep_nearest(best, found, *of_hits)

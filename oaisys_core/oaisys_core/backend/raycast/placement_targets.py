@@ -1,4 +1,4 @@
-"""The objects of a scene as rays meet them: those that stay and those that move, apart."""
+"""The placements of a scene as ray targets, static and moving ones apart."""
 
 from __future__ import annotations
 
@@ -13,19 +13,14 @@ from oaisys_core.scene import Scene
 from oaisys_core.types import TriangleMesh
 
 MERGED_TRIANGLES = 12_000_000
-"""Triangles up to which one structure over copies of all instances is taken, where there is no
-Embree that knows instances.
-
-It is ten times as fast to cast at as boxes and more, but takes 0.7 s and 0.1 GB per million
-triangles to build (two cores): 100,000 pebbles of 80 triangles take 6 s and 0.8 GB, as boxes 0.6 s
-and 0.1 GB.
-"""
+"""Without Blender's Embree, instances of at most so many triangles in total are merged into one
+mesh, which rays hit ten times as fast, but which takes 0.1 GB per million triangles."""
 
 
 class PlacementTargets:
-    """Placements, in two groups, so that what moves does not cost a new structure over all.
+    """Keeps targets of static and of moving placements, so that motion rebuilds only the latter.
 
-    A placement that was replaced or removed since the batch began is held to move from then on.
+    A placement that is replaced during a batch counts as moving from then on.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -33,13 +28,13 @@ class PlacementTargets:
         self._shapes = PrototypeMeshes()
         self._static: list[PlacedPrototype] = []
         self._static_targets: list[RayTarget] = []
-        self._unprepared: RayCaster | None = None
+        self._merged: RayCaster | None = None
         self._moving: list[PlacedPrototype] = []
         self._moving_targets: list[RayTarget] = []
         self.start_batch(scene)
 
     def start_batch(self, scene: Scene) -> None:
-        """Take over a batch's placements: those that do not move are held to stand still."""
+        """Take over the placements of a new batch; those not marked as moving count as static."""
         still = [each for each in _placed_prototypes(scene) if not each.placement.is_moving]
         if not _are_same(still, self._static):
             self._static = still
@@ -47,17 +42,17 @@ class PlacementTargets:
         self.update(scene)
 
     def prepare(self) -> None:
-        """Build now what the first view would wait for: 0.7 s per million triangles."""
-        if self._unprepared is not None:
-            self._unprepared.prepare()
+        """Build the merged mesh's structure now, so that the first view need not wait for it."""
+        if self._merged is not None:
+            self._merged.prepare()
 
     @property
     def targets(self) -> list[RayTarget]:
-        """Everything that rays can meet."""
+        """The ray targets of all placements."""
         return [*self._static_targets, *self._moving_targets]
 
     def update(self, scene: Scene) -> None:
-        """Take over the placements of a scene; those that are the same objects cost nothing."""
+        """Take over the placements of a scene; what did not change costs nothing."""
         placed = _placed_prototypes(scene)
         still = [each for each in self._static if any(each.is_same(now) for now in placed)]
         if len(still) < len(self._static):
@@ -70,17 +65,17 @@ class PlacementTargets:
         self._shapes.keep_only(scene.prototypes)
 
     def meshes(self) -> list[TriangleMesh]:
-        """Return the triangles of all placements, with ids."""
+        """Return the meshes of all placements, with ids per triangle."""
         return [each.mesh() for each in (*self._static, *self._moving)]
 
     def _targets_of(self, placed: Sequence[PlacedPrototype]) -> list[RayTarget]:
-        self._unprepared = None
+        self._merged = None
         if not placed:
             return []
         triangles = sum(each.triangle_count for each in placed)
         if self._embree is None and triangles <= MERGED_TRIANGLES:
-            self._unprepared = RayCaster([each.mesh() for each in placed])
-            return [TriangleTarget(self._unprepared)]
+            self._merged = RayCaster([each.mesh() for each in placed])
+            return [TriangleTarget(self._merged)]
         return [self._instances(placed)]
 
     def _instances(self, placed: Sequence[PlacedPrototype]) -> RayTarget:

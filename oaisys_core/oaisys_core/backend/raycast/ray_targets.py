@@ -1,4 +1,4 @@
-"""What rays can meet: triangles and exact solids, seen alike."""
+"""What rays can hit: triangle meshes, instances and exact solids behind one interface."""
 
 from __future__ import annotations
 
@@ -15,32 +15,31 @@ from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray
 
 NO_ELEMENT = NO_TRIANGLE
-"""Element of a ray that meets nothing."""
-
+"""Element of a ray that hits nothing."""
 
 MAX_VISIBLE_SHARE = 0.7
-"""Share of a camera's pixels up to which it pays to cast only the rays of some of them."""
+"""If a target is visible in a larger share of the pixels, all rays are cast at it."""
 
 
 class RayTarget(ABC):
-    """Some of a scene; it numbers its elements (triangles, or one for a whole solid) from 0."""
+    """A part of a scene; its elements, numbered from 0, are its triangles, or the whole solid."""
 
     def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
-        """Return (H, W) which rays are to be cast at it, as the others miss it; None: all."""
+        """Return (H, W) which pixels' rays may hit it; None: all."""
         return None
 
     @abstractmethod
     def nearest(
         self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
     ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Return (...) distances along (..., 3) rays, ``+inf`` for none, and (...) elements.
+        """Return (...) distances along (..., 3) rays, ``+inf`` for a miss, and (...) elements.
 
-        What lies beyond (...) ``limits`` need not be found.
+        Hits beyond (...) ``limits`` may be left out.
         """
 
     @abstractmethod
     def instance_ids(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """Return the (N,) ids of (N,) elements."""
+        """Return the (N,) uint32 instance ids of (N,) elements."""
 
     @abstractmethod
     def normals(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
@@ -52,7 +51,7 @@ class RayTarget(ABC):
 
 
 class TriangleCaster(Caster, Protocol):
-    """`RayCaster` and `InstanceCaster`."""
+    """The common interface of `RayCaster` and `InstanceCaster`."""
 
     def instance_ids_of(self, triangle_ids: NDArray[np.int64]) -> NDArray[np.uint32]:
         """See `RayCaster.instance_ids_of`."""
@@ -65,7 +64,7 @@ class TriangleCaster(Caster, Protocol):
 
 
 class TriangleTarget(RayTarget):
-    """Triangles."""
+    """Triangles that a caster holds."""
 
     def __init__(self, caster: TriangleCaster) -> None:
         self._caster = caster
@@ -90,7 +89,7 @@ class TriangleTarget(RayTarget):
 
 
 class InstanceTarget(TriangleTarget):
-    """Instances, of which those beyond the limits are left out."""
+    """Instances; only rays that may hit one are cast, and only as far as their limits."""
 
     def __init__(self, caster: InstanceCaster) -> None:
         super().__init__(caster)
@@ -116,7 +115,7 @@ class SolidTarget(RayTarget):
     """One exact solid."""
 
     def __init__(self, solid: Solid, instance_id: int, top_m: float) -> None:
-        """Take a solid that reaches no higher than ``top_m``."""
+        """Take a solid whose highest point is at most at ``top_m``."""
         self._solid = solid
         self._instance_id = instance_id
         self._top_m = top_m

@@ -1,4 +1,4 @@
-"""Simple colour for rays that were cast: mean colours under Lambert's law, and a graded sky."""
+"""Simple colour for cast rays: mean albedo under Lambert's law, and a sky with a gradient."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ __all__ = ["Palette", "encoded", "linear", "mean_color", "shaded"]
 
 
 class Palette:
-    """Linear colours of everything in a scene."""
+    """Linear mean colours of a scene's ground layers and objects."""
 
     def __init__(self, scene: Scene) -> None:
         self._means: dict[int, tuple[object, FloatArray]] = {}
         self.update(scene)
 
     def update(self, scene: Scene) -> None:
-        """Take over a changed scene; the means of textures are kept."""
+        """Take over a changed scene; means of textures that were seen before are reused."""
         self._material = scene.material
         self._layers = np.array([self._mean_of(layer.maps) for layer in scene.material.layers])
         of_placements = [self._mean_of(scene.prototypes[p.prototype]) for p in scene.placements]
@@ -34,7 +34,7 @@ class Palette:
         self._of_instance = table_of(scene, of_placements, of_primitives, np.float64)
 
     def albedo(self, view: View) -> FloatArray:
-        """Return the (H, W, 3) linear reflectance of what a view sees, 0 for nothing."""
+        """Return the (H, W, 3) linear albedo of a view, 0 where nothing was hit."""
         albedo = np.zeros_like(view.points_m)
         ground_xy_m = view.points_m[view.is_ground][:, :2]
         albedo[view.is_ground] = self._material.weights_at(ground_xy_m) @ self._layers
@@ -53,10 +53,10 @@ class Palette:
 def shaded(
     view: View, normals: FloatArray, palette: Palette, sky: Sky, exposure_ev: float
 ) -> NDArray[np.uint8]:
-    """Return the (H, W, 3) sRGB colour of a view.
+    """Return the (H, W, 3) uint8 sRGB image of a view.
 
-    Radiance is albedo / π times the irradiance of sun and sky; the sky's share falls to half on
-    a wall (a uniform hemisphere above level ground). White is a radiance of 1 at 0 EV.
+    Radiance is albedo / π times the irradiance of sun and sky. The sky is a uniform hemisphere, of
+    which a vertical wall receives half. A radiance of 1 is white at 0 EV.
     """
     sun_w_m2 = sky.lamp_w_m2 * np.maximum(normals @ np.array(sky.to_sun), 0.0)
     sky_w_m2 = sky_irradiance_w_m2(sky) * (1 + normals[..., 2]) / 2
@@ -70,7 +70,7 @@ def shaded(
 
 
 def prototype_color(prototype: MeshPrototype) -> FloatArray:
-    """Return the (3,) mean linear colour of a mesh, of whatever gives it one."""
+    """Return the (3,) mean linear colour of a prototype, wherever its colour comes from."""
     if prototype.maps is not None:
         return mean_color(prototype.maps)
     if prototype.color_image_srgb is not None and prototype.uv is not None:
@@ -93,14 +93,14 @@ def _mean_of_bytes(srgb: NDArray[np.uint8]) -> FloatArray:
 
 
 LEAST_UP = 1e-4
-"""Upward component of a ray at the horizon and below, for what has no end there."""
+"""Least upward component of a ray, which bounds its way through the haze layer."""
 
 SKY_IRRADIANCE_W_M2 = 1.0
-"""Irradiance of the whole sky on level ground, at a sky strength of 1."""
+"""Irradiance of the sky, without the sun, on level ground at a sky strength of 1."""
 
 
 def sky_radiance(sky: Sky, directions: FloatArray) -> FloatArray:
-    """Return the (N, 3) linear colour of the sky along (N, 3) directions in ``map``."""
+    """Return the (N, 3) linear radiance of the sky along (N, 3) directions in ``map``."""
     radiance = _clear_radiance(sky, directions)
     if sky.haze is None:
         return radiance
@@ -126,19 +126,19 @@ def _clear_radiance(sky: Sky, directions: FloatArray) -> FloatArray:
 
 
 def sky_irradiance_w_m2(sky: Sky) -> float:
-    """Return the irradiance of the whole sky on level ground."""
+    """Return the irradiance of the sky, without the sun, on level ground."""
     if sky.hdri is not None:
         rows = len(sky.hdri.image.radiance)
         up = np.sin(pi * (0.5 - (np.arange(rows // 2) + 0.5) / rows))
         mean = sky.hdri.image.radiance[: rows // 2].mean(axis=(1, 2), dtype=np.float64)
         cos_elevation = np.sqrt(1 - up**2)
-        # Over azimuth 2 pi, over elevation in steps of pi / rows.
+        # Integrates over the azimuth (2 pi) and over elevation in steps of pi / rows.
         return float(2 * pi**2 / rows * (mean * up * cos_elevation).sum() * sky.hdri.strength)
     return SKY_IRRADIANCE_W_M2 * sky.sky_strength * (sky.model != "none")
 
 
 def in_haze(radiance: FloatArray, distance_m: FloatArray, haze: Haze, sky: Sky) -> FloatArray:
-    """Return what is left of (N, 3) colours at a distance, and the air's own (Koschmieder)."""
+    """Return (N, 3) radiances seen through haze at (N,) distances (Koschmieder's law)."""
     veil = np.array(veil_radiance(sky, haze))
     clear = np.exp(-distance_m[:, None] * np.array(haze.extinction_per_m))
     return np.asarray(radiance * clear + veil * (1 - clear))

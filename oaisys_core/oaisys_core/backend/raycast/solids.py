@@ -1,4 +1,4 @@
-"""PrototypeMeshes whose surface has a closed form, so that rays meet them exactly (float64)."""
+"""Spheres, boxes and level rectangles, which rays hit in closed form (float64)."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from oaisys_core.scene import Ground, HeightField, Primitive
 from oaisys_core.types import FloatArray, TriangleMesh
 
 TESSELLATION_ERROR_M = 5e-4
-"""Largest distance of a tessellated sphere from the sphere."""
+"""Largest distance between a sphere and its tessellation."""
 
 
 class Solid(Protocol):
-    """A shape that rays can meet."""
+    """A shape that rays can hit."""
 
     def intersect(self, origins_m: FloatArray, directions: FloatArray) -> FloatArray:
-        """Return (...) how many ``directions`` (..., 3) it is to the shape, ``+inf`` for never.
+        """Return (...) distances in units of the directions' lengths, ``+inf`` for a miss.
 
-        ``origins_m`` is (..., 3), or (3,) for all rays, in ``map``.
+        Args:
+            origins_m: (..., 3) in ``map``, or (3,) for all rays.
+            directions: (..., 3) of any length.
         """
 
     def normals_at(self, points_m: FloatArray) -> FloatArray:
@@ -38,7 +40,7 @@ class Sphere:
     radius_m: float
 
     def intersect(self, origins_m: FloatArray, directions: FloatArray) -> FloatArray:
-        """See `Solid`; the nearer root of the quadratic ``|o + t d - c|² = r²`` in front."""
+        """See `Solid`; the smallest positive root of ``|o + t d - c|² = r²``."""
         offset = origins_m - self.centre_m
         a = (directions * directions).sum(axis=-1)
         b = (offset * directions).sum(axis=-1)
@@ -61,7 +63,7 @@ class Box:
     size_m: tuple[float, float, float]
 
     def intersect(self, origins_m: FloatArray, directions: FloatArray) -> FloatArray:
-        """See `Solid`; the overlap of the ray's intervals between the three pairs of faces."""
+        """See `Solid`; by the slab method, between the three pairs of faces."""
         T_box_map = invert(self.T_map_box)
         o = origins_m @ T_box_map[:3, :3].T + T_box_map[:3, 3]
         d = directions @ T_box_map[:3, :3].T
@@ -114,7 +116,7 @@ def solid_of(primitive: Primitive) -> Solid:
 
 
 def flat_ground(ground: Ground) -> Rectangle | None:
-    """Return the rectangle that a ground is, or None where it is not exactly flat."""
+    """Return the rectangle of an exactly flat ground, None for any other."""
     if not isinstance(ground, HeightField):
         return None
     height_m = ground.elevation_m.flat[0]
@@ -124,9 +126,9 @@ def flat_ground(ground: Ground) -> Rectangle | None:
 
 
 def tessellated(primitive: Primitive) -> TriangleMesh:
-    """Return a primitive's surface as triangles in its own frame, counter-clockwise from outside.
+    """Return the triangles of a primitive in its own frame, counter-clockwise from outside.
 
-    A sphere's vertices lie on it and its triangles deviate by at most `TESSELLATION_ERROR_M`.
+    A sphere's vertices lie on it; its triangles deviate by at most `TESSELLATION_ERROR_M`.
     """
     if primitive.shape == "sphere":
         return _sphere_mesh(primitive.size_m[0])
@@ -139,9 +141,9 @@ def tessellated(primitive: Primitive) -> TriangleMesh:
 
 
 def _sphere_mesh(radius_m: float) -> TriangleMesh:
-    """Return a sphere cut along meridians and parallels.
+    """Return a sphere tessellated along meridians and parallels.
 
-    A patch of angles (a, a) deviates by at most r (1 - cos(a / √2)) ≈ r a² / 4.
+    A patch that spans an angle a in both directions deviates by r (1 - cos(a / √2)) ≈ r a² / 4.
     """
     rings = max(8, ceil(pi / sqrt(4 * TESSELLATION_ERROR_M / radius_m)))
     sectors = 2 * rings

@@ -1,11 +1,9 @@
-"""Exact views of triangle meshes: which triangle each ray meets first, and where.
+"""Ray casting at triangle meshes: which triangle each ray hits first, and where.
 
-Embree (through Open3D, unless another is given) finds the triangle in float32; where the ray meets
-that triangle's plane is then computed in float64, so that accuracy does not depend on how far
-away, or in which bounding volumes, a triangle lies.
+Embree (Open3D's, unless another one is given) finds the triangle in float32. The distance to the
+triangle's plane is then computed in float64, so that it is accurate at any range.
 
-Open3D is imported when it is first needed; for ``bpy`` in the same process see
-`oaisys_core.native_libraries`.
+Open3D is imported on first use; see `oaisys_core.native_libraries` for ``bpy`` in the same process.
 """
 
 from __future__ import annotations
@@ -22,11 +20,11 @@ from oaisys_core.scene import merge_meshes
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
 
 NO_TRIANGLE = -1
-"""Triangle id of a ray that meets nothing."""
+"""Triangle id of a ray that hits nothing."""
 
 PLANE_TOLERANCE = 1e-3
-"""Relative difference of the plane's distance from Embree's beyond which Embree's stands: the
-triangle is then seen edge-on, or has no area."""
+"""If the distances to plane and triangle differ by a larger share, the triangle is edge-on or has
+no area, and Embree's distance is kept."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,8 +34,8 @@ class CameraHits(ShortRepr):
     Attributes:
         depth_m: (H, W) float32 planar z, ``+inf`` where nothing was hit.
         triangle_ids: (H, W) int64 index over all meshes in their order, `NO_TRIANGLE` for none.
-        semantic_ids: (H, W) uint16 of the triangle, 0 for none.
-        instance_ids: (H, W) uint32 of the triangle, 0 for none.
+        semantic_ids: (H, W) uint16, 0 for none.
+        instance_ids: (H, W) uint32, 0 for none.
         points_m: (H, W, 3) float64 in ``map``, NaN where nothing was hit.
     """
 
@@ -49,37 +47,34 @@ class CameraHits(ShortRepr):
 
 
 class TriangleBvh(Protocol):
-    """A structure over triangles."""
+    """A bounding volume hierarchy (BVH) of triangles."""
 
     def first(
         self, origins: FloatArray, directions: FloatArray
     ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """Return the (R,) distances and triangles that (R, 3) rays meet first.
+        """Return the (R,) distances and triangle indices of the first hits of (R, 3) rays.
 
         ``origins`` may be (3,) for all rays. Distances are in units of the directions' lengths,
-        ``+inf`` for none.
+        ``+inf`` for a miss.
         """
 
     def prepare(self) -> None:
-        """Build it now, if that is still to be done."""
+        """Build it now rather than at the first cast."""
 
 
 BvhBuilder = Callable[[FloatArray, NDArray[np.int32]], TriangleBvh]
-"""Makes a tree over (V, 3) vertices and (T, 3) triangles."""
+"""Builds a BVH of (V, 3) vertices and (T, 3) triangles."""
 
 
 class RayCaster:
     """Casts rays at a fixed set of triangle meshes.
 
     Attributes:
-        low_m, high_m: (3,) corners of the box around them; infinite and reversed around nothing.
+        low_m, high_m: (3,) corners of the bounding box; ``+inf`` and ``-inf`` without triangles.
     """
 
-    def __init__(self, meshes: Sequence[TriangleMesh], maker: BvhBuilder | None = None) -> None:
-        """Build the search structure over ``meshes``; ids that a mesh lacks count as 0.
-
-        ``maker`` makes it; None takes Open3D.
-        """
+    def __init__(self, meshes: Sequence[TriangleMesh], builder: BvhBuilder | None = None) -> None:
+        """Prepare a BVH of ``meshes``, by Open3D without a ``builder``; missing ids count as 0."""
         meshes = [mesh for mesh in meshes if len(mesh.triangles)]
         counts = [len(mesh.triangles) for mesh in meshes]
         self._semantic_ids = _ids([m.semantic_ids for m in meshes], counts, np.uint16)
@@ -94,15 +89,15 @@ class RayCaster:
         self._origin_m: FloatArray = (self.low_m + self.high_m) / 2
         self._local_m = soup.vertices_m - self._origin_m
         self._triangles = soup.triangles
-        self._bvh = (maker or Open3DBvh)(self._local_m, self._triangles)
+        self._bvh = (builder or Open3DBvh)(self._local_m, self._triangles)
 
     def prepare(self) -> None:
-        """Build the search structure now; else the first ray that is cast waits for it."""
+        """Build the BVH now rather than at the first cast."""
         if self._bvh is not None:
             self._bvh.prepare()
 
     def cast(self, T_map_camera: FloatArray, intrinsics: PinholeIntrinsics) -> CameraHits:
-        """Return what a camera with its optical frame at ``T_map_camera`` sees."""
+        """Return the hits of a camera whose optical frame is at ``T_map_camera``."""
         directions = pixel_rays(intrinsics) @ T_map_camera[:3, :3].T
         depth_m, triangle_ids = self.intersect(T_map_camera[:3, 3], directions)
         with np.errstate(invalid="ignore"):
@@ -117,21 +112,21 @@ class RayCaster:
         )
 
     def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
-        """Return the (N,) topmost heights at (N, 2) points, NaN where there is no triangle."""
+        """See the function `surface_height_m`."""
         return surface_height_m(self, xy_m)
 
     def intersect(
         self, origins_m: FloatArray, directions: FloatArray
     ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Return how many ``directions`` each ray goes to its first triangle, and which that is.
+        """Return the distance and the triangle of each ray's first hit.
 
         Args:
             origins_m: (..., 3) in ``map``, or (3,) for all rays.
             directions: (..., 3) of any length.
 
         Returns:
-            (...) float64 distances in units of the directions' lengths, ``+inf`` for none, and
-            (...) int64 triangle ids, `NO_TRIANGLE` for none.
+            (...) float64 distances in units of the directions' lengths, ``+inf`` for a miss, and
+            (...) int64 triangle ids, `NO_TRIANGLE` for a miss.
         """
         shape = directions.shape[:-1]
         if self._bvh is None:
@@ -146,11 +141,11 @@ class RayCaster:
         return distances, triangle_ids
 
     def semantic_ids_of(self, triangle_ids: NDArray[np.int64]) -> NDArray[np.uint16]:
-        """Return the label of each triangle id, 0 for `NO_TRIANGLE`."""
+        """Return the semantic id of each triangle id, 0 for `NO_TRIANGLE`."""
         return _looked_up(self._semantic_ids, triangle_ids)
 
     def instance_ids_of(self, triangle_ids: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """Return the instance of each triangle id, 0 for `NO_TRIANGLE`."""
+        """Return the instance id of each triangle id, 0 for `NO_TRIANGLE`."""
         return _looked_up(self._instance_ids, triangle_ids)
 
     def normals_of(self, triangle_ids: NDArray[np.int64]) -> FloatArray:
@@ -158,7 +153,7 @@ class RayCaster:
         return unit(self._planes(triangle_ids)[1])
 
     def _planes(self, triangle_ids: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
-        """Return (N, 3) corners and (N, 3) normals of any length."""
+        """Return the (N, 3) first corners and (N, 3) normals, of any length, of triangles."""
         corners = self._triangles.take(triangle_ids, axis=0)
         a, b, c = (self._local_m.take(corners[:, i], axis=0) for i in range(3))
         b -= a
@@ -173,17 +168,17 @@ class RayCaster:
         local_m: FloatArray,
         directions: FloatArray,
     ) -> None:
-        """Replace Embree's float32 distances by those to the triangles' planes."""
+        """Replace Embree's float32 distances in place, see `refined`."""
         corners, normals = self._planes(triangle_ids[hit])
         origins = local_m if local_m.ndim == 1 else local_m[hit]
         distances[hit] = refined(distances[hit], corners, normals, origins, directions[hit])
 
 
 class Caster(Protocol):
-    """What rays can be cast at.
+    """Anything that finds the first hits of rays.
 
     Attributes:
-        low_m, high_m: (3,) corners of the box around it; infinite and reversed around nothing.
+        low_m, high_m: (3,) corners of the bounding box; ``+inf`` and ``-inf`` without triangles.
     """
 
     low_m: FloatArray
@@ -214,12 +209,12 @@ def refined(
     origins: FloatArray,
     directions: FloatArray,
 ) -> FloatArray:
-    """Return (N,) distances to triangles' planes instead of Embree's, which are float32.
+    """Return (N,) float64 distances to the planes of triangles that Embree found.
 
     Args:
-        coarse: (N,) Embree's distances.
-        corners, normals: (N, 3) a corner and the normal, of any length, of each triangle.
-        origins, directions: (N, 3) rays, in the same frame; origins may be (3,).
+        coarse: (N,) Embree's float32 distances.
+        corners, normals: (N, 3) one corner and the normal, of any length, of each triangle.
+        origins, directions: (N, 3) rays in the same frame; origins may be (3,).
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         to_plane = _dot(normals, corners - origins) / _dot(normals, directions)
@@ -228,13 +223,13 @@ def refined(
 
 
 def unit(vectors: FloatArray) -> FloatArray:
-    """Return (N, 3) vectors at length 1; those of no length stay so."""
+    """Return (N, 3) vectors normalised to length 1; zero vectors stay zero."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.asarray(vectors / np.where(lengths > 0, lengths, 1.0))
 
 
 class Open3DBvh:
-    """See `TriangleBvh`; it is built when the first ray is cast."""
+    """Open3D's BVH, see `TriangleBvh`; Open3D builds it at the first cast."""
 
     def __init__(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> None:
         self._scene = open3d_scene(vertices_m, triangles)
@@ -256,7 +251,7 @@ class Open3DBvh:
 
 
 def open3d_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
-    """Return Embree's structure over (V, 3) vertices and (T, 3) triangles."""
+    """Return Open3D's ray casting scene of (V, 3) vertices and (T, 3) triangles."""
     import open3d as o3d
 
     scene = o3d.t.geometry.RaycastingScene()
@@ -268,7 +263,7 @@ def open3d_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return the (N, 3) cross products, as `numpy.cross` does, without its copies."""
+    """Return (N, 3) cross products; `numpy.cross` makes more copies."""
     product = np.empty_like(a)
     product[:, 0] = a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1]
     product[:, 1] = a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2]

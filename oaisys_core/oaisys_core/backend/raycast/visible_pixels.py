@@ -1,4 +1,4 @@
-"""Which pixels of a camera may see one of many boxes: rays elsewhere need not be cast at them."""
+"""Which pixels of a camera may see one of many boxes; only their rays must be cast at them."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
 BOX_CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
-"""Of a box of size 1: lower and upper x, then y, then z."""
+"""Corners of the unit box, ordered by x, then y, then z."""
 
 MARGIN_PX = 0.01
-"""By which a box is held to reach farther in the image: more than rounding in float32 moves it."""
+"""Added to a box's image on all sides; more than the rounding error in float32."""
 
 MAX_BOXES = 5_000
-"""Boxes from which on most pixels may see one, and to tell which takes as long as it saves."""
+"""With more boxes, finding the pixels takes as long as it saves."""
 
-LEAST_AHEAD = 1e-3
-"""RayTarget of a box's size that it must be ahead of a camera for its image to be bounded."""
+MIN_DEPTH_SHARE = 1e-3
+"""Least depth of a box's corners, as a share of its size, for its image to be bounded."""
 
 
 def visible_pixels(
     camera: PlacedCamera, low_m: FloatArray, high_m: FloatArray
 ) -> NDArray[np.bool_] | None:
-    """Return (H, W) whether the ray through a pixel's centre may meet a box; None: any may.
+    """Return (H, W) whether the ray through a pixel's centre may hit a box; None: any may.
 
     Args:
         camera: Without distortion.
-        low_m, high_m: (N, 3) corners of boxes along the axes of ``map``.
+        low_m, high_m: (N, 3) corners of boxes aligned with the axes of ``map``.
     """
     if len(low_m) > MAX_BOXES:
         return None
     pinhole, T = camera.intrinsics, camera.T_map_camera
     low_m, high_m = low_m - T[:3, 3], high_m - T[:3, 3]
     size_m = high_m - low_m
-    near = np.flatnonzero(_reach_into(pinhole, (low_m + high_m) / 2 @ T[:3, :3], size_m))
+    near = np.flatnonzero(_in_frustum(pinhole, (low_m + high_m) / 2 @ T[:3, :3], size_m))
     low_m, size_m = low_m[near].astype(np.float32), size_m[near].astype(np.float32)
     corners = low_m[:, None] + BOX_CORNERS.astype(np.float32) * size_m[:, None]
     corners = corners @ T[:3, :3].astype(np.float32)
     depth_m = corners[..., 2]
-    is_ahead = depth_m.min(axis=1) > LEAST_AHEAD * size_m.max(axis=1)
+    is_ahead = depth_m.min(axis=1) > MIN_DEPTH_SHARE * size_m.max(axis=1)
     focal_px = np.array((pinhole.fx_px, pinhole.fy_px), np.float32)
     with np.errstate(divide="ignore", invalid="ignore"):
         pixels = corners[..., :2] / depth_m[..., None] * focal_px
@@ -52,15 +52,15 @@ def visible_pixels(
     return _covered(first.astype(np.intp), end.astype(np.intp), size_px)
 
 
-def _reach_into(
+def _in_frustum(
     pinhole: PinholeIntrinsics, middle_m: FloatArray, size_m: FloatArray
 ) -> NDArray[np.bool_]:
-    """Return (N,) whether the spheres around boxes reach into what a camera sees.
+    """Return (N,) whether the bounding spheres of boxes intersect a camera's frustum.
 
     Args:
         pinhole: The camera.
-        middle_m: (N, 3) of the boxes, in its optical frame.
-        size_m: (N, 3) edges, along any axes.
+        middle_m: (N, 3) centres of the boxes, in its optical frame.
+        size_m: (N, 3) edge lengths.
     """
     radius_m = np.linalg.norm(size_m, axis=1) / 2
     depth_m = middle_m[:, 2]
@@ -78,9 +78,9 @@ def _reach_into(
 def _covered(
     first: NDArray[np.intp], end: NDArray[np.intp], size_px: tuple[int, int]
 ) -> NDArray[np.bool_]:
-    """Return (H, W) what (N, 2) rectangles of columns and rows cover, ends not included."""
+    """Return (H, W) which pixels lie in any of (N, 2) rectangles [first, end) of (column, row)."""
     width, height = size_px
-    # Summed along both axes, a corner where a rectangle begins counts all that follows it.
+    # A summed-area table of the rectangles' corners counts the rectangles at each pixel.
     steps = np.zeros((height + 1) * (width + 1), np.int32)
     for columns, rows, step in (
         (first[:, 0], first[:, 1], 1),
