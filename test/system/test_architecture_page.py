@@ -1,0 +1,63 @@
+"""The way of a view in docs/architecture.md, against the imports of the modules that it names."""
+
+from __future__ import annotations
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+
+REPOSITORY = Path(__file__).parents[2]
+PAGE = REPOSITORY / "docs" / "architecture.md"
+ROW = re.compile(r"\| `(oaisys_[\w.]+)` \|")
+
+
+def tables() -> list[list[str]]:
+    """Return the modules of each table of the page, in their order."""
+    found: list[list[str]] = []
+    inside = False
+    for line in PAGE.read_text(encoding="utf-8").splitlines():
+        row = ROW.match(line)
+        if line.startswith("| module |"):
+            found.append([])
+            inside = True
+        elif row and inside:
+            found[-1].append(row[1])
+        elif not line.startswith("|"):
+            inside = False
+    return found
+
+
+def source_of(module: str) -> Path:
+    path = REPOSITORY.joinpath(module.split(".")[0], *module.split("."))
+    return path / "__init__.py" if path.is_dir() else path.with_suffix(".py")
+
+
+def imported_by(module: str) -> set[str]:
+    """Return every name that a module imports, absolute; ``from a import b`` gives a and a.b."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(source_of(module).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return names
+
+
+def test_the_page_has_a_table_for_each_process() -> None:
+    assert len(tables()) == 6
+    assert all(len(modules) >= 2 for modules in tables())
+
+
+@pytest.mark.parametrize("modules", tables(), ids=lambda modules: modules[0])
+def test_the_modules_exist(modules: list[str]) -> None:
+    assert [name for name in modules if not source_of(name).is_file()] == []
+
+
+@pytest.mark.parametrize("modules", tables(), ids=lambda modules: modules[0])
+def test_each_module_is_imported_by_one_above_it(modules: list[str]) -> None:
+    reached = imported_by(modules[0])
+    for module in modules[1:]:
+        assert module in reached, f"no module above {module} imports it"
+        reached |= imported_by(module)
