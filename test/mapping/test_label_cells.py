@@ -8,8 +8,8 @@ from test_tsdf import CAMERA, camera_at, plane_depth_m, sphere_depth_m
 
 from oaisys_core.types import FloatArray
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_mapping.voxels.blocks import distinct_blocks
-from oaisys_mapping.voxels.label_cells import BLOCK_SHARE
+from oaisys_mapping.voxels.block_coordinates import unique_blocks
+from oaisys_mapping.voxels.fields import CELL_BLOCKS_PER_BLOCK
 
 GROUND, ROCK = 4, 9
 RADIUS_M = 0.4
@@ -113,7 +113,7 @@ def test_cells_are_no_more_than_there_is_room_for(tmp_path: Path) -> None:
         T = camera_at((x_m, 0, 4), (x_m, 0.01, 0))
         volume.integrate(plane_depth_m(T, UP, 0.0), None, CAMERA, T, labels)
     assert volume.blocks_stored > 0
-    assert 0 < volume.cell_blocks_in_memory <= BLOCK_SHARE * volume.blocks_in_memory
+    assert 0 < volume.cell_blocks_in_memory <= CELL_BLOCKS_PER_BLOCK * volume.blocks_in_memory
     line_m = np.column_stack((np.arange(0, 27, 0.07), np.zeros(386), np.zeros(386)))
     ids, _ = volume.classes_at(line_m)
     assert (ids == 1).all()
@@ -124,7 +124,7 @@ def test_different_blocks_are_found_near_and_far_apart(spread: int) -> None:
     """Against numpy's sorting."""
     blocks = np.random.default_rng(1).integers(-spread, spread, (3, 500)).astype(np.int32)
     expected, place = np.unique(blocks.T, axis=0, return_inverse=True)
-    found, number = distinct_blocks(blocks)
+    found, number = unique_blocks(blocks)
     assert np.array_equal(found, expected)
     assert np.array_equal(number, place.ravel())
 

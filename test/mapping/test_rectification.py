@@ -8,8 +8,8 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.evaluation.visibility import PosedCamera
+from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_mapping.tsdf import TsdfVolume
-from oaisys_mapping.voxels.rectification import rectified, rectified_camera
 
 BARREL = PinholeIntrinsics(160, 120, 130.0, 125.0, 82.0, 57.5, (-0.25, 0.06, 1e-3, -2e-3, 0.005))
 CUSHION = PinholeIntrinsics(160, 120, 130.0, 125.0, 82.0, 57.5, (0.15, 0.02, 1e-3, -2e-3, 0.0))

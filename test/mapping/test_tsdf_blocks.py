@@ -18,9 +18,9 @@ from oaisys_core.types import FloatArray
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_class_names, read_ply, write_ply
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume, VolumeFullError
+from oaisys_mapping.voxels.fields import CLASSES_KEPT
 from oaisys_mapping.voxels.marching_cubes import triangle_table
 from oaisys_mapping.voxels.semantic_fusion import (
-    CLASSES_KEPT,
     class_color,
     fuse_classes,
     most_likely,

@@ -20,8 +20,8 @@ from oaisys_mapping.evaluation.metrics import ReconstructionMetrics
 from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.evaluation.true_surface import TrueSurface
 from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_mapping.voxels.rectification import rectified, rectified_camera
 
 FOCAL_FACTOR = 1.0855
 """By which the original's depth had to be divided for its maps to close."""

@@ -1,4 +1,4 @@
-"""Which blocks are in memory, which on disk, and which have to go when there is no more room."""
+"""Voxel blocks in memory with a disk store behind them, and eviction when memory is full."""
 
 from __future__ import annotations
 
@@ -12,65 +12,61 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import FloatArray
-from oaisys_mapping.voxels.block_store import BlockStore
-from oaisys_mapping.voxels.blocks import (
-    BLOCK_VOXELS,
-    INITIAL_BLOCKS,
-    Coordinates,
+from oaisys_mapping.voxels.block_coordinates import (
+    NO_BLOCKS,
+    BlockCoordinates,
     Slots,
-    VoxelBlocks,
-    VoxelField,
     block_order,
-    packed,
-    unpacked,
+    union_of_blocks,
 )
-from oaisys_mapping.voxels.padded_images import FreeSpace
+from oaisys_mapping.voxels.block_store import BlockStore
+from oaisys_mapping.voxels.blocks import VoxelBlocks
+from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VoxelField
+from oaisys_mapping.voxels.free_space import DepthPyramid
 
-ROOM_SHARE = 0.1
-"""Share of the blocks that goes at a time where there is no more room."""
-
-_NONE = np.zeros((0, 3), np.int32)
+EVICTED_SHARE = 0.1
+"""Share of the allowed blocks that is evicted at once when memory is full."""
 
 
 class VolumeFullError(OaisysError):
     """A view needs more memory than a volume may use."""
 
 
-def check_room(needed: int, most_blocks: int) -> None:
-    """Refuse more blocks than there may be."""
-    if needed > most_blocks:
+def check_capacity(needed: int, max_blocks: int) -> None:
+    """Raise `VolumeFullError` where more blocks are needed than allowed."""
+    if needed > max_blocks:
         raise VolumeFullError(
-            f"the map would need {needed} blocks of {BLOCK_VOXELS} voxels, and {most_blocks} may "
+            f"the map would need {needed} blocks of {BLOCK_VOXELS} voxels, and {max_blocks} may "
             "be used: choose larger voxels or a shorter range"
         )
 
 
 @dataclass(frozen=True)
 class ViewBlocks:
-    """Blocks made ready for a view.
+    """The blocks loaded for a view, and what loading them changed.
 
     Attributes:
-        blocks, slots: (N, 3) and (N,) blocks that the view may say something about.
-        restored: (M, 3) that came back from disk.
-        gone: (K, 3) that are no longer in memory.
+        blocks, slots: (N, 3) and (N,) blocks that the view may update.
+        restored: (M, 3) blocks read back from disk.
+        evicted: (K, 3) blocks that are no longer in memory.
     """
 
-    blocks: Coordinates
+    blocks: BlockCoordinates
     slots: Slots
-    restored: Coordinates
-    gone: Coordinates
+    restored: BlockCoordinates
+    evicted: BlockCoordinates
 
 
 class BlockCache:
-    """Blocks in memory, as many as allowed, and the store behind them.
+    """A limited number of blocks in memory; evicted ones are dropped or stored on disk.
 
     Args:
         voxel_size_m: Edge length of a voxel.
-        fields: Of a voxel.
-        most_blocks: That may be in memory.
-        when_full: What becomes of those farthest from the camera: one of `WHEN_FULL`.
-        store_folder: Where stored blocks go; None: where temporary files do.
-        initial_blocks: That memory is reserved for at first.
+        fields: Values stored for each voxel.
+        max_blocks: Blocks that may be in memory.
+        when_full: One of `config.WHEN_FULL`; blocks farthest from the camera are evicted first.
+        store_folder: Folder of the file of stored blocks; None: the system's temporary folder.
+        initial_blocks: See `VoxelBlocks`.
     """
 
     def __init__(
@@ -78,173 +74,171 @@ class BlockCache:
         voxel_size_m: float,
         fields: tuple[VoxelField, ...],
         *,
-        most_blocks: int,
+        max_blocks: int,
         when_full: str,
         store_folder: Path | None,
-        initial_blocks: int = INITIAL_BLOCKS,
+        initial_blocks: int | None = None,
     ) -> None:
-        self._block_m = BLOCK_VOXELS * voxel_size_m
-        self._most_blocks = most_blocks
+        self.voxel_size_m = voxel_size_m
+        self.fields = fields
+        self._max_blocks = max_blocks
         self._when_full = when_full
-        self._blocks = VoxelBlocks(voxel_size_m, fields, most_blocks, initial_blocks)
+        self._memory = VoxelBlocks(voxel_size_m, fields, max_blocks, initial_blocks)
         self._store = BlockStore(fields, store_folder)
-        self.near_surface = self._blocks.near_surface
+        self.near_surface = self._memory.near_surface
 
     @property
     def arrays(self) -> Mapping[str, NDArray[Any]]:
-        """Fields of the voxels in memory by slot."""
-        return self._blocks.arrays
+        """Fields of the voxels in memory, indexed by slot."""
+        return self._memory.arrays
 
     @property
-    def in_memory(self) -> int:
+    def count_in_memory(self) -> int:
         """How many blocks are in memory."""
-        return len(self._blocks)
+        return len(self._memory)
 
     @property
-    def stored(self) -> int:
+    def count_stored(self) -> int:
         """How many blocks are on disk."""
         return len(self._store)
 
     @property
-    def blocks_in_memory(self) -> Coordinates:
-        """The (N, 3) blocks in memory, in any order."""
-        return self._blocks.all()[0]
+    def blocks_in_memory(self) -> BlockCoordinates:
+        """The (N, 3) blocks in memory, in no set order."""
+        return self._memory.all()[0]
 
     @property
-    def stored_blocks(self) -> Coordinates:
+    def stored_blocks(self) -> BlockCoordinates:
         """The (N, 3) blocks on disk."""
-        return self._store.coordinates
+        return self._store.blocks
 
     @property
-    def all_blocks(self) -> Coordinates:
+    def all_blocks(self) -> BlockCoordinates:
         """The (N, 3) blocks in memory and on disk, in `block_order`."""
-        both = np.concatenate((self._blocks.all()[0], self._store.coordinates))
+        both = np.concatenate((self.blocks_in_memory, self._store.blocks))
         return both[block_order(both)]
 
-    def make_ready(
-        self, near: Coordinates, clears: FreeSpace | None, camera_m: FloatArray
+    def load_view(
+        self, near: BlockCoordinates, rays: DepthPyramid | None, camera_m: FloatArray
     ) -> ViewBlocks:
-        """Bring blocks into memory that a view shows a surface in or passes through.
+        """Bring the blocks into memory that a view shows a surface in or passes through.
 
         Args:
-            near: (N, 3) those with a surface; they are made where they are missing.
-            clears: Tells what rays pass through; None: nothing.
-            camera_m: (3,) where the camera is.
+            near: (N, 3) blocks near the surface; they are created where missing.
+            rays: The view's rays, for the blocks they pass through; None: no such blocks.
+            camera_m: (3,) the camera's position.
 
         Raises:
             VolumeFullError: There is no room; nothing has changed.
         """
         wanted = near
-        if len(self._store) and clears is not None:
-            away = self._store.coordinates
-            wanted = _merged(near, away[clears.touched(away)])
+        if len(self._store) and rays is not None:
+            stored = self._store.blocks
+            wanted = union_of_blocks(near, stored[rays.touches(stored)])
         is_stored = self._store.has(wanted) if len(self._store) else np.zeros(len(wanted), bool)
-        gone = self._make_room(wanted, camera_m)
-        slots = self._blocks.add(wanted)
+        evicted = self._make_room(wanted, camera_m)
+        slots = self._memory.add(wanted)
         restored = wanted[is_stored]
         if len(restored):
-            for name, rows in self._store.take(restored).items():
-                self._blocks.arrays[name][slots[is_stored]] = rows
-        if clears is not None:
-            wanted, slots = self._with_passed(wanted, slots, clears)
-        return ViewBlocks(wanted, slots, restored, gone)
+            for name, values in self._store.take(restored).items():
+                self._memory.arrays[name][slots[is_stored]] = values
+        if rays is not None:
+            wanted, slots = self._with_traversed(wanted, slots, rays)
+        return ViewBlocks(wanted, slots, restored, evicted)
 
-    def add(self, coordinates: Coordinates) -> Slots:
-        """Return the (N,) slots of (N, 3) blocks; of those that are missing, as many as have room.
+    def add(self, blocks: BlockCoordinates) -> Slots:
+        """Create missing ones of (N, 3) blocks and return the (N,) slots.
 
-        Where there is no more, the last ones are left out: -1.
+        Blocks for which there is no room, the last ones, get slot -1.
         """
-        missing = np.flatnonzero(self._blocks.find(coordinates) < 0)
-        no_room = missing[max(0, self._most_blocks - len(self._blocks)) :]
-        self._blocks.add(np.delete(coordinates, no_room, axis=0))
-        return self._blocks.find(coordinates)
+        missing = np.flatnonzero(self._memory.find(blocks) < 0)
+        no_room = missing[max(0, self._max_blocks - len(self._memory)) :]
+        self._memory.add(np.delete(blocks, no_room, axis=0))
+        return self._memory.find(blocks)
 
-    def put_away(self, coordinates: Coordinates, *, stores: bool) -> None:
-        """Take (N, 3) blocks out of memory, to disk or for good; others than are there are not.
+    def evict(self, blocks: BlockCoordinates, *, store: bool) -> None:
+        """Remove those of (N, 3) blocks that are in memory, after storing them if asked to.
 
         Raises:
-            VolumeFullError: The disk is full; they are still in memory.
+            VolumeFullError: The disk is full; the blocks are still in memory.
         """
-        gone = coordinates[self._blocks.find(coordinates) >= 0]
-        if stores and len(gone):
+        evicted = blocks[self._memory.find(blocks) >= 0]
+        if store and len(evicted):
             try:
-                self._store.put(gone, self.rows(gone))
+                self._store.put(evicted, self.values(evicted))
             except OSError as error:
                 raise VolumeFullError(f"blocks cannot be stored: {error}") from error
-        self._blocks.remove(gone)
+        self._memory.remove(evicted)
 
-    def bring_back(self, coordinates: Coordinates) -> None:
-        """Take those of (N, 3) blocks that are on disk into memory."""
-        stored = coordinates[self._store.has(coordinates)]
+    def restore(self, blocks: BlockCoordinates) -> None:
+        """Move those of (N, 3) blocks that are on disk into memory."""
+        stored = blocks[self._store.has(blocks)]
         if len(stored):
-            self.fill(stored, self._store.take(stored))
+            self.insert(stored, self._store.take(stored))
 
-    def fill(self, coordinates: Coordinates, rows: Mapping[str, NDArray[Any]]) -> None:
-        """Take in (N, 3) blocks with their values."""
-        slots = self._blocks.add(coordinates)
-        for name, values in rows.items():
-            self._blocks.arrays[name][slots] = values
+    def insert(self, blocks: BlockCoordinates, values: Mapping[str, NDArray[Any]]) -> None:
+        """Add (N, 3) blocks with their values by field."""
+        slots = self._memory.add(blocks)
+        for name, array in values.items():
+            self._memory.arrays[name][slots] = array
 
-    def values(self, coordinates: Coordinates) -> tuple[Mapping[str, NDArray[Any]], Slots]:
-        """Return fields of voxels and the (N,) slots of blocks in them, -1 where there is none."""
-        slots = self._blocks.find(coordinates)
+    def read(self, blocks: BlockCoordinates) -> tuple[Mapping[str, NDArray[Any]], Slots]:
+        """Return arrays of fields that hold (N, 3) blocks, and the (N,) slots of these in them.
+
+        Slots of blocks neither in memory nor on disk are -1.
+        """
+        slots = self._memory.find(blocks)
         if not len(self._store):
-            return self._blocks.arrays, slots
+            return self._memory.arrays, slots
         missing = np.flatnonzero(slots < 0)
-        stored = missing[self._store.has(coordinates[missing])]
+        stored = missing[self._store.has(blocks[missing])]
         if not len(stored):
-            return self._blocks.arrays, slots
+            return self._memory.arrays, slots
         used, place = np.unique(slots[slots >= 0], return_inverse=True)
-        away, place_away = np.unique(coordinates[stored], axis=0, return_inverse=True)
-        rows = self._store.read(away)
+        on_disk, place_on_disk = np.unique(blocks[stored], axis=0, return_inverse=True)
+        values = self._store.read(on_disk)
         both = {
-            name: np.concatenate((array[used], rows[name]))
-            for name, array in self._blocks.arrays.items()
+            name: np.concatenate((array[used], values[name]))
+            for name, array in self._memory.arrays.items()
         }
         joined = np.full(len(slots), -1, np.int32)
         joined[slots >= 0] = place.ravel()
-        joined[stored] = len(used) + place_away.ravel()
+        joined[stored] = len(used) + place_on_disk.ravel()
         return both, joined
 
-    def rows(self, coordinates: Coordinates) -> dict[str, NDArray[Any]]:
+    def values(self, blocks: BlockCoordinates) -> dict[str, NDArray[Any]]:
         """Return the values of (N, 3) blocks in memory or on disk, by field."""
-        arrays, slots = self.values(coordinates)
+        arrays, slots = self.read(blocks)
         return {name: array[slots] for name, array in arrays.items()}
 
-    def _make_room(self, wanted: Coordinates, camera_m: FloatArray) -> Coordinates:
-        """Let blocks go until the wanted ones have room; return which did."""
-        is_new = self._blocks.find(wanted) < 0
-        needed = len(self._blocks) + int(is_new.sum())
-        if needed <= self._most_blocks:
-            return _NONE
-        check_room(needed if self._when_full == "refuse" else len(wanted), self._most_blocks)
-        coordinates, slots = self._blocks.all()
-        others = coordinates[~np.isin(slots, self._blocks.find(wanted)[~is_new])]
+    def _make_room(self, wanted: BlockCoordinates, camera_m: FloatArray) -> BlockCoordinates:
+        """Evict blocks until the wanted ones have room; return the evicted ones."""
+        is_new = self._memory.find(wanted) < 0
+        needed = len(self._memory) + int(is_new.sum())
+        if needed <= self._max_blocks:
+            return NO_BLOCKS
+        check_capacity(needed if self._when_full == "refuse" else len(wanted), self._max_blocks)
+        blocks, slots = self._memory.all()
+        others = blocks[~np.isin(slots, self._memory.find(wanted)[~is_new])]
         others = others[block_order(others)]
-        least = needed - self._most_blocks
-        count = min(len(others), max(least, int(ROOM_SHARE * self._most_blocks)))
-        away_m = np.linalg.norm((others + 0.5) * self._block_m - camera_m, axis=1)
-        gone: Coordinates = others[np.argsort(-away_m, kind="stable")[:count]]
-        self.put_away(gone, stores=self._when_full == "store")
-        return gone
+        least = needed - self._max_blocks
+        count = min(len(others), max(least, int(EVICTED_SHARE * self._max_blocks)))
+        centers_m = (others + 0.5) * (BLOCK_VOXELS * self.voxel_size_m)
+        distance_m = np.linalg.norm(centers_m - camera_m, axis=1)
+        evicted: BlockCoordinates = others[np.argsort(-distance_m, kind="stable")[:count]]
+        self.evict(evicted, store=self._when_full == "store")
+        return evicted
 
-    def _with_passed(
-        self, blocks: Coordinates, slots: Slots, clears: FreeSpace
-    ) -> tuple[Coordinates, Slots]:
+    def _with_traversed(
+        self, blocks: BlockCoordinates, slots: Slots, rays: DepthPyramid
+    ) -> tuple[BlockCoordinates, Slots]:
         """Add the blocks in memory that rays pass through."""
-        all_blocks, all_slots = self._blocks.all()
-        is_other = np.ones(len(self._blocks.arrays["weight"]), bool)
+        all_blocks, all_slots = self._memory.all()
+        is_other = np.ones(len(self._memory.arrays["weight"]), bool)
         is_other[slots] = False
         others = np.flatnonzero(is_other[all_slots])
-        others = others[clears.touched(all_blocks[others])]
+        others = others[rays.touches(all_blocks[others])]
         return (
             np.concatenate((blocks, all_blocks[others])),
             np.concatenate((slots, all_slots[others])),
         )
-
-
-def _merged(blocks: Coordinates, more: Coordinates) -> Coordinates:
-    """Return all blocks of both, once each."""
-    if not len(more):
-        return blocks
-    return unpacked(np.union1d(packed(blocks), packed(more)))

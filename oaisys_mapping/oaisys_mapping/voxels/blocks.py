@@ -1,82 +1,38 @@
-"""Blocks of voxels by their place: Open3D's ``VoxelBlockGrid``, its buffers seen as numpy arrays.
-
-A block is a cube of `BLOCK_VOXELS` voxels along each edge; block (i, j, k) begins at voxel
-``BLOCK_VOXELS * (i, j, k)``. Voxel (x, y, z) of a block is number ``x + 8 y + 64 z`` in it, as in
-Open3D, and its sample lies at the voxel's lower corner: voxel (0, 0, 0) of block (0, 0, 0) at the
-map's origin.
-"""
+"""Voxel blocks in memory: Open3D's ``VoxelBlockGrid``, with its buffers as numpy arrays."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import FloatArray
+from oaisys_core.geometry import invert
+from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_mapping.voxels.block_coordinates import NO_BLOCKS, BlockCoordinates, Slots
+from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VoxelField
 
-BLOCK_VOXELS = 8
-"""Voxels along a block's edge: 8 takes half the time and memory of 16 on terrain."""
-
-VOXELS = BLOCK_VOXELS**3
-"""Voxels of a block."""
-
-PART_BLOCKS = 256
-"""Blocks that are moved at a time."""
+COPIED_BLOCKS = 256
+"""Blocks that are copied at a time when the grid grows."""
 
 INITIAL_BLOCKS = 10_000
-"""Blocks reserved at first, 12 kB each: 30 nadir views at 0.1 m use 5,500. More come by
-themselves, by doubling, and the surface does not depend on when."""
+"""Blocks reserved at first, 12 kB each; the grid grows by doubling."""
 
-MOST_BLOCKS_AWAY = 1 << 16
-"""Blocks lie less than this many from the origin: 52 km at 0.1 m."""
-
-MOST_BLOCKS_IN_TABLE = 4_000_000
-"""Blocks of a box whose numbers are looked up in a table of 32 MB."""
+SEARCH_STRIDE_PX = 4
+"""Open3D searches every fourth pixel for a surface, and raises where all of these are empty."""
 
 _CPU = o3d.core.Device("CPU:0")
 
-Coordinates = NDArray[np.int32]
-Slots = NDArray[np.int32]
-
-
-@dataclass(frozen=True)
-class VoxelField:
-    """What is kept of every voxel under one name.
-
-    Attributes:
-        dtype: ``float32`` or ``uint16``.
-        channels: Numbers per voxel.
-    """
-
-    name: str
-    dtype: str
-    channels: int = 1
-
-    @property
-    def block_bytes(self) -> int:
-        """Memory of one block."""
-        return VOXELS * self.channels * np.dtype(self.dtype).itemsize
-
-
-GEOMETRY_FIELDS = (
-    VoxelField("tsdf", "float32"),
-    VoxelField("weight", "float32"),
-    VoxelField("color", "float32", 4),
-)
-
 
 class VoxelBlocks:
-    """The blocks that are in memory.
+    """The blocks in memory.
 
     Args:
         voxel_size_m: Edge length of a voxel.
-        fields: Of a voxel.
-        most_blocks: How many there will be at most; memory is asked for by doubling up to them.
-        initial_blocks: How many memory is reserved for at first.
+        fields: Values stored for each voxel.
+        max_blocks: How many blocks there will be at most.
+        initial_blocks: How many to reserve memory for at first; None: `INITIAL_BLOCKS`.
 
     Attributes:
         arrays: By field, (capacity, `VOXELS`) or (capacity, `VOXELS`, channels), indexed by slot.
@@ -87,34 +43,34 @@ class VoxelBlocks:
         self,
         voxel_size_m: float,
         fields: tuple[VoxelField, ...],
-        most_blocks: int,
-        initial_blocks: int = INITIAL_BLOCKS,
+        max_blocks: int,
+        initial_blocks: int | None = None,
     ) -> None:
         self.fields = fields
-        self._most_blocks = most_blocks
+        self._max_blocks = max_blocks
         self.arrays: dict[str, NDArray[Any]] = {}
         self._voxel_size_m = voxel_size_m
-        self._make_grid(min(initial_blocks, most_blocks))
-        self._known: tuple[Coordinates, Slots] = (np.zeros((0, 3), np.int32), np.zeros(0, np.int32))
+        self._make_grid(min(initial_blocks or INITIAL_BLOCKS, max_blocks))
+        self._known: tuple[BlockCoordinates, Slots] = (NO_BLOCKS, np.zeros(0, np.int32))
 
     def __len__(self) -> int:
         """Return how many blocks there are."""
         return int(self._map.size())
 
-    def find(self, coordinates: Coordinates) -> Slots:
-        """Return the (N,) slots of (N, 3) blocks, -1 where there is none."""
-        if not len(coordinates):
+    def find(self, blocks: BlockCoordinates) -> Slots:
+        """Return the (N,) slots of (N, 3) blocks, -1 for those that do not exist."""
+        if not len(blocks):
             return np.zeros(0, np.int32)
-        slots, is_there = self._map.find(_tensor(coordinates))
-        return np.where(is_there.numpy(), slots.numpy(), -1).astype(np.int32)
+        slots, exists = self._map.find(_tensor(blocks))
+        return np.where(exists.numpy(), slots.numpy(), -1).astype(np.int32)
 
-    def add(self, coordinates: Coordinates) -> Slots:
-        """Return the (N,) slots of (N, 3) different blocks; those that were missing are zero."""
-        missing = coordinates[self.find(coordinates) < 0]
+    def add(self, blocks: BlockCoordinates) -> Slots:
+        """Return the (N,) slots of (N, 3) different blocks; new blocks are filled with zeros."""
+        missing = blocks[self.find(blocks) < 0]
         if len(missing):
-            needed, room = len(self) + len(missing), int(self._map.capacity())
-            if needed > room:
-                self._grow(max(needed, min(2 * room, self._most_blocks)))
+            needed, capacity = len(self) + len(missing), int(self._map.capacity())
+            if needed > capacity:
+                self._grow(max(needed, min(2 * capacity, self._max_blocks)))
             self._map.activate(_tensor(missing))
             new = self.find(missing)
             for array in self.arrays.values():
@@ -123,36 +79,38 @@ class VoxelBlocks:
                 np.concatenate((self._known[0], missing)),
                 np.concatenate((self._known[1], new)),
             )
-        return self.find(coordinates)
+        return self.find(blocks)
 
-    def remove(self, coordinates: Coordinates) -> None:
-        """Forget (N, 3) blocks."""
-        if len(coordinates):
-            slots = self.find(coordinates)
-            self._map.erase(_tensor(coordinates))
+    def remove(self, blocks: BlockCoordinates) -> None:
+        """Remove (N, 3) blocks."""
+        if len(blocks):
+            slots = self.find(blocks)
+            self._map.erase(_tensor(blocks))
             kept = ~np.isin(self._known[1], slots)
             self._known = (self._known[0][kept], self._known[1][kept])
 
-    def all(self) -> tuple[Coordinates, Slots]:
-        """Return the (N, 3) coordinates of all blocks and their (N,) slots, in any order."""
+    def all(self) -> tuple[BlockCoordinates, Slots]:
+        """Return the (N, 3) coordinates of all blocks and their (N,) slots, in no set order."""
         return self._known
 
     def near_surface(
-        self, depth: Any, K: FloatArray, T_camera_map: FloatArray, most: tuple[float, float]
-    ) -> Coordinates:
-        """Return the (N, 3) blocks that a depth image shows a surface in or near.
-
-        Args:
-            depth: Open3D's image, 0 where nothing is to be mapped.
-            K: (3, 3) of the camera.
-            T_camera_map: (4, 4).
-            most: Greatest depth in metres, and truncation in voxels.
-        """
-        max_range_m, truncation_voxels = most
+        self,
+        depth_m: NDArray[np.float32],
+        camera: PinholeIntrinsics,
+        T_map_camera: FloatArray,
+        max_range_m: float,
+        truncation_voxels: float,
+    ) -> BlockCoordinates:
+        """Return the (N, 3) blocks within the truncation of the surface in a depth image."""
+        with np.errstate(invalid="ignore"):
+            is_near = (depth_m > 0) & (depth_m < max_range_m)
+        if not _search_finds_any(is_near):
+            return NO_BLOCKS
+        shown_m = np.where(is_near, depth_m, np.float32(0))
         found = self._grid.compute_unique_block_coordinates(
-            depth,
-            o3d.core.Tensor(K),
-            o3d.core.Tensor(T_camera_map),
+            o3d.t.geometry.Image(o3d.core.Tensor(np.ascontiguousarray(shown_m, np.float32))),
+            o3d.core.Tensor(camera.K),
+            o3d.core.Tensor(invert(T_map_camera)),
             1.0,
             float(max_range_m),
             float(truncation_voxels),
@@ -171,80 +129,28 @@ class VoxelBlocks:
         )
         self._map = self._grid.hashmap()
         for index, field in enumerate(self.fields):
-            shape = (VOXELS,) if field.channels == 1 else (VOXELS, field.channels)
             buffer = self._map.value_tensor(index).numpy()
-            self.arrays[field.name] = buffer.reshape(len(buffer), *shape)
+            self.arrays[field.name] = buffer.reshape(len(buffer), *field.shape)
 
     def _grow(self, capacity: int) -> None:
-        """Move to a larger grid. Open3D's own way takes seconds: it copies number by number."""
-        (coordinates, slots), old, arrays = self._known, self._grid, dict(self.arrays)
+        """Move to a larger grid; Open3D's own growth copies value by value and takes seconds."""
+        (blocks, slots), old_grid, old_arrays = self._known, self._grid, dict(self.arrays)
         self._make_grid(capacity)
-        if len(coordinates):
-            self._map.activate(_tensor(coordinates))
-        found = self.find(coordinates)
-        for name, array in arrays.items():
-            for first in range(0, len(slots), PART_BLOCKS):
-                part = slice(first, first + PART_BLOCKS)
-                self.arrays[name][found[part]] = array[slots[part]]
-        self._known = (coordinates, found)
-        del old  # only now: its memory was read
+        if len(blocks):
+            self._map.activate(_tensor(blocks))
+        new_slots = self.find(blocks)
+        for name, array in old_arrays.items():
+            for first in range(0, len(slots), COPIED_BLOCKS):
+                part = slice(first, first + COPIED_BLOCKS)
+                self.arrays[name][new_slots[part]] = array[slots[part]]
+        self._known = (blocks, new_slots)
+        del old_grid  # The old arrays are views of its memory.
 
 
-def block_order(coordinates: Coordinates) -> NDArray[np.intp]:
-    """Return the (N,) order of (N, 3) blocks by x, then y, then z."""
-    return np.argsort(packed(coordinates), kind="stable")
+def _search_finds_any(is_near: NDArray[np.bool_]) -> bool:
+    height, width = (size // SEARCH_STRIDE_PX * SEARCH_STRIDE_PX for size in is_near.shape)
+    return bool(is_near[:height:SEARCH_STRIDE_PX, :width:SEARCH_STRIDE_PX].any())
 
 
-def distinct_blocks(blocks: NDArray[Any]) -> tuple[Coordinates, NDArray[np.intp]]:
-    """Return the different ones of (3, N) blocks, (M, 3) in `block_order`, and each's number.
-
-    Those in a box of a few million are told apart by a table of it, which takes no sorting.
-    """
-    if not blocks.size:
-        return np.zeros((0, 3), np.int32), np.zeros(0, np.intp)
-    low, high = blocks.min(axis=1), blocks.max(axis=1)
-    size = high.astype(np.int64) - low + 1
-    if np.prod(size.astype(float)) > MOST_BLOCKS_IN_TABLE:
-        numbers, place = np.unique(packed(blocks.T), return_inverse=True)
-        return unpacked(numbers), place.ravel()
-    steps = np.array((size[1] * size[2], size[2], 1), blocks.dtype)
-    number = blocks[0] * steps[0] + blocks[1] * steps[1] + blocks[2] - low @ steps
-    table = np.zeros(np.prod(size), np.intp)
-    table[number] = 1
-    found = np.flatnonzero(table)
-    table[found] = np.arange(len(found))
-    coordinates = np.column_stack(np.unravel_index(found, size)) + low
-    return coordinates.astype(np.int32), table[number]
-
-
-def packed(coordinates: NDArray[Any]) -> NDArray[np.int64]:
-    """Return one number for each of (N, 3) blocks, in their order; inverse: `unpacked`.
-
-    Raises:
-        InvalidInputError: One lies further away than numbers reach.
-    """
-    apart = np.asarray(coordinates, np.int64).reshape(-1, 3) + MOST_BLOCKS_AWAY
-    if len(apart) and (apart.min() < 0 or apart.max() >= 2 * MOST_BLOCKS_AWAY):
-        raise InvalidInputError(
-            "T_map_camera", coordinates.tolist()[0], f"a map within {MOST_BLOCKS_AWAY} blocks"
-        )
-    x, y, z = apart.T
-    return np.asarray((x << 34) | (y << 17) | z)
-
-
-def unpacked(numbers: NDArray[np.int64]) -> Coordinates:
-    """Return the (N, 3) blocks of (N,) numbers; inverse: `packed`."""
-    mask = 2 * MOST_BLOCKS_AWAY - 1
-    apart: NDArray[np.int64] = np.column_stack(
-        (numbers >> 34, numbers >> 17 & mask, numbers & mask)
-    )
-    return (apart - MOST_BLOCKS_AWAY).astype(np.int32)
-
-
-def block_bytes(fields: tuple[VoxelField, ...]) -> int:
-    """Return the memory of one block."""
-    return sum(field.block_bytes for field in fields)
-
-
-def _tensor(coordinates: Coordinates) -> Any:
-    return o3d.core.Tensor(np.ascontiguousarray(coordinates, np.int32))
+def _tensor(blocks: BlockCoordinates) -> Any:
+    return o3d.core.Tensor(np.ascontiguousarray(blocks, np.int32))

@@ -1,4 +1,4 @@
-"""How a volume of voxels is made."""
+"""The configuration of a TSDF volume."""
 
 from __future__ import annotations
 
@@ -8,42 +8,51 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, GEOMETRY_FIELDS, VoxelField, block_bytes
-from oaisys_mapping.voxels.label_cells import BYTES_PER_BLOCK
-from oaisys_mapping.voxels.semantic_fusion import SEMANTIC_FIELDS
+from oaisys_mapping.voxels.fields import (
+    BLOCK_VOXELS,
+    CELL_BLOCKS_PER_BLOCK,
+    CELL_FIELDS,
+    GEOMETRY_FIELDS,
+    SEMANTIC_FIELDS,
+    VoxelField,
+    block_bytes,
+)
 
 WEIGHTINGS = ("constant", "inverse_square")
 WHEN_FULL = ("refuse", "drop", "store")
 
+APPEARANCE_VOXELS = 2.0
+"""Distance in front of the surface, in voxels, within which voxels keep colours and classes."""
+
 
 @dataclass(frozen=True)
 class TsdfConfig:
-    """How a volume is made.
+    """How a volume integrates views and how much memory it may use.
 
     Attributes:
         voxel_size_m: Edge length of a voxel.
-        truncation_voxels: Distance from the surface, in voxels, up to which distances are kept. On
-            rocky ground seen from 10 m at 0.1 m, 2 / 3 / 4 / 6 gave an RMSE of 4.5 / 5.6 / 7.2 /
-            10.3 mm and holes of 1.0 / 0.5 / 0.4 / 0.3 %.
-        solid_voxels: How much further behind the surface voxels are taken for solid until a view
-            tells otherwise: without, a face that rays graze has none behind it, and no surface.
+        truncation_voxels: Distance from the surface, in voxels, at which signed distances are
+            truncated. A larger truncation closes holes and rounds edges.
+        solid_voxels: How far beyond the truncation voxels behind a surface count as solid until a
+            view shows otherwise. Without it, faces seen only at grazing angles are lost, because
+            no voxel behind them is known.
         max_range_m: Depth beyond which nothing is integrated, and up to which a ray that hit
-            nothing, or something further away, clears. No more than the camera's own range.
-        max_blocks: Blocks of 8 x 8 x 8 voxels that may be in memory: 400,000 take 4.9 GB; see
+            nothing, or something further away, clears space. At most the camera's own range.
+        max_blocks: Blocks of 8 x 8 x 8 voxels that may be in memory; 400,000 take 4.9 GB. See
             `bytes_per_block`.
-        when_full: What becomes of a view that needs more: ``refuse`` it, or make room for it with
-            the blocks that are farthest from the camera: ``drop`` them, or ``store`` them on disk
-            until the camera comes back.
-        store_folder: Where stored blocks go; None: where temporary files do.
-        weighting: What a pixel counts: ``constant``: 1, or ``inverse_square``: 1 / depth^2, as the
-            noise of depth cameras asks for.
-        weigh_incidence: Whether it counts less the flatter the ray meets the surface (cosine).
-        max_weight: Weight beyond which a voxel's does not grow, so that it can change its mind.
-        clear_free_space: Whether rays clear blocks that they pass through, also those that hit
-            nothing; without it, a thing that moved away stays.
-        record_free_space: Whether to remember which blocks without voxels are free; for distance
-            queries in the open.
-        semantic: Whether classes are kept: of voxels, and of cells half as wide beside the surface.
+        when_full: What to do with a view that needs more blocks: ``refuse`` it, or make room by
+            removing the blocks farthest from the camera: ``drop`` discards them, ``store`` writes
+            them to disk until the camera comes back.
+        store_folder: Folder of the file of stored blocks; None: the system's temporary folder.
+        weighting: Weight of a pixel: ``constant`` (1), or ``inverse_square`` (1 / depth^2), which
+            suits the noise of depth cameras.
+        weigh_incidence: Whether to multiply the weight by the cosine of the angle of incidence.
+        max_weight: Upper limit of a voxel's weight, so that it still adapts to changes.
+        clear_free_space: Whether rays clear the blocks that they pass through, including rays that
+            hit nothing. Without it, objects that moved away stay in the map.
+        record_free_space: Whether to remember which blocks without voxels are free, for distance
+            queries in open space.
+        semantic: Whether to keep classes, for voxels and for cells half as wide near the surface.
     """
 
     voxel_size_m: float = 0.10
@@ -61,7 +70,7 @@ class TsdfConfig:
     semantic: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse sizes that are not above 0, and choices that there are not."""
+        """Refuse sizes that are not above 0, and unknown choices."""
         for name in ("voxel_size_m", "truncation_voxels", "max_range_m", "max_blocks"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
@@ -78,12 +87,22 @@ class TsdfConfig:
 
     @property
     def truncation_m(self) -> float:
-        """Distance up to which distances are kept."""
+        """Distance at which signed distances are truncated."""
         return self.truncation_voxels * self.voxel_size_m
 
     @property
+    def solid_m(self) -> float:
+        """Distance behind the surface up to which voxels are updated."""
+        return self.truncation_m + self.solid_voxels * self.voxel_size_m
+
+    @property
+    def appearance_m(self) -> float:
+        """Distance in front of the surface within which voxels keep colours and classes."""
+        return min(APPEARANCE_VOXELS * self.voxel_size_m, self.truncation_m)
+
+    @property
     def fields(self) -> tuple[VoxelField, ...]:
-        """What is kept of a voxel."""
+        """Values stored for each voxel."""
         return (*GEOMETRY_FIELDS, *SEMANTIC_FIELDS) if self.semantic else GEOMETRY_FIELDS
 
     @property
@@ -93,5 +112,6 @@ class TsdfConfig:
 
     @property
     def bytes_per_block(self) -> int:
-        """Memory that a block takes: 12 kB; with classes 49 kB at most, cells included."""
-        return block_bytes(self.fields) + (BYTES_PER_BLOCK if self.semantic else 0)
+        """Memory per block: 12 kB; with classes at most 49 kB, label cells included."""
+        cells = CELL_BLOCKS_PER_BLOCK * block_bytes(CELL_FIELDS) if self.semantic else 0
+        return block_bytes(self.fields) + cells

@@ -1,17 +1,22 @@
-"""A mesh kept region by region, so that after a view only what changed is meshed anew."""
+"""A mesh kept by region, so that only regions that a view changed are meshed again."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, Coordinates, Slots, packed, unpacked
+from oaisys_mapping.voxels.block_coordinates import (
+    BlockCoordinates,
+    BlockReader,
+    block_keys,
+    blocks_of_keys,
+)
+from oaisys_mapping.voxels.fields import BLOCK_VOXELS
 from oaisys_mapping.voxels.integration import POOL
 from oaisys_mapping.voxels.marching_cubes import (
     NEIGHBOURS,
@@ -22,23 +27,20 @@ from oaisys_mapping.voxels.marching_cubes import (
     region_surfaces,
 )
 
-PART_REGIONS = 8
+BATCH_REGIONS = 8
 """Regions that are meshed at a time."""
-
-Source = Callable[[Coordinates], tuple[Mapping[str, NDArray[Any]], Slots]]
-"""Gives fields of voxels, and the slots of (N, 3) blocks in them, -1 where there is none."""
 
 _REGION_VOXELS = REGION_BLOCKS * BLOCK_VOXELS
 _IN_REGION = np.indices(3 * (REGION_BLOCKS,)).reshape(3, -1).T
 
 
 @dataclass(frozen=True)
-class _Piece:
+class _RegionMesh:
     """The surface in one region; see `RegionSurfaces`.
 
     Attributes:
-        shared: Vertices on the region's border, which neighbours have, too.
-        shared_key: (len(shared),) the same number for the same vertex in all of them.
+        shared: (S,) vertices on the region's border, which neighbouring regions have, too.
+        shared_key: (S,) key of each such vertex, the same in all regions.
     """
 
     vertices_m: FloatArray
@@ -55,57 +57,58 @@ class IncrementalMesh:
 
     Args:
         voxel_size_m: Edge length of a voxel.
-        classes_at: Tells the classes of (N, 3) points, and their shares; None: there are none.
+        classes_at: Gives the vertices' classes; None: they have none.
     """
 
     def __init__(self, voxel_size_m: float, classes_at: ClassesAt | None) -> None:
         self._voxel_size_m = voxel_size_m
         self._classes_at = classes_at
-        self._pieces: dict[int, _Piece] = {}
+        self._pieces: dict[int, _RegionMesh] = {}
         self._stale: list[NDArray[np.int64]] = []
 
-    def change(self, blocks: Coordinates) -> None:
-        """Take note that voxels of (N, 3) blocks are others now: cubes behind them are stale."""
+    def mark_changed(self, blocks: BlockCoordinates) -> None:
+        """Mark the regions as stale whose surface depends on voxels of (N, 3) blocks."""
         if len(blocks):
             behind = (blocks[:, None] - NEIGHBOURS).reshape(-1, 3) // REGION_BLOCKS
-            self._stale.append(np.unique(packed(behind)))
+            self._stale.append(np.unique(block_keys(behind)))
 
-    def keep_only(self, blocks: Coordinates) -> None:
-        """Forget the surfaces of regions in which none of (N, 3) blocks lies, stale ones, too."""
-        kept = np.unique(packed(blocks // REGION_BLOCKS))
+    def keep_only(self, blocks: BlockCoordinates) -> None:
+        """Forget all regions that contain none of (N, 3) blocks."""
+        kept = np.unique(block_keys(blocks // REGION_BLOCKS))
         known = set(kept.tolist())
         self._pieces = {number: piece for number, piece in self._pieces.items() if number in known}
         self._stale = [np.intersect1d(stale, kept) for stale in self._stale]
 
-    def update(self, source: Source) -> int:
-        """Mesh what is stale; return how many regions that were."""
-        stale = np.unique(np.concatenate([_NO_NUMBERS, *self._stale]))
+    def update(self, read: BlockReader) -> None:
+        """Mesh the stale regions."""
+        stale = np.unique(np.concatenate([_NO_KEYS, *self._stale]))
         self._stale.clear()
         for number in stale.tolist():
             self._pieces.pop(number, None)
-        self._pieces.update(self._surfaces(stale, source))
-        return len(stale)
+        self._pieces.update(self._surfaces(stale, read))
 
-    def mesh(self, others: Coordinates, source: Source) -> ColoredMesh:
-        """Return the mesh of all regions kept here, and of those of (N, 3) other blocks.
+    def mesh(self, others: BlockCoordinates, read: BlockReader) -> ColoredMesh:
+        """Return the mesh of all regions kept here, and of the regions of (N, 3) other blocks.
 
-        Vertices are in the order of regions, so equal surfaces have equal bytes.
+        Vertices are ordered by region, so equal surfaces have equal bytes.
         """
         pieces = dict(self._pieces)
-        regions = np.unique(packed(others // REGION_BLOCKS))
+        regions = np.unique(block_keys(others // REGION_BLOCKS))
         missing = np.setdiff1d(regions, np.fromiter(pieces, np.int64, len(pieces)))
-        pieces.update(self._surfaces(missing, source))
+        pieces.update(self._surfaces(missing, read))
         return self._joined([pieces[number] for number in sorted(pieces)])
 
-    def _surfaces(self, regions: NDArray[np.int64], source: Source) -> Iterable[tuple[int, _Piece]]:
-        parts = [regions[i : i + PART_REGIONS] for i in range(0, len(regions), PART_REGIONS)]
+    def _surfaces(
+        self, regions: NDArray[np.int64], read: BlockReader
+    ) -> Iterable[tuple[int, _RegionMesh]]:
+        parts = [regions[i : i + BATCH_REGIONS] for i in range(0, len(regions), BATCH_REGIONS)]
 
-        def work(part: NDArray[np.int64]) -> list[tuple[int, _Piece]]:
-            corners = unpacked(part)
+        def work(part: NDArray[np.int64]) -> list[tuple[int, _RegionMesh]]:
+            corners = blocks_of_keys(part)
             blocks = (corners[:, None] * REGION_BLOCKS + _IN_REGION).reshape(-1, 3)
-            is_there = np.flatnonzero(source(blocks)[1] >= 0)
-            blocks, region = blocks[is_there], is_there // len(_IN_REGION)
-            arrays, slots = source((blocks[:, None] + NEIGHBOURS).reshape(-1, 3))
+            exists = np.flatnonzero(read(blocks)[1] >= 0)
+            blocks, region = blocks[exists], exists // len(_IN_REGION)
+            arrays, slots = read((blocks[:, None] + NEIGHBOURS).reshape(-1, 3))
             slots = slots.reshape(-1, len(NEIGHBOURS))
             size_m, classes_at = self._voxel_size_m, self._classes_at
             found = region_surfaces(arrays, blocks, slots, region, len(part), size_m, classes_at)
@@ -114,7 +117,7 @@ class IncrementalMesh:
         for done in POOL.map(work, parts):
             yield from done
 
-    def _joined(self, pieces: list[_Piece]) -> ColoredMesh:
+    def _joined(self, pieces: list[_RegionMesh]) -> ColoredMesh:
         if not pieces:
             return _no_mesh(has_classes=self._classes_at is not None)
         counts = np.array([len(piece.vertices_m) for piece in pieces])
@@ -137,9 +140,9 @@ class IncrementalMesh:
 
 
 def _split(
-    regions: NDArray[np.int64], corners: Coordinates, found: RegionSurfaces
-) -> list[tuple[int, _Piece]]:
-    """Return the surfaces of the regions that have one, each in memory of its own."""
+    regions: NDArray[np.int64], corners: BlockCoordinates, found: RegionSurfaces
+) -> list[tuple[int, _RegionMesh]]:
+    """Return the surfaces of those regions that have one, by region key."""
     samples = np.column_stack(np.unravel_index(found.key // 3, 3 * (REGION_SAMPLES,)))[:, ::-1]
     is_shared = ((samples == 0) | (samples == _REGION_VOXELS)).any(axis=1)
     pieces = []
@@ -150,7 +153,7 @@ def _split(
         faces = slice(*found.triangle_ends[index : index + 2].tolist())
         shared = np.flatnonzero(is_shared[part])
         sample = samples[part][shared] + _REGION_VOXELS * corners[index].astype(np.int64)
-        piece = _Piece(
+        piece = _RegionMesh(
             found.vertices_m[part].copy(),
             found.triangles[faces] - np.int32(part.start),
             found.colors_rgb[part].copy(),
@@ -166,15 +169,15 @@ def _split(
 
 
 def _edge_numbers(sample: NDArray[np.int64], axis: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Return one number for each edge of the grid, from where it begins and its axis."""
+    """Return one number for each edge of the grid, from its start and its axis."""
     x, y, z = sample.T + (1 << 19)
     return np.asarray(((x << 40) | (y << 20) | z) * 3 + axis)
 
 
 def _welded(
-    pieces: list[_Piece], first: NDArray[np.int64], count: int
+    pieces: list[_RegionMesh], first: NDArray[np.int64], count: int
 ) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
-    """Return which vertices stay, the first of each edge, and every vertex's new number."""
+    """Return the vertices kept, the first on each edge, and every vertex's new number."""
     sizes = [len(piece.shared) for piece in pieces]
     shared = np.concatenate([piece.shared for piece in pieces]) + np.repeat(first, sizes)
     key = np.concatenate([piece.shared_key for piece in pieces])
@@ -197,6 +200,6 @@ def _no_mesh(*, has_classes: bool) -> ColoredMesh:
     )
 
 
-_NO_NUMBERS = np.zeros(0, np.int64)
+_NO_KEYS = np.zeros(0, np.int64)
 _NO_IDS = np.zeros(0, np.uint16)
 _NO_SHARES = np.zeros(0, np.float32)

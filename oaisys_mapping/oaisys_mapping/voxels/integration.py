@@ -1,9 +1,9 @@
-"""Takes a view into voxels: weighted means of projective distance, colour and classes.
+"""Integrates a view into voxels: weighted means of projective distance, colour and classes.
 
-As in Curless and Levoy, SIGGRAPH 1996. Open3D's own integration knows no weights, no rays that hit
-nothing and no classes; this one does, with numpy over the same buffers, and takes no longer. Blocks
-are worked on in parts that fit into a processor's cache; no two parts share a voxel, so the result
-does not depend on how many threads there are.
+As in Curless and Levoy, SIGGRAPH 1996, with weights, free-space clearing by rays that hit nothing,
+and classes, which Open3D's integration lacks. Blocks are processed in batches that fit into the
+processor's cache; no two batches share a voxel, so the result does not depend on the number of
+threads.
 """
 
 from __future__ import annotations
@@ -11,40 +11,38 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, VOXELS, Coordinates, Slots
+from oaisys_mapping.voxels.block_coordinates import BlockCoordinates, Slots, voxel_offsets
+from oaisys_mapping.voxels.config import TsdfConfig
+from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VOXELS
 from oaisys_mapping.voxels.padded_images import PaddedImages
 from oaisys_mapping.voxels.semantic_fusion import fuse_classes
 
-PART_BLOCKS = 192
-"""Blocks that are worked on at a time: an intermediate result has 400 kB."""
+BATCH_BLOCKS = 192
+"""Blocks that are processed at a time: an intermediate array has 400 kB."""
 
-FULL_SHARE, FADED_SHARE = 1 / 3, 1 / 2
-"""Depths behind the surface, in truncations, up to which an observation counts in full, and from
-which on it is only `ASSUMED`: what a view cannot see is another's to say. (In Oleynikova et al.,
-"Voxblox", IROS 2017, what is behind fades from a voxel on to the truncation.) Where it did not,
-views that see a rock's top outvoted those that see its foot: on ten worlds of the demo's, in all
-16 spots of truth that two views saw were 10 to 12 cm from the map; three are left so, and one with
-what is taken for solid."""
+FULL_WEIGHT_DEPTH, HIDDEN_DEPTH = 1 / 3, 1 / 2
+"""Depths behind the surface, in truncations, up to which a measurement has its full weight, and
+beyond which it has only `HIDDEN_WEIGHT`. Between them the weight falls linearly, as in Oleynikova
+et al., "Voxblox", IROS 2017: otherwise views of a rock's top outvote those of its foot."""
 
-ASSUMED = 1e-3
-"""What an observation counts in voxels that are hidden behind what the ray hit: they are taken for
-solid until a view tells otherwise, so that a face at grazing rays has two sides. As in hole
-filling by Curless and Levoy, but only close behind a surface."""
+HIDDEN_WEIGHT = 1e-3
+"""Weight of a measurement in voxels hidden behind the surface. They count as solid until a view
+shows otherwise, so that a face seen at grazing angles has two sides, as in the hole filling of
+Curless and Levoy, but only close behind a surface."""
 
-FREE_COUNTS = 1 / 3
-"""What an observation counts a truncation and more in front of what the ray hit; in full up to
-`FULL_SHARE` of it. Beside an edge, rays pass on their way to what lies far behind: together with
-truncation that would outweigh those that meet the surface. A single free ray still clears."""
+FREE_WEIGHT = 1 / 3
+"""Weight of a measurement a truncation and more in front of the surface. Beside an edge, rays pass
+on their way to what lies far behind; at full weight they would outvote the rays that meet the edge.
+A single free ray still clears."""
 
-CLOSE_VOXELS = 0.3
-"""Distance in front of the surface at which a label counts half."""
+LABEL_FALLOFF_VOXELS = 0.3
+"""Distance in front of the surface at which a label's weight is halved."""
 
 THREADS = min(8, os.cpu_count() or 1)
 
@@ -53,170 +51,145 @@ POOL = ThreadPoolExecutor(THREADS, thread_name_prefix="voxels")
 VOXEL_BITS = VOXELS.bit_length() - 1
 
 _TINY = np.float32(1e-30)
-_FOUR = np.complex128
+_FOUR_FLOATS = np.complex128
 """Moves four float32 at a time."""
-
-
-@dataclass(frozen=True)
-class IntegrationRules:
-    """What holds for all views.
-
-    Attributes:
-        truncation_m: Distance that counts as 1.
-        described_m: Distance in front of the surface up to which colour and classes are kept: only
-            voxels beside the surface are asked for them.
-        max_weight: Weight beyond which a voxel's does not grow.
-        reach_m: Distance behind the surface up to which voxels are told about.
-    """
-
-    voxel_size_m: float
-    truncation_m: float
-    described_m: float
-    max_weight: float
-    reach_m: float
-
-
-def voxel_offsets() -> NDArray[np.int64]:
-    """Return the (`VOXELS`, 3) places of a block's voxels in it, x first."""
-    number = np.arange(VOXELS)
-    return np.column_stack(
-        (number % BLOCK_VOXELS, number // BLOCK_VOXELS % BLOCK_VOXELS, number // BLOCK_VOXELS**2)
-    )
 
 
 def integrate_view(
     arrays: Mapping[str, NDArray[Any]],
-    coordinates: Coordinates,
+    blocks: BlockCoordinates,
     slots: Slots,
-    seen: PaddedImages,
-    rules: IntegrationRules,
+    images: PaddedImages,
+    config: TsdfConfig,
 ) -> NDArray[np.bool_]:
-    """Take a view into blocks; return (N,) which of them it said something about."""
-    parts = range(0, len(slots), PART_BLOCKS)
-    work = partial(_fuse_part, arrays, coordinates, slots, seen, rules)
-    changed = list(POOL.map(work, parts))
-    return np.concatenate(changed) if changed else np.zeros(0, bool)
+    """Integrate a view into (N, 3) blocks; return (N,) which of them were updated."""
+    work = partial(_integrate_batch, arrays, blocks, slots, images, config)
+    updated = list(POOL.map(work, range(0, len(slots), BATCH_BLOCKS)))
+    return np.concatenate(updated) if updated else np.zeros(0, bool)
 
 
-def _fuse_part(
+def _integrate_batch(
     arrays: Mapping[str, NDArray[Any]],
-    coordinates: Coordinates,
+    blocks: BlockCoordinates,
     slots: Slots,
-    seen: PaddedImages,
-    rules: IntegrationRules,
+    images: PaddedImages,
+    config: TsdfConfig,
     first: int,
 ) -> NDArray[np.bool_]:
-    slots = slots[first : first + PART_BLOCKS]
+    slots = slots[first : first + BATCH_BLOCKS]
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         pixels, z_m, (least_m, most_m) = _projected(
-            coordinates[first : first + PART_BLOCKS], seen, rules
+            blocks[first : first + BATCH_BLOCKS], images, config.voxel_size_m
         )
-        depth_m = seen.depth_m.take(pixels)
-        ahead_m = depth_m - z_m
-        is_told = ahead_m > -rules.reach_m
-        if most_m > seen.max_range_m:
-            is_told &= (z_m <= seen.max_range_m) | (depth_m < np.inf)
+        depth_m = images.depth_m.take(pixels)
+        sdf_m = depth_m - z_m
+        is_updated = sdf_m > -config.solid_m
+        if most_m > images.max_range_m:
+            is_updated &= (z_m <= images.max_range_m) | (depth_m < np.inf)
         if least_m <= 0:
-            is_told &= z_m > 0
-    distance = ahead_m * np.float32(1 / rules.truncation_m)
-    told = _counts(distance, is_told)
-    np.clip(distance, -1, 1, out=distance)
-    if seen.weight is not None:
-        told *= seen.weight.take(pixels)
-    is_near = ahead_m < rules.described_m
-    is_near &= ahead_m > -rules.truncation_m
-    is_near &= is_told
-    near = np.flatnonzero(is_near)
-    closeness = None
-    if seen.labels is not None:
-        closeness = _closeness(ahead_m.take(near) / rules.voxel_size_m)
-    _average(arrays, slots, distance, told, rules)
-    voxels = slots.astype(np.int64).take(near >> VOXEL_BITS) << VOXEL_BITS
-    voxels += near & (VOXELS - 1)
-    _describe(arrays, voxels, pixels.take(near), told.take(near), seen, closeness)
-    return np.asarray(is_told.view(np.uint64).any(axis=1))
+            is_updated &= z_m > 0
+    tsdf = sdf_m * np.float32(1 / config.truncation_m)
+    weight = _weights(tsdf, is_updated)
+    np.clip(tsdf, -1, 1, out=tsdf)
+    if images.weight is not None:
+        weight *= images.weight.take(pixels)
+    has_appearance = sdf_m < config.appearance_m
+    has_appearance &= sdf_m > -config.truncation_m
+    has_appearance &= is_updated
+    chosen = np.flatnonzero(has_appearance)
+    label_share = None
+    if images.labels is not None:
+        label_share = _label_shares(sdf_m.take(chosen) / config.voxel_size_m)
+    _update_distances(arrays, slots, tsdf, weight, config.max_weight)
+    voxels = slots.astype(np.int64).take(chosen >> VOXEL_BITS) << VOXEL_BITS
+    voxels += chosen & (VOXELS - 1)
+    _update_appearance(
+        arrays, voxels, pixels.take(chosen), weight.take(chosen), images, label_share
+    )
+    return np.asarray(is_updated.view(np.uint64).any(axis=1))
 
 
-def _counts(distance: NDArray[np.float32], is_told: NDArray[np.bool_]) -> NDArray[np.float32]:
-    """Return what an observation counts in voxels so many truncations in front of a surface."""
-    behind = distance * np.float32(1 / (FADED_SHARE - FULL_SHARE))
-    behind += np.float32(FADED_SHARE / (FADED_SHARE - FULL_SHARE))
-    np.maximum(behind, np.float32(ASSUMED), out=behind)
-    slope = (1 - FREE_COUNTS) / (1 - FULL_SHARE)
-    ahead = distance * np.float32(-slope)
-    ahead += np.float32(1 + slope * FULL_SHARE)
-    np.clip(ahead, np.float32(FREE_COUNTS), 1, out=ahead)
-    counts = np.minimum(behind, ahead, out=behind)
-    counts *= is_told
-    return counts
+def _weights(tsdf: NDArray[np.float32], is_updated: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Return the weight of a measurement at signed distances in truncations."""
+    behind = tsdf * np.float32(1 / (HIDDEN_DEPTH - FULL_WEIGHT_DEPTH))
+    behind += np.float32(HIDDEN_DEPTH / (HIDDEN_DEPTH - FULL_WEIGHT_DEPTH))
+    np.maximum(behind, np.float32(HIDDEN_WEIGHT), out=behind)
+    slope = (1 - FREE_WEIGHT) / (1 - FULL_WEIGHT_DEPTH)
+    ahead = tsdf * np.float32(-slope)
+    ahead += np.float32(1 + slope * FULL_WEIGHT_DEPTH)
+    np.clip(ahead, np.float32(FREE_WEIGHT), 1, out=ahead)
+    weight = np.minimum(behind, ahead, out=behind)
+    weight *= is_updated
+    return weight
 
 
-def _closeness(voxels_ahead: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return what labels count in voxels that lie so far in front of what the ray hit.
+def _label_shares(voxels_ahead: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the share of its weight that a label has so many voxels in front of the surface.
 
-    All of it behind the surface, less and less in front: beside a step, rays pass on their way to
-    what lies further down, and would outvote the step's own class. The demo's rocks, seen from
-    above, come out with an IoU of 0.902 so, and with 0.855 where all counts alike.
+    Behind the surface it is 1. In front it falls: beside a step, rays pass on their way to what
+    lies further down, and would outvote the step's own class.
     """
     ahead = np.maximum(voxels_ahead, 0)
-    return np.asarray(CLOSE_VOXELS**2 / (CLOSE_VOXELS**2 + np.square(ahead)), np.float32)
+    falloff = LABEL_FALLOFF_VOXELS**2
+    return np.asarray(falloff / (falloff + np.square(ahead)), np.float32)
 
 
 def _projected(
-    coordinates: Coordinates, seen: PaddedImages, rules: IntegrationRules
+    blocks: BlockCoordinates, images: PaddedImages, voxel_size_m: float
 ) -> tuple[NDArray[np.int32], NDArray[np.float32], tuple[float, float]]:
     """Return (N, `VOXELS`) flat pixels and depths of all voxels, and the depths' extremes."""
-    matrix, offset = seen.to_pixel
-    base = (rules.voxel_size_m * BLOCK_VOXELS * coordinates) @ matrix.T + offset
-    around = ((rules.voxel_size_m * voxel_offsets()) @ matrix.T).astype(np.float32)
+    matrix, offset = images.pixel_from_map
+    base = (voxel_size_m * BLOCK_VOXELS * blocks) @ matrix.T + offset
+    around = ((voxel_size_m * voxel_offsets()) @ matrix.T).astype(np.float32)
     u, v, z_m = (base[:, i, None].astype(np.float32) + around[None, :, i] for i in range(3))
     inverse = np.float32(1) / z_m
     u *= inverse
     v *= inverse
-    pixels = np.clip(v.astype(np.int32), 0, seen.rows - 1)
-    pixels *= np.int32(seen.stride)
-    pixels += np.clip(u.astype(np.int32), 0, seen.stride - 1)
+    pixels = np.clip(v.astype(np.int32), 0, images.rows - 1)
+    pixels *= np.int32(images.row_px)
+    pixels += np.clip(u.astype(np.int32), 0, images.row_px - 1)
     extremes = (base[:, 2].min() + around[:, 2].min(), base[:, 2].max() + around[:, 2].max())
     return pixels, z_m, extremes
 
 
-def _average(
+def _update_distances(
     arrays: Mapping[str, NDArray[Any]],
     slots: Slots,
-    distance: NDArray[np.float32],
-    told: NDArray[np.float32],
-    rules: IntegrationRules,
+    tsdf: NDArray[np.float32],
+    added: NDArray[np.float32],
+    max_weight: float,
 ) -> None:
     mean, weight = arrays["tsdf"][slots], arrays["weight"][slots]
-    weight += told
-    share = told / np.maximum(weight, _TINY)
-    distance -= mean
-    distance *= share
-    mean += distance
-    np.minimum(weight, np.float32(rules.max_weight), out=weight)
+    weight += added
+    share = added / np.maximum(weight, _TINY)
+    tsdf -= mean
+    tsdf *= share
+    mean += tsdf
+    np.minimum(weight, np.float32(max_weight), out=weight)
     arrays["tsdf"][slots], arrays["weight"][slots] = mean, weight
 
 
-def _describe(
+def _update_appearance(
     arrays: Mapping[str, NDArray[Any]],
     voxels: NDArray[np.int64],
     pixels: NDArray[np.int32],
-    told: NDArray[np.float32],
-    seen: PaddedImages,
-    closeness: NDArray[np.float32] | None,
+    added: NDArray[np.float32],
+    images: PaddedImages,
+    label_share: NDArray[np.float32] | None,
 ) -> None:
-    """Take colour and classes into the voxels near the surface, by their flat numbers."""
-    if seen.color is not None:
-        colors = arrays["color"].reshape(-1, 4).view(_FOUR).reshape(-1)
+    """Update colour and classes of voxels near the surface, given by their flat numbers."""
+    if images.color is not None:
+        colors = arrays["color"].reshape(-1, 4).view(_FOUR_FLOATS).reshape(-1)
         mean = colors.take(voxels).view(np.float32).reshape(-1, 4)
-        weight = mean[:, 3] + told
-        change = seen.color.take(pixels).view(np.uint8).reshape(-1, 4) * np.float32(1 / 255)
+        weight = mean[:, 3] + added
+        change = images.color.take(pixels).view(np.uint8).reshape(-1, 4) * np.float32(1 / 255)
         change -= mean
-        change *= (told / np.maximum(weight, _TINY))[:, None]
+        change *= (added / np.maximum(weight, _TINY))[:, None]
         mean += change
         mean[:, 3] = weight
-        colors[voxels] = mean.view(_FOUR).reshape(-1)
-    if seen.labels is not None and closeness is not None and "class_id" in arrays:
+        colors[voxels] = mean.view(_FOUR_FLOATS).reshape(-1)
+    if images.labels is not None and label_share is not None and "class_id" in arrays:
         class_id = arrays["class_id"].reshape(-1, arrays["class_id"].shape[-1])
         class_weight = arrays["class_weight"].reshape(class_id.shape)
-        fuse_classes(class_id, class_weight, voxels, seen.labels.take(pixels), told * closeness)
+        labels = images.labels.take(pixels)
+        fuse_classes(class_id, class_weight, voxels, labels, added * label_share)

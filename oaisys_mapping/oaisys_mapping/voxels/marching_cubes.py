@@ -1,9 +1,8 @@
-"""The zero level of blocks of voxels as triangles: marching cubes, vectorised over blocks.
+"""Marching cubes over voxel blocks, vectorised over blocks.
 
-Lorensen and Cline, SIGGRAPH 1987, with a table that is computed: on every face of a cube the
-crossings around each run of inside corners are joined, which depends on the face alone, so that
-neighbouring cubes always agree and the surface has no holes (Bloomenthal, "Polygonization of
-implicit surfaces", 1988).
+Lorensen and Cline, SIGGRAPH 1987, with a computed table: on every face of a cube the crossings
+around each run of inside corners are joined, which depends on the face alone, so that neighbouring
+cubes agree and the surface has no holes (Bloomenthal, "Polygonization of implicit surfaces", 1988).
 """
 
 from __future__ import annotations
@@ -17,26 +16,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
-from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, VOXELS, Coordinates
+from oaisys_mapping.voxels.block_coordinates import BlockCoordinates
+from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VOXELS
 
 PADDED = BLOCK_VOXELS + 1
-"""Samples along an edge of a block's cubes: its own, and its neighbours' first."""
+"""Samples along an edge of a block's cubes: its own, and the first of its neighbour."""
 
 REGION_BLOCKS = 4
-"""Blocks along an edge of a region, whose surface is made and kept as one."""
+"""Blocks along an edge of a region, the unit in which the surface is meshed."""
 
 REGION_SAMPLES = REGION_BLOCKS * BLOCK_VOXELS + 1
 
 NEIGHBOURS = np.array([(x, y, z) for z in (0, 1) for y in (0, 1) for x in (0, 1)])
-"""The block itself and those that lie ahead along x, y and z: corner i of a cube, too."""
+"""Offsets to a block and its neighbours ahead along x, y and z; also the corners of a cube."""
 
 EDGES = tuple((corner, axis) for corner in range(8) for axis in range(3) if not corner >> axis & 1)
-"""A cube's edges: the corner where each begins, and its axis."""
+"""A cube's edges: the corner where each starts, and its axis."""
 
 NO_COLOR = 128 / 255
-"""Where no image told a colour."""
+"""Colour of vertices without one, 0 to 1."""
 
 ClassesAt = Callable[[FloatArray], tuple[NDArray[np.uint16], NDArray[np.float32]]]
+"""Returns the (N,) classes at (N, 3) points, and their shares of the votes."""
 
 _SAMPLES = PADDED**3
 _STEPS = np.array((1, PADDED, PADDED**2))
@@ -45,16 +46,16 @@ _REGION_STEPS = np.array((1, REGION_SAMPLES, REGION_SAMPLES**2))
 
 @dataclass(frozen=True)
 class RegionSurfaces:
-    """The surface in some regions, one after the other.
+    """The surfaces of some regions, one after the other.
 
     Attributes:
         vertices_m: (V, 3) float64.
-        key: (V,) sample of the region that the vertex's edge begins at, and its axis:
-            ``3 * (x + 33 (y + 33 z)) + axis``; vertices are sorted by region, then by it.
-        triangles: (T, 3) int32 vertices, by region.
+        key: (V,) the vertex's edge, by the sample of the region at its start and its axis:
+            ``3 * (x + 33 (y + 33 z)) + axis``. Vertices are sorted by region, then by key.
+        triangles: (T, 3) int32 vertex indices, by region.
         colors_rgb: (V, 3) uint8.
         class_ids, class_probabilities: (V,), or None.
-        vertex_ends, triangle_ends: (R + 1,) where each region's begin and end.
+        vertex_ends, triangle_ends: (R + 1,) bounds of each region's vertices and triangles.
     """
 
     vertices_m: FloatArray
@@ -69,10 +70,10 @@ class RegionSurfaces:
 
 @cache
 def triangle_table() -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.int32]]:
-    """Return triangles of all 256 cubes, one after the other, and where each's begin and end.
+    """Return the triangles of all 256 cubes, and where those of each cube start and end.
 
-    Bit i of a cube's number tells that corner i (`NEIGHBOURS`) is inside. Triangles are (T, 3)
-    indices into `EDGES`, counter-clockwise from outside.
+    Bit i of a cube's number is set if corner i (`NEIGHBOURS`) is inside. Triangles are (T, 3)
+    indices into `EDGES`, counter-clockwise as seen from outside.
     """
     triangles: list[tuple[int, int, int]] = []
     ends = [0]
@@ -85,7 +86,7 @@ def triangle_table() -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.i
 
 
 def _loops(cube: int) -> list[list[int]]:
-    """Return closed loops of crossed edges of a cube."""
+    """Return the closed loops of crossed edges of a cube."""
     following: dict[int, int] = {}
     for axis in range(3):
         for side in (0, 1):
@@ -100,7 +101,7 @@ def _loops(cube: int) -> list[list[int]]:
 
 
 def _crossings(cube: int, axis: int, side: int) -> dict[int, int]:
-    """Return, for each run of inside corners of a face, the edge after it: the one before it."""
+    """Map, for each run of inside corners of a face, the edge after it to the edge before it."""
     a, b = (axis + 1) % 3, (axis + 2) % 3
     ring = [(0, 0), (1, 0), (1, 1), (0, 1)]
     corners = [side << axis | i << a | j << b for i, j in (ring if side else ring[::-1])]
@@ -122,25 +123,25 @@ def _edge(one: int, other: int) -> int:
 
 def region_surfaces(
     arrays: Mapping[str, NDArray[Any]],
-    blocks: Coordinates,
+    blocks: BlockCoordinates,
     slots: NDArray[np.int32],
     region: NDArray[np.intp],
     regions: int,
     voxel_size_m: float,
     classes_at: ClassesAt | None,
 ) -> RegionSurfaces:
-    """Return the zero level in regions, in cubes whose corners have all been seen.
+    """Return the zero level set in regions, in cubes whose corners have all been observed.
 
     Args:
-        arrays: Fields of voxels by slot.
-        blocks: (N, 3), those of a region one after the other.
-        slots: (N, 8) slots of each block and its `NEIGHBOURS`; -1: there is none.
-        region: (N,) number of each block's region, from 0.
-        regions: How many regions there are.
+        arrays: Fields of voxels, indexed by slot.
+        blocks: (N, 3) blocks, grouped by region.
+        slots: (N, 8) slots of each block and its `NEIGHBOURS`; -1 for those that do not exist.
+        region: (N,) index of each block's region.
+        regions: Number of regions.
         voxel_size_m: Edge length of a voxel.
-        classes_at: Tells the classes of (N, 3) points, and their shares; None: there are none.
+        classes_at: Gives the vertices' classes; None: they have none.
     """
-    samples = _padded(arrays, slots)
+    samples = _padded_samples(arrays, slots)
     cells, cubes = _crossed(samples)
     triangles, first, end = triangle_table()
     count = (end - first)[cubes]
@@ -149,7 +150,7 @@ def region_surfaces(
     corner = _corner_in_region(blocks, cells)
     place = 3 * (region[cells // _SAMPLES] * REGION_SAMPLES**3 + corner @ _REGION_STEPS)
     keys = np.repeat(place, count)[:, None] + _edge_keys(REGION_SAMPLES)[edges]
-    # Every vertex is found from up to four blocks; any of them tells the same about it.
+    # A vertex is found from up to four blocks, all with the same result.
     found = np.full(3 * regions * REGION_SAMPLES**3, -1, np.int32)
     found[keys] = np.repeat(3 * cells, count)[:, None] + _edge_keys(PADDED)[edges]
     vertices = np.flatnonzero(found >= 0)
@@ -173,14 +174,16 @@ def region_surfaces(
     )
 
 
-def _corner_in_region(blocks: Coordinates, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the (N, 3) samples of their regions that cubes begin at."""
+def _corner_in_region(blocks: BlockCoordinates, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the (N, 3) samples at which cubes start, counted within their regions."""
     corner = blocks % REGION_BLOCKS * BLOCK_VOXELS
     return np.asarray(corner[cells // _SAMPLES] + _sample_places(cells))
 
 
-def _padded(arrays: Mapping[str, NDArray[Any]], slots: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Return (N, 9, 9, 9) distances by z, y, x; NaN where nothing was seen."""
+def _padded_samples(
+    arrays: Mapping[str, NDArray[Any]], slots: NDArray[np.int32]
+) -> NDArray[np.float32]:
+    """Return (N, 9, 9, 9) distances by z, y, x; NaN where nothing was observed."""
     cubes = (-1, BLOCK_VOXELS, BLOCK_VOXELS, BLOCK_VOXELS)
     distance, weight = arrays["tsdf"].reshape(cubes), arrays["weight"].reshape(cubes)
     samples = np.empty((len(slots), PADDED, PADDED, PADDED), np.float32)
@@ -198,7 +201,7 @@ def _padded(arrays: Mapping[str, NDArray[Any]], slots: NDArray[np.int32]) -> NDA
 
 
 def _crossed(samples: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
-    """Return the flat samples where cubes begin that the surface crosses, and their numbers."""
+    """Return the flat samples at which crossed cubes start, and the cubes' numbers."""
     is_inside = samples < 0
     each = is_inside.reshape(len(samples), _SAMPLES)
     mixed = np.flatnonzero(each.any(axis=1) & ~each.all(axis=1))
@@ -211,16 +214,16 @@ def _crossed(samples: NDArray[np.float32]) -> tuple[NDArray[np.int64], NDArray[n
     is_whole = is_whole[..., :-1] & is_whole[..., 1:]
     cells = np.flatnonzero(is_whole & (cubes != 0) & (cubes != 255))
     block, z, y, x = np.unravel_index(cells, cubes.shape)
-    begins = mixed[block] * _SAMPLES + z * _STEPS[2] + y * _STEPS[1] + x
-    return begins, cubes.ravel()[cells]
+    starts_at = mixed[block] * _SAMPLES + z * _STEPS[2] + y * _STEPS[1] + x
+    return starts_at, cubes.ravel()[cells]
 
 
 @cache
 def _edge_keys(samples: int) -> NDArray[np.int64]:
-    """Return what each edge of a cube adds to three times the number of the cube's sample.
+    """Return the offset of each edge's key from three times the number of the cube's sample.
 
     Args:
-        samples: In a row of what the sample is counted in.
+        samples: Samples along an edge of the grid in which the sample is counted.
     """
     steps = (1, samples, samples**2)
     return np.array([3 * int(NEIGHBOURS[corner] @ steps) + axis for corner, axis in EDGES])
@@ -229,7 +232,7 @@ def _edge_keys(samples: int) -> NDArray[np.int64]:
 def _places(
     samples: NDArray[np.float32], vertices: NDArray[np.int64]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the share of each vertex's edge that lies before it, and its `offsets`."""
+    """Return each vertex's position along its edge, 0 to 1, and (V, 3) offset from its block."""
     sample, axis = vertices // 3, vertices % 3
     flat = samples.ravel()
     begin, end = flat[sample], flat[sample + _STEPS[axis]]
@@ -250,15 +253,15 @@ def _colors(
     vertices: NDArray[np.int64],
     along: NDArray[np.float32],
 ) -> NDArray[np.uint8]:
-    """Return the vertices' colours."""
+    """Return the (V, 3) colours, interpolated between the ends of each vertex's edge."""
     sample, axis = vertices // 3, vertices % 3
     ends = [_voxels(slots, one) for one in (sample, sample + _STEPS[axis])]
     shares = (1 - along, along)
     color, total = np.zeros((len(along), 3), np.float32), np.zeros(len(along), np.float32)
     for voxel, share in zip(ends, shares, strict=True):
-        told = arrays["color"].reshape(-1, 4)[voxel]
-        is_colored = share * (told[:, 3] > 0)
-        color += told[:, :3] * is_colored[:, None]
+        end_color = arrays["color"].reshape(-1, 4)[voxel]
+        is_colored = share * (end_color[:, 3] > 0)
+        color += end_color[:, :3] * is_colored[:, None]
         total += is_colored
     color[total <= 0], total[total <= 0] = NO_COLOR, 1
     share = np.clip(color / total[:, None], 0, 1)
@@ -266,7 +269,7 @@ def _colors(
 
 
 def _voxels(slots: NDArray[np.int32], sample: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the flat voxels of flat samples, some of which belong to neighbours."""
+    """Return the flat voxels of flat samples, which may lie in neighbouring blocks."""
     x, y, z = _sample_places(sample).T
     ahead = (x // BLOCK_VOXELS) + 2 * (y // BLOCK_VOXELS) + 4 * (z // BLOCK_VOXELS)
     within = x % BLOCK_VOXELS + BLOCK_VOXELS * (

@@ -1,10 +1,9 @@
-"""Classes of voxels: how much was seen of each, in a memory that does not grow with their number.
+"""Class votes per voxel, in memory that does not grow with the number of classes.
 
-Every voxel keeps its `CLASSES_KEPT` heaviest classes by the "space-saving" rule (Metwally, Agrawal
-and El Abbadi, "Efficient computation of frequent and top-k elements in data streams", ICDT 2005): a
-class that finds no room takes the place of the lightest and inherits its weight. So a class with
-more than 1 / `CLASSES_KEPT` of the weight is always kept, and the weights sum up to all that was
-seen.
+Every voxel keeps its `CLASSES_KEPT` heaviest classes by the space-saving algorithm (Metwally,
+Agrawal and El Abbadi, "Efficient computation of frequent and top-k elements in data streams", ICDT
+2005): a class without room replaces the lightest one and inherits its weight. So a class with more
+than 1 / `CLASSES_KEPT` of the weight is always kept, and the weights sum up to all votes.
 """
 
 from __future__ import annotations
@@ -14,15 +13,7 @@ import colorsys
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_mapping.voxels.blocks import VoxelField
-
-CLASSES_KEPT = 4
 UNLABELLED = 0
-
-SEMANTIC_FIELDS = (
-    VoxelField("class_id", "uint16", CLASSES_KEPT),
-    VoxelField("class_weight", "float32", CLASSES_KEPT),
-)
 
 _GOLDEN_RATIO = 0.618034
 
@@ -34,26 +25,26 @@ def fuse_classes(
     labels: NDArray[np.uint16],
     weights: NDArray[np.float32],
 ) -> None:
-    """Add one observation to each of N different voxels, in place.
+    """Add one vote to each of N different voxels, in place.
 
-    Most voxels know one class, and see it again: only the others are asked for all that they know.
+    Most voxels hold one class and get a vote for it; only the others need a search.
 
     Args:
         class_id, class_weight: (M, kept) of all voxels, contiguous.
-        voxels: (N,) rows of those that were seen.
-        labels: (N,) what was seen; 0 (unlabelled) tells nothing.
-        weights: (N,) at least 0.
+        voxels: (N,) rows of the voxels.
+        labels: (N,) voted classes; 0 (unlabelled) is ignored.
+        weights: (N,) weights of the votes, at least 0.
     """
-    ids, counted = class_id.reshape(-1), class_weight.reshape(-1)
+    ids, summed = class_id.reshape(-1), class_weight.reshape(-1)
     first = voxels * class_id.shape[1]
-    first_id, first_weight = ids.take(first), counted.take(first)
-    is_told = labels != UNLABELLED
-    is_first = ((first_id == labels) | (first_weight == 0)) & is_told
+    first_id, first_weight = ids.take(first), summed.take(first)
+    is_labelled = labels != UNLABELLED
+    is_first = ((first_id == labels) | (first_weight == 0)) & is_labelled
     if is_first.all():
-        ids[first], counted[first] = labels, first_weight + weights
+        ids[first], summed[first] = labels, first_weight + weights
         return
-    simple, rest = np.flatnonzero(is_first), np.flatnonzero(is_told & ~is_first)
-    ids[first[simple]], counted[first[simple]] = labels[simple], (first_weight + weights)[simple]
+    simple, rest = np.flatnonzero(is_first), np.flatnonzero(is_labelled & ~is_first)
+    ids[first[simple]], summed[first[simple]] = labels[simple], (first_weight + weights)[simple]
     _fuse_among_all(class_id, class_weight, voxels[rest], labels[rest], weights[rest])
 
 
@@ -64,7 +55,7 @@ def _fuse_among_all(
     labels: NDArray[np.uint16],
     weights: NDArray[np.float32],
 ) -> None:
-    """Do what `fuse_classes` does where a voxel's first class may be another one."""
+    """Add votes to voxels whose first class may be another one."""
     weight = class_weight[voxels]
     is_known = (class_id[voxels] == labels[:, None]) & (weight > 0)
     place = np.where(is_known.any(axis=1), is_known.argmax(axis=1), weight.argmin(axis=1))
@@ -77,13 +68,13 @@ def most_likely(
 ) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
     """Return the (N,) classes with the greatest weight among (N, M) entries, and their shares.
 
-    A class may have several entries. Where nothing was seen: 0 with probability 0. Of equal
-    weights the class with the smaller number wins.
+    A class may have several entries. Without any votes it is class 0 with share 0. Of classes with
+    equal weights the smaller id wins.
     """
-    is_told = class_weight > 0
-    ids = np.where(is_told, class_id, UNLABELLED).max(axis=1, initial=UNLABELLED)
-    share = is_told.any(axis=1).astype(np.float32)
-    mixed = np.flatnonzero((is_told & (class_id != ids[:, None])).any(axis=1))
+    is_labelled = class_weight > 0
+    ids = np.where(is_labelled, class_id, UNLABELLED).max(axis=1, initial=UNLABELLED)
+    share = is_labelled.any(axis=1).astype(np.float32)
+    mixed = np.flatnonzero((is_labelled & (class_id != ids[:, None])).any(axis=1))
     ids[mixed], share[mixed] = _heaviest(class_id[mixed], class_weight[mixed])
     return ids.astype(np.uint16), share
 
@@ -102,9 +93,9 @@ def _heaviest(
 
 
 def class_color(class_id: int) -> tuple[int, int, int]:
-    """Return a class's colour for pictures; unlabelled is grey.
+    """Return the RGB colour of a class; unlabelled is grey.
 
-    Hues a golden section apart, so that neighbouring numbers differ clearly.
+    Hues are a golden section apart, so that neighbouring ids differ clearly.
     """
     if class_id == UNLABELLED:
         return 128, 128, 128
@@ -116,7 +107,7 @@ def class_color(class_id: int) -> tuple[int, int, int]:
 
 
 def class_colors(class_ids: NDArray[np.uint16]) -> NDArray[np.uint8]:
-    """Return the (N, 3) colours of (N,) classes."""
+    """Return the (N, 3) RGB colours of (N,) classes."""
     known, place = np.unique(class_ids, return_inverse=True)
     palette = np.array([class_color(int(one)) for one in known], np.uint8).reshape(-1, 3)
     return np.asarray(palette[place.ravel()])

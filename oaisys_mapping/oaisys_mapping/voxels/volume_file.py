@@ -1,24 +1,24 @@
-"""A volume in one ``.npz`` file. Equal volumes have equal bytes.
+"""A volume as one ``.npz`` file; equal volumes have equal bytes.
 
-Arrays of a file, blocks by x, then y, then z; voxels by z, y, x:
+Arrays in the file, with blocks sorted by x, then y, then z, and voxels by z, y, x:
 
-* ``format``: `FORMAT`; ``voxel_size_m``: float64; ``frames``: int64, how many views were fused.
+* ``format``: `FORMAT`; ``voxel_size_m``: float64; ``frames``: int64, number of integrated views.
 * ``blocks``: (N, 3) int32; block (i, j, k) begins at voxel ``8 * (i, j, k)``, and a voxel's sample
   lies at its number times ``voxel_size_m``.
 * ``tsdf``: (N, 8, 8, 8) float32 from -1 to 1, in truncations; ``weight``: (N, 8, 8, 8) float32, 0
-  where nothing was seen; ``color``: (N, 8, 8, 8, 4) float32 red, green and blue from 0 to 1, and
-  the weight that they were told with.
+  where nothing was observed; ``color``: (N, 8, 8, 8, 4) float32 red, green and blue from 0 to 1,
+  and their weight.
 * with semantics: ``class_id``: (N, 8, 8, 8, 4) uint16, ``class_weight``: (N, 8, 8, 8, 4) float32;
   ``cell_blocks``: (M, 3) int32 blocks of cells half a voxel wide, ``cell_class_id``:
-  (M, 8, 8, 8, 2) uint16, ``cell_class_weight``: (M, 8, 8, 8, 2) float32. A file without cells is
-  one whose cells were told nothing.
+  (M, 8, 8, 8, 2) uint16, ``cell_class_weight``: (M, 8, 8, 8, 2) float32. A file may lack the
+  cells; they are empty then.
 * ``truncation_m``: float64; ``free``: (M, 3) int32, blocks that are known to be free.
 """
 
 from __future__ import annotations
 
 import zipfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,13 +27,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_mapping.voxels.blocks import BLOCK_VOXELS, VOXELS, Coordinates, VoxelField
+from oaisys_mapping.voxels.block_cache import BlockCache
+from oaisys_mapping.voxels.block_coordinates import BlockCoordinates
+from oaisys_mapping.voxels.config import TsdfConfig
+from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VOXELS, VoxelField
 
 FORMAT = "oaisys tsdf 1"
 
 VOXEL_BLOCKS, CELL_BLOCKS = "blocks", "cell_blocks"
 
-PART_BLOCKS = 1024
+BATCH_BLOCKS = 1024
 """Blocks that are written at a time."""
 
 _CUBE = (BLOCK_VOXELS,) * 3
@@ -41,35 +44,30 @@ _CUBE = (BLOCK_VOXELS,) * 3
 
 @dataclass(frozen=True)
 class VolumeHeader:
-    """What a file says about all of a volume."""
+    """What a file says about the whole volume.
+
+    Attributes:
+        frames: Number of integrated views.
+        free: (M, 3) blocks that are known to be free.
+    """
 
     voxel_size_m: float
     truncation_m: float
     frames: int
-    free: Coordinates
+    free: BlockCoordinates
+
+    def check_matches(self, config: TsdfConfig, path: Path) -> None:
+        """Raise InvalidInputError where voxel size or truncation differ from a configuration's."""
+        for name in ("voxel_size_m", "truncation_m"):
+            found, expected = getattr(self, name), getattr(config, name)
+            if not np.isclose(found, expected):
+                raise InvalidInputError("path", f"{path}: {name} {found:g}", f"{expected:g} m")
 
 
-@dataclass(frozen=True)
-class StoredGrid:
-    """One of a volume's grids: where its blocks are, and what is in them.
-
-    Attributes:
-        name: Of the array of blocks.
-        fields: Of a voxel.
-        blocks: (N, 3) in order.
-        rows: Gives some of the blocks' values by field.
-    """
-
-    name: str
-    fields: tuple[VoxelField, ...]
-    blocks: Coordinates
-    rows: Callable[[Coordinates], Mapping[str, NDArray[Any]]]
-
-
-def write_volume(path: Path, header: VolumeHeader, grids: Sequence[StoredGrid]) -> None:
-    """Write a volume whole or not at all; `VOXEL_BLOCKS` come first."""
-    beside = path.with_name(path.name + ".part")
-    single: dict[str, Any] = {
+def write_volume(path: Path, header: VolumeHeader, grids: Mapping[str, BlockCache]) -> None:
+    """Write a volume's grids by name, completely or not at all."""
+    partial = path.with_name(path.name + ".part")
+    header_arrays: dict[str, Any] = {
         "format": np.array(FORMAT),
         "voxel_size_m": np.array(header.voxel_size_m),
         "truncation_m": np.array(header.truncation_m),
@@ -77,27 +75,27 @@ def write_volume(path: Path, header: VolumeHeader, grids: Sequence[StoredGrid]) 
         "free": header.free,
     }
     try:
-        with zipfile.ZipFile(beside, "w") as archive:
-            for name, array in single.items():
+        with zipfile.ZipFile(partial, "w") as archive:
+            for name, array in header_arrays.items():
                 _write_array(archive, name, array.shape, array.dtype, [array])
-            for grid in grids:
-                _write_grid(archive, grid)
-        beside.replace(path)
+            for name, grid in grids.items():
+                _write_grid(archive, name, grid)
+        partial.replace(path)
     finally:
-        beside.unlink(missing_ok=True)
+        partial.unlink(missing_ok=True)
 
 
 def read_volume(
     path: Path, fields: Mapping[str, tuple[VoxelField, ...]]
-) -> tuple[VolumeHeader, dict[str, tuple[Coordinates, dict[str, NDArray[Any]]]]]:
-    """Return what a file says, and each grid's blocks and values by field; inverse: `write_volume`.
+) -> tuple[VolumeHeader, dict[str, tuple[BlockCoordinates, dict[str, NDArray[Any]]]]]:
+    """Return a file's header, and each grid's blocks and values; inverse: `write_volume`.
 
     Args:
         path: The file.
-        fields: Of each grid, by its name. One that is not `VOXEL_BLOCKS` may be missing.
+        fields: Fields of each grid by its name. Grids except `VOXEL_BLOCKS` may be missing.
 
     Raises:
-        InvalidInputError: The file is no volume, or has not got these fields.
+        InvalidInputError: The file is not a volume, or lacks these fields.
     """
     try:
         with np.load(path, allow_pickle=False) as arrays:
@@ -121,12 +119,12 @@ def read_volume(
 
 def _read_grid(
     arrays: Any, name: str, fields: tuple[VoxelField, ...]
-) -> tuple[Coordinates, dict[str, NDArray[Any]]]:
+) -> tuple[BlockCoordinates, dict[str, NDArray[Any]]]:
     blocks = arrays[name]
-    return blocks, {field.name: _rows(arrays, field, len(blocks)) for field in fields}
+    return blocks, {field.name: _field_values(arrays, field, len(blocks)) for field in fields}
 
 
-def _rows(arrays: Any, field: VoxelField, blocks: int) -> NDArray[Any]:
+def _field_values(arrays: Any, field: VoxelField, blocks: int) -> NDArray[Any]:
     array = arrays[field.name]
     expected = (blocks, *_CUBE, *_channels(field))
     if array.shape != expected or array.dtype != field.dtype:
@@ -138,13 +136,13 @@ def _channels(field: VoxelField) -> tuple[int, ...]:
     return () if field.channels == 1 else (field.channels,)
 
 
-def _write_grid(archive: zipfile.ZipFile, grid: StoredGrid) -> None:
-    blocks = grid.blocks
-    parts = [blocks[i : i + PART_BLOCKS] for i in range(0, len(blocks), PART_BLOCKS)]
-    _write_array(archive, grid.name, blocks.shape, blocks.dtype, [blocks])
+def _write_grid(archive: zipfile.ZipFile, name: str, grid: BlockCache) -> None:
+    blocks = grid.all_blocks
+    parts = [blocks[i : i + BATCH_BLOCKS] for i in range(0, len(blocks), BATCH_BLOCKS)]
+    _write_array(archive, name, blocks.shape, blocks.dtype, [blocks])
     for field in grid.fields:
         shape = (len(blocks), *_CUBE, *_channels(field))
-        found = (grid.rows(part)[field.name] for part in parts)
+        found = (grid.values(part)[field.name] for part in parts)
         _write_array(archive, field.name, shape, np.dtype(field.dtype), found)
 
 
@@ -155,7 +153,7 @@ def _write_array(
     dtype: np.dtype[Any],
     parts: Iterable[NDArray[Any]],
 ) -> None:
-    """Write an array as ``numpy.savez`` does, part by part and without the time of day."""
+    """Write an array as ``numpy.savez`` does, but in parts and without a time stamp."""
     entry = zipfile.ZipInfo(f"{name}.npy")
     described = {
         "descr": dtype.str,

@@ -24,8 +24,8 @@ from oaisys_core.types import (
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_mapping.report.web_viewer import PosedImages
-from oaisys_mapping.voxels.rectification import rectified, rectified_camera
 
 POLL_S = 0.3
 """How often a server is asked whether there is a new sample."""

@@ -16,8 +16,8 @@ from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
+from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_mapping.voxels.rectification import rectified, rectified_camera, rectified_labels
 
 QUEUE_FRAMES = 32
 """Frames that may wait: 70 MB at 640x480. Any further one is dropped and counted."""

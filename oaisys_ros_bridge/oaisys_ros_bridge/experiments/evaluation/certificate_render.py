@@ -20,8 +20,8 @@ from oaisys_mapping.certificate.verification import CheckResult, measure_again
 from oaisys_mapping.certificate.view_files import views_from_json
 from oaisys_mapping.evaluation.truth_io import as_stored
 from oaisys_mapping.evaluation.visibility import PosedCamera
+from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_mapping.voxels.rectification import rectified, rectified_camera, rectified_labels
 from oaisys_ros_bridge.experiments.bringup import START_TIMEOUT_S
 from oaisys_ros_bridge.experiments.configuration import CONFIG_FILE
 from oaisys_ros_bridge.experiments.processes import ManagedProcess

@@ -12,7 +12,7 @@ from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.occupancy_map import Bounds, OccupancyMap
 from oaisys_mapping.exploration.planner import Planner, Situation, Vehicle
-from oaisys_mapping.voxels.rectification import rectified, rectified_camera
+from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 

@@ -24,7 +24,7 @@ from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.exploration.planners import make_planner
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply
-from oaisys_mapping.voxels.rectification import rectified_camera
+from oaisys_mapping.rectification import rectified_camera
 from oaisys_ros_bridge.experiments.bringup import (
     MAP_TIMEOUT_S,
     START_TIMEOUT_S,

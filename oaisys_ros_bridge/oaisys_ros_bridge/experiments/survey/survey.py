@@ -19,8 +19,8 @@ from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_mapping.certificate.perturbations import PosedDepth
 from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.visibility import PosedCamera
+from oaisys_mapping.rectification import rectified_camera
 from oaisys_mapping.report.report import write_report
-from oaisys_mapping.voxels.rectification import rectified_camera
 from oaisys_ros_bridge.experiments.bringup import MAP_TIMEOUT_S, SimulatorStack, bring_up
 from oaisys_ros_bridge.experiments.evaluation.map_evaluation import (
     MESH_FILE,
