@@ -35,6 +35,13 @@ def source_of(module: str) -> Path:
 
 
 def imported_by(module: str) -> set[str]:
+    """Return what a module imports, directly or from a package that imports it in turn."""
+    names = named_by(module)
+    packages = {name for name in names if source_of(name).name == "__init__.py"}
+    return names.union(*map(named_by, packages))
+
+
+def named_by(module: str) -> set[str]:
     """Return every name that a module imports, absolute; ``from a import b`` gives a and a.b."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(source_of(module).read_text(encoding="utf-8"))):
