@@ -1,4 +1,4 @@
-"""Exploring a rendered terrain: ``oaisys explore``, which starts all it needs by itself."""
+"""Runs ``oaisys explore``, which starts server, bridge, mapper and recorder itself."""
 
 from pathlib import Path
 
@@ -10,5 +10,5 @@ CONFIG = Path(__file__).resolve().parents[1] / "config"
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the exploration's process and what can be said about it on the command line."""
+    """Return the exploration's arguments and its process."""
     return experiment("explore", EXPLORE, CONFIG)

@@ -1,4 +1,4 @@
-"""The survey of a rendered terrain: ``oaisys survey``, which starts all it needs by itself."""
+"""Runs ``oaisys survey``, which starts server, bridge, mapper and recorder itself."""
 
 from pathlib import Path
 
@@ -10,5 +10,5 @@ CONFIG = Path(__file__).resolve().parents[1] / "config"
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return the survey's process and what can be said about it on the command line."""
+    """Return the survey's arguments and its process."""
     return experiment("survey", SURVEY, CONFIG)

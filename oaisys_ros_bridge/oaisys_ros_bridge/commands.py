@@ -11,7 +11,7 @@ ros_app = typer.Typer(
     help="Describe the ROS interface.", no_args_is_help=True, add_completion=False
 )
 bag_app = typer.Typer(
-    help="Look into bags, mend them, publish them again.",
+    help="List, recover and replay bags.",
     no_args_is_help=True,
     add_completion=False,
 )
@@ -19,22 +19,27 @@ bag_app = typer.Typer(
 
 def record(
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the bag, new or empty; else a new bag_DATE.")
+        Path | None, typer.Option(help="Folder of the bag, new or empty; otherwise a new bag_DATE.")
     ] = None,
     topic: Annotated[
         list[str] | None,
-        typer.Option(help="Topic to wait for and to record, repeatable; all where none is given."),
+        typer.Option(help="Topic to wait for and record, repeatable; otherwise all."),
     ] = None,
     everything: Annotated[
-        bool, typer.Option("--all", help="Record all others beside --topic, too.")
+        bool, typer.Option("--all", help="Record all other topics, too.")
     ] = False,
     exclude: Annotated[
-        str | None, typer.Option(help="Expression of topics to leave out; else compressed images.")
+        str | None,
+        typer.Option(
+            help="Regular expression of topics to leave out; otherwise compressed images."
+        ),
     ] = None,
-    duration: Annotated[float, typer.Option(help="Seconds; 0: until Ctrl-C.", min=0)] = 0.0,
-    namespace: Annotated[str, typer.Option(help="Record what is in there.")] = "",
+    duration: Annotated[
+        float, typer.Option(help="Length of the recording, seconds; 0: until Ctrl-C.", min=0)
+    ] = 0.0,
+    namespace: Annotated[str, typer.Option(help="ROS namespace of the topics.")] = "",
 ) -> None:
-    """Record topics as a rosbag2 MCAP; prints `recording: BAG` once it listens to them."""
+    """Record topics to a rosbag2 MCAP bag; prints `recording: BAG` once it is subscribed."""
     from oaisys_ros_bridge.namespaces import namespace_arguments, require_namespace
     from oaisys_ros_bridge.nodes.recorder import run_recorder
 
@@ -59,12 +64,11 @@ def bag_info(
 def bag_recover(
     bag: Annotated[Path, typer.Argument(help="A bag's folder or its .mcap file.")],
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the new bag; else beside the old one.")
+        Path | None, typer.Option(help="Folder of the new bag; otherwise beside the old one.")
     ] = None,
 ) -> None:
-    """Copy what a recorder that was killed had written into a bag that opens everywhere."""
-    from oaisys_ros_bridge.bags.info import mcap_file
-    from oaisys_ros_bridge.bags.recovery import recover
+    """Copy the messages of a bag that was cut short to a new, complete bag."""
+    from oaisys_ros_bridge.bags.reading import mcap_file, recover
 
     file = mcap_file(bag)
     folder = bag if bag.is_dir() else bag.with_suffix("")
@@ -76,37 +80,42 @@ def bag_recover(
 def bag_replay(
     bag: Annotated[Path, typer.Argument(help="A bag's folder or its .mcap file.")],
     rate: Annotated[
-        float, typer.Option(help="How much faster than recorded.", min=1e-3, max=1e3)
+        float, typer.Option(help="Speed, as a multiple of the recorded one.", min=1e-3, max=1e3)
     ] = 1.0,
-    loop: Annotated[bool, typer.Option("--loop", help="Begin again at the end.")] = False,
+    loop: Annotated[bool, typer.Option("--loop", help="Start again at the end.")] = False,
     topics: Annotated[
-        list[str] | None, typer.Option(help="A topic to publish, repeatable; else all.")
+        list[str] | None, typer.Option(help="Topic to publish, repeatable; otherwise all.")
     ] = None,
     clock: Annotated[
-        float, typer.Option(help="Hz at which /clock tells the recording's time.", min=0, max=1e3)
+        float,
+        typer.Option(
+            help="Rate at which the recording's time is published on /clock, Hz; 0: never.",
+            min=0,
+            max=1e3,
+        ),
     ] = 0.0,
     remap: Annotated[
-        list[str] | None, typer.Option(help="FROM:=TO, another name for a topic, repeatable.")
+        list[str] | None, typer.Option(help="Rename a topic, FROM:=TO, repeatable.")
     ] = None,
     wait_for: Annotated[
-        int, typer.Option(help="Begin when so many readers are there, of all topics.", min=0)
+        int, typer.Option(help="Start when all topics together have this many readers.", min=0)
     ] = 0,
     wait_for_topic: Annotated[
-        list[str] | None, typer.Option(help="A topic that must have a reader first, repeatable.")
+        list[str] | None, typer.Option(help="Topic that must have a reader first, repeatable.")
     ] = None,
     wait_timeout: Annotated[
-        float, typer.Option(help="Seconds that readers may take to come.", min=0, max=86_400)
+        float, typer.Option(help="Longest time to wait for readers, seconds.", min=0, max=86_400)
     ] = 10.0,
     delay: Annotated[
-        float, typer.Option(help="Begin after so many seconds, whoever is there.", min=0)
+        float, typer.Option(help="Start after this many seconds, with or without readers.", min=0)
     ] = 0.0,
 ) -> None:
-    """Publish a bag again, with the quality of service that it was recorded with.
+    """Publish the messages of a bag with their recorded quality of service.
 
-    It begins when each topic of --topics or --wait-for-topic has a reader and --wait-for readers
-    are there; without these options, when every topic has one, or with those that have come by
-    --wait-timeout. At the end it tells what was sent on each topic, and who read it; exit 1 where
-    the readers did not come.
+    It starts when each topic of --topics or --wait-for-topic has a reader and there are --wait-for
+    readers; without these options, when every topic has a reader, or after --wait-timeout if any
+    has one. At the end it prints how many messages and readers each topic had. Exit 1 if the
+    readers did not come.
     """
     from oaisys_ros_bridge.nodes.player import main as play
 
@@ -125,9 +134,11 @@ def _ros() -> None:
 
 @ros_app.command("reference")
 def ros_reference(
-    out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="File to write; otherwise standard output.")
+    ] = None,
 ) -> None:
-    """Write the page that lists every topic, service, action and parameter of the nodes."""
+    """Write the reference page of all topics, services, actions and parameters."""
     from oaisys_ros_bridge.parameters.reference import reference_text
 
     text = reference_text()

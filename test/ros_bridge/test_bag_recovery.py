@@ -10,7 +10,7 @@ from std_msgs.msg import String
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.bags.info import summary_of
-from oaisys_ros_bridge.bags.recovery import recover
+from oaisys_ros_bridge.bags.reading import recover
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 
 TOPIC = RecordedTopic(

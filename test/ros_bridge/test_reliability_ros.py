@@ -29,7 +29,7 @@ from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.types import Pose
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import SetPose, StepBatch
-from oaisys_ros_bridge.bags.recovery import recover
+from oaisys_ros_bridge.bags.reading import recover
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 pytestmark = pytest.mark.ros

@@ -12,8 +12,9 @@ from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.bags.info import losses_of, mcap_file
+from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.message_definition import message_class
+from oaisys_ros_bridge.bags.reading import mcap_file
 from oaisys_ros_bridge.bags.serialized_stamps import stamp_reader
 
 SAMPLE_INFO = "/sample_info"

@@ -1,4 +1,4 @@
-"""What a bag lacks of the samples that were announced while it was recorded, as it says itself."""
+"""Counts of the messages that a recorder has lost, as its bag stores them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Self
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
 
 METADATA_NAME = "oaisys_samples"
-"""Of the MCAP record; rosbag2's ``custom_data`` has the same entries."""
+"""Name of the MCAP metadata record; rosbag2's ``custom_data`` has the same entries."""
 
 _ANNOUNCED, _INCOMPLETE = "oaisys.samples", "oaisys.samples_incomplete"
 _LOST, _LOST_BY_MIDDLEWARE = "oaisys.lost ", "oaisys.lost_by_middleware "
@@ -18,13 +18,13 @@ _LOST, _LOST_BY_MIDDLEWARE = "oaisys.lost ", "oaisys.lost_by_middleware "
 
 @dataclass(frozen=True)
 class BagLosses:
-    """What a recorder counted.
+    """What a recorder has counted.
 
     Attributes:
         announced: Samples on ``sample_info``.
-        incomplete: Those of them that something is missing of.
-        lost: In how many of them, by topic.
-        lost_by_middleware: Messages that the middleware says were lost, by topic.
+        incomplete: Those of them of which a message is missing.
+        lost: Number of samples whose message is missing, by topic.
+        lost_by_middleware: Messages that the middleware reports as lost, by topic.
     """
 
     announced: int = 0
@@ -34,7 +34,7 @@ class BagLosses:
 
     @classmethod
     def of(cls, states: Iterable[LedgerState], lost_by_middleware: Mapping[str, int]) -> Self:
-        """Return the sum over all bridges that were listened to."""
+        """Return the sum over the bridges whose samples were recorded."""
         states = list(states)
         lost: Counter[str] = Counter()
         for state in states:
@@ -48,7 +48,7 @@ class BagLosses:
 
     @classmethod
     def read(cls, entries: Mapping[str, str]) -> Self:
-        """Return what `entries` has made strings of."""
+        """Return the losses from their `entries` in a bag."""
 
         def counts(prefix: str) -> dict[str, int]:
             return {k.removeprefix(prefix): int(v) for k, v in entries.items() if prefix in k}
@@ -62,7 +62,7 @@ class BagLosses:
 
     @property
     def entries(self) -> dict[str, str]:
-        """All of it as strings by name."""
+        """The counts as a bag stores them: strings by name."""
         return {
             _ANNOUNCED: str(self.announced),
             _INCOMPLETE: str(self.incomplete),
@@ -80,7 +80,7 @@ class BagLosses:
 
     @property
     def sentences(self) -> list[str]:
-        """What to tell of it."""
+        """The losses in words, one sentence or two."""
         state = LedgerState(self.announced, self.announced, self.incomplete, self.lost)
         told = [shortfall(state) or f"{self.announced} samples, none of them incomplete"]
         if self.lost_by_middleware:

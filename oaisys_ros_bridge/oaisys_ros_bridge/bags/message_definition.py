@@ -1,4 +1,4 @@
-"""Definitions and hashes of message types, as the installed interface packages have them."""
+"""Definitions and hashes of message types, from the installed interface packages."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from oaisys_core.errors import NotFoundError
 SEPARATOR = "=" * 80
 BUILT_IN = re.compile(r"bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64)")
 FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[a-z]\w*")
-"""A field's type; constants look the same and have built-in types."""
+"""Matches the type of a field, and of a constant, which is always of a built-in type."""
 
 
 @cache
 def message_definition(type_name: str) -> str:
-    """Return the definition of a type with those of all nested types, as bags carry it.
+    """Return the definition of a type with those of all nested types, as MCAP stores it.
 
     The nested ones follow, each after a line of 80 ``=`` and ``MSG: package/Type``.
 
@@ -48,7 +48,7 @@ def message_definition(type_name: str) -> str:
 
 
 def nested_types(type_name: str, definition: str) -> list[str]:
-    """Return the types of a definition's own fields that are messages, as ``package/msg/Type``."""
+    """Return the message types of a definition's own fields, as ``package/msg/Type``."""
     package = type_name.split("/")[0]
     found = []
     for line in definition.splitlines():
@@ -71,7 +71,7 @@ def type_hash(type_name: str) -> str:
     for entry in description["type_hashes"]:
         if entry["type_name"] == type_name:
             return str(entry["hash_string"])
-    raise NotFoundError(f"no hash of {type_name} in its own description")
+    raise NotFoundError(f"the description of {type_name} has no hash of it")
 
 
 def _share_file(type_name: str, suffix: str) -> Path:

@@ -1,4 +1,4 @@
-"""One topic that is played again: its publisher, and an account of who read what."""
+"""A topic of a bag that is played: its publisher, and counts of what subscribers received."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from oaisys_ros_bridge.bags.reading import offered_qos
 from oaisys_ros_bridge.bags.writing import RecordedTopic
 
 USUAL_DEPTH = 10
-"""Of a queue whose depth is not known."""
+"""Depth of a queue, where the bag does not say."""
 
 
 class PlayedTopic:
-    """Publishes a topic's messages as they were offered, and counts who was there to read them.
+    """Publishes a topic's messages with the recorded quality of service, and counts its readers.
 
-    A reliable topic does not run ahead of its readers by more than its queue holds: what leaves
-    the queue before it is acknowledged would be lost. A reader that does not acknowledge in time
-    is waited for once; from then on the topic goes on without waiting.
+    On a reliable topic, no more messages are published than the queue holds until the readers have
+    acknowledged them: a message that leaves the queue earlier could be lost. After a reader has
+    failed to acknowledge in time, the topic does not wait any more.
 
     Args:
         node: Owner of the publisher.
         topic: As it was recorded.
-        acknowledged_within_s: How long readers may take to confirm what they got.
+        acknowledged_within_s: How long readers may take to acknowledge.
 
     Attributes:
         name: Of the topic as it is published, remapping included.
         sent: Messages published.
-        heard: Those of them that a reader was there for.
+        heard: Those of them for which there was a reader.
 
     Raises:
         NotFoundError: The message's type is not installed.
@@ -58,11 +58,11 @@ class PlayedTopic:
 
     @property
     def readers(self) -> int:
-        """Subscribers that the publisher is matched with now."""
+        """Number of subscribers that are matched now."""
         return int(self._publisher.get_subscription_count())
 
     def publish(self, data: bytes) -> None:
-        """Publish a message in CDR."""
+        """Publish a serialised message (CDR with its header)."""
         if self._outstanding >= self._depth:
             self.wait_until_acknowledged(self._acknowledged_within_s)
         readers = self.readers
@@ -73,13 +73,13 @@ class PlayedTopic:
         self._most_readers = max(self._most_readers, readers)
 
     def wait_until_acknowledged(self, timeout_s: float) -> None:
-        """Let readers confirm what they were sent, unless one of them has failed to before."""
+        """Wait for the readers' acknowledgements, unless one of them has been missing before."""
         if self._outstanding and not self._stalled:
             self._stalled = not self._publisher.wait_for_all_acked(Duration(seconds=timeout_s))
             self._outstanding = 0
 
     def finish(self, timeout_s: float) -> str:
-        """Wait for the last acknowledgements; return what was sent, and who read it."""
+        """Wait for the last acknowledgements; return the topic's counts in words."""
         self.wait_until_acknowledged(timeout_s)
         self._most_readers = max(self._most_readers, self.readers)
         if self._latched and self._most_readers:

@@ -1,30 +1,39 @@
-"""Reads rosbag2 MCAP bags: of our recorder, and of ``ros2 bag record``."""
+"""Reads rosbag2 MCAP bags of any recorder, and recovers those that were cut short."""
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import yaml
 from mcap.exceptions import McapError
-from mcap.reader import McapReader, make_reader
+from mcap.reader import McapReader, NonSeekingReader, make_reader
+from mcap.records import Channel, Message, Schema
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_ros_bridge.bags.info import FINISHED
-from oaisys_ros_bridge.bags.writing import METADATA_FILE, RecordedTopic
+from oaisys_ros_bridge.bags.writing import METADATA_FILE, BagWriter, RecordedTopic
+
+FINISHED = "a finished MCAP file; `oaisys bag recover` saves what one holds that was cut short"
+
+RELIABLE = ("reliable", 1)
+TRANSIENT_LOCAL = ("transient_local", 1)
+"""Values in bags: names since Jazzy, numbers before."""
 
 
 @dataclass(frozen=True)
 class RecordedMessage:
-    """One message as it was recorded.
+    """A recorded message.
 
     Attributes:
-        data: CDR, with its header.
-        received_ns: When it was.
+        topic: Its full name.
+        data: In CDR, with its header.
+        received_ns: When the recorder received it.
     """
 
     topic: str
@@ -39,7 +48,7 @@ class BagReader:
         path: The bag's folder, or one file of it.
 
     Raises:
-        InvalidInputError: It is none, or is cut short.
+        InvalidInputError: There is no bag, or it is cut short.
     """
 
     def __init__(self, path: Path) -> None:
@@ -64,13 +73,39 @@ class BagReader:
             )
 
 
+@contextmanager
+def finished_file(file: Path) -> Iterator[tuple[McapReader, Summary]]:
+    """Open an MCAP file; yield a reader and the file's summary.
+
+    Raises:
+        InvalidInputError: It is not a finished MCAP file.
+    """
+    try:
+        with file.open("rb") as stream:
+            reader = make_reader(stream)
+            summary = reader.get_summary()
+            if summary is None:
+                raise InvalidInputError("bag", str(file), FINISHED)
+            yield reader, summary
+    except (McapError, struct.error) as error:  # without a footer `mcap` unpacks other bytes
+        raise InvalidInputError("bag", str(file), FINISHED) from error
+
+
+def mcap_file(path: Path) -> Path:
+    """Return a bag's one file, given that or its folder; `InvalidInputError` if there is none."""
+    files = sorted(path.glob("*.mcap")) if path.is_dir() else [path]
+    if len(files) != 1 or not files[0].is_file():
+        raise InvalidInputError("bag", str(path), "a folder with one .mcap file, or that file")
+    return files[0]
+
+
 def _files_of(path: Path) -> Sequence[Path]:
     """Return the files of a bag in their order."""
     listing = path / METADATA_FILE
     if listing.is_file():
         try:
-            known = yaml.safe_load(listing.read_text(encoding="utf-8"))
-            names = known["rosbag2_bagfile_information"]["relative_file_paths"]
+            metadata = yaml.safe_load(listing.read_text(encoding="utf-8"))
+            names = metadata["rosbag2_bagfile_information"]["relative_file_paths"]
             files = [path / str(name) for name in names]
         except (yaml.YAMLError, KeyError, TypeError) as error:
             raise InvalidInputError(
@@ -84,34 +119,21 @@ def _files_of(path: Path) -> Sequence[Path]:
 
 
 def _topics_of(file: Path) -> Iterator[RecordedTopic]:
-    with file.open("rb") as stream:
-        summary = _summary_of(file, make_reader(stream))
-    for channel in summary.channels.values():
-        if channel.message_encoding != "cdr":
-            raise InvalidInputError("bag", str(file), "messages in CDR, as ROS 2 has them")
-        profiles = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or ()
-        type_name = summary.schemas[channel.schema_id].name
-        yield RecordedTopic(channel.topic, type_name, tuple(profiles))
+    with finished_file(file) as (_, summary):
+        for channel in summary.channels.values():
+            if channel.message_encoding != "cdr":
+                raise InvalidInputError("bag", str(file), "messages in CDR, as ROS 2 has them")
+            yield _recorded_topic(summary.schemas[channel.schema_id], channel)
 
 
-def _summary_of(file: Path, reader: McapReader) -> Summary:
-    try:
-        summary = reader.get_summary()
-    except (McapError, struct.error) as error:  # where there is no footer it reads anything
-        raise InvalidInputError("bag", str(file), FINISHED) from error
-    if summary is None:
-        raise InvalidInputError("bag", str(file), FINISHED)
-    return summary
-
-
-RELIABLE = ("reliable", 1)
-TRANSIENT_LOCAL = ("transient_local", 1)
-"""As bags name them: Jazzy by name, distributions before it by number."""
+def _recorded_topic(schema: Schema, channel: Channel) -> RecordedTopic:
+    profiles = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or ()
+    return RecordedTopic(channel.topic, schema.name, tuple(profiles))
 
 
 @dataclass(frozen=True)
 class OfferedQos:
-    """With what quality of service a topic was published, by all of its publishers.
+    """The quality of service that all publishers of a topic offered.
 
     Attributes:
         depth: Of the deepest queue; 0: unknown.
@@ -123,12 +145,47 @@ class OfferedQos:
 
 
 def offered_qos(profiles: Sequence[Mapping[str, Any]]) -> OfferedQos:
-    """Return what all publishers of a topic offered."""
+    """Return what all publishers of a topic offered, from the profiles in a bag."""
     depth = max((int(profile.get("depth", 0)) for profile in profiles), default=0)
     latched = bool(profiles) and all(p.get("durability") in TRANSIENT_LOCAL for p in profiles)
     return OfferedQos(
-        # One publisher stands for all of them, each of which kept its last messages.
+        # The player's one publisher keeps the last messages of all the recorded ones.
         depth=depth * len(profiles) if latched else depth,
         reliable=all(profile.get("reliability") in RELIABLE for profile in profiles),
         transient_local=latched,
     )
+
+
+def recover(file: Path, out: Path) -> int:
+    """Copy all complete messages of a bag's file to a new bag and return their number.
+
+    Args:
+        file: An ``.mcap`` file that may end anywhere.
+        out: Folder of the new bag.
+
+    Raises:
+        InvalidInputError: ``file`` holds no complete message, or ``out`` is not empty.
+        NotFoundError: The type of a topic is not installed here.
+    """
+    with file.open("rb") as stream:
+        messages = _complete_messages(stream)
+        first = next(messages, None)
+        if first is None:
+            raise InvalidInputError("bag", str(file), "an MCAP file with at least one message")
+        with BagWriter(out) as bag:
+            for schema, channel, message in chain([first], messages):
+                bag.add_topic(_recorded_topic(schema, channel))
+                bag.write(channel.topic, message.data, message.log_time, message.publish_time)
+            return bag.message_count
+
+
+def _complete_messages(stream: IO[bytes]) -> Iterator[tuple[Schema, Channel, Message]]:
+    """Yield messages in the file's order, up to its end or to where it cannot be read."""
+    try:
+        for schema, channel, message in NonSeekingReader(stream).iter_messages(
+            log_time_order=False
+        ):
+            if schema is not None:
+                yield schema, channel, message
+    except (McapError, struct.error):  # the latter from a record that was cut
+        return

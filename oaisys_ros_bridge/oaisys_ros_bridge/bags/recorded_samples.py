@@ -1,4 +1,4 @@
-"""Samples in bags, for `oaisys repeat`: what ``~/sample_info`` says of them, and their images."""
+"""The samples in a bag, for `oaisys repeat`: their ``~/sample_info`` and their images."""
 
 from __future__ import annotations
 
@@ -34,28 +34,32 @@ from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY
 
 SAMPLE_INFO, CONFIGURATION = "sample_info", "configuration"
 ONLY_CAMERA = "camera"
-"""What a rig's only camera is called in topics, whatever its own name."""
+"""The topic prefix of a rig's only camera, whatever its own name."""
 
 SampleId = tuple[int, int]
 
 
-def open_bag(path: Path) -> BagRecords | None:
-    """Return the samples of a bag; None where it is no bag, or no bridge's samples are in it."""
+def open_bag(path: Path) -> BagSamples | None:
+    """Return the samples of a bag; None where ``path`` is no bag.
+
+    Raises:
+        InvalidInputError: The bag does not hold the samples of exactly one bridge.
+    """
     if path.suffix != ".mcap" and not (path.is_dir() and any(path.glob("*.mcap"))):
         return None
     reader = BagReader(path)
-    told = [
+    infos = [
         topic.name
         for topic in reader.topics.values()
         if topic.type_name == "oaisys_msgs/msg/SampleInfo" and topic.name.endswith(SAMPLE_INFO)
     ]
-    if len(told) != 1:
+    if len(infos) != 1:
         expected = "a bag with one topic oaisys_bridge/sample_info"
-        raise InvalidInputError("record", str(path), f"{expected}, not {len(told)}")
-    return BagRecords(reader, told[0])
+        raise InvalidInputError("record", str(path), f"{expected}, not {len(infos)}")
+    return BagSamples(reader, infos[0])
 
 
-class BagRecords:
+class BagSamples:
     """The samples that one bridge published.
 
     Args:
@@ -67,19 +71,19 @@ class BagRecords:
         self._reader = reader
         self._node, _, _ = topic.rpartition("/")
         self._prefix = self._node.rpartition("/")[0]
-        self._told: dict[SampleId, SampleInfo] = {}
+        self._infos: dict[SampleId, SampleInfo] = {}
         for message in reader.messages([topic]):
-            told = deserialize_message(message.data, SampleInfo)
-            number = (told.batch_id, told.sample_id)
-            self._told.pop(number, None)  # of an earlier run: the newest counts
-            self._told[number] = told
+            info = deserialize_message(message.data, SampleInfo)
+            number = (info.batch_id, info.sample_id)
+            self._infos.pop(number, None)  # of an earlier run: the newest counts
+            self._infos[number] = info
 
     def config_json(self) -> str | None:
-        """Return the configuration that the newest sample was rendered from, if it is there."""
+        """Return the configuration of the newest sample; None where the bag does not hold it."""
         topic = f"{self._node}/{CONFIGURATION}"
-        if topic not in self._reader.topics or not self._told:
+        if topic not in self._reader.topics or not self._infos:
             return None
-        wanted = list(self._told.values())[-1].config_sha256
+        wanted = list(self._infos.values())[-1].config_sha256
         for message in self._reader.messages([topic]):
             text: str = deserialize_message(message.data, String).data
             if hashlib.sha256(text.encode()).hexdigest() == wanted:
@@ -87,57 +91,59 @@ class BagRecords:
         return None
 
     def ids(self) -> Sequence[SampleId]:
-        """Return which samples there are, the newest last."""
-        return list(self._told)
+        """Return batch and sample id of the samples, the newest last."""
+        return list(self._infos)
 
     def read(self, wanted: Collection[SampleId]) -> Iterator[RecordedSample]:
-        """Yield samples as their last images come by."""
-        pending = {_stamp(told): _Pending(told) for n, told in self._told.items() if n in wanted}
+        """Yield samples, each when its last image has been read."""
+        pending = {
+            _stamp(info): _PartialSample(info) for n, info in self._infos.items() if n in wanted
+        }
         names = {
             self._topic(sensor.sensor, modality): FrameName(sensor.sensor, modality)
             for sample in pending.values()
-            for sensor in sample.told.sensors
+            for sensor in sample.info.sensors
             for modality in sensor.modalities
         }
         for message in self._reader.messages(set(names) & self._reader.topics.keys()):
-            # The stamp is the first field of a header, after 4 bytes of CDR's own.
+            # The message begins with 4 bytes of CDR header, then the stamp.
             sample = pending.get(struct.unpack_from("<iI", message.data, 4))
             if sample is None:
                 continue
             image = deserialize_message(message.data, Image)
             sample.images[names[message.topic]] = image_from_msg(image)
             if sample.is_complete:
-                yield pending.pop(_stamp(sample.told)).record()
+                yield pending.pop(_stamp(sample.info)).record()
         for sample in pending.values():
             yield sample.record()
 
     def _topic(self, sensor: str, modality: str) -> str:
-        """Return the topic of a sensor's images: a rig's only camera is ``camera``."""
+        """Return the topic of a sensor's images; see `ONLY_CAMERA`."""
         image = f"{TOPIC_BY_MODALITY.get(modality, modality)}/image_raw"
         own = f"{self._prefix}/{sensor}/{image}"
         return own if own in self._reader.topics else f"{self._prefix}/{ONLY_CAMERA}/{image}"
 
 
 @dataclass
-class _Pending:
-    """A sample whose images are being looked for."""
+class _PartialSample:
+    """A sample some of whose images have been read."""
 
-    told: SampleInfo
+    info: SampleInfo
     images: dict[FrameName, NDArray[np.generic]] = field(default_factory=dict)
 
     @property
     def is_complete(self) -> bool:
-        return len(self.images) == sum(len(sensor.modalities) for sensor in self.told.sensors)
+        return len(self.images) == sum(len(sensor.modalities) for sensor in self.info.sensors)
 
     def record(self) -> RecordedSample:
-        outline = outline_from_msg(self.told)
-        sensors = {sensor.sensor: sensor for sensor in self.told.sensors}
+        outline = outline_from_msg(self.info)
+        sensors = {sensor.sensor: sensor for sensor in self.info.sensors}
         frames = tuple(
             _frame(name, self.images[name], sensors[name.sensor])
             for name in outline.frames
             if name in self.images
         )
-        faults = _faults(self.told.faults_json)
+        faults = _faults(self.info.faults_json)
         return RecordedSample(
             outline, frames, lambda frame: measured_frame(frame, faults, _shot(outline, frame))
         )
@@ -148,7 +154,7 @@ def _shot(outline: SampleOutline, frame: Frame) -> Shot:
 
 
 def _frame(name: FrameName, data: NDArray[np.generic], sensor: SensorPose) -> Frame:
-    """Return a frame as it was rendered: ids are unsigned there; without distortion."""
+    """Return a frame as it was rendered: with unsigned ids, and without distortion."""
     height, width = data.shape[:2]
     K = np.asarray(sensor.k).reshape(3, 3)
     camera = PinholeIntrinsics(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
@@ -160,12 +166,12 @@ def _frame(name: FrameName, data: NDArray[np.generic], sensor: SensorPose) -> Fr
 
 def _faults(text: str) -> DepthFaults:
     try:
-        told: Mapping[str, object] = json.loads(text) if text else {}
-        return DepthFaults(**told)  # type: ignore[arg-type] # what does not fit raises TypeError
+        values: Mapping[str, object] = json.loads(text) if text else {}
+        return DepthFaults(**values)  # type: ignore[arg-type] # a wrong name raises TypeError
     except (TypeError, ValueError) as error:
-        expected = f"what a bridge says of depth faults ({error})"
+        expected = f"the depth faults of a bridge ({error})"
         raise InvalidInputError("sample_info.faults_json", text, expected) from error
 
 
-def _stamp(told: SampleInfo) -> tuple[int, int]:
-    return (told.header.stamp.sec, told.header.stamp.nanosec)
+def _stamp(info: SampleInfo) -> tuple[int, int]:
+    return (info.header.stamp.sec, info.header.stamp.nanosec)

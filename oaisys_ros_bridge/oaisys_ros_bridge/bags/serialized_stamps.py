@@ -1,4 +1,4 @@
-"""Reads the stamp of a serialised message without reading the rest of it."""
+"""Reads the stamp of a serialised message without deserialising it."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from importlib import import_module
 from typing import Any
 
 StampReader = Callable[[bytes], int]
-"""Returns the stamp of a message (CDR with its header) in nanoseconds; 0: it has none."""
+"""Returns the stamp of a message (CDR with its header) in nanoseconds; 0: there is none."""
 
 HEADER = "std_msgs/Header"
 LITTLE_ENDIAN_BIT = 1
 
 
 def stamp_reader(message_type: type[Any]) -> StampReader | None:
-    """Return what reads the stamp of a type's messages; None: they have none at their beginning.
+    """Return a function that reads the stamp of a type's messages; None: the type has none.
 
-    Either the message begins with its header, or with a sequence of messages that do: then all of
-    these have one stamp, or the first one's counts.
+    The stamp is that of a header in the first field; or, where the first field is a sequence of
+    messages that begin with headers, such as ``TFMessage``, that of the first of them.
     """
     first = _first_field(message_type)
     if first == HEADER:

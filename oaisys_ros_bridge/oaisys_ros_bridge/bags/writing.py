@@ -1,7 +1,7 @@
 """Writes rosbag2 bags in the MCAP format, without rosbag2.
 
-Every message reaches the file before the next one is taken. The summary and ``metadata.yaml``
-follow at the end (rosbag2's format version 9; MCAP's registry: profile ``ros2``, schema encoding
+Each message is in the file when `BagWriter.write` returns. The summary and ``metadata.yaml`` are
+written at the end (rosbag2's format version 9; MCAP's registry: profile ``ros2``, schema encoding
 ``ros2msg``, message encoding ``cdr``).
 """
 
@@ -19,13 +19,13 @@ import yaml
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
-from oaisys_ros_bridge.bags.mcap_file import McapFile
+from oaisys_ros_bridge.bags.mcap_writer import McapWriter
 from oaisys_ros_bridge.bags.message_definition import message_definition, type_hash
 
 METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9
 SPARE_BYTES = 2 * 2**20
-"""Stay free on the disk beside the summary, so that the bag can be closed as it should."""
+"""Free space that is kept, in addition to the summary's size, to close the bag."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +33,7 @@ class RecordedTopic:
     """A topic of a bag.
 
     Attributes:
+        name: Its full name.
         type_name: Such as ``sensor_msgs/msg/Image``.
         qos_profiles: What its publishers offered, as `qos_entry` gives it.
     """
@@ -43,7 +44,7 @@ class RecordedTopic:
 
 
 def qos_entry(*, depth: int, reliable: bool, transient_local: bool) -> dict[str, Any]:
-    """Return a quality of service as rosbag2 writes it, without time limits; depth 0: unknown."""
+    """Return a quality of service without deadlines as rosbag2 writes it; depth 0: unknown."""
     unlimited = {"sec": 9223372036, "nsec": 854775807}
     return {
         "history": "keep_last" if depth else "unknown",
@@ -60,7 +61,7 @@ def qos_entry(*, depth: int, reliable: bool, transient_local: bool) -> dict[str,
 
 @dataclass(frozen=True)
 class BagContents:
-    """What is in a bag's one file.
+    """The contents of a bag's one file.
 
     Attributes:
         file_name: Within the bag's folder.
@@ -75,14 +76,14 @@ class BagContents:
 
 
 class BagWriter:
-    """A bag that is being written; a context manager.
+    """Writes a bag; a context manager.
 
     Args:
         folder: The bag; made here. It must not exist, or be empty.
         distribution: Name of the ROS distribution that wrote it.
 
     Raises:
-        InvalidInputError: There is something already.
+        InvalidInputError: The folder is not empty.
         OSError: The folder cannot be written.
     """
 
@@ -97,7 +98,7 @@ class BagWriter:
         self._counts: dict[str, int] = {}
         self._first_ns: int | None = None
         self._last_ns = 0
-        self._file = McapFile(folder / f"{folder.resolve().name}_0.mcap", profile="ros2")
+        self._file = McapWriter(folder / f"{folder.resolve().name}_0.mcap", profile="ros2")
 
     def __enter__(self) -> Self:
         return self
@@ -134,7 +135,7 @@ class BagWriter:
         self._counts[topic.name] = 0
 
     def write(self, topic: str, data: bytes, received_ns: int, published_ns: int) -> None:
-        """Write a serialised message (CDR with its header) through to the file.
+        """Write a serialised message (CDR with its header).
 
         Raises:
             NotFoundError: The topic was not added.
@@ -151,7 +152,7 @@ class BagWriter:
         self._last_ns = max(self._last_ns, received_ns)
 
     def _require_room(self, length: int) -> None:
-        """Raise `OSError` where a message, and later the summary, would fill the disk."""
+        """Raise `OSError` where the disk has no room for a message and, later, the summary."""
         room = shutil.disk_usage(self._folder).free
         largest, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
         if largest != resource.RLIM_INFINITY:
@@ -163,10 +164,10 @@ class BagWriter:
         """Write the summary and ``metadata.yaml``; a second call does nothing.
 
         Args:
-            losses: What the bag says it lacks; None: that is not known.
+            losses: What the recorder has lost; None: not counted.
 
         Raises:
-            OSError: The file system refuses; the messages can be recovered.
+            OSError: The summary cannot be written; the messages can be recovered.
         """
         if self._file.closed:
             return
@@ -194,7 +195,7 @@ def bag_information(
     distribution: str = "jazzy",
     custom_data: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Return what rosbag2 keeps of a bag of one file, and what else is to be told of it.
+    """Return rosbag2's description of a bag of one file, with ``custom_data``.
 
     Raises:
         NotFoundError: A topic's type is not installed here.
@@ -241,7 +242,7 @@ def _topic_information(topic: RecordedTopic, count: int) -> dict[str, Any]:
 
 
 def write_metadata(folder: Path, information: dict[str, Any]) -> None:
-    """Write ``metadata.yaml`` in one go, from `bag_information`."""
+    """Write ``metadata.yaml`` from `bag_information`; the file appears complete."""
     draft = folder / f"{METADATA_FILE}.tmp"
     document = {"rosbag2_bagfile_information": information}
     draft.write_text(yaml.safe_dump(document, sort_keys=False), encoding="utf-8")

@@ -1,30 +1,30 @@
-"""Ctrl-C and SIGTERM of a long command, which are not lost whatever the main thread is doing."""
+"""Interrupts a long command by SIGINT and SIGTERM, whatever the main thread is doing."""
 
 from __future__ import annotations
 
 import signal
 import threading
 
-_asked = threading.Event()
+_requested = threading.Event()
 
 
 def interrupt_on_signals() -> None:
-    """Have SIGINT and SIGTERM raise `KeyboardInterrupt`, so that what was started is ended.
+    """Have SIGINT and SIGTERM raise `KeyboardInterrupt` in the main thread.
 
-    The exception is lost where it is raised inside a callback of a C library, which prints and
-    drops it; `raise_if_interrupted` raises it again.
+    A C library whose callback it is raised in prints and drops it; `raise_if_interrupted` raises it
+    again.
     """
 
     def interrupt(*_: object) -> None:
-        _asked.set()
+        _requested.set()
         raise KeyboardInterrupt
 
-    _asked.clear()
+    _requested.clear()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
 
 
 def raise_if_interrupted() -> None:
-    """Raise `KeyboardInterrupt` where a signal has come, even if it was lost since."""
-    if _asked.is_set():
+    """Raise `KeyboardInterrupt` if a signal has been received, even if it was dropped since."""
+    if _requested.is_set():
         raise KeyboardInterrupt

@@ -11,33 +11,33 @@ import typer
 from oaisys_core.errors import InvalidInputError
 
 ConfigOption = Annotated[
-    Path | None, typer.Option("--config", help="YAML file; the default world where none is given.")
+    Path | None, typer.Option("--config", help="YAML configuration; otherwise the default world.")
 ]
 SizeOption = Annotated[
-    str | None, typer.Option(help="WIDTHxHEIGHT of the images, for a quick look.")
+    str | None, typer.Option(help="Size of the images, WIDTHxHEIGHT, for a quick run.")
 ]
-VoxelSizeOption = Annotated[float, typer.Option(help="Of the map, metres.", min=1e-3)]
-SeedOption = Annotated[int | None, typer.Option(help="Root seed of the (first) world.", min=0)]
-BackendOption = Annotated[str | None, typer.Option(help="blender or analytic.")]
+VoxelSizeOption = Annotated[float, typer.Option(help="Voxel size of the map, metres.", min=1e-3)]
+SeedOption = Annotated[int | None, typer.Option(help="Seed of the (first) world.", min=0)]
+BackendOption = Annotated[str | None, typer.Option(help="Renderer: blender or analytic.")]
 QualityOption = Annotated[
-    str | None, typer.Option(help="Of colour: preview, standard, high or final.")
+    str | None, typer.Option(help="Quality of colour: preview, standard, high or final.")
 ]
-BagOption = Annotated[bool, typer.Option(help="Record everything as a rosbag2 MCAP.")]
+BagOption = Annotated[bool, typer.Option(help="Record all topics to a rosbag2 MCAP bag.")]
 NamespaceOption = Annotated[
-    str, typer.Option(help="Of all ROS nodes, TF included: two at once on one machine.")
+    str, typer.Option(help="ROS namespace of all nodes and of TF, to run several side by side.")
 ]
 WorkerPythonOption = Annotated[
-    Path | None, typer.Option(help="Interpreter that has bpy; this one if not given.")
+    Path | None, typer.Option(help="Python interpreter that has bpy; otherwise this one.")
 ]
 ParamsFileOption = Annotated[
     str,
-    typer.Option(help="YAML file of ROS parameters of bridge, mapper, recorder; empty: none."),
+    typer.Option(help="YAML file of ROS parameters of bridge, mapper and recorder."),
 ]
 LogLevelOption = Annotated[
-    str, typer.Option(help="Of the ROS nodes: debug, info, warn, error, fatal; empty: ROS's own.")
+    str, typer.Option(help="Log level of the ROS nodes: debug, info, warn, error or fatal.")
 ]
 UseSimTimeOption = Annotated[
-    bool, typer.Option("--use-sim-time", help="Let nodes follow /clock, but who publishes it.")
+    bool, typer.Option("--use-sim-time", help="Have all nodes follow /clock except its publisher.")
 ]
 KeyOption = Annotated[
     Path | None,

@@ -1,4 +1,4 @@
-"""Child processes with an owner: started with a deadline, ended in any case."""
+"""Child processes that have a deadline to start and are always ended."""
 
 from __future__ import annotations
 
@@ -16,26 +16,27 @@ from typing import Self
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
 
 END_TIMEOUT_S = 20.0
-"""A recorder closes its bag; on a machine that is busy, it takes its time."""
+"""From SIGINT to SIGKILL; a recorder closes its bag in between."""
 QUOTED_LINES = 15
+"""Last lines of a log that an error quotes."""
 
 
 class ManagedProcess:
-    """A program of ours in a session of its own, its output in a log file.
+    """A program in a session of its own; a context manager.
 
-    Leaving the ``with`` block ends it: SIGINT, then SIGKILL to its whole session.
+    Leaving the block sends SIGINT to the program, then SIGKILL to its whole session.
     """
 
     def __init__(
         self, name: str, command: Sequence[str], log: Path, environment: Mapping[str, str]
     ) -> None:
-        """Start ``command``; what it prints goes to ``log``."""
+        """Start ``command``, with its standard error in the file ``log``."""
         self.name = name
         self._log = log
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open("wb") as output:
-            # A session of its own: a Ctrl-C at the terminal reaches the owner alone, who ends
-            # everything in order.
+            # In a session of its own: Ctrl-C at the terminal reaches the parent alone, which ends
+            # its children in order.
             self._process = subprocess.Popen(
                 command,
                 stdin=subprocess.DEVNULL,
@@ -59,10 +60,10 @@ class ManagedProcess:
         self.end()
 
     def wait_for_line(self, prefix: str, timeout_s: float) -> str:
-        """Return what follows ``prefix`` on the first line of its output that begins so.
+        """Wait for a line of standard output that begins with ``prefix``; return the rest of it.
 
         Raises:
-            WorkerLostError: It ended before; quotes its log.
+            WorkerLostError: The process ended before; quotes its log.
             DeadlineExceededError: No such line came in time.
         """
         output = self._process.stdout
@@ -96,7 +97,7 @@ class ManagedProcess:
             raise WorkerLostError(f"{self.name} ended with exit code {code}{self._quoted_log()}")
 
     def end(self) -> None:
-        """End the process, with everything in its session."""
+        """End the process and all others in its session."""
         if self._process.poll() is None:
             self._process.send_signal(signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):

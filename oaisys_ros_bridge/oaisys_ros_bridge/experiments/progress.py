@@ -1,4 +1,4 @@
-"""Progress of a long command: a bar on a terminal, plain lines elsewhere."""
+"""Shows the progress of a long command: a bar on a terminal, plain lines elsewhere."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from oaisys_mapping.progress import ProgressDisplay
 T = TypeVar("T")
 
 FILE_COLUMNS = 160
-"""Width of tables that go to no terminal: rich takes 80 there, and cuts figures."""
+"""Width of a table in a file: rich would take 80 columns there and shorten figures."""
 
 
 def print_table(table: Table) -> None:
-    """Print a table on standard output, with all of its figures."""
+    """Print a table on standard output; no figure is shortened."""
     console = Console()
     if not console.is_terminal:
         console = Console(width=FILE_COLUMNS)
@@ -27,7 +27,7 @@ def print_table(table: Table) -> None:
 
 
 class Reporter:
-    """Tells a person what goes on, on standard error."""
+    """Shows on standard error what a command does."""
 
     def __init__(self) -> None:
         self._console = Console(stderr=True, highlight=False)
@@ -40,7 +40,7 @@ class Reporter:
         self._console.print(f"[{elapsed_s:6.1f} s] {sentence}", markup=False, soft_wrap=True)
 
     def stages(self, what: str) -> ProgressDisplay:
-        """Return what shows the stages of a long computation, in a ``with`` block."""
+        """Return a display for the stages of a long computation; use it in a ``with`` block."""
         return ProgressDisplay(what, self.say, self._console)
 
     def track(self, items: Sequence[T], what: str) -> Iterator[T]:
@@ -61,7 +61,7 @@ class Reporter:
                 bar.advance(task)
 
     def step(self, sentence: str) -> None:
-        """Tell what one tracked item took; only where there is no bar."""
+        """Print a line on the tracked item, unless a bar is shown."""
         self._done += 1
         if not self._console.is_terminal:
             self.say(f"{self._what} {self._done}/{self._total}: {sentence}")

@@ -1,1 +1,1 @@
-"""What the launch files are made of; the only part that needs ROS's launch system."""
+"""The content of the launch files; the only modules that need ROS's launch system."""

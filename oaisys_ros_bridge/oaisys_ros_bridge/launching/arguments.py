@@ -1,4 +1,4 @@
-"""What can be said to the launch files. No launch system in here: any machine can read it."""
+"""The arguments of the launch files, without imports of the launch system."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ SWITCH = ("true", "false")
 
 @dataclass(frozen=True)
 class Argument:
-    """What can be said on the command line.
+    """An argument of a launch file.
 
     Attributes:
         default: As text.
         description: One sentence.
-        choices: All that it may be; none: anything.
+        choices: Its possible values; empty: any.
     """
 
     default: str
@@ -26,10 +26,12 @@ class Argument:
     choices: tuple[str, ...] = ()
 
 
-CONFIG = Argument("", "YAML file that describes the world and its cameras; empty: the usual one.")
+CONFIG = Argument(
+    "", "YAML file that describes the world and its sensors; empty: the default world."
+)
 BACKEND = Argument(
     "",
-    "What renders; empty: as the configuration says.",
+    "Renderer; empty: as configured.",
     ("", "blender", "analytic"),
 )
 WORKER_PYTHON = Argument(
@@ -40,7 +42,7 @@ NAMESPACE = Argument(
     "ROS namespace of all nodes and topics; /tf and /tf_static become NAMESPACE/tf and "
     "NAMESPACE/tf_static, so that simulators run side by side. /clock and /diagnostics stay.",
 )
-RVIZ = Argument("false", "Whether to open RViz with everything in view, once it is ready.", SWITCH)
+RVIZ = Argument("false", "Whether to open RViz once the bridge is ready.", SWITCH)
 
 
 PARAMS_FILE = Argument(
@@ -55,7 +57,7 @@ USE_SIM_TIME = Argument(
     SWITCH,
 )
 NODES = {"params_file": PARAMS_FILE, "log_level": LOG_LEVEL, "use_sim_time": USE_SIM_TIME}
-"""What is asked of all nodes."""
+"""Settings of all nodes."""
 
 SIMULATOR = {
     "config": CONFIG,
@@ -67,16 +69,18 @@ SIMULATOR = {
     "namespace": NAMESPACE,
     "frame_prefix": Argument(
         "",
-        "Put before the names of all frames, such as mars/; then TF stays on the common /tf.",
+        "Prefix of all frame names, such as mars/; TF then stays on the common /tf.",
     ),
-    "mapper": Argument("true", "Whether to rebuild the surface.", SWITCH),
+    "mapper": Argument(
+        "true", "Whether to run the mapper, which reconstructs the surface.", SWITCH
+    ),
     "record": Argument(
         "false", "true records all topics of the namespace to a new bag_DATE; a path, to there."
     ),
     "recorder": Argument(
         "auto",
-        "What records: ros2 bag record, or this package's recorder, which flushes every message;"
-        " auto: the former where it is installed.",
+        "Program that records: ros2 bag record, or this package's recorder, which writes every "
+        "message immediately; auto: ros2 bag record where it is installed.",
         ("auto", "ros2", "oaisys"),
     ),
     "rviz": RVIZ,
@@ -90,22 +94,26 @@ _EXPERIMENT = {
     "backend": BACKEND,
     "seed": Argument("", "Root seed of the world; empty: as configured."),
     "size": Argument("", "WIDTHxHEIGHT of the images, for a quick look; empty: as configured."),
-    "quality": Argument("", "Of colour, preview to final; empty: as configured."),
+    "quality": Argument(
+        "", "Quality of colour: preview, standard, high or final; empty: as configured."
+    ),
     "voxel_size": Argument("0.1", "Voxel size of the map, metres."),
     "key": Argument("", "PEM file of an Ed25519 key that signs the certificate; empty: none."),
     "namespace": NAMESPACE,
     "worker_python": WORKER_PYTHON,
-    "record": Argument("true", "Whether everything is recorded as a rosbag2 MCAP.", SWITCH),
+    "record": Argument("true", "Whether to record all topics to a rosbag2 MCAP bag.", SWITCH),
     **NODES,
 }
 SURVEY = {
     "out": Argument("out/survey", "Folder for report, mesh, pictures and bag."),
-    "views": Argument("30", "How many viewpoints the grid has."),
-    "altitude": Argument("10.0", "Metres above the ground below."),
-    "overlap": Argument("0.35", "Share of an image that neighbours share."),
-    "max_range": Argument("60.0", "Metres of depth that are mapped."),
-    "seeds": Argument("", "How many worlds, or their seeds with commas between them; empty: one."),
-    "faults": Argument("true", "Whether to show what maps with deliberate faults come to.", SWITCH),
+    "views": Argument("30", "Number of viewpoints in the grid."),
+    "altitude": Argument("10.0", "Height of the viewpoints above the ground, metres."),
+    "overlap": Argument("0.35", "Overlap of neighbouring images, as a share of their edge."),
+    "max_range": Argument("60.0", "Largest depth that is mapped, metres."),
+    "seeds": Argument(
+        "", "Number of worlds, or their seeds separated by commas; empty: one world."
+    ),
+    "faults": Argument("true", "Whether to evaluate maps with deliberate faults, too.", SWITCH),
     **_EXPERIMENT,
 }
 """Of ``survey.launch.py``, beside ``rviz``: each is an option of ``oaisys survey``."""
@@ -113,31 +121,39 @@ SURVEY = {
 EXPLORE = {
     "out": Argument("out/explore", "Folder for report, mesh, pictures and bag."),
     "planner": Argument(
-        "next_best_view", "next_best_view, frontier, grid, random, or a package's; all: those."
+        "next_best_view",
+        "next_best_view, frontier, grid, random, or an installed package's; all: these four.",
     ),
-    "compare": Argument("false", "Whether all others explore the same worlds, too.", SWITCH),
-    "seeds": Argument("1", "How many worlds, or their seeds with commas between them."),
+    "compare": Argument(
+        "false", "Whether all other planners explore the same worlds, too.", SWITCH
+    ),
+    "seeds": Argument("1", "Number of worlds, or their seeds separated by commas."),
     "via": Argument(
-        "service", "How poses are asked for: by the service, or flown.", ("service", "trajectory")
+        "service",
+        "How views are requested: by the set_pose service, or on command/trajectory.",
+        ("service", "trajectory"),
     ),
-    "views": Argument("60", "Most views of an exploration."),
-    "baseline_views": Argument("400", "Most views of every planner but the first."),
-    "until": Argument("", "Share of the reachable surface to see; empty: 0.95, compared 0.9."),
-    "path": Argument("20000.0", "Longest path that is flown, metres."),
-    "planning_voxel": Argument("0.5", "Of the map that plans are made on, metres."),
+    "views": Argument("60", "Largest number of views of an exploration."),
+    "baseline_views": Argument("400", "Largest number of views of every planner but the first."),
+    "until": Argument(
+        "",
+        "Coverage at which an exploration ends; empty: 0.95, or 0.9 with several planners.",
+    ),
+    "path": Argument("20000.0", "Longest path, metres."),
+    "planning_voxel": Argument("0.5", "Voxel size of the planner's map, metres."),
     "radius": Argument("1.0", "Radius of the vehicle, metres."),
-    "camera_range": Argument("20.0", "Depth that is used, metres."),
-    "start_height": Argument("3.0", "Metres over the ground at the start."),
+    "camera_range": Argument("20.0", "Largest depth that is used, metres."),
+    "start_height": Argument("3.0", "Height of the first view above the ground, metres."),
     **_EXPERIMENT,
 }
 """Of ``explore.launch.py``, beside ``rviz``: each is an option of ``oaisys explore``."""
 
 OPTIONS = {"record": "bag"}
-"""Arguments whose option has another name."""
+"""Arguments whose command-line option has another name."""
 
 
 def command_line(arguments: Mapping[str, Argument], values: Mapping[str, str]) -> list[str]:
-    """Return the options of an experiment's command; what is as usual is left out."""
+    """Return the command-line options of an experiment, without defaults."""
     line: list[str] = []
     for name, argument in arguments.items():
         option, value = OPTIONS.get(name, name).replace("_", "-"), values[name]
@@ -151,5 +167,5 @@ def command_line(arguments: Mapping[str, Argument], values: Mapping[str, str]) -
 
 
 def ros_environment() -> dict[str, str]:
-    """Return the ROS domain of the launch, for programs that would take one of their own."""
+    """Return the launch's ROS domain, for experiments, which would claim one of their own."""
     return {"ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", "0")}

@@ -10,14 +10,12 @@ from launch.action import Action
 from launch.actions import ExecuteProcess, OpaqueFunction
 
 from launch import LaunchContext, LaunchDescription
+from oaisys_ros_bridge.launching.actions import declare, end_all, rviz, value_of
 from oaisys_ros_bridge.launching.arguments import RVIZ, Argument, command_line, ros_environment
-from oaisys_ros_bridge.launching.declaring import declare, value_of
-from oaisys_ros_bridge.launching.ending import end_all
 from oaisys_ros_bridge.launching.readiness import WatchReadiness, on_ready
-from oaisys_ros_bridge.launching.views import rviz
 
 END_TIMEOUT_S = "30"
-"""How long it may take to end after Ctrl-C: it ends its own children, one after the other."""
+"""From Ctrl-C to SIGTERM: an experiment ends its children one after the other."""
 
 
 def experiment(
@@ -28,7 +26,7 @@ def experiment(
     Args:
         command: Of ``oaisys``.
         options: Arguments that are options of the command.
-        config_folder: With ``simulator.rviz``.
+        config_folder: The folder of ``simulator.rviz``.
     """
 
     def start(context: LaunchContext) -> list[Action]:

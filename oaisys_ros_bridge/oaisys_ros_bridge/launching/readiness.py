@@ -1,6 +1,6 @@
-"""The bridge's ready signal as an event of the launch system, for launch files to wait on.
+"""Emits a launch event when a bridge is ready, so that launch files can wait for it.
 
-A launch file that includes ``simulator.launch.py`` starts a planner once there is a world to see::
+A launch file that includes ``simulator.launch.py`` starts a planner once there is a world::
 
     from oaisys_ros_bridge.launching.readiness import on_ready
 
@@ -22,7 +22,7 @@ from oaisys_ros_bridge.qos import LATCHED_QOS
 
 
 class Ready(Event):
-    """A bridge has a world to show.
+    """A bridge's simulator has built a world.
 
     Attributes:
         namespace: The bridge's; empty: the root.
@@ -31,12 +31,12 @@ class Ready(Event):
     name = "oaisys_ros_bridge.Ready"
 
     def __init__(self, namespace: str) -> None:
-        """Tell of a bridge."""
+        """Make the event of the bridge in a namespace."""
         self.namespace = namespace
 
 
 class WatchReadiness(Action):
-    """Listens to a bridge's latched ``~/ready`` and emits `Ready`, once."""
+    """Subscribes to a bridge's latched ``~/ready`` and emits `Ready` once."""
 
     def __init__(self, namespace: str) -> None:
         """Watch the bridge of a namespace."""
@@ -45,24 +45,24 @@ class WatchReadiness(Action):
         self._subscription: Subscription | None = None
 
     def execute(self, context: LaunchContext) -> None:
-        """Begin to listen."""
+        """Subscribe."""
         prefix = f"/{self._namespace}" if self._namespace else ""
         topic = f"{prefix}/oaisys_bridge/ready"
-        told = False
+        has_emitted = False
 
-        def take(message: Bool) -> None:
-            nonlocal told
-            if message.data and not told:
-                told = True
+        def on_message(message: Bool) -> None:
+            nonlocal has_emitted
+            if message.data and not has_emitted:
+                has_emitted = True
                 event = Ready(self._namespace)
                 context.asyncio_loop.call_soon_threadsafe(context.emit_event_sync, event)
 
         node = get_ros_node(context)
-        self._subscription = node.create_subscription(Bool, topic, take, LATCHED_QOS)
+        self._subscription = node.create_subscription(Bool, topic, on_message, LATCHED_QOS)
 
 
 def on_ready(actions: Sequence[Action], namespace: str = "") -> RegisterEventHandler:
-    """Return what runs actions once the bridge of a namespace is ready."""
+    """Return a handler that runs actions once the bridge in a namespace is ready."""
     wanted = namespace.strip("/")
     handler = EventHandler(
         matcher=lambda event: isinstance(event, Ready) and event.namespace == wanted,

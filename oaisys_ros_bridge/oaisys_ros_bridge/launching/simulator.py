@@ -1,4 +1,4 @@
-"""Server, bridge, mapper and recorder, one after the other as each needs the one before."""
+"""The actions of ``simulator.launch.py``: server, then bridge, mapper and recorder."""
 
 from __future__ import annotations
 
@@ -16,33 +16,40 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchContext
-from oaisys_ros_bridge.launching.declaring import settings_of, value_of
-from oaisys_ros_bridge.launching.ending import end_all
+from oaisys_ros_bridge.launching.actions import (
+    end_all,
+    rviz,
+    settings_of,
+    tf_remappings,
+    value_of,
+)
 from oaisys_ros_bridge.launching.readiness import WatchReadiness, on_ready
-from oaisys_ros_bridge.launching.views import rviz
-from oaisys_ros_bridge.namespaces import TF, TF_STATIC, require_namespace
+from oaisys_ros_bridge.namespaces import require_namespace
 from oaisys_ros_bridge.parameters.bags import RECORDER
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings
 
 PACKAGE = "oaisys_ros_bridge"
 READY = b"ready: "
 END_TIMEOUT_S = "12"
-"""How long a program may take to end after Ctrl-C, before it is killed: a bag is to be closed."""
+"""From Ctrl-C to SIGTERM: the recorder closes its bag in between."""
 
 FRAMES = {"map": "map", "odom": "odom", "base": "base_link"}
-"""Frames by the parameters that name them, without ``_frame``."""
+"""Frames by the names of their parameters, without ``_frame``."""
 
 
 def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]:
-    """Return the server, and what follows once it serves.
+    """Return the server, and handlers that start the nodes once it serves.
 
     Args:
         context: With the values of `SIMULATOR`.
-        config_folder: With ``simulator.yaml`` and ``simulator.rviz``.
+        config_folder: The folder of ``simulator.yaml`` and ``simulator.rviz``.
+
+    Raises:
+        InvalidInputError: The namespace or the settings of the nodes are wrong.
     """
     namespace = value_of(context, "namespace")
     require_namespace(namespace)
-    settings_of(context)  # wrong input is told before anything starts
+    settings_of(context)  # raises for wrong input before anything is started
     command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config"]
     command.append(value_of(context, "config") or str(config_folder / "simulator.yaml"))
     for name in ("address", "backend", "worker_python"):
@@ -53,14 +60,14 @@ def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]
         name="simulator",
         output="screen",
         sigterm_timeout=END_TIMEOUT_S,
-        # Without it nothing works, so its end is the end of all.
+        # Nothing works without it.
         on_exit=end_all("the simulator has ended"),
     )
     output = bytearray()
     started: list[Action] = []
 
     def follow(event: ProcessIO) -> list[Action]:
-        """Start the nodes when the server says where it serves."""
+        """Start the nodes when the server prints its address."""
         output.extend(event.text)
         if started or READY not in output or b"\n" not in output.split(READY, 1)[1]:
             return []
@@ -72,8 +79,9 @@ def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]
     ready: list[Action] = [LogInfo(msg=f"ready: {namespace.strip('/') or 'simulator'}")]
     if value_of(context, "rviz") == "true":
         prefix = value_of(context, "frame_prefix")
-        follows = value_of(context, "use_sim_time") == "true"
-        ready.append(rviz(config_folder / "simulator.rviz", namespace, prefix, follows=follows))
+        sim_time = value_of(context, "use_sim_time") == "true"
+        config = config_folder / "simulator.rviz"
+        ready.append(rviz(config, namespace, prefix, use_sim_time=sim_time))
     return [
         RegisterEventHandler(OnProcessIO(target_action=server, on_stdout=follow)),
         on_ready(ready, namespace),
@@ -83,12 +91,10 @@ def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]
 
 
 def _nodes(context: LaunchContext, address: str) -> list[Action]:
-    """Return bridge, mapper and recorder; each finds the others by itself."""
+    """Return bridge, mapper and recorder, which discover each other."""
     namespace = value_of(context, "namespace")
     prefix = value_of(context, "frame_prefix")
-    remappings = []
-    if namespace and not prefix:
-        remappings = [(topic, topic.removeprefix("/")) for topic in (TF, TF_STATIC)]
+    remappings = tf_remappings(namespace, prefix)
     frames = {f"{name}_frame": f"{prefix}{frame}" for name, frame in FRAMES.items()}
     if not prefix:
         frames = {}
@@ -130,7 +136,7 @@ def _parameters(settings: NodeSettings, executable: str, fixed: dict[str, Any]) 
     """Return a node's parameters.
 
     Raises:
-        InvalidInputError: The file names one that is set otherwise.
+        InvalidInputError: The parameter file names one that the launch file sets.
     """
     settings.require_free(executable, fixed)
     file = [] if settings.params_file is None else [str(settings.params_file)]
@@ -139,7 +145,7 @@ def _parameters(settings: NodeSettings, executable: str, fixed: dict[str, Any]) 
 
 
 def _uses_rosbag2(recorder: str) -> bool:
-    """Return whether ``ros2 bag`` records; looks for it where that is left open."""
+    """Return whether ``ros2 bag`` records; with ``auto``, where it is installed."""
     if recorder != "auto":
         return recorder == "ros2"
     try:
@@ -149,7 +155,7 @@ def _uses_rosbag2(recorder: str) -> bool:
 
 
 def _rosbag2(folder: str, namespace: str, *, has_own_tf: bool) -> ExecuteProcess:
-    """Return ``ros2 bag record`` of what our own recorder would record."""
+    """Return ``ros2 bag record`` of the topics that this package's recorder would record."""
     folder = folder or time.strftime("bag_%Y_%m_%d-%H_%M_%S")
     command = ["ros2", "bag", "record", "--storage", "mcap", "--output", folder]
     command += ["--exclude-regex", str(RECORDER["exclude"].default)]

@@ -1,1 +1,1 @@
-"""The live view in a browser, of a server or of a running ROS system."""
+"""The live view in a browser, of a gRPC server or of ROS topics."""

@@ -12,38 +12,39 @@ from oaisys_core.errors import InvalidInputError
 
 def view(
     address: Annotated[
-        str | None, typer.Option(help="Of a running server, to watch it over gRPC.")
+        str | None, typer.Option(help="Address of a running server, to show it over gRPC.")
     ] = None,
-    ros: Annotated[bool, typer.Option("--ros", help="Watch the topics of bridge and mapper.")] = (
+    ros: Annotated[bool, typer.Option("--ros", help="Show the topics of bridge and mapper.")] = (
         False
     ),
     camera: Annotated[
         list[str] | None,
-        typer.Option(help="Prefix of a camera's topics; can be given again."),
+        typer.Option(help="Prefix of a camera's topics; repeatable."),
     ] = None,
-    map_frame: Annotated[str, typer.Option(help="Frame to show everything in.")] = "map",
+    map_frame: Annotated[str, typer.Option(help="Frame in which everything is shown.")] = "map",
     host: Annotated[
-        str, typer.Option(help="Address to serve the page on; 0.0.0.0 for the network.")
+        str, typer.Option(help="Address of the page; 0.0.0.0: reachable from the network.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Of the page; 0 for a free one.", min=0)] = 8080,
+    port: Annotated[int, typer.Option(help="Port of the page; 0: a free one.", min=0)] = 8080,
     voxel_size: Annotated[
-        float, typer.Option(help="Of the mesh that is made here, metres.", min=1e-3)
+        float, typer.Option(help="Voxel size of the mesh that is made here, metres.", min=1e-3)
     ] = 0.10,
-    max_range: Annotated[float, typer.Option(help="Metres of depth that are shown.", min=0.1)] = (
-        60.0
-    ),
+    max_range: Annotated[
+        float, typer.Option(help="Largest depth that is shown, metres.", min=0.1)
+    ] = (60.0),
     views: Annotated[
-        int | None, typer.Option(help="End after so many views; else with Ctrl-C.", min=1)
+        int | None,
+        typer.Option(help="Number of views after which it ends; else with Ctrl-C.", min=1),
     ] = None,
     save: Annotated[
         Path | None,
-        typer.Option(help="At the end, write the scene here as one .html file, and exit."),
+        typer.Option(help="File to which the scene is written at the end, as one .html file."),
     ] = None,
 ) -> None:
-    """Show what a simulator sees, as it comes, in a browser: cameras, images, cloud and mesh.
+    """Show a running simulator in a browser: cameras, images, point cloud and mesh.
 
-    Without --ros over gRPC, from --address. The mesh is the mapper's where one publishes it, and
-    made here where none does.
+    The data come from the server at --address over gRPC, or with --ros from topics. The mesh is
+    the mapper's if it publishes one; otherwise it is made here.
     """
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
     from oaisys_ros_bridge.live_view.view import ViewOptions, run_view

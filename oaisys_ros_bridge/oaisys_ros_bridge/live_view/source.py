@@ -1,4 +1,4 @@
-"""Where a live view gets what it shows; what comes from a running server over gRPC."""
+"""The data source of a live view, and the one that reads a server over gRPC."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_mapping.report.web_viewer import PosedImages
 
-POLL_S = 0.3
-"""How often a server is asked whether there is a new sample."""
+POLL_PERIOD_S = 0.3
+"""How often a server is asked for a new sample."""
 
 START_TIMEOUT_S = 600.0
-"""A server that is there may still be building its world."""
+"""A server that can be reached may still be building its world."""
 
 
 @dataclass(frozen=True)
-class News:
-    """What has come.
+class LiveUpdate:
+    """What is new since the last update.
 
     Attributes:
-        new_world: Whether all that was shown is of another world.
-        views: In order.
-        mesh: The newest, or None.
+        new_world: Whether everything that was shown before is of another world.
+        views: New views, in order.
+        mesh: The newest mesh, or None.
     """
 
     new_world: bool = False
@@ -49,24 +49,24 @@ class News:
     mesh: ColoredMesh | None = None
 
 
-class ViewSource(ABC):
-    """Tells what comes; use it in a ``with`` block.
+class LiveSource(ABC):
+    """Receives views and meshes; a context manager.
 
     Attributes:
         labels: Names of semantic ids.
-        tells_mesh: Whether meshes have come, so that none need be made.
+        has_mesh: Whether the source has sent a mesh, so that none need be made of the views.
     """
 
     labels: Mapping[int, str]
-    tells_mesh: bool = False
+    has_mesh: bool = False
 
     @abstractmethod
-    def news(self, timeout_s: float) -> News | None:
-        """Return what has come, or None after ``timeout_s``."""
+    def next_update(self, timeout_s: float) -> LiveUpdate | None:
+        """Return the next update, or None after ``timeout_s``."""
 
     @abstractmethod
     def close(self) -> None:
-        """End it."""
+        """Close the source."""
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -78,15 +78,15 @@ class ViewSource(ABC):
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """End it."""
+        """Close the source."""
         self.close()
 
 
-class GrpcSource(ViewSource):
-    """Fetches the samples that others have rendered: the server keeps the newest."""
+class GrpcSource(LiveSource):
+    """Fetches the samples that other clients have rendered; the server keeps the newest ones."""
 
     def __init__(self, address: str) -> None:
-        """Wait for the server.
+        """Connect to a server.
 
         Raises:
             OaisysError: It cannot be reached.
@@ -95,25 +95,25 @@ class GrpcSource(ViewSource):
         info = self._client.info()
         self.labels = info.semantic_labels
         self._batch = info.batch_id
-        # The newest one that is kept is shown at once.
+        # One before the newest, which is then shown at once.
         self._sample = max(0, info.sample_id - 1)
 
     def close(self) -> None:
         """Close the connection."""
         self._client.close()
 
-    def news(self, timeout_s: float) -> News | None:
-        """Return the samples since the last call; those that the server has dropped are missed."""
+    def next_update(self, timeout_s: float) -> LiveUpdate | None:
+        """Return the samples since the last call, except those that the server has dropped."""
         deadline = time.monotonic() + timeout_s
         while True:
             info = self._client.info()
             if (info.batch_id, info.sample_id) != (self._batch, self._sample):
-                return self._fetched(info)
+                return self._fetch(info)
             if time.monotonic() >= deadline:
                 return None
-            time.sleep(POLL_S)
+            time.sleep(POLL_PERIOD_S)
 
-    def _fetched(self, info: SimulatorInfo) -> News:
+    def _fetch(self, info: SimulatorInfo) -> LiveUpdate:
         new_world = info.batch_id != self._batch
         first = 1 if new_world else self._sample + 1
         self.labels = info.semantic_labels
@@ -124,26 +124,33 @@ class GrpcSource(ViewSource):
                 views += _views_of(self._client.get_sample(info.batch_id, sample_id))
             except NotFoundError:
                 continue
-        return News(new_world, views)
+        return LiveUpdate(new_world, views)
 
 
 def _views_of(sample: Sample) -> Iterator[PosedImages]:
-    """Return what each camera saw."""
+    """Yield the images of each camera."""
     for sensor in dict.fromkeys(frame.sensor for frame in sample.frames):
         frames = {frame.modality: frame for frame in sample.frames if frame.sensor == sensor}
         images = {modality: frame.data for modality, frame in frames.items()}
         any_frame = next(iter(frames.values()))
         name = f"{sample.batch_id}.{sample.sample_id} {sensor}"
-        yield seen_view(name, images, any_frame.intrinsics, any_frame.T_map_camera)
+        yield posed_images(name, images, any_frame.intrinsics, any_frame.T_map_camera)
 
 
-def seen_view(
+def posed_images(
     name: str,
     images: Mapping[str, NDArray[Any]],
     intrinsics: PinholeIntrinsics,
     T_map_camera: FloatArray,
 ) -> PosedImages:
-    """Return a camera's images, by modality, as they are shown: colour and depth rectified."""
+    """Return a camera's images as the page shows them: colour and depth rectified.
+
+    Args:
+        name: Of the view.
+        images: By modality.
+        intrinsics: Of the camera.
+        T_map_camera: (4, 4) pose of its optical frame.
+    """
     depth_m, rgb = images.get(DEPTH), images.get(RGB)
     if depth_m is not None:
         depth_m, rgb = rectified(depth_m, rgb, intrinsics)

@@ -1,4 +1,4 @@
-"""The live view: takes what comes from gRPC or ROS and shows it in a browser."""
+"""Shows what a source receives in a browser."""
 
 from __future__ import annotations
 
@@ -12,28 +12,29 @@ from pathlib import Path
 from oaisys_mapping.report.web_viewer import PosedImages, WebViewer
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
-from oaisys_ros_bridge.live_view.source import GrpcSource, ViewSource
+from oaisys_ros_bridge.live_view.source import GrpcSource, LiveSource
 
 DEFAULT_ADDRESS = "127.0.0.1:50051"
-NEWS_TIMEOUT_S = 0.5
+UPDATE_TIMEOUT_S = 0.5
 
-END_S = 2.0
-"""Once all is saved: viser waits 6 s for browsers that do not answer, or for ever."""
+LONGEST_END_S = 2.0
+"""After which the process exits: viser waits 6 s or more for browsers that do not answer."""
 
 
 @dataclass(frozen=True)
 class ViewOptions:
-    """What is shown, and where.
+    """Options of a live view.
 
     Attributes:
-        address: Of the server to watch; None: the usual one.
-        ros: Watch topics instead.
+        address: Of the server to show; None: the default address.
+        ros: Show ROS topics instead.
         cameras: Prefixes of the cameras' topics.
-        map_frame: Frame to show everything in.
-        host, port: Where the page is served; port 0 is a free one.
-        voxel_size_m, max_range_m: Of the mesh that is made here, and how far clouds reach.
-        views: End after so many; None: when interrupted.
-        save: File that the scene is written to at the end, or None.
+        map_frame: Frame in which everything is shown.
+        host, port: Of the page; port 0: a free one.
+        voxel_size_m: Of the mesh that is made here.
+        max_range_m: Largest depth in clouds and in that mesh.
+        views: Number of views after which it ends; None: when interrupted.
+        save: File to which the scene is written at the end, or None.
     """
 
     address: str | None
@@ -49,10 +50,10 @@ class ViewOptions:
 
 
 def run_view(options: ViewOptions, say: Callable[[str], None]) -> None:
-    """Show what comes until enough has come, or Ctrl-C; then the process ends within `END_S`.
+    """Show views until there are enough, or Ctrl-C; the process ends within `LONGEST_END_S` then.
 
     Raises:
-        OaisysError: The server cannot be reached any more.
+        OaisysError: The server cannot be reached.
     """
     with (
         _source(options) as source,
@@ -64,27 +65,27 @@ def run_view(options: ViewOptions, say: Callable[[str], None]) -> None:
         if options.save is not None:
             page.save(options.save)
             say(f"saved: {options.save}")
-        _end_within(END_S)
+        _end_within(LONGEST_END_S)
 
 
 def _end_within(seconds: float) -> None:
-    """End this process with exit code 0 where it has not come to its end by itself by then."""
+    """Exit with code 0 after ``seconds``, unless the process has ended by itself."""
     timer = threading.Timer(seconds, os._exit, (0,))
     timer.daemon = True
     timer.start()
 
 
-def _source(options: ViewOptions) -> ViewSource:
+def _source(options: ViewOptions) -> LiveSource:
     if not options.ros:
         return GrpcSource(options.address or DEFAULT_ADDRESS)
-    # Watching a server needs no ROS.
+    # A server can be shown without ROS.
     from oaisys_ros_bridge.live_view.ros_source import RosSource
 
     return RosSource(options.cameras, options.map_frame)
 
 
 def _show(
-    source: ViewSource, page: WebViewer, options: ViewOptions, say: Callable[[str], None]
+    source: LiveSource, page: WebViewer, options: ViewOptions, say: Callable[[str], None]
 ) -> None:
     volume = TsdfVolume(
         TsdfConfig(voxel_size_m=options.voxel_size_m, max_range_m=options.max_range_m)
@@ -92,20 +93,20 @@ def _show(
     shown = 0
     while options.views is None or shown < options.views:
         raise_if_interrupted()
-        news = source.news(NEWS_TIMEOUT_S)
-        if news is None:
+        update = source.next_update(UPDATE_TIMEOUT_S)
+        if update is None:
             continue
-        if news.new_world:
+        if update.new_world:
             page.clear()
             volume.reset()
         page.labels = source.labels
-        for view in news.views:
+        for view in update.views:
             page.add(view)
-            if not source.tells_mesh:
+            if not source.has_mesh:
                 _fuse(volume, view)
-        shown += len(news.views)
-        mesh = news.mesh
-        if mesh is None and news.views and not source.tells_mesh:
+        shown += len(update.views)
+        mesh = update.mesh
+        if mesh is None and update.views and not source.has_mesh:
             mesh = volume.extract_mesh()
         if mesh is not None:
             page.set_mesh(mesh)

@@ -1,4 +1,4 @@
-"""Node ``oaisys_player``: publishes a bag again."""
+"""Node ``oaisys_player``: publishes the messages of a bag."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ from oaisys_ros_bridge.parameters.bags import PLAYER
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 
 CLOCK = "/clock"
-LOOK_PERIOD_S = 0.05
-"""Between two looks at how many readers there are."""
-ACKNOWLEDGED_S = 10.0
-"""How long readers may take to confirm what they got."""
+READER_POLL_PERIOD_S = 0.05
+"""How often the number of readers is looked up while they are waited for."""
+ACKNOWLEDGEMENT_TIMEOUT_S = 10.0
+"""How long readers may take to acknowledge messages."""
 
 
 class PlayerNode(ParameterNode, Node):
-    """Publishes recorded messages as they are, in their pace and with their quality of service.
+    """Publishes recorded messages at their times and with their quality of service.
 
     It waits for readers as ``wait_for_topics``, ``wait_for_readers`` and ``delay_s`` say, prints
     ``playing: PATH``, plays, and ends with a line for each topic: messages, readers,
     acknowledgements. Its parameters are the table `PLAYER`.
 
     Attributes:
-        failed: Whether nothing was played, or nobody read any of it.
+        failed: Whether nothing was played, or there was no reader.
     """
 
     def __init__(self, stop: threading.Event, **defaults: Any) -> None:
-        """Offer the topics of a bag and begin to play.
+        """Make the publishers of a bag's topics and begin to play.
 
         Args:
-            stop: Set when all was played.
+            stop: Set when all has been played.
             defaults: Of the parameters, instead of the table's.
 
         Raises:
-            InvalidInputError: There is no such bag; a parameter is bad.
-            NotFoundError: A topic that is asked for is not in it, or its type is not installed.
+            InvalidInputError: There is no such bag, or a parameter is wrong.
+            NotFoundError: A requested topic is not in it, or its type is not installed.
         """
         super().__init__("oaisys_player")
         values = self.declare_table(PLAYER, **defaults)
@@ -63,17 +63,21 @@ class PlayerNode(ParameterNode, Node):
         wanted = {name for name in values["topics"] if name}
         awaited = {name for name in values["wait_for_topics"] if name}
         self._bag.require(wanted | awaited)
-        self._topics = self._offer((wanted or self._bag.topics.keys()) | awaited, wanted | awaited)
-        demanded = awaited or wanted
-        self._demanded = [topic for name, topic in self._topics.items() if name in demanded]
-        self._clock_publisher = self.create_publisher(Clock, CLOCK, 1) if self._ticks else None
+        self._topics = self._make_topics(
+            (wanted or self._bag.topics.keys()) | awaited, wanted | awaited
+        )
+        required_names = awaited or wanted
+        self._required = [topic for name, topic in self._topics.items() if name in required_names]
+        self._clock_publisher = (
+            self.create_publisher(Clock, CLOCK, 1) if self._publishes_clock else None
+        )
         self.failed = False
         self._player = threading.Thread(target=self._run, name="player", daemon=True)
         self._player.start()
 
     @property
-    def _ticks(self) -> bool:
-        """Whether the recording's time is told."""
+    def _publishes_clock(self) -> bool:
+        """Whether the recording's time is published."""
         return self._clock_period_s > 0
 
     def close(self) -> None:
@@ -81,18 +85,20 @@ class PlayerNode(ParameterNode, Node):
         self._closing.set()
         self._player.join()
 
-    def _offer(self, names: Iterable[str], required: Collection[str]) -> dict[str, PlayedTopic]:
-        """Return the topics that are played, by their names in the bag.
+    def _make_topics(
+        self, names: Iterable[str], required: Collection[str]
+    ) -> dict[str, PlayedTopic]:
+        """Return the publishers of topics, by their names in the bag.
 
         Raises:
             NotFoundError: The type of a required one is not installed.
         """
         played = {}
         for name in sorted(names):
-            if name == CLOCK and self._ticks:
-                continue  # it would tell another time
+            if name == CLOCK and self._publishes_clock:
+                continue  # its time would contradict the published one
             try:
-                played[name] = PlayedTopic(self, self._bag.topics[name], ACKNOWLEDGED_S)
+                played[name] = PlayedTopic(self, self._bag.topics[name], ACKNOWLEDGEMENT_TIMEOUT_S)
             except NotFoundError as error:
                 if name in required:
                     raise
@@ -125,7 +131,7 @@ class PlayerNode(ParameterNode, Node):
             self._topics[message.topic].publish(message.data)
 
     def _wait_until(self, due_s: float, message: RecordedMessage) -> bool:
-        """Wait for a message's time, telling it on the way; return whether to go on."""
+        """Wait until a message is due, publishing ``/clock``; return whether to go on."""
         while self._clock_publisher and self._next_tick_s <= due_s:
             if self._closing.wait(max(0.0, self._next_tick_s - time.monotonic())):
                 return False
@@ -136,7 +142,7 @@ class PlayerNode(ParameterNode, Node):
         return not self._closing.wait(max(0.0, due_s - time.monotonic()))
 
     def _wait_for_readers(self) -> None:
-        """Wait for the readers that are asked for; warn of topics that nobody reads.
+        """Wait for the required readers; warn of topics without a reader.
 
         Raises:
             DeadlineExceededError: They did not come in time.
@@ -148,7 +154,7 @@ class PlayerNode(ParameterNode, Node):
             if missing := self._missing():
                 self.get_logger().info(f"waiting for {missing}")
             while self._missing() and time.monotonic() < end_s:
-                if self._closing.wait(LOOK_PERIOD_S):
+                if self._closing.wait(READER_POLL_PERIOD_S):
                     return
             self._require_readers()
         for topic in self._topics.values():
@@ -156,29 +162,29 @@ class PlayerNode(ParameterNode, Node):
                 self.get_logger().warning(f"nobody reads {topic.name}")
 
     def _missing(self) -> str:
-        """Return what is still waited for; nothing where all is there."""
+        """Return, in words, which readers are still missing; empty if none."""
         least = self.parameters["wait_for_readers"]
         readers = sum(topic.readers for topic in self._topics.values())
         if readers < least:
             return f"{least} readers, but there are {readers}"
-        if least and not self._demanded:
+        if least and not self._required:
             return ""
-        topics = self._demanded or self._topics.values()
+        topics = self._required or self._topics.values()
         names = [topic.name for topic in topics if not topic.readers]
         return f"readers of {', '.join(names)}" if names else ""
 
     def _require_readers(self) -> None:
-        """Raise `DeadlineExceededError` where the readers asked for, or any at all, are missing."""
+        """Raise `DeadlineExceededError` where the required readers, or all of them, are missing."""
         missing = self._missing()
-        is_optional = not self._demanded and not self.parameters["wait_for_readers"]
+        is_optional = not self._required and not self.parameters["wait_for_readers"]
         if missing and not (is_optional and any(t.readers for t in self._topics.values())):
             waited_s = self.parameters["wait_timeout_s"]
             hint = "--delay SECONDS plays without them"
             raise DeadlineExceededError(f"waited {waited_s:g} s for {missing}: {hint}")
 
     def _report(self) -> None:
-        """Let what is on its way arrive; say what was sent and who read it."""
-        end_s = time.monotonic() + ACKNOWLEDGED_S
+        """Wait for the last acknowledgements and print the counts of each topic."""
+        end_s = time.monotonic() + ACKNOWLEDGEMENT_TIMEOUT_S
         for topic in self._topics.values():
             left_s = 0.0 if self._closing.is_set() else max(0.0, end_s - time.monotonic())
             _say(topic.finish(left_s))

@@ -1,4 +1,4 @@
-"""Node ``oaisys_recorder``: writes topics to a rosbag2 MCAP bag as they come."""
+"""Node ``oaisys_recorder``: records topics to a rosbag2 MCAP bag."""
 
 from __future__ import annotations
 
@@ -16,19 +16,22 @@ from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
-from rclpy.topic_endpoint_info import TopicEndpointInfo
 from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.bags.info import SAMPLE_INFO_TYPE, TF_TYPE
+from oaisys_ros_bridge.bags.info import SAMPLE_INFO_TYPE
 from oaisys_ros_bridge.bags.losses import BagLosses
 from oaisys_ros_bridge.bags.message_definition import message_class
 from oaisys_ros_bridge.bags.serialized_stamps import StampReader, stamp_reader
-from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
+from oaisys_ros_bridge.bags.topic_selection import (
+    TopicSelection,
+    recorded_topic,
+    subscription_qos,
+)
+from oaisys_ros_bridge.bags.writing import BagWriter
 from oaisys_ros_bridge.namespaces import TF
 from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK, run_node
 from oaisys_ros_bridge.parameters.bags import RECORDER
@@ -41,194 +44,181 @@ from oaisys_ros_bridge.subscribing.sample_watch import (
     name_of,
 )
 
-TELL_PERIOD_S = 3.0
-"""Between two looks at which topics are still without a publisher."""
-LOOK_PERIOD_S = 0.25
-"""Between two looks for topics that have appeared."""
-CALM_LOOKS = 6
-"""Looks without anything new after which all topics that exist count as found. Discovery gives no
-sign of its end: only named topics are certain to be listened to by then."""
-QUEUE_DEPTH = 50
-"""Messages of a topic that may wait; the bridge waits long before they are so many."""
-QUEUE_DEPTHS = {SAMPLE_INFO_TYPE: SMALL_MESSAGE_QOS.depth, TF_TYPE: SMALL_MESSAGE_QOS.depth}
-"""Of small messages, by their type; transforms come from others, too, and are repeated."""
-LAST_MESSAGES_S = 0.5
-"""At the end, recording goes on until all has come of every announced sample. Of what no sample
-announces nobody tells the end: until nothing has come for this long ..."""
+WARNING_PERIOD_S = 3.0
+"""How often requested topics without a publisher are looked for, to warn of them."""
+DISCOVERY_PERIOD_S = 0.25
+"""How often new topics are looked for."""
+QUIET_LOOKUPS = 6
+"""After this many look-ups without a new topic, all that exist count as found. Discovery does not
+say when it is complete: only of requested topics it is certain that they are recorded by then."""
+LAST_MESSAGE_S = 0.5
+"""At the end, recording goes on until all messages of every announced sample are there. The end of
+other topics is not announced: recording also goes on until none has come for this long ..."""
 LONGEST_END_S = 3.0
 """... but no longer than this."""
-RECEIPT_TYPE = "oaisys_msgs/msg/SampleReceipt"
 LEAST_FREE_BYTES = 64 * 2**20
 
 
 class RecorderNode(ParameterNode, Node):
-    """Records serialised messages without looking into them.
+    """Records serialised messages without deserialising them.
 
-    Its parameters are the table `RECORDER`. *All* topics are those that exist or appear in the
-    node's own namespace, and ROS's own at the root, such as ``/tf`` and ``/diagnostics``; hidden
-    ones, receipts, and what ``exclude`` matches, apart.
+    Its parameters are the table `RECORDER`; `TopicSelection` says what *all* topics are.
 
-    It listens to ``sample_info`` in any case, where there is one, and counts against it what it has
-    lost: in receipts, which the bridge waits for, in the bag, and at the end.
+    It always subscribes to ``sample_info``, where it exists, and counts which messages of the
+    announced samples it has not received. The counts are in its receipts, for which the bridge
+    waits, in the bag, and in its last line.
 
-    Once it listens to all requested topics (or to all that exist), it prints ``recording: PATH``
-    and publishes true on the latched ``~/recording``. A full disk ends the recording with one
-    error; the node stays, the bag is closed.
+    Once it is subscribed to all requested topics (or to all that exist), it prints ``recording:
+    PATH`` and publishes true on the latched ``~/recording``. A full disk ends the recording with
+    one error; the bag is closed, the node goes on.
     """
 
     def __init__(self, stop: threading.Event, **defaults: Any) -> None:
         """Begin to record.
 
         Args:
-            stop: Set when the time is over.
+            stop: Set after ``duration_s``.
             defaults: Of the parameters, instead of the table's.
 
         Raises:
-            InvalidInputError: Something is in the folder, or there is no room; a parameter is bad.
+            InvalidInputError: The folder is not empty, the disk is full, or a parameter is wrong.
             OSError: The folder cannot be written.
         """
         super().__init__("oaisys_recorder")
         values = self.declare_table(RECORDER, **defaults)
-        self._requested = {self.resolve_topic_name(name) for name in values["topics"] if name}
-        self._everything = values["all"] or not self._requested
-        self._exclude = re.compile(values["exclude"])
+        requested = {self.resolve_topic_name(name) for name in values["topics"] if name}
+        self._selection = TopicSelection(
+            requested,
+            values["all"] or not requested,
+            re.compile(values["exclude"]),
+            self.get_namespace(),
+        )
         self._folder = Path(values["path"] or time.strftime("bag_%Y_%m_%d-%H_%M_%S"))
         require_free_space(self._folder)
         self._bag = BagWriter(self._folder)
         self._bag_lock = threading.Lock()
-        self._listening: dict[str, Subscription] = {}
-        self._unknown: set[str] = set()
-        self._calm_looks = 0
-        self._announced = False
-        self._ended = False
+        self._subscribed: dict[str, Subscription] = {}
+        self._not_installed: set[str] = set()
+        self._quiet_lookups = 0
+        self._is_ready = False
+        self._has_ended = False
         self._last_message_s = 0.0
         self._losses = BagLosses()
         self._lost_by_middleware: Counter[str] = Counter()
         self._watches: dict[str, SampleWatch] = {}
-        self._stamped: dict[str, StampReader] = {}
+        self._stamp_readers: dict[str, StampReader] = {}
         self._counted: set[str] = set()
         self._recording = self.create_publisher(Bool, "~/recording", LATCHED_QOS)
-        self._own_topics = {self._recording.topic_name}
-        self.create_timer(LOOK_PERIOD_S, self._look, clock=OWN_CLOCK)
+        self._missing = ""
+        self.create_timer(DISCOVERY_PERIOD_S, self._discover, clock=OWN_CLOCK)
+        self.create_timer(WARNING_PERIOD_S, self._warn_of_missing, clock=OWN_CLOCK)
         if values["duration_s"]:
             self.create_timer(values["duration_s"], stop.set, clock=OWN_CLOCK)
-        self._told_missing = ""
-        self.create_timer(TELL_PERIOD_S, self._tell_missing, clock=OWN_CLOCK)
 
     def close(self) -> None:
-        """Take in what is still on its way, then finish the bag."""
+        """Record what has been sent but not received, then close the bag."""
         end_s = time.monotonic() + LONGEST_END_S
         self._last_message_s = time.monotonic()
-        while time.monotonic() < min(end_s, self._last_message_s + LAST_MESSAGES_S) or (
+        while time.monotonic() < min(end_s, self._last_message_s + LAST_MESSAGE_S) or (
             time.monotonic() < end_s and any(w.ledger.open for w in self._watches.values())
         ):
             time.sleep(0.02)
         with self._bag_lock:
-            # Callbacks may still come until the executor has ended.
-            if not self._ended:
+            # Callbacks may still run until the executor has ended.
+            if not self._has_ended:
                 self._end()
+        log = self.get_logger().warning if self._losses.any else self.get_logger().info
         lost = "; ".join(self._losses.sentences)
-        told = f"{self._bag.message_count} messages in {self._folder}; {lost}"
-        (self.get_logger().warning if self._losses.any else self.get_logger().info)(told)
+        log(f"{self._bag.message_count} messages in {self._folder}; {lost}")
 
-    def _look(self) -> None:
-        """Listen to topics that have appeared, and say when all of them are there."""
-        found = False
-        for name, types in self.get_topic_names_and_types():
-            if types[0] == SAMPLE_INFO_TYPE and name not in self._watches and self._is_near(name):
-                self._watch(name)
-            if types[0] == RECEIPT_TYPE and name not in self._requested:
-                continue  # played again, they would tell a bridge of readers that are not there
-            if name not in self._listening and name not in self._unknown and self._wants(name):
-                self._listen(name, types[0])
-                found = True
-        connected = all(s.get_publisher_count() > 0 for s in self._listening.values())
-        self._calm_looks = 0 if found or not connected else self._calm_looks + 1
-        complete = self._requested <= self._listening.keys()
-        if not self._announced and complete and self._calm_looks >= CALM_LOOKS:
-            self._announced = True
-            self._counted |= self._listening.keys()
-            self._recording.publish(Bool(data=True))
-            sys.stdout.write(f"recording: {self._folder}\n")
-            sys.stdout.flush()
+    def _discover(self) -> None:
+        """Subscribe to new topics, and report once all of them are there."""
+        has_found = False
+        for name, (type_name, *_) in self.get_topic_names_and_types():
+            if type_name == SAMPLE_INFO_TYPE and self._selection.is_near(name):
+                self._count_samples_of(name)
+            if self._is_new(name, type_name):
+                self._subscribe(name, type_name)
+                has_found = True
+        connected = all(s.get_publisher_count() > 0 for s in self._subscribed.values())
+        self._quiet_lookups = 0 if has_found or not connected else self._quiet_lookups + 1
+        if not self._is_ready and not self._unpublished and self._quiet_lookups >= QUIET_LOOKUPS:
+            self._report_ready()
 
-    def _tell_missing(self) -> None:
-        """Say, once, which topics that are asked for have no publisher."""
-        missing = ", ".join(sorted(self._requested - self._listening.keys()))
-        if missing and missing != self._told_missing:
-            self.get_logger().warning(f"nobody publishes {missing} yet")
-        self._told_missing = missing
-
-    def _wants(self, name: str) -> bool:
-        if name in self._requested or not self._everything:
-            return name in self._requested
-        hidden = any(part.startswith("_") for part in name.split("/"))
-        if (
-            hidden
-            or not self._is_near(name)
-            or name in self._own_topics
-            or self._exclude.fullmatch(name)
-        ):
+    def _is_new(self, name: str, type_name: str) -> bool:
+        """Return whether a topic is to be recorded, has a publisher, and is not recorded yet."""
+        if name in self._subscribed or name in self._not_installed:
             return False
-        return bool(self.count_publishers(name))
+        if name == self._recording.topic_name and name not in self._selection.requested:
+            return False
+        return self._selection.includes(name, type_name) and bool(self.count_publishers(name))
 
-    def _is_near(self, name: str) -> bool:
-        """Return whether a topic is in the node's own namespace, or at the root."""
-        return name.count("/") == 1 or name.startswith(f"{self.get_namespace().rstrip('/')}/")
+    @property
+    def _unpublished(self) -> set[str]:
+        """Requested topics that have had no publisher yet."""
+        return set(self._selection.requested) - self._subscribed.keys()
 
-    def _watch(self, name: str) -> None:
-        """Count from now on against a topic that announces samples."""
-        if name.rpartition("/")[2] != SAMPLE_INFO:
+    def _report_ready(self) -> None:
+        self._is_ready = True
+        self._counted |= self._subscribed.keys()
+        self._recording.publish(Bool(data=True))
+        sys.stdout.write(f"recording: {self._folder}\n")
+        sys.stdout.flush()
+
+    def _warn_of_missing(self) -> None:
+        """Warn of requested topics that nobody publishes, once for the same ones."""
+        missing = ", ".join(sorted(self._unpublished))
+        if missing and missing != self._missing:
+            self.get_logger().warning(f"nobody publishes {missing} yet")
+        self._missing = missing
+
+    def _count_samples_of(self, name: str) -> None:
+        """Count losses from now on against the samples that a topic announces."""
+        if name in self._watches or name.rpartition("/")[2] != SAMPLE_INFO:
             return
         watch = self._watches[name] = SampleWatch(self, name, self._lost_by_middleware)
         self.create_subscription(
             SampleInfo,
             name,
-            partial(self._announce, watch),
+            partial(self._on_sample_info, watch),
             SMALL_MESSAGE_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
             event_callbacks=counting_losses(self._lost_by_middleware, name),
         )
 
-    def _announce(self, watch: SampleWatch, info: SampleInfo) -> None:
-        """Expect what was published of a sample, as far as it is listened to."""
+    def _on_sample_info(self, watch: SampleWatch, info: SampleInfo) -> None:
+        """Expect the messages of a sample on the recorded topics."""
         watch.ledger.announce(name_of(info), info.sequence, self._counted & set(info.topics))
 
-    def _listen(self, name: str, type_name: str) -> None:
-        """Subscribe with a quality of service that fits all publishers of the topic."""
-        offers = self.get_publishers_info_by_topic(name)
-        if not offers:
+    def _subscribe(self, name: str, type_name: str) -> None:
+        """Subscribe to a topic, unless it has lost its publishers or its type is not installed."""
+        publishers = self.get_publishers_info_by_topic(name)
+        if not publishers:
             return
-        topic = RecordedTopic(name, type_name, tuple(_offered(offer) for offer in offers))
         try:
             message_type = message_class(type_name)
             with self._bag_lock:
-                self._bag.add_topic(topic)
+                self._bag.add_topic(recorded_topic(name, type_name, publishers))
         except NotFoundError as error:
-            self._unknown.add(name)
+            self._not_installed.add(name)
             self.get_logger().warning(f"{name} is not recorded: {error}")
             return
-        reliable = all(_is_reliable(offer) for offer in offers)
-        latched = all(_is_latched(offer) for offer in offers)
-        reliability = ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT
-        durability = DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE
         if (read_stamp := stamp_reader(message_type)) is not None:
-            self._stamped[name] = read_stamp
-        depth = QUEUE_DEPTHS.get(type_name, QUEUE_DEPTH)
-        self._listening[name] = self.create_subscription(
+            self._stamp_readers[name] = read_stamp
+        self._subscribed[name] = self.create_subscription(
             message_type,
             name,
             partial(self._record, name),
-            QoSProfile(depth=depth, reliability=reliability, durability=durability),
+            subscription_qos(type_name, publishers),
             raw=True,
-            # Of one group the executor takes whichever topic comes first, and starves the others.
+            # In a common group the executor would serve one topic and starve the others.
             callback_group=MutuallyExclusiveCallbackGroup(),
             event_callbacks=counting_losses(self._lost_by_middleware, name),
         )
 
     def _record(self, name: str, data: bytes, info: dict[str, int]) -> None:
         with self._bag_lock:
-            if self._ended:
+            if self._has_ended:
                 return
             received_ns = self.get_clock().now().nanoseconds
             try:
@@ -236,30 +226,31 @@ class RecorderNode(ParameterNode, Node):
             except OSError as error:
                 self._give_up(str(error))
                 return
-        if not name.endswith(TF):  # a bridge repeats its transforms for ever
+        if not name.endswith(TF):  # a bridge repeats its transforms without end
             self._last_message_s = time.monotonic()
-        if (read_stamp := self._stamped.get(name)) and (stamp_ns := read_stamp(data)):
+        if (read_stamp := self._stamp_readers.get(name)) and (stamp_ns := read_stamp(data)):
             self._counted.add(name)
             for watch in self._watches.values():
                 watch.ledger.arrive(name, stamp_ns)
 
     def _end(self) -> None:
-        """Count what has not come as lost, and finish the bag."""
-        self._ended = True
+        """Count what has not been received as lost, and close the bag."""
+        self._has_ended = True
         for watch in self._watches.values():
             watch.ledger.give_up_all()
             watch.end()
-        self._finish()
+        self._close_bag()
 
     def _give_up(self, reason: str) -> None:
-        self._ended = True
+        """Close the bag because it cannot be written any more."""
+        self._has_ended = True
         for watch in self._watches.values():
             watch.end()
         self._recording.publish(Bool(data=False))
         self.get_logger().error(f"recording to {self._folder} has ended: {reason}")
-        self._finish()
+        self._close_bag()
 
-    def _finish(self) -> None:
+    def _close_bag(self) -> None:
         states = [watch.ledger.state for watch in self._watches.values()]
         self._losses = BagLosses.of(states, self._lost_by_middleware)
         try:
@@ -269,7 +260,7 @@ class RecorderNode(ParameterNode, Node):
 
 
 def require_free_space(folder: Path) -> None:
-    """Raise `InvalidInputError` where there is no room to start a bag."""
+    """Raise `InvalidInputError` where the disk has no room for a bag."""
     existing = next(parent for parent in folder.resolve().parents if parent.exists())
     free = shutil.disk_usage(existing).free
     if free < LEAST_FREE_BYTES:
@@ -278,36 +269,21 @@ def require_free_space(folder: Path) -> None:
         )
 
 
-def _offered(offer: TopicEndpointInfo) -> dict[str, Any]:
-    return qos_entry(
-        depth=offer.qos_profile.depth,
-        reliable=_is_reliable(offer),
-        transient_local=_is_latched(offer),
-    )
-
-
-def _is_reliable(offer: TopicEndpointInfo) -> bool:
-    return bool(offer.qos_profile.reliability == ReliabilityPolicy.RELIABLE)
-
-
-def _is_latched(offer: TopicEndpointInfo) -> bool:
-    return bool(offer.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Record until told to end."""
+    """Record until SIGINT or SIGTERM."""
     arguments = list(sys.argv if arguments is None else arguments)
     parser = argparse.ArgumentParser(prog="recorder", description="Record a rosbag2 MCAP bag.")
     parser.add_argument("--out", default="", help="folder of the bag; new or empty")
-    parser.add_argument("--topics", nargs="*", default=(), help="default: all")
-    parser.add_argument("--all", action="store_true", help="beside --topics: all others too")
-    own = parser.parse_args(remove_ros_args(arguments)[1:])
-    given = {"path": own.out, "topics": ["", *own.topics], "all": own.all}
-    return run_recorder(arguments, **given)
+    parser.add_argument("--topics", nargs="*", default=(), help="topics to record; default: all")
+    parser.add_argument(
+        "--all", action="store_true", help="record all other topics beside --topics, too"
+    )
+    options = parser.parse_args(remove_ros_args(arguments)[1:])
+    return run_recorder(arguments, path=options.out, topics=["", *options.topics], all=options.all)
 
 
 def run_recorder(arguments: Sequence[str], **defaults: Any) -> int:
-    """Record until told to end; ``defaults`` are those of the parameters."""
+    """Record until SIGINT, SIGTERM or ``duration_s``; ``defaults`` are those of parameters."""
     stop = threading.Event()
     return run_node(lambda: RecorderNode(stop, **defaults), arguments, stop=stop)
 

@@ -12,36 +12,38 @@ from oaisys_ros_bridge.experiments.options import KeyOption, WorkerPythonOption
 from oaisys_ros_bridge.experiments.survey.command import survey
 
 certificate_app = typer.Typer(
-    help="Say, and check again, that a world's map agrees with it.",
+    help="Certify that a world's map agrees with it, and check certificates.",
     no_args_is_help=True,
     add_completion=False,
 )
-certificate_app.command("issue", help="Survey a world and certify it: see oaisys survey.")(survey)
+certificate_app.command("issue", help="Survey a world and certify it; the same as oaisys survey.")(
+    survey
+)
 
 
 @certificate_app.command("check")
 def check(
-    file: Annotated[Path, typer.Argument(help="A certificate.json.")],
+    file: Annotated[Path, typer.Argument(help="The file certificate.json.")],
     mesh: Annotated[
-        Path | None, typer.Option(help="The map's mesh; else the one beside the certificate.")
+        Path | None, typer.Option(help="The map's mesh; otherwise the one beside the certificate.")
     ] = None,
     truth: Annotated[
-        Path | None, typer.Option(help="The true mesh; else the one beside the certificate.")
+        Path | None, typer.Option(help="The true mesh; otherwise the one beside the certificate.")
     ] = None,
     public_key: Annotated[
         Path | None, typer.Option(help="PEM file of the Ed25519 key that must have signed it.")
     ] = None,
     render_again: Annotated[
-        bool, typer.Option("--render-again", help="Make the world, views and map again, too.")
+        bool, typer.Option("--render-again", help="Render and map the views again, too.")
     ] = False,
     allow_loosened: Annotated[
-        bool, typer.Option("--allow-loosened", help="Accept limits looser than the usual ones.")
+        bool, typer.Option("--allow-loosened", help="Accept limits looser than the default ones.")
     ] = False,
     worker_python: WorkerPythonOption = None,
 ) -> None:
-    """Check a certificate: hash, signature, limits, files, and the figures measured again.
+    """Check a certificate: hash, signature, limits and files, and measure its figures again.
 
-    Exit 0 if all of it holds and the loop is closed, 1 if not, 2 if it is no certificate.
+    Exit 0 if everything holds and the loop is closed, 1 if not, 2 if it is no certificate.
     """
     from oaisys_mapping.certificate.certificate import read_certificate
     from oaisys_mapping.certificate.signature import read_public_key
@@ -72,7 +74,7 @@ def check(
 def _measured_again(
     content: dict[str, Any], folder: Path, mesh: Path | None, truth: Path | None
 ) -> list[Any]:
-    """Check the files, where they are, and measure again where both are."""
+    """Check the files that exist, and measure again if both do."""
     from oaisys_mapping.certificate.verification import CheckResult, check_file, measure_again
     from oaisys_mapping.evaluation.truth_io import read_truth
     from oaisys_mapping.mesh_io import read_ply
@@ -96,10 +98,10 @@ def _measured_again(
 
 @certificate_app.command("sign")
 def sign(
-    file: Annotated[Path, typer.Argument(help="A certificate.json; it is written anew.")],
+    file: Annotated[Path, typer.Argument(help="The file certificate.json; it is replaced.")],
     key: KeyOption,
 ) -> None:
-    """Sign a certificate that nobody changed, in the place of whoever signed it before."""
+    """Sign an unchanged certificate; an earlier signature is replaced."""
     from oaisys_mapping.certificate.certificate import read_certificate, sign_certificate
     from oaisys_mapping.certificate.signature import public_key_of, read_private_key
 
@@ -111,11 +113,11 @@ def sign(
 
 @certificate_app.command("challenge")
 def challenge(
-    folder: Annotated[Path, typer.Argument(help="Of a survey that recorded a bag.")],
+    folder: Annotated[Path, typer.Argument(help="Output folder of a survey that recorded a bag.")],
 ) -> None:
-    """Make the map of a recorded survey again, rightly and with deliberate faults.
+    """Repeat the perturbation test: map a recorded survey, without and with deliberate faults.
 
-    Exit 0 if the right one closes and all others are rejected.
+    Exit 0 if the map without a fault is accepted and all others are rejected.
     """
     from oaisys_ros_bridge.experiments.evaluation.perturbation_test import perturb_bag
     from oaisys_ros_bridge.experiments.progress import Reporter, print_table

@@ -20,7 +20,7 @@ from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.true_surface import true_surface
 from oaisys_mapping.evaluation.truth_io import read_truth
 from oaisys_mapping.tsdf import TsdfConfig
-from oaisys_ros_bridge.bags.info import mcap_file
+from oaisys_ros_bridge.bags.reading import mcap_file
 from oaisys_ros_bridge.experiments.evaluation.map_evaluation import TRUTH_FILE, run_perturbations
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler

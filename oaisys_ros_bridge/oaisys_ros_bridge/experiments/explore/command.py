@@ -26,53 +26,55 @@ from oaisys_ros_bridge.experiments.options import (
 )
 
 UNTIL, UNTIL_COMPARED = 0.95, 0.9
-"""Coverage at which an exploration ends: of one planner, and of several that are compared."""
+"""Coverage at which an exploration ends, with one planner and with several."""
 
-OutOption = Annotated[Path, typer.Option(help="Folder for report, mesh, pictures and bag.")]
+OutOption = Annotated[
+    Path, typer.Option(help="Output folder: report, certificate, mesh, pictures and bag.")
+]
 ConfigOption = Annotated[
-    Path | None, typer.Option(help="YAML file; a steep hill where none is given.")
+    Path | None, typer.Option(help="YAML configuration; otherwise a steep hill.")
 ]
 PlannerOption = Annotated[
     str,
     typer.Option(
-        help="next_best_view, frontier, grid, random, or an installed package's; several with "
-        "commas between them; all: those four."
+        help="next_best_view, frontier, grid, random, or an installed package's; several are "
+        "separated by commas; all: these four."
     ),
 ]
 CompareOption = Annotated[
-    bool, typer.Option("--compare", help="Let all others explore the same worlds, too.")
+    bool, typer.Option("--compare", help="Have all other planners explore the same worlds, too.")
 ]
 SeedsOption = Annotated[
-    str, typer.Option(help="How many worlds, from --seed on; or their seeds: 1,2,5.")
+    str, typer.Option(help="Number of worlds, from --seed on, or their seeds: 1,2,5.")
 ]
-ViewsOption = Annotated[int, typer.Option(help="Most views of an exploration.", min=1)]
+ViewsOption = Annotated[int, typer.Option(help="Largest number of views of an exploration.", min=1)]
 BaselineViewsOption = Annotated[
-    int, typer.Option(help="Most views of every planner but the first.", min=1)
+    int, typer.Option(help="Largest number of views of every planner but the first.", min=1)
 ]
 UntilOption = Annotated[
     float | None,
     typer.Option(
-        help=f"Share of the reachable surface to see: {UNTIL:g}, or {UNTIL_COMPARED:g} where "
-        "planners are compared.",
+        help="Coverage of the reachable surface at which an exploration ends; otherwise "
+        f"{UNTIL:g}, or {UNTIL_COMPARED:g} with several planners.",
         min=0,
         max=1,
     ),
 ]
 PathOption = Annotated[float, typer.Option(help="Longest path, metres.", min=0)]
 PlanningVoxelOption = Annotated[
-    float, typer.Option(help="Of the map that plans are made on, metres.", min=0.05)
+    float, typer.Option(help="Voxel size of the planner's map, metres.", min=0.05)
 ]
 
 
 class Via(StrEnum):
-    """How poses are asked for."""
+    """How views are requested."""
 
     SERVICE = "service"
     TRAJECTORY = "trajectory"
 
 
 ViaOption = Annotated[
-    Via, typer.Option(help="Ask for views by the set_pose service, or fly on command/trajectory.")
+    Via, typer.Option(help="Request views by the set_pose service, or on command/trajectory.")
 ]
 
 
@@ -91,9 +93,13 @@ def explore(
     size: SizeOption = None,
     voxel_size: VoxelSizeOption = 0.10,
     planning_voxel: PlanningVoxelOption = 0.5,
-    radius: Annotated[float, typer.Option(help="Of the vehicle, metres.", min=0.05)] = 1.0,
-    camera_range: Annotated[float, typer.Option(help="Depth that is used, metres.", min=1)] = 20.0,
-    start_height: Annotated[float, typer.Option(help="Metres over the ground at the start.")] = 3.0,
+    radius: Annotated[float, typer.Option(help="Radius of the vehicle, metres.", min=0.05)] = 1.0,
+    camera_range: Annotated[
+        float, typer.Option(help="Largest depth that is used, metres.", min=1)
+    ] = 20.0,
+    start_height: Annotated[
+        float, typer.Option(help="Height of the first view above the ground, metres.")
+    ] = 3.0,
     backend: BackendOption = None,
     quality: QualityOption = None,
     key: KeyOption = None,
@@ -104,11 +110,11 @@ def explore(
     log_level: LogLevelOption = "",
     use_sim_time: UseSimTimeOption = False,
 ) -> None:
-    """Explore a terrain view by view over ROS, rebuild it, and count what was seen.
+    """Explore a terrain view by view over ROS, reconstruct it, and measure the coverage.
 
-    Exit 0 if the map closes that the first planner made of the first world. Of several planners
-    the report shows coverage against views and against the path flown, and what each of them
-    needed for 90 %; after the first exploration only depth is rendered.
+    Exit 0 if the loop closes for the first planner in the first world. With several planners, the
+    report compares their coverage against views and path length, and what each needed for 90 %;
+    after the first exploration only depth is rendered.
     """
     from oaisys_mapping.certificate.signature import read_private_key
     from oaisys_ros_bridge.experiments.explore.explore import run_explore

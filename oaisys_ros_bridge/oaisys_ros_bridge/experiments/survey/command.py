@@ -24,15 +24,19 @@ from oaisys_ros_bridge.experiments.options import (
     experiment_options,
 )
 
-ViewsOption = Annotated[int, typer.Option(help="Viewpoints on the grid.", min=1)]
-AltitudeOption = Annotated[float, typer.Option(help="Metres above the ground below.")]
-OverlapOption = Annotated[float, typer.Option(help="Share of an image that neighbours share.")]
-MaxRangeOption = Annotated[float, typer.Option(help="Metres of depth that are mapped.")]
+ViewsOption = Annotated[int, typer.Option(help="Number of viewpoints in the grid.", min=1)]
+AltitudeOption = Annotated[
+    float, typer.Option(help="Height of the viewpoints above the ground, metres.")
+]
+OverlapOption = Annotated[
+    float, typer.Option(help="Overlap of neighbouring images, as a share of their edge.")
+]
+MaxRangeOption = Annotated[float, typer.Option(help="Largest depth that is mapped, metres.")]
 FaultsOption = Annotated[
-    bool, typer.Option(help="Show beside it what maps with deliberate faults come to.")
+    bool, typer.Option(help="Evaluate maps with deliberate faults, too, which must be rejected.")
 ]
 OutOption = Annotated[
-    Path, typer.Option(help="Folder for report, certificate, mesh, pictures and bag.")
+    Path, typer.Option(help="Output folder: report, certificate, mesh, pictures and bag.")
 ]
 
 
@@ -49,7 +53,7 @@ def survey(
     seeds: Annotated[
         str | None,
         typer.Option(
-            help="How many worlds, from --seed on, or their seeds: 1,2,5. Each in a folder seed_N."
+            help="Number of worlds, from --seed on, or their seeds: 1,2,5. Each in a folder seed_N."
         ),
     ] = None,
     backend: BackendOption = None,
@@ -63,10 +67,10 @@ def survey(
     log_level: LogLevelOption = "",
     use_sim_time: UseSimTimeOption = False,
 ) -> None:
-    """Survey a terrain over ROS, rebuild it, measure and certify the result.
+    """Survey a terrain over ROS, reconstruct it, evaluate and certify the map.
 
-    Exit 0 if the loop closes; with --seeds, if it closes in every world and every map with a
-    deliberate fault is rejected.
+    Exit 0 if the loop closes: the map agrees with the true surface. With --seeds, exit 0 if it
+    closes in every world and every map with a deliberate fault is rejected.
     """
     from oaisys_mapping.certificate.signature import read_private_key
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals

@@ -52,7 +52,7 @@ def run_seeds(options: SurveyOptions, reporter: Reporter, seeds: str) -> bool:
 
 
 def went_well(report: dict[str, Any]) -> bool:
-    """Return whether a survey's loop closes and its maps with deliberate faults are rejected."""
+    """Return whether a survey's loop closes and all maps with deliberate faults are rejected."""
     faults = report["faults"]
     is_right = all(one["rejected"] == (one["name"] != "none") for one in faults)
     return bool(report["closed"]) and is_right

@@ -1,8 +1,8 @@
-"""An MCAP file that grows message by message, in memory that does not.
+"""Writes an MCAP file message by message, in constant memory.
 
-Each message is a chunk of its own, written through before the next one is taken: a process that
-is killed leaves everything it had written. The index of the chunks, which `mcap`'s own writer keeps
-in memory until the end, waits in a file without a name beside it.
+Each message is a chunk of its own and is in the file when the call returns, so a killed process
+loses none of them. The index of the chunks is kept in a temporary file until the end; the writer of
+the package ``mcap`` keeps it in memory.
 """
 
 from __future__ import annotations
@@ -38,27 +38,27 @@ from mcap.writer import MCAP0_MAGIC
 
 COMPRESSION = "zstd"
 COPIED_BYTES = 2**20
-"""Of the index at a time, when it is moved to the end of the file."""
+"""Size of a piece when the index is copied to the end of the file."""
 
 
-class McapFile:
-    """A file that is being written: schemas, channels and messages, then `finish` or `abandon`.
+class McapWriter:
+    """Writes schemas, channels and messages; `finish` or `abandon` closes the file.
 
-    What fails to be written whole is cut off again: the file ends with a whole record.
+    A record that cannot be written completely is removed: the file always ends with a whole record.
 
     Args:
         path: Of the file; replaced.
         profile: Of MCAP's registry, such as ``ros2``.
 
     Raises:
-        OSError: It cannot be written; so may all methods but `abandon`.
+        OSError: The file cannot be written; all methods but `abandon` raise it, too.
     """
 
     def __init__(self, path: Path, profile: str) -> None:
         self.path = path
-        # Without buffers: what could not be written is not tried again by a later call.
+        # Unbuffered: a later call does not write again what could not be written.
         self._file = FileIO(path, "w")
-        # Beside the bag, so that there is room for both or for neither.
+        # On the bag's disk, so that there is room for both or for neither.
         self._index: IO[bytes] = tempfile.TemporaryFile(dir=path.parent, buffering=0)  # noqa: SIM115
         self._length = self._index_length = self._repeated_length = 0
         self._schemas: list[Schema] = []
@@ -87,7 +87,7 @@ class McapFile:
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Add a schema and return its id."""
         schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
-        self._repeat(_bytes_of([schema]))
+        self._append_repeated(_bytes_of([schema]))
         self._schemas.append(schema)
         return schema.id
 
@@ -101,13 +101,13 @@ class McapFile:
             metadata=dict(metadata),
             schema_id=schema_id,
         )
-        self._repeat(_bytes_of([channel]))
+        self._append_repeated(_bytes_of([channel]))
         self._channels.append(channel)
         self._counts[number] = 0
         return number
 
     def add_message(self, channel_id: int, log_ns: int, data: bytes, publish_ns: int) -> None:
-        """Write a message through to the file, numbered within its channel."""
+        """Write a message, numbered within its channel."""
         message = Message(
             channel_id=channel_id,
             log_time=log_ns,
@@ -147,7 +147,7 @@ class McapFile:
         self._end_ns = max(self._end_ns, log_ns)
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Add named values."""
+        """Write a metadata record."""
         record = _bytes_of([Metadata(name=name, metadata=dict(values))])
         index = MetadataIndex(offset=self._length, length=len(record), name=name)
         self._append(record)
@@ -160,7 +160,7 @@ class McapFile:
             self._append(_bytes_of([DataEnd(data_section_crc=0)]))
             self._append_summary()
         except OSError:
-            self._cut(end)
+            self._truncate(end)
             raise
         finally:
             self.abandon()
@@ -190,7 +190,7 @@ class McapFile:
         self._append(part + _bytes_of([footer]) + MCAP0_MAGIC)
 
     def _summary_groups(self) -> Iterator[tuple[Opcode, Iterator[bytes]]]:
-        """Yield what the summary is made of, each kind of record as its bytes in pieces."""
+        """Yield the summary's groups: the opcode of their records, and their bytes in pieces."""
         statistics = Statistics(
             attachment_count=0,
             channel_count=len(self._channels),
@@ -213,23 +213,23 @@ class McapFile:
         while piece := self._index.read(COPIED_BYTES):
             yield piece
 
-    def _repeat(self, data: bytes) -> None:
-        """Write what the summary will hold once more."""
+    def _append_repeated(self, data: bytes) -> None:
+        """Write records that the summary repeats."""
         self._append(data)
         self._repeated_length += len(data)
 
     def _append(self, data: bytes, index: bytes = b"") -> None:
-        """Write both or neither."""
+        """Write to the file and to the index, both or neither."""
         try:
             _write_all(self._file, data)
             _write_all(self._index, index)
         except OSError:
-            self._cut(self._length)
+            self._truncate(self._length)
             raise
         self._length += len(data)
         self._index_length += len(index)
 
-    def _cut(self, length: int) -> None:
+    def _truncate(self, length: int) -> None:
         for file, end in ((self._file, length), (self._index, self._index_length)):
             file.truncate(end)
             file.seek(end)

@@ -1,0 +1,88 @@
+"""Decides which topics a recorder records, and with which quality of service it subscribes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from oaisys_ros_bridge.bags.info import SAMPLE_INFO_TYPE, TF_TYPE
+from oaisys_ros_bridge.bags.writing import RecordedTopic, qos_entry
+from oaisys_ros_bridge.qos import SMALL_MESSAGE_QOS
+
+RECEIPT_TYPE = "oaisys_msgs/msg/SampleReceipt"
+
+QUEUE_DEPTH = 50
+"""Messages of a topic that may be queued; the bridge waits long before there are so many."""
+
+QUEUE_DEPTHS = dict.fromkeys((SAMPLE_INFO_TYPE, TF_TYPE), SMALL_MESSAGE_QOS.depth)
+"""Of small messages, by their type; transforms come from other nodes, too, and are repeated."""
+
+
+@dataclass(frozen=True)
+class TopicSelection:
+    """Which topics are recorded.
+
+    Attributes:
+        requested: Full names that were given.
+        everything: Whether all other topics are recorded, too: those in ``namespace`` and those
+            right below the root, such as ``/tf``, that are not hidden and not excluded.
+        exclude: Expression that matches the whole name of an excluded topic.
+        namespace: Of the recorder.
+    """
+
+    requested: Collection[str]
+    everything: bool
+    exclude: re.Pattern[str]
+    namespace: str
+
+    def includes(self, name: str, type_name: str) -> bool:
+        """Return whether a topic is recorded."""
+        if name in self.requested or not self.everything:
+            return name in self.requested
+        if type_name == RECEIPT_TYPE:
+            return False  # a bridge would take the receipts of a played bag for a running node's
+        is_hidden = any(part.startswith("_") for part in name.split("/"))
+        return not is_hidden and self.is_near(name) and not self.exclude.fullmatch(name)
+
+    def is_near(self, name: str) -> bool:
+        """Return whether a topic is in the recorder's namespace, or right below the root."""
+        return name.count("/") == 1 or name.startswith(f"{self.namespace.rstrip('/')}/")
+
+
+def recorded_topic(
+    name: str, type_name: str, publishers: Sequence[TopicEndpointInfo]
+) -> RecordedTopic:
+    """Return the description of a topic in a bag, with what its publishers offer."""
+    return RecordedTopic(name, type_name, tuple(_offered(publisher) for publisher in publishers))
+
+
+def subscription_qos(type_name: str, publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
+    """Return the quality of service of a subscription that is compatible with all publishers."""
+    reliable = all(_is_reliable(publisher) for publisher in publishers)
+    latched = all(_is_latched(publisher) for publisher in publishers)
+    return QoSProfile(
+        depth=QUEUE_DEPTHS.get(type_name, QUEUE_DEPTH),
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _offered(publisher: TopicEndpointInfo) -> dict[str, Any]:
+    return qos_entry(
+        depth=publisher.qos_profile.depth,
+        reliable=_is_reliable(publisher),
+        transient_local=_is_latched(publisher),
+    )
+
+
+def _is_reliable(publisher: TopicEndpointInfo) -> bool:
+    return bool(publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE)
+
+
+def _is_latched(publisher: TopicEndpointInfo) -> bool:
+    return bool(publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
