@@ -1,14 +1,12 @@
-"""Distances to fused planes and spheres against their closed forms."""
+"""Distances to reconstructed planes and spheres against their closed forms."""
 
 import numpy as np
 import pytest
-from test_tsdf import CAMERA, camera_at, plane_depth_m, sphere_depth_m
+from synthetic_views import CAMERA, UP, camera_at, plane_depth_m, sphere_depth_m
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.distance_field import distance_field
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-
-UP = np.array([0.0, 0.0, 1.0])
 
 
 def over_a_plane(normal: np.ndarray, offset_m: float) -> TsdfVolume:
@@ -19,7 +17,7 @@ def over_a_plane(normal: np.ndarray, offset_m: float) -> TsdfVolume:
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 20.0])
-def test_distances_over_a_plane_are_those_to_the_plane(tilt_deg: float) -> None:
+def test_distances_over_a_plane_are_exact(tilt_deg: float) -> None:
     tilt = np.radians(tilt_deg)
     normal = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
     field = distance_field(over_a_plane(normal, 0.037), (-3, -3, -1.5), (3, 3, 4))
@@ -34,7 +32,7 @@ def test_distances_over_a_plane_are_those_to_the_plane(tilt_deg: float) -> None:
     assert np.abs(found_m - true_m)[known].max() < allowed_m
 
 
-def test_distances_around_a_sphere_are_those_to_the_sphere_inside_and_out() -> None:
+def test_distances_inside_and_outside_a_sphere_are_exact() -> None:
     volume = TsdfVolume(TsdfConfig(voxel_size_m=0.05, max_range_m=8.0, record_free_space=True))
     for azimuth_rad in np.linspace(0, 2 * np.pi, 8, endpoint=False):
         for height_m in (-3.0, 3.0):
@@ -53,7 +51,7 @@ def test_distances_around_a_sphere_are_those_to_the_sphere_inside_and_out() -> N
         assert abs((found_m[known] - (radius_m - 1.5)).mean()) < 0.02
 
 
-def test_what_nobody_saw_has_no_distance_or_is_an_obstacle_if_asked() -> None:
+def test_unknown_space_has_no_distance_or_is_an_obstacle_on_request() -> None:
     volume = over_a_plane(UP, 0.0)
     far_aside = [(50.0, 50.0, 1.0)]
     field = distance_field(volume, (-2, -2, -2), (2, 2, 3))
@@ -67,7 +65,7 @@ def test_what_nobody_saw_has_no_distance_or_is_an_obstacle_if_asked() -> None:
     assert (careful.distance_m[free] < wide.distance_m[free] - 0.5).any()
 
 
-def test_without_a_record_of_free_space_the_open_is_unknown() -> None:
+def test_open_space_is_unknown_without_recorded_free_space() -> None:
     volume = TsdfVolume()
     T = camera_at((0.01, 0, 8), (0, 0, 0))
     volume.integrate(plane_depth_m(T, UP, 0.0), None, CAMERA, T)
@@ -78,7 +76,7 @@ def test_without_a_record_of_free_space_the_open_is_unknown() -> None:
     assert np.isnan(far_m)
 
 
-def test_a_slice_holds_the_distances_at_its_height() -> None:
+def test_a_slice_contains_the_distances_at_its_height() -> None:
     field = distance_field(over_a_plane(UP, 0.02), (-1, -1, -0.5), (1, 1.5, 2))
     flat_m = field.slice_at(1.03)
     assert flat_m.shape == (21, 26)

@@ -1,4 +1,4 @@
-"""Images of bent lenses made straight, against closed forms and against OpenCV."""
+"""Rectified images against closed forms and OpenCV."""
 
 import cv2
 import numpy as np
@@ -22,7 +22,7 @@ def plane_depth_m(camera: PinholeIntrinsics) -> np.ndarray:
 
 
 @pytest.mark.parametrize("camera", [BARREL, CUSHION], ids=["barrel", "cushion"])
-def test_a_straight_image_shows_nothing_that_the_lens_did_not_see(camera):
+def test_a_rectified_image_stays_within_the_original_field_of_view(camera):
     straight = rectified_camera(camera)
 
     assert straight.distortion == ()
@@ -59,7 +59,7 @@ def test_depth_is_never_mixed_between_surfaces_or_with_the_sky():
     assert set(np.unique(flat_m)) == {5.0, 9.0, np.inf}
 
 
-def test_volumes_and_views_refuse_a_lens_that_distorts():
+def test_volumes_and_cameras_refuse_distortion():
     depth_m = np.full((120, 160), 5.0, np.float32)
     with pytest.raises(InvalidInputError, match="distortion"):
         TsdfVolume().integrate(depth_m, None, BARREL, np.eye(4))
@@ -72,7 +72,7 @@ def test_images_of_another_size_are_refused():
         rectified(np.zeros((4, 5), np.float32), None, BARREL)
 
 
-def test_a_straight_lens_changes_nothing():
+def test_an_undistorted_camera_is_not_rectified():
     straight = rectified_camera(BARREL)
     depth_m = plane_depth_m(straight)
     assert rectified_camera(straight) is straight

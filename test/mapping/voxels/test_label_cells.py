@@ -1,10 +1,10 @@
-"""Classes in cells finer than voxels: right beside steps, bounded, saved and loaded."""
+"""Label cells: accuracy beside steps, memory limit, files."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
-from test_tsdf import CAMERA, camera_at, plane_depth_m, sphere_depth_m
+from synthetic_views import CAMERA, UP, camera_at, plane_depth_m, sphere_depth_m
 
 from oaisys_core.types import FloatArray
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
@@ -13,17 +13,16 @@ from oaisys_mapping.voxels.fields import CELL_BLOCKS_PER_BLOCK
 
 GROUND, ROCK = 4, 9
 RADIUS_M = 0.4
-UP = np.array([0.0, 0.0, 1.0])
 CONFIG = TsdfConfig(semantic=True)
 
 
 def poses() -> list[FloatArray]:
-    """Four views that look down from 4 m, each past the rock on another side."""
+    """Return four views down from 4 m, each past the rock on another side."""
     return [camera_at((x, y, 4), (x, y + 0.01, 0)) for x in (-1, 1) for y in (-1, 1)]
 
 
 def look(volume: TsdfVolume, T: FloatArray, rock: int = ROCK) -> None:
-    """Show a volume half a sphere on flat ground."""
+    """Integrate a view of half a sphere on flat ground."""
     ground_m, rock_m = plane_depth_m(T, UP, 0.0), sphere_depth_m(T, RADIUS_M)
     labels = np.where(rock_m < ground_m, rock, GROUND).astype(np.uint16)
     volume.integrate(np.minimum(ground_m, rock_m), None, CAMERA, T, labels)
@@ -44,7 +43,7 @@ def on_ground() -> FloatArray:
     return np.column_stack((away * np.cos(angle), away * np.sin(angle), np.zeros(4000)))
 
 
-def test_classes_are_right_beside_a_step_much_smaller_than_a_voxel() -> None:
+def test_classes_are_right_beside_a_step_smaller_than_a_voxel() -> None:
     volume = TsdfVolume(CONFIG)
     for T in poses():
         look(volume, T)
@@ -56,7 +55,7 @@ def test_classes_are_right_beside_a_step_much_smaller_than_a_voxel() -> None:
     assert share.max() <= 1
 
 
-def test_a_saved_volume_tells_the_same_classes(tmp_path: Path) -> None:
+def test_a_saved_volume_returns_the_same_classes(tmp_path: Path) -> None:
     volume, loaded = TsdfVolume(CONFIG), TsdfVolume(CONFIG)
     for T in poses()[:2]:
         look(volume, T)
@@ -77,7 +76,7 @@ def test_a_saved_volume_tells_the_same_classes(tmp_path: Path) -> None:
         assert np.array_equal(arrays["cell_class_weight"] > 0, arrays["cell_class_id"] > 0)
 
 
-def test_a_file_without_cells_tells_the_classes_of_its_voxels(tmp_path: Path) -> None:
+def test_a_file_without_cells_falls_back_to_voxel_classes(tmp_path: Path) -> None:
     volume, loaded = TsdfVolume(CONFIG), TsdfVolume(CONFIG)
     for T in poses():
         look(volume, T)
@@ -90,7 +89,7 @@ def test_a_file_without_cells_tells_the_classes_of_its_voxels(tmp_path: Path) ->
     assert (top == ROCK).all()
 
 
-def test_a_block_that_was_dropped_has_forgotten_its_classes() -> None:
+def test_dropped_blocks_lose_their_classes() -> None:
     volume = TsdfVolume(TsdfConfig(semantic=True, max_blocks=120, when_full="drop"))
     look(volume, poses()[0])
     for x_m in (20.0, 40.0):
@@ -105,7 +104,7 @@ def test_a_block_that_was_dropped_has_forgotten_its_classes() -> None:
     assert (ids == 3).all()
 
 
-def test_cells_are_no_more_than_there_is_room_for(tmp_path: Path) -> None:
+def test_label_cells_respect_the_memory_limit(tmp_path: Path) -> None:
     config = TsdfConfig(semantic=True, max_blocks=150, when_full="store", store_folder=tmp_path)
     volume = TsdfVolume(config)
     labels = np.ones((240, 320), np.uint16)
@@ -120,7 +119,7 @@ def test_cells_are_no_more_than_there_is_room_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("spread", [3, 60_000])
-def test_different_blocks_are_found_near_and_far_apart(spread: int) -> None:
+def test_unique_blocks_agree_with_numpy(spread: int) -> None:
     """Against numpy's sorting."""
     blocks = np.random.default_rng(1).integers(-spread, spread, (3, 500)).astype(np.int32)
     expected, place = np.unique(blocks.T, axis=0, return_inverse=True)
@@ -129,8 +128,8 @@ def test_different_blocks_are_found_near_and_far_apart(spread: int) -> None:
     assert np.array_equal(number, place.ravel())
 
 
-def test_pixels_wider_than_cells_leave_classes_to_voxels() -> None:
-    """Every second pixel is asked; they lie sqrt(2) pixels apart, cells half a voxel."""
+def test_pixels_wider_than_cells_fall_back_to_voxel_classes() -> None:
+    """Voting pixels lie sqrt(2) pixels apart, cells half a voxel."""
     pixel_m = CONFIG.voxel_size_m / 2 / np.sqrt(2)
     for share, has_cells in ((0.9, True), (1.1, False)):
         height_m = share * pixel_m * CAMERA.fx_px

@@ -1,45 +1,25 @@
-"""Fused planes and spheres against their closed forms."""
+"""Reconstructed planes and spheres against their closed forms."""
 
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
+from synthetic_views import (
+    CAMERA,
+    camera_at,
+    plane_depth_m,
+    sphere_depth_m,
+)
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import T_LINK_OPTICAL, pixel_rays, pose_looking_at, pose_to_matrix
-from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume, VolumeFullError
 from oaisys_mapping.voxels import blocks
-
-CAMERA = PinholeIntrinsics(320, 240, 270.57, 270.57, 159.5, 119.5)
-
-
-def camera_at(eye_m: tuple[float, float, float], at_m: tuple[float, float, float]) -> FloatArray:
-    return pose_to_matrix(pose_looking_at(eye_m, at_m)) @ T_LINK_OPTICAL
-
-
-def plane_depth_m(T: FloatArray, normal: FloatArray, offset_m: float) -> NDArray[np.float32]:
-    rays = pixel_rays(CAMERA) @ T[:3, :3].T
-    with np.errstate(divide="ignore"):
-        depth_m = (offset_m - normal @ T[:3, 3]) / (rays @ normal)
-    depth_m[depth_m <= 0] = np.inf
-    return depth_m.astype(np.float32)
-
-
-def sphere_depth_m(T: FloatArray, radius_m: float) -> NDArray[np.float32]:
-    rays = pixel_rays(CAMERA) @ T[:3, :3].T
-    a, b = (rays**2).sum(-1), rays @ T[:3, 3]
-    discriminant = b**2 - a * (T[:3, 3] @ T[:3, 3] - radius_m**2)
-    with np.errstate(invalid="ignore"):
-        depth_m = (-b - np.sqrt(discriminant)) / a
-    return np.nan_to_num(depth_m, nan=np.inf).astype(np.float32)
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, -30.0, 30.0])
 @pytest.mark.parametrize("axis", [0, 1])
-def test_a_tilted_plane_comes_back_in_its_place(tilt_deg: float, axis: int) -> None:
+def test_a_tilted_plane_is_reconstructed_in_place(tilt_deg: float, axis: int) -> None:
     normal = np.array([0.0, 0.0, np.cos(np.radians(tilt_deg))])
     normal[axis] = np.sin(np.radians(tilt_deg))
     T = camera_at((0.01, 0, 8), (0, 0, 0))
@@ -52,7 +32,7 @@ def test_a_tilted_plane_comes_back_in_its_place(tilt_deg: float, axis: int) -> N
     assert np.abs(error_m).max() < 0.03
 
 
-def test_a_sphere_comes_back_with_its_radius() -> None:
+def test_a_sphere_is_reconstructed_with_its_radius() -> None:
     volume = TsdfVolume(TsdfConfig(voxel_size_m=0.05))
     for azimuth_rad in np.linspace(0, 2 * np.pi, 8, endpoint=False):
         eye_m = (5 * np.cos(azimuth_rad), 5 * np.sin(azimuth_rad), 2.0)
@@ -83,7 +63,7 @@ def test_equal_views_give_equal_bytes() -> None:
     assert build() == build()
 
 
-def test_what_hit_nothing_or_lies_too_far_is_not_mapped() -> None:
+def test_pixels_without_a_hit_or_beyond_the_range_are_not_mapped() -> None:
     T = camera_at((0.01, 0, 6), (0, 0, 0))
     volume = TsdfVolume(TsdfConfig(max_range_m=5.0))
     volume.integrate(np.full((240, 320), np.inf, np.float32), None, CAMERA, T)
@@ -93,7 +73,7 @@ def test_what_hit_nothing_or_lies_too_far_is_not_mapped() -> None:
     assert len(volume.extract_mesh().triangles) == 0
 
 
-def test_reset_forgets_and_load_restores(tmp_path: Path) -> None:
+def test_reset_empties_a_volume_and_load_restores_it(tmp_path: Path) -> None:
     T = camera_at((0.01, 0, 6), (0, 0, 0))
     volume = TsdfVolume()
     volume.integrate(plane_depth_m(T, np.array([0, 0, 1.0]), 0), None, CAMERA, T)
@@ -113,7 +93,9 @@ def test_reset_forgets_and_load_restores(tmp_path: Path) -> None:
         ("T_map_camera", {"T_map_camera": np.full((4, 4), np.nan)}),
     ],
 )
-def test_images_that_do_not_fit_are_refused(field: str, change: dict[str, object]) -> None:
+def test_images_of_the_wrong_size_and_invalid_poses_are_refused(
+    field: str, change: dict[str, object]
+) -> None:
     arguments: dict[str, object] = {
         "depth_m": np.ones((240, 320), np.float32),
         "rgb": None,
@@ -141,7 +123,7 @@ def fused(volume: TsdfVolume) -> TsdfVolume:
     return volume
 
 
-def test_growing_does_not_change_the_surface(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_growing_the_grid_does_not_change_the_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     reserved = fused(TsdfVolume()).extract_mesh()
     monkeypatch.setattr(blocks, "INITIAL_BLOCKS", 2)
     grown = fused(TsdfVolume()).extract_mesh()
@@ -149,7 +131,7 @@ def test_growing_does_not_change_the_surface(monkeypatch: pytest.MonkeyPatch) ->
     assert grown.triangles.tobytes() == reserved.triangles.tobytes()
 
 
-def test_a_full_volume_says_so_and_stays_as_it_was() -> None:
+def test_a_full_volume_raises_and_is_unchanged() -> None:
     volume = TsdfVolume(TsdfConfig(max_blocks=400))
     T = camera_at((0.01, 0, 6), (0, 0, 0))
     volume.integrate(plane_depth_m(T, np.array([0, 0, 1.0]), 0), None, CAMERA, T)
@@ -161,8 +143,8 @@ def test_a_full_volume_says_so_and_stays_as_it_was() -> None:
     assert np.array_equal(volume.extract_mesh().vertices_m, before.vertices_m)
 
 
-def test_a_few_pixels_do_not_stop_the_mapper() -> None:
-    """Open3D looks at every fourth pixel for where to map, and stops where that finds nothing."""
+def test_views_with_single_valid_pixels_are_accepted() -> None:
+    """Open3D searches every fourth pixel for a surface, and raises if that finds nothing."""
     T = camera_at((0.01, 0, 6), (0, 0, 0))
     volume = TsdfVolume()
     for place in (101, 100):
@@ -172,7 +154,7 @@ def test_a_few_pixels_do_not_stop_the_mapper() -> None:
     assert volume.frames == 2
 
 
-def test_a_file_that_is_no_such_volume_is_refused(tmp_path: Path) -> None:
+def test_files_of_other_volumes_and_formats_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "volume.npz"
     with pytest.raises(InvalidInputError, match="a saved volume"):
         TsdfVolume().load(path)

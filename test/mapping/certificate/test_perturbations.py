@@ -1,4 +1,4 @@
-"""Maps with deliberate faults: each is rejected, by the figure that shows it."""
+"""Maps of perturbed frames: each perturbation is rejected, by the figure that shows it."""
 
 import numpy as np
 import pytest
@@ -32,18 +32,18 @@ def records() -> dict[str, PerturbationResult]:
     return {record.name: record for record in found}
 
 
-def test_the_right_map_is_accepted(records: dict[str, PerturbationResult]) -> None:
+def test_the_unperturbed_map_is_accepted(records: dict[str, PerturbationResult]) -> None:
     assert list(records) == ["none", *(fault.name for fault in PERTURBATIONS)]
     assert not records["none"].missed
     assert records["none"].figures["offset_m"] < 0.002
 
 
-def test_every_fault_is_rejected(records: dict[str, PerturbationResult]) -> None:
+def test_every_perturbation_is_rejected(records: dict[str, PerturbationResult]) -> None:
     assert all(records[fault.name].rejected for fault in PERTURBATIONS)
     assert records["focal_length"].to_dict()["rejected"] is True
 
 
-def test_a_shift_of_all_poses_is_the_offset_of_the_map(
+def test_a_shift_of_all_poses_appears_as_the_offset_of_the_map(
     records: dict[str, PerturbationResult],
 ) -> None:
     for name in ("pose_beside", "pose_above"):
@@ -51,7 +51,7 @@ def test_a_shift_of_all_poses_is_the_offset_of_the_map(
     assert records["pose_beside"].figures["rmse_m"] < 0.03, "the RMSE alone does not see it"
 
 
-def test_gross_faults_are_gross(records: dict[str, PerturbationResult]) -> None:
+def test_large_perturbations_have_large_errors(records: dict[str, PerturbationResult]) -> None:
     assert records["range_as_depth"].figures["rmse_m"] > 0.1
     assert records["focal_length"].figures["rmse_m"] > 0.03
     assert records["pose_scattered"].figures["accuracy_median_m"] > 0.005

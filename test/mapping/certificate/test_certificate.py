@@ -1,4 +1,4 @@
-"""The closure certificate: what it says, and that nothing in it can be changed unnoticed."""
+"""The closure certificate: its content, and that any change to it is detected."""
 
 import base64
 import hashlib
@@ -120,7 +120,7 @@ def sha256_of(path: Path) -> str:
         (lambda content: content["faults"][1].update(rejected=False), "fault bad"),
     ],
 )
-def test_what_was_changed_is_found(issued: Path, change: Change, words: str) -> None:
+def test_changes_to_a_certificate_are_detected(issued: Path, change: Change, words: str) -> None:
     certificate = read_certificate(issued / "certificate.json")
     change(certificate["content"])
     found = failed(check_content(certificate))
@@ -138,7 +138,7 @@ def test_what_was_changed_is_found(issued: Path, change: Change, words: str) -> 
         (lambda content: content["views"].pop(), "surveyed_area_m2"),
     ],
 )
-def test_figures_that_are_not_those_of_the_files_are_found(
+def test_figures_that_differ_from_a_second_measurement_are_reported(
     issued: Path, change: Change, name: str
 ) -> None:
     content = read_certificate(issued / "certificate.json")["content"]
@@ -148,7 +148,7 @@ def test_figures_that_are_not_those_of_the_files_are_found(
     assert any(what.startswith(name) for what in found)
 
 
-def test_a_loop_that_does_not_close_is_said_to_be_open(tmp_path: Path) -> None:
+def test_a_certificate_with_missed_thresholds_says_open(tmp_path: Path) -> None:
     certificate = write_all(tmp_path, max_rmse_m=0.005)
     assert certificate["content"]["verdict"] == "open"
     (missed,) = failed(check_content(certificate))
@@ -234,7 +234,7 @@ def openssl(*arguments: str) -> None:
     subprocess.run(["openssl", *arguments], check=True, capture_output=True, timeout=60)
 
 
-def test_a_signature_does_not_outlive_a_change(issued: Path, tmp_path: Path) -> None:
+def test_changing_the_content_invalidates_the_signature(issued: Path, tmp_path: Path) -> None:
     keys = [tmp_path / name for name in ("mine.pem", "yours.pem")]
     for key in keys:
         openssl("genpkey", "-algorithm", "ed25519", "-out", str(key))
@@ -253,7 +253,7 @@ def test_a_signature_does_not_outlive_a_change(issued: Path, tmp_path: Path) -> 
     assert failed(check_content(certificate)) == ["the signature"]
 
 
-def test_a_key_of_another_kind_is_refused(tmp_path: Path) -> None:
+def test_a_key_that_is_not_ed25519_is_refused(tmp_path: Path) -> None:
     key = tmp_path / "key.pem"
     openssl("genpkey", "-algorithm", "ed448", "-out", str(key))
     with pytest.raises(InvalidInputError, match="Ed25519"):
@@ -264,7 +264,7 @@ def test_a_key_of_another_kind_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"format": "x"}'])
-def test_what_is_no_certificate_is_refused(tmp_path: Path, text: str) -> None:
+def test_files_other_than_certificates_are_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "certificate.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InvalidInputError, match="FILE"):
@@ -272,7 +272,7 @@ def test_what_is_no_certificate_is_refused(tmp_path: Path, text: str) -> None:
 
 
 @pytest.mark.parametrize("part", ["config", "facts", "figures", "criteria"])
-def test_a_certificate_that_lacks_a_part_is_refused(issued: Path, part: str) -> None:
+def test_a_certificate_with_a_missing_part_is_refused(issued: Path, part: str) -> None:
     certificate = read_certificate(issued / "certificate.json")
     del certificate["content"][part]
     with pytest.raises(InvalidInputError, match="FILE"):
@@ -280,7 +280,7 @@ def test_a_certificate_that_lacks_a_part_is_refused(issued: Path, part: str) -> 
 
 
 @pytest.mark.parametrize("part", ["figures", "views", "labels", "sampling_seed"])
-def test_what_cannot_be_measured_again_is_refused(issued: Path, part: str) -> None:
+def test_a_certificate_that_cannot_be_measured_again_is_refused(issued: Path, part: str) -> None:
     content = read_certificate(issued / "certificate.json")["content"]
     del content[part]
     mesh, truth = read_ply(issued / "mesh.ply"), read_truth(issued / "truth.ply")
@@ -288,7 +288,7 @@ def test_what_cannot_be_measured_again_is_refused(issued: Path, part: str) -> No
         measure_again(content, mesh, truth)
 
 
-def test_truth_comes_back_with_its_labels(issued: Path, tmp_path: Path) -> None:
+def test_a_true_mesh_round_trips_with_its_labels(issued: Path, tmp_path: Path) -> None:
     truth = read_truth(issued / "truth.ply")
     assert truth.semantic_ids is not None
     assert np.unique(truth.semantic_ids).tolist() == [1, 2]

@@ -55,14 +55,14 @@ def test_figures_are_printed_as_json(files: tuple[Path, Path], tmp_path: Path) -
     assert figures["visible_from"] == "everywhere"
 
 
-def test_progress_is_told_on_standard_error_alone(files: tuple[Path, Path]) -> None:
+def test_progress_is_printed_on_standard_error_only(files: tuple[Path, Path]) -> None:
     mesh, truth = files
     result = evaluate("--mesh", mesh, "--truth", truth)
     assert result.stderr.splitlines()[0] == "measuring: reading the meshes"
     assert json.loads(result.stdout)["closed"] is True
 
 
-def test_stages_name_each_view_and_what_is_measured(files: tuple[Path, Path]) -> None:
+def test_progress_names_each_view_and_each_measurement(files: tuple[Path, Path]) -> None:
     T_map_camera = np.diag([1.0, -1.0, -1.0, 1.0])
     T_map_camera[2, 3] = 5.0
     view = PosedCamera(PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5), T_map_camera)
@@ -86,7 +86,7 @@ def test_stages_name_each_view_and_what_is_measured(files: tuple[Path, Path]) ->
     ]
 
 
-def test_lines_come_at_most_every_few_seconds_where_there_is_no_terminal(
+def test_without_a_terminal_a_line_is_printed_every_few_seconds(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     now_s = [0.0]
@@ -146,7 +146,7 @@ def test_a_damaged_mesh_is_refused(
         ({"T_map_camera": np.full((4, 4), np.nan).tolist()}, "finite"),
     ],
 )
-def test_a_view_that_is_none_is_refused(
+def test_an_invalid_view_is_refused(
     tmp_path: Path, change: dict[str, object], expected: str
 ) -> None:
     path = tmp_path / "poses.json"
@@ -167,7 +167,7 @@ def test_a_file_without_views_is_refused(tmp_path: Path, text: str) -> None:
         read_views(path)
 
 
-def test_views_come_back_exactly(tmp_path: Path) -> None:
+def test_views_round_trip_exactly(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     camera = PinholeIntrinsics(64, 48, 50.5, 51.25, 30.0, 22.75)
     rotations = Rotation.random(3, rng).as_matrix()
@@ -180,7 +180,7 @@ def test_views_come_back_exactly(tmp_path: Path) -> None:
     )
 
 
-def test_a_mesh_comes_back_from_its_file(tmp_path: Path) -> None:
+def test_a_mesh_round_trips_through_a_file(tmp_path: Path) -> None:
     rng = np.random.default_rng(1)
     vertices_m = rng.normal(size=(30, 3)).astype(np.float32).astype(float)
     triangles = rng.permutation(30).reshape(10, 3).astype(np.int32)

@@ -1,4 +1,4 @@
-"""The standard figures, against closed forms and independent libraries."""
+"""The standard metrics against closed forms and independent libraries."""
 
 import numpy as np
 import open3d as o3d
@@ -38,7 +38,7 @@ def spread(vertices_m: FloatArray, triangles: NDArray[np.int32], count: int) -> 
 
 
 def test_distances_agree_with_open3d_and_scipy() -> None:
-    """A sphere against a larger one that is shifted, by points as dense as they can be."""
+    """A sphere against a larger, shifted one, by dense points."""
     true, made = sphere(2.0, np.zeros(3)), sphere(2.1, np.array((0.15, 0.0, 0.1)))
     figures = measure(colored(*made), TriangleMesh(*true))
     true_m, made_m = spread(*true, 150_000), spread(*made, 150_000)
@@ -72,8 +72,8 @@ def test_f_scores_at_any_tolerance() -> None:
     assert high.f_score == pytest.approx(2 * high.completion / (1 + high.completion))
 
 
-def test_what_no_pose_could_see_is_told_apart() -> None:
-    """Ground of which one view sees a part: the map of that part is all a mapper can do."""
+def test_completeness_is_given_for_the_visible_and_for_all_truth() -> None:
+    """Ground of which one view sees a part, and a map of exactly that part."""
     vertices_m, triangles = grid_mesh((-10, 10), (-10, 10), 0.0)
     view = down(0.0, 0.0, 6.0)
     seen_m2 = (159 / 135.285 * 6) * (119 / 135.285 * 6)
@@ -94,7 +94,7 @@ def test_what_no_pose_could_see_is_told_apart() -> None:
 @pytest.mark.parametrize(
     "shift_m", [(0.02, 0, 0), (0, -0.02, 0), (0, 0, 0.02), (0.03, 0.01, -0.02)]
 )
-def test_a_map_beside_the_truth_is_found_out(shift_m: tuple[float, float, float]) -> None:
+def test_the_offset_of_a_shifted_map_is_measured(shift_m: tuple[float, float, float]) -> None:
     vertices_m, triangles = hills(6.0)
     made = colored(vertices_m + np.array(shift_m), triangles)
     figures = measure(made, TriangleMesh(vertices_m, triangles))
@@ -102,15 +102,15 @@ def test_a_map_beside_the_truth_is_found_out(shift_m: tuple[float, float, float]
     assert figures.offset_m == pytest.approx(np.linalg.norm(shift_m), abs=1e-3)
 
 
-def test_a_shift_that_changes_nothing_is_none() -> None:
+def test_a_shift_along_a_plane_is_not_an_offset() -> None:
     plane = grid_mesh((-4, 4), (-4, 4), 0.0)
     shifted_m = plane[0] + np.array((0.05, 0.05, 0.01))
     figures = measure(colored(shifted_m, plane[1]), TriangleMesh(*plane))
     assert figures.offset_xyz_m == pytest.approx((0, 0, 0.01), abs=1e-5)
 
 
-def test_holes_are_counted_and_what_a_voxel_spans_is_none() -> None:
-    """Two square holes, a slit of 24 cm, which is one, too, and one of 16 cm, which is none."""
+def test_holes_are_counted_but_slits_within_a_voxel_are_not() -> None:
+    """Two square holes and a slit of 24 cm count as holes; a slit of 16 cm does not."""
     vertices_m, triangles = grid_mesh((-4, 4), (-4, 4), 0.0, 0.02)
     x, y = vertices_m[triangles].mean(axis=1)[:, :2].T
     holes = ((np.abs(x - 2) < 0.5) & (np.abs(y) < 0.5)) | ((np.abs(x + 2) < 1) & (np.abs(y) < 1))
@@ -125,8 +125,8 @@ def test_holes_are_counted_and_what_a_voxel_spans_is_none() -> None:
     assert figures.gap_ratio == pytest.approx((5.0 + 6 * 0.4) / 7.6**2, rel=0.02)
 
 
-def test_truth_further_than_a_voxel_is_in_a_hole_whatever_its_normal_meets() -> None:
-    """A plane rebuilt 15 cm too high in one place: no gap, but nothing is there, either."""
+def test_truth_further_than_a_voxel_lies_in_a_hole() -> None:
+    """A plane reconstructed 15 cm too high in one place: a hole without a gap."""
     vertices_m, triangles = grid_mesh((-4, 4), (-4, 4), 0.0, 0.05)
     raised_m = vertices_m.copy()
     raised_m[np.abs(vertices_m[:, :2]).max(axis=1) < 0.9, 2] = 0.15
@@ -144,8 +144,8 @@ def test_the_rim_is_two_voxels_wide_however_large_the_area(across_m: float) -> N
     assert figures.overlap_area_m2 == pytest.approx(inner_m**2, rel=0.015)
 
 
-def test_a_hole_beside_the_overlap_is_not_in_it() -> None:
-    """Two views side by side share a strip; the hole is where only one of them looks."""
+def test_a_hole_outside_the_overlap_does_not_count_there() -> None:
+    """Two views side by side share a strip; the hole is where only one of them sees."""
     vertices_m, triangles = grid_mesh((-8, 8), (-8, 8), 0.0)
     views = [down(0.0, -2.0, 6.0), down(0.0, 2.0, 6.0)]
     across_m, along_m = 119 / 135.285 * 6, 159 / 135.285 * 6
@@ -165,7 +165,7 @@ def test_a_hole_beside_the_overlap_is_not_in_it() -> None:
 
 
 class Shifted:
-    """The distance field of a plane at 0.04 m, known where x is below 2."""
+    """Distances to a plane at 0.04 m, known where x is below 2."""
 
     observed_volume_m3 = 7.0
 
@@ -174,7 +174,7 @@ class Shifted:
         return np.where(points_m[:, 0] < 2, distance_m, np.nan)
 
 
-def test_distances_at_the_truth_as_voxblox_counts_them() -> None:
+def test_distances_at_the_truth_are_evaluated_as_in_voxblox() -> None:
     low = grid_mesh((-4, 0), (-4, 4), 0.0)
     high = grid_mesh((0, 4), (-4, 4), 1.0)
     truth = TriangleMesh(np.vstack((low[0], high[0])), np.vstack((low[1], high[1] + len(low[0]))))
@@ -189,7 +189,7 @@ def test_distances_at_the_truth_as_voxblox_counts_them() -> None:
     assert figures.observed_volume_m3 == 7.0
 
 
-def test_iou_of_a_border_that_is_off() -> None:
+def test_iou_of_a_shifted_class_border() -> None:
     """Truth changes at x = 0, the map at x = 0.5."""
     vertices_m, triangles = grid_mesh((-4, 4), (-4, 4), 0.0)
     x_m = vertices_m[triangles].mean(axis=1)[:, 0]
@@ -206,7 +206,7 @@ def test_iou_of_a_border_that_is_off() -> None:
     assert Thresholds(min_iou=0.9).missed_by(figures)
 
 
-def test_iou_counts_what_is_missing_and_forgives_what_is_rare() -> None:
+def test_iou_counts_missing_labels_and_ignores_rare_classes() -> None:
     true_ids = np.array([1] * 995 + [2] * 5 + [0] * 100)
     map_ids = np.array([1] * 900 + [0] * 100 + [1] * 100)
     found = class_agreement(true_ids, map_ids, {1: "soil", 2: "ice"})

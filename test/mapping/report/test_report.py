@@ -1,4 +1,4 @@
-"""The report holds what a reader needs, in one file that needs no network."""
+"""The report: its content, and that one file shows it without a network."""
 
 import gzip
 import json
@@ -68,13 +68,13 @@ def make_report(max_rmse_m: float) -> SurveyReport:
 
 @pytest.fixture(scope="module")
 def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a report whose loop closes."""
+    """The folder of a report whose survey closes."""
     folder = tmp_path_factory.mktemp("report")
     write_report(make_report(0.05), folder)
     return folder
 
 
-def test_the_page_is_whole_and_asks_for_nothing_else(written: Path) -> None:
+def test_the_page_is_self_contained(written: Path) -> None:
     page = (written / "report.html").read_text(encoding="utf-8")
     parts = (
         "The loop closes",
@@ -104,7 +104,7 @@ def page(tmp_path: Path) -> Iterator[Page]:
         yield page
 
 
-def test_the_mesh_turns_in_a_browser_without_a_network(page: Page, written: Path) -> None:
+def test_the_mesh_can_be_turned_in_a_browser_offline(page: Page, written: Path) -> None:
     page.open((written / "report.html").as_uri())
     assert page.wait_for("document.getElementById('viewer')?.dataset.state") == "ready"
     page.value("document.getElementById('viewer').scrollIntoView()")
@@ -130,7 +130,7 @@ def test_the_mesh_turns_in_a_browser_without_a_network(page: Page, written: Path
     assert sum(address.startswith("file:") for address in page.requests) == 1
 
 
-def test_without_three_js_the_page_shows_pictures_and_says_why(
+def test_without_three_js_the_page_shows_pictures_and_a_note(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "nowhere"))
@@ -166,7 +166,7 @@ def test_thinned_meshes_keep_shape_colour_and_classes() -> None:
     assert thinned(mesh, 8_000) is mesh
 
 
-def test_a_packed_mesh_unpacks_to_itself_within_its_steps() -> None:
+def test_a_packed_mesh_unpacks_within_the_quantization_step() -> None:
     mesh = hills(9)
     inverse = np.invert(mesh.colors_rgb)
     layers = [Layer("one", "", mesh.colors_rgb), Layer("</script>", "", inverse)]
@@ -186,7 +186,7 @@ def test_a_packed_mesh_unpacks_to_itself_within_its_steps() -> None:
     assert header["layers"][1]["title"] == "</script>"
 
 
-def test_a_missed_threshold_is_told_in_both_reports(tmp_path: Path) -> None:
+def test_a_missed_threshold_is_shown_in_both_reports(tmp_path: Path) -> None:
     write_report(make_report(0.01), tmp_path)
     figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
     assert figures["closed"] is False
@@ -199,7 +199,7 @@ def test_a_missed_threshold_is_told_in_both_reports(tmp_path: Path) -> None:
     assert "✗ rmse_m" in page
 
 
-def test_a_loop_does_not_close_where_samples_were_lost(tmp_path: Path) -> None:
+def test_a_survey_with_lost_samples_does_not_close(tmp_path: Path) -> None:
     lost = "/oaisys_mapper: 2 of 30 samples are incomplete; lost: /tf 2"
     write_report(replace(make_report(0.05), losses=[lost]), tmp_path)
     figures = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))
@@ -207,7 +207,7 @@ def test_a_loop_does_not_close_where_samples_were_lost(tmp_path: Path) -> None:
     assert lost in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
-def test_report_json_has_what_other_programs_read(written: Path) -> None:
+def test_report_json_has_the_documented_keys(written: Path) -> None:
     report = make_report(0.05)
     figures = json.loads((written / "report.json").read_text(encoding="utf-8"))
     assert report.facts.items() <= figures.items()

@@ -1,26 +1,23 @@
-"""What a view says of what is hidden behind the surface that it shows."""
+"""Voxels hidden behind the surface that a view shows."""
 
 import numpy as np
 import open3d as o3d
 import pytest
 from surfaces import depth_seen, grid_mesh
-from test_tsdf import CAMERA, camera_at, plane_depth_m
+from synthetic_views import CAMERA, UP, camera_at, plane_depth_m
 
 from oaisys_core.types import TriangleMesh
 from oaisys_mapping.evaluation.visibility import PosedCamera, raycasting_scene
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 
-UP = np.array([0.0, 0.0, 1.0])
 ABOVE = camera_at((0.01, 0, 6), (0, 0, 0))
 
 
 @pytest.mark.parametrize(
     ("height_m", "counts"), [(0.1, 1.0), (0.12, 0.6), (0.14, 0.2), (0.2, 1e-3), (0.28, 1e-3)]
 )
-def test_what_is_hidden_behind_a_surface_is_for_other_views_to_say(
-    height_m: float, counts: float
-) -> None:
-    """Ground seen once where it is, and once higher: truncated at 0.3 m, fading from 0.1 to 0.15.
+def test_measurements_weigh_less_behind_the_surface(height_m: float, counts: float) -> None:
+    """Ground seen at 0 m and once higher; truncation 0.3 m, weights fall from 0.1 to 0.15 m.
 
     The voxel at the origin is 0 m in front of one surface, and ``height_m`` behind the other.
     """
@@ -31,8 +28,8 @@ def test_what_is_hidden_behind_a_surface_is_for_other_views_to_say(
     assert volume.distance_at(np.zeros((1, 3)))[0] == pytest.approx(expected_m, abs=1e-4)
 
 
-def test_close_behind_a_surface_all_is_solid_until_it_is_seen() -> None:
-    """Truncated at 0.3 m, taken for solid down to 0.5 m, and not called observed there."""
+def test_voxels_close_behind_a_surface_are_solid_until_observed() -> None:
+    """Truncated at 0.3 m; solid, but not observed, down to 0.5 m."""
     volume = TsdfVolume(TsdfConfig())
     volume.integrate(plane_depth_m(ABOVE, UP, 0.001), None, CAMERA, ABOVE)
     heights_m = np.array((-0.2, -0.3, -0.4, -0.5))
@@ -46,7 +43,7 @@ def test_close_behind_a_surface_all_is_solid_until_it_is_seen() -> None:
     assert volume.distance_at(points_m[1:3])[1] == pytest.approx(0.2, abs=1e-3)
 
 
-def test_a_face_that_rays_graze_has_no_hole() -> None:
+def test_a_face_at_grazing_angles_has_no_hole() -> None:
     """A step of 0.45 m beside a camera 6 m above: its face is as wide as three pixels."""
     face_m = 0.71
     low, high = (

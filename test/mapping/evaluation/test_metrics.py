@@ -56,7 +56,7 @@ def test_half_a_reconstruction_completes_half_of_the_truth() -> None:
     assert figures.f_score == pytest.approx(2 * 0.5125 / 1.5125, abs=3e-3)
 
 
-def test_ground_that_goes_on_beyond_an_open_truth_is_not_measured() -> None:
+def test_ground_beyond_the_rim_of_an_open_truth_is_not_measured() -> None:
     truth = TriangleMesh(*grid_mesh((-4, 4), (-4, 4), 0.0))
     figures = measure(colored(*grid_mesh((-4, 9), (-4, 4), 0.0)), truth)
     assert figures.past_rim_share == pytest.approx(5 / 13, abs=0.01)
@@ -69,7 +69,7 @@ def test_ground_that_goes_on_beyond_an_open_truth_is_not_measured() -> None:
     assert around.accuracy_max_m == pytest.approx(0.02, abs=1e-4)
 
 
-def test_what_lies_outside_of_a_closed_truth_is_measured() -> None:
+def test_surfaces_outside_a_closed_truth_are_measured() -> None:
     centre_m = np.array((0.0, 0.0, 2.0))
     figures = measure(colored(*sphere(1.5, centre_m)), TriangleMesh(*sphere(1.0, centre_m)))
     assert figures.past_rim_share == 0.0
@@ -97,7 +97,7 @@ def test_artefacts_in_the_air_count_against_accuracy() -> None:
     assert figures.rmse_m == pytest.approx(np.sqrt(4 / 68), rel=0.01)
 
 
-def test_only_what_the_views_see_must_be_complete() -> None:
+def test_only_visible_truth_must_be_complete() -> None:
     roof, floor = grid_mesh((-1, 1), (-1, 1), 2.0), grid_mesh((-6, 6), (-6, 6), 0.0)
     truth = TriangleMesh(
         np.vstack((floor[0], roof[0])), np.vstack((floor[1], roof[1] + len(floor[0])))
@@ -162,7 +162,7 @@ def test_triangles_larger_than_the_view_count() -> None:
     )
 
 
-def test_what_lies_out_of_range_is_not_asked_for() -> None:
+def test_truth_beyond_the_range_is_not_visible() -> None:
     floor = grid_mesh((-6, 6), (-6, 6), 0.0)
     step = grid_mesh((-1, 1), (-1, 1), 2.0)
     truth = TriangleMesh(
@@ -177,7 +177,7 @@ def test_what_lies_out_of_range_is_not_asked_for() -> None:
 
 
 def test_an_oblique_view_sees_the_near_side_of_a_ridge() -> None:
-    """A ridge of 45 degrees along y, looked at from beside: its far side is hidden."""
+    """A ridge of 45 degrees along y, seen from the side: its far side is hidden."""
     x_m = np.array([-6.0, -2.0, 0.0, 2.0, 6.0])
     z_m = np.array([0.0, 0.0, 2.0, 0.0, 0.0])
     near, far = (np.column_stack((x_m, np.full(5, y), z_m)) for y in (-9.0, 9.0))
@@ -210,7 +210,7 @@ def survey(
     offset_m: float = 0.0,
     is_ray_length: bool = False,
 ) -> ReconstructionMetrics:
-    """Map a ground from nine nadir views, with a fault in what the mapper is told."""
+    """Map a ground from nine nadir views, with an error in the mapper's input."""
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(truth.vertices_m.astype(np.float32), truth.triangles.astype(np.uint32))
     volume = TsdfVolume(TsdfConfig(voxel_size_m=VOXEL_M))
@@ -244,11 +244,11 @@ def test_a_wrong_focal_length_is_rejected(rough_ground: TriangleMesh) -> None:
     assert figures.rmse_m > 3 * survey(rough_ground).rmse_m
 
 
-def test_ray_length_taken_for_depth_is_rejected(rough_ground: TriangleMesh) -> None:
+def test_range_taken_for_depth_is_rejected(rough_ground: TriangleMesh) -> None:
     assert len(CLOSED.missed_by(survey(rough_ground, is_ray_length=True))) == 3
 
 
-def test_a_pose_error_of_2_cm_shows(rough_ground: TriangleMesh) -> None:
+def test_a_pose_error_of_2_cm_is_measured(rough_ground: TriangleMesh) -> None:
     assert survey(rough_ground, offset_m=0.02).rmse_m > 1.3 * survey(rough_ground).rmse_m
 
 
