@@ -92,13 +92,13 @@ def test_the_frames_that_came_early_are_those_of_the_sample(pair_server: Server)
     told: list[Frame] = []
     outlines: list[SampleOutline] = []
 
-    def listen(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
-        outlines.append(outline)
-        told.extend(frames)
-
     with pair_server.client() as client:
         client.step_batch()
-        sample = client.render_sample(POSE, on_frames=listen)
+        with client.stream_sample(POSE) as stream:
+            for frame in stream:
+                outlines.append(stream.outline)
+                told.append(frame)
+            sample = stream.sample
         fetched = client.get_sample(sample.batch_id, sample.sample_id)
     assert [(f.sensor, f.modality) for f in sample.frames] == NAMES
     assert len(told) == len(NAMES)
@@ -139,8 +139,9 @@ def test_a_deadline_after_depth_takes_the_sample_back(late_server: Server) -> No
         with (
             SimulatorClient(late_server.address, timeout_s=3.0) as hasty,
             pytest.raises(DeadlineExceededError),
+            hasty.stream_sample(POSE) as stream,
         ):
-            hasty.render_sample(POSE, on_frames=lambda _, f: came.append(f[0].modality))
+            came.extend(frame.modality for frame in stream)
         assert settled(client) == 0
     assert "rgb" not in came
 
@@ -149,9 +150,13 @@ def test_a_batch_after_depth_aborts_the_sample(late_server: Server) -> None:
     begun = threading.Event()
     with late_server.client() as client, ThreadPoolExecutor() as pool:
         batch_id = client.step_batch()
-        rendering = pool.submit(
-            client.render_sample, POSE, on_frames=lambda _outline, _frames: begun.set()
-        )
+
+        def render() -> None:
+            with client.stream_sample(POSE) as stream:
+                for _ in stream:
+                    begun.set()
+
+        rendering = pool.submit(render)
         assert begun.wait(PATIENCE_S)
         client.step_batch()
         with pytest.raises(OaisysError) as overtaken:
@@ -170,13 +175,9 @@ def test_a_crash_after_depth_takes_the_sample_back_and_its_id_goes_on(
     with server.client() as client:
         client.step_batch()
         assert client.render_sample(POSE).sample_id == 1
-        with pytest.raises(WorkerLostError):
-            client.render_sample(
-                pose_looking_down(0, 0, HEIGHT_M),
-                on_frames=lambda _, frames: came.extend(
-                    FrameName(f.sensor, f.modality) for f in frames
-                ),
-            )
+        pose = pose_looking_down(0, 0, HEIGHT_M)
+        with pytest.raises(WorkerLostError), client.stream_sample(pose) as stream:
+            came.extend(FrameName(f.sensor, f.modality) for f in stream)
         with pytest.raises(NotFoundError):
             client.get_sample(1, 2)
         client.wait_ready(PATIENCE_S)

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -30,7 +31,6 @@ from oaisys_core.types import (
 )
 from oaisys_grpc.client.sample_stream import sample_from_parts
 from oaisys_grpc.contract import chunks, conversions, encodings
-from oaisys_grpc.contract.array_messages import Part, response
 from oaisys_grpc.contract.errors import STATUS_CODES, error_from_status, status_from_error
 from oaisys_grpc.contract.faults import ERROR_TYPES, error_from_fault, fault_from_error
 from oaisys_grpc.contract.operation import (
@@ -40,11 +40,16 @@ from oaisys_grpc.contract.operation import (
     status_from_proto,
     status_to_proto,
 )
+from oaisys_grpc.contract.sample_messages import (
+    messages_from_bytes,
+    messages_to_bytes,
+    sample_from_messages,
+    sample_to_messages,
+)
 from oaisys_grpc.contract.transfer import CHUNK_BYTES
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-from oaisys_grpc.worker.frame_placement import FramePlacement
-from oaisys_grpc.worker.protocol import Connection
-from oaisys_grpc.worker.shared_memory import segment_of
+from oaisys_grpc.worker.protocol import Connection, WorkerMessage
+from oaisys_grpc.worker.shared_memory import copied_to_segment, segment_of
 
 POSE = Pose((1.25, -2.5, 1e-9), (0.5, -0.5, 0.5, math.sqrt(0.25)))
 INTRINSICS = PinholeIntrinsics(640, 480, 541.14, 540.9, 319.5, 239.25)
@@ -156,16 +161,15 @@ def test_a_value_comes_back_as_it_was(name: str, value: Any) -> None:
     assert_same(getattr(conversions, f"{name}_from_proto")(message), value)
 
 
-def as_message(part: Part) -> bytes:
-    """The bytes of the response that carries a part."""
-    message = response(pb.GetSampleResponse, part)
-    return message if isinstance(message, bytes) else message.SerializeToString()
+def parts_of(sample: Sample) -> list[pb.SamplePart]:
+    """The parts of a sample for a client that says nothing."""
+    return list(chunks.sample_to_parts(sample_to_messages(sample)))
 
 
 @pytest.mark.parametrize("size", [(480, 640), (1, 1), (1200, 1600)])
 def test_a_sample_comes_back_from_its_parts(size: tuple[int, int]) -> None:
     sample = make_sample(*size)
-    messages = [as_message(part) for part in chunks.sample_to_parts(sample)]
+    messages = [pb.GetSampleResponse(part=p).SerializeToString() for p in parts_of(sample)]
     assert max(len(message) for message in messages) < CHUNK_BYTES + 1024
     assert_same(
         sample_from_parts(pb.GetSampleResponse.FromString(m).part for m in messages), sample
@@ -173,10 +177,7 @@ def test_a_sample_comes_back_from_its_parts(size: tuple[int, int]) -> None:
 
 
 def test_a_frame_says_its_camera_matrix() -> None:
-    parts = chunks.sample_to_parts(make_sample(4, 4))
-    header = next(
-        part.frame for part in parts if isinstance(part, pb.SamplePart) and part.HasField("frame")
-    )
+    header = next(p.frame for p in parts_of(make_sample(4, 4)) if p.HasField("frame"))
     assert np.array_equal(np.reshape(header.k, (3, 3)), INTRINSICS.K)
     assert header.array.data_type == pb.DATA_TYPE_FLOAT32
     assert list(header.array.shape) == [4, 4]
@@ -184,12 +185,15 @@ def test_a_frame_says_its_camera_matrix() -> None:
 
 @pytest.mark.parametrize("mesh", [MESH, TriangleMesh(MESH.vertices_m, MESH.triangles)])
 def test_a_mesh_comes_back_from_its_parts(mesh: TriangleMesh) -> None:
-    assert_same(chunks.mesh_from_parts(chunks.mesh_to_parts(mesh)), mesh)
+    header, arrays = chunks.mesh_to_message(mesh)
+    pieces = [c for i, data in enumerate(arrays) for c in chunks.array_chunks(data, i)]
+    parts = [header, *(pb.GetGroundTruthMeshResponse(chunk=chunk) for chunk in pieces)]
+    assert_same(chunks.mesh_from_parts(parts), mesh)
 
 
 @pytest.mark.parametrize("missing", [0, 1, 2, 3, -1])
 def test_a_stream_with_a_gap_is_refused(missing: int) -> None:
-    parts = list(chunks.sample_to_parts(make_sample(1200, 1600)))
+    parts = parts_of(make_sample(1200, 1600))
     del parts[missing]
     with pytest.raises(OaisysError):
         sample_from_parts(parts)
@@ -259,41 +263,50 @@ def test_a_failed_operation_comes_back_with_its_error() -> None:
     assert str(back) == "gone"
 
 
-@pytest.mark.parametrize(
-    "value",
-    [make_sample(), make_sample(2, 2), MESH, INFO, METADATA, HEIGHTS, (1, [None, {2: "b"}], {})],
-)
-def test_the_workers_wire_carries_a_value_unchanged(value: Any) -> None:
+def over_the_pipe(head: dict[str, Any], content: bytes, arrays: Sequence[Any]) -> WorkerMessage:
+    """The message that arrives at the other end of a connection."""
     ours, theirs = map(Connection, socket.socketpair())
-    sender = threading.Thread(target=ours.send, args=({"value": value},))
-    sender.start()
-    assert_same(theirs.receive()["value"], value)
-    sender.join()
-    ours.close()
-    with pytest.raises(EOFError):
-        theirs.receive()
-    theirs.close()
+    with contextlib.closing(theirs):
+        sender = threading.Thread(target=ours.send, args=(head, content, arrays))
+        sender.start()
+        arrived = theirs.receive()
+        sender.join()
+        ours.close()
+        with pytest.raises(EOFError):
+            theirs.receive()
+    return arrived
+
+
+@pytest.mark.parametrize("size", [(480, 640), (2, 2)])
+def test_the_workers_protocol_carries_a_sample_unchanged(size: tuple[int, int]) -> None:
+    sample = make_sample(*size)
+    content, images = messages_to_bytes(sample_to_messages(sample))
+    arrived = over_the_pipe({"type": "frames", "id": 3}, content, images)
+    assert (arrived.type, arrived.head["id"]) == ("frames", 3)
+    messages = messages_from_bytes(arrived.content, arrived.arrays)
+    assert_same(sample_from_messages(messages), sample)
+
+
+@pytest.mark.parametrize("arrays", [[], [np.eye(0)], [np.eye(3), np.arange(90_000.0)]])
+def test_the_workers_protocol_carries_the_bytes_of_any_arrays(arrays: list[Any]) -> None:
+    arrived = over_the_pipe({"type": "answer"}, b"content", arrays)
+    assert arrived.content == b"content"
+    assert [a.tobytes() for a in arrived.arrays] == [a.tobytes() for a in arrays]
 
 
 def test_what_lies_in_shared_memory_is_passed_on_and_the_rest_goes_along() -> None:
-    place = FramePlacement()
     early, late = make_sample(120, 160), make_sample(240, 320)
-    placed = (*place(early.frames), *place(late.frames))
-    for theirs, mine in zip(placed, (*early.frames, *late.frames), strict=True):
+    images = [[frame.data for frame in sample.frames] for sample in (early, late)]
+    placed = [image for group in images for image in copied_to_segment(group)]
+    for theirs, mine in zip(placed, (*images[0], *images[1]), strict=True):
         assert_same(theirs, mine)
         with pytest.raises(ValueError, match="read-only"):
-            theirs.data[:] = 0
-    large = np.arange(100_000, dtype=np.float64)
-    message = {"placed": placed, "large": large, "small": np.eye(3), "again": placed[0].data}
-    near_end, far_end = map(Connection, socket.socketpair())
-    with contextlib.closing(near_end), contextlib.closing(far_end):
-        sender = threading.Thread(target=near_end.send, args=(message,))
-        sender.start()
-        arrived = far_end.receive()
-        sender.join()
-    assert_same(arrived, message)
-    files = [segment_of(frame.data) for frame in (*placed, *arrived["placed"])]
-    inodes = [os.fstat(file.descriptor).st_ino for file in files if file is not None]
+            theirs[:] = 0
+    arrays = [*placed, np.arange(100_000, dtype=np.float64), placed[0]]
+    arrived = over_the_pipe({"type": "frames"}, b"", arrays).arrays
+    assert [a.tobytes() for a in arrived] == [a.tobytes() for a in arrays]
+    segments = [segment_of(array) for array in (*placed, *arrived[: len(placed)])]
+    inodes = [os.fstat(s.descriptor).st_ino for s in segments if s is not None]
     assert len(inodes) == 2 * len(placed)
     assert inodes[: len(placed)] == inodes[len(placed) :]
     assert len(set(inodes)) == 2

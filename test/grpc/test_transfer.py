@@ -14,7 +14,6 @@ import grpc
 import numpy as np
 import psutil
 import pytest
-from google.protobuf.message import DecodeError
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, stepped_server, wait_until
@@ -22,16 +21,22 @@ from test_conversions import assert_same, make_sample
 
 from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.types import Frame, Sample, SampleOutline
+from oaisys_core.types import Frame, Sample
 from oaisys_grpc.client.sample_stream import SampleStream, sample_from_parts
 from oaisys_grpc.client.shared_memory_reader import Reader, SharedMemoryError, found_token, opened
 from oaisys_grpc.client.simulator_client import SimulatorClient
-from oaisys_grpc.contract import array_messages as messages
 from oaisys_grpc.contract import chunks, transfer
+from oaisys_grpc.contract.sample_messages import sample_to_messages
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.worker import shared_memory
-from oaisys_grpc.worker.shared_memory import Place, Probe, Segment, SegmentWriter
+from oaisys_grpc.worker.shared_memory import (
+    Place,
+    Probe,
+    Segment,
+    copied_to_segment,
+    segment_of,
+)
 
 StartServer = Callable[..., Server]
 CAMERA = {"width_px": 320, "height_px": 240, "fx_px": 270.0, "fy_px": 270.0}
@@ -69,12 +74,12 @@ def clients(server: Server) -> dict[str, SimulatorClient]:
     }
 
 
-def over_the_wire(parts: Any) -> list[Any]:
-    """Parts as a client's channel hands them on."""
-    parsed = messages.parser(pb.GetSampleResponse)
-    content = [messages.response(pb.GetSampleResponse, part) for part in parts]
-    arrived = [parsed(c if isinstance(c, bytes) else c.SerializeToString()) for c in content]
-    return [a.part if isinstance(a, pb.GetSampleResponse) else a for a in arrived]
+def parts_of(
+    sample: Sample, wanted: transfer.Transfer = transfer.DEFAULT_TRANSFER
+) -> list[pb.SamplePart]:
+    """Parts of a sample as they come over a channel."""
+    parts = chunks.sample_to_parts(sample_to_messages(sample), wanted)
+    return [pb.SamplePart.FromString(part.SerializeToString()) for part in parts]
 
 
 def mapped_files() -> int:
@@ -100,15 +105,15 @@ def lies_in_shared_memory(frame: Frame) -> bool:
 @settings(max_examples=40, deadline=None)
 def test_a_sample_comes_back_whichever_way_it_goes(wanted: transfer.Transfer) -> None:
     sample = make_sample(60, 80)
-    parts = list(chunks.sample_to_parts(sample, wanted))
-    groups = [p.parts if isinstance(p, messages.RawGroup) else (p,) for p in parts]
-    chunks_of = [[p for p in group if isinstance(p, messages.RawChunk)] for group in groups]
+    parts = parts_of(sample, wanted)
+    groups = [list(p.group.parts) if p.HasField("group") else [p] for p in parts]
+    chunks_of = [[p.chunk for p in group if p.HasField("chunk")] for group in groups]
     assert all(len(chunk.data) <= wanted.chunk_bytes for group in chunks_of for chunk in group)
-    in_groups = [group for group, p in zip(chunks_of, parts, strict=True) if p not in group]
+    in_groups = [c for c, p in zip(chunks_of, parts, strict=True) if p.HasField("group")]
     assert all(sum(len(c.data) for c in group) <= wanted.group_bytes for group in in_groups)
-    inline = [p for p in parts if isinstance(p, pb.SamplePart)]
-    assert all(p.ByteSize() <= wanted.inline_bytes + 4096 for p in inline)
-    assert_same(sample_from_parts(over_the_wire(parts)), sample)
+    inline = [sum(len(p.frame.data) for p in group) for group in groups]
+    assert all(size <= wanted.inline_bytes for size in inline)
+    assert_same(sample_from_parts(parts), sample)
     again = transfer.transfer_from_proto(transfer.transfer_to_proto(wanted))
     assert again == wanted
 
@@ -116,39 +121,9 @@ def test_a_sample_comes_back_whichever_way_it_goes(wanted: transfer.Transfer) ->
 def test_a_small_sample_is_one_message_where_the_client_takes_groups() -> None:
     sample = make_sample(48, 64)
     wanted = transfer.Transfer(inline_bytes=1 << 20, grouped=True)
-    (part,) = chunks.sample_to_parts(sample, wanted)
-    assert isinstance(part, pb.SamplePart)
+    (part,) = parts_of(sample, wanted)
     assert len(part.group.parts) == len(sample.frames) + 2
     assert_same(sample_from_parts([part]), sample)
-
-
-@given(
-    st.integers(0, 2**32 - 1), st.integers(0, 2**64 - 1), st.binary(max_size=300), st.integers(0, 2)
-)
-@settings(max_examples=80, deadline=None)
-def test_chunks_without_protobuf_are_protobufs(
-    index: int, offset: int, data: bytes, which: int
-) -> None:
-    kind: Any = (pb.RenderSampleResponse, pb.GetSampleResponse, pb.GetGroundTruthMeshResponse)[
-        which
-    ]
-    raw = messages.RawChunk(index, offset, memoryview(data))
-    chunk = pb.Chunk(index=index, offset=offset, data=data)
-    message = kind(chunk=chunk) if which == 2 else kind(part=pb.SamplePart(chunk=chunk))
-    packed = messages.response(kind, raw)
-    assert isinstance(packed, bytes)
-    assert kind.FromString(packed) == message
-    for content in (packed, message.SerializeToString()):
-        parsed: Any = messages.parser(kind)(content)
-        if not isinstance(parsed, messages.RawChunk):
-            parsed = parsed.chunk if which == 2 else parsed.part.chunk
-        assert (parsed.index, parsed.offset, bytes(parsed.data)) == (index, offset, data)
-
-
-@given(st.binary(max_size=60))
-def test_no_bytes_bring_the_reader_of_chunks_down(content: bytes) -> None:
-    with contextlib.suppress(DecodeError):
-        messages.parser(pb.RenderSampleResponse)(content)
 
 
 def test_a_sample_says_when_its_last_frame_existed(server: Server) -> None:
@@ -179,17 +154,9 @@ def test_every_way_brings_the_same_bits(server: Server) -> None:
 
 def test_frames_come_before_the_end_whichever_way(server: Server) -> None:
     for number, client in enumerate(clients(server).values()):
-        seen: list[tuple[SampleOutline, Frame]] = []
-        with client:
-
-            def keep(
-                outline: SampleOutline,
-                frames: tuple[Frame, ...],
-                seen: list[tuple[SampleOutline, Frame]] = seen,
-            ) -> None:
-                seen.extend((outline, frame) for frame in frames)
-
-            sample = client.render_sample(pose_looking_down(-1, number, 6), on_frames=keep)
+        with client, client.stream_sample(pose_looking_down(-1, number, 6)) as stream:
+            seen = [(stream.outline, frame) for frame in stream]
+            sample = stream.sample
         assert {id(f) for _, f in seen} == {id(f) for f in sample.frames}
         assert seen[-1][1].modality == "rgb"
         assert all(o.sample_id == sample.sample_id for o, _ in seen)
@@ -274,8 +241,8 @@ def test_one_frame_in_one_message(server: Server) -> None:
 
 
 def test_a_frame_too_large_for_one_message_is_refused() -> None:
-    sample = make_sample(1200, 1600)
-    name = sample.outline.frames[1]
+    name = make_sample(2, 2).outline.frames[1]
+    sample = sample_to_messages(make_sample(1200, 1600))
     with pytest.raises(InvalidInputError, match="GetSample"):
         chunks.frame_response(sample, name, ())
     with pytest.raises(NotFoundError, match="nose/depth"):
@@ -307,11 +274,7 @@ def test_limits_hold_on_both_sides(server: Server) -> None:
 
 
 def test_a_stream_with_a_frame_beyond_the_limit_is_refused_at_its_header() -> None:
-    header, *_ = (
-        p
-        for p in chunks.sample_to_parts(make_sample(60, 80))
-        if isinstance(p, pb.SamplePart) and p.HasField("frame")
-    )
+    header, *_ = (p for p in parts_of(make_sample(60, 80)) if p.HasField("frame"))
     header.frame.array.shape[0] = 2**31
     header.frame.array.byte_size = 2**31 * 80 * 3
     with pytest.raises(OaisysError, match="this client takes 1000 at most"):
@@ -320,22 +283,13 @@ def test_a_stream_with_a_frame_beyond_the_limit_is_refused_at_its_header() -> No
 
 def shared_parts(sample: Sample) -> tuple[list[Any], Segment]:
     """Parts of a sample whose frames lie in a file of this process."""
-    raws = [frame.data.reshape(-1).view(np.uint8) for frame in sample.frames]
-    descriptor, begins, size = SegmentWriter().write(raws)
-    segment = Segment(descriptor, size)
-    frames = tuple(
-        Frame(
-            f.sensor,
-            f.modality,
-            np.frombuffer(segment, f.data.dtype, f.data.size, begin).reshape(f.data.shape),
-            f.intrinsics,
-            f.T_map_camera,
-        )
-        for f, begin in zip(sample.frames, begins, strict=True)
-    )
+    images = copied_to_segment([frame.data for frame in sample.frames])
+    segment = segment_of(images[0])
+    assert segment is not None
+    frames = tuple(replace(f, data=i) for f, i in zip(sample.frames, images, strict=True))
     shared = replace(sample, frames=frames)
     wanted = transfer.Transfer(token=bytes(32))
-    return over_the_wire(list(chunks.sample_to_parts(shared, wanted))), segment
+    return parts_of(shared, wanted), segment
 
 
 def test_what_cannot_be_read_there_is_fetched() -> None:
@@ -360,9 +314,10 @@ def test_what_cannot_be_read_there_is_fetched() -> None:
 
 
 def a_file(content: bytes = bytes(100)) -> tuple[Place, Segment]:
-    descriptor, (begin,), size = SegmentWriter().write([np.frombuffer(content, np.uint8)])
-    segment = Segment(descriptor, size)
-    return segment.place(begin), segment
+    (array,) = copied_to_segment([np.frombuffer(content, np.uint8)])
+    segment = segment_of(array)
+    assert segment is not None
+    return segment.place(segment.offset_of(array)), segment
 
 
 def test_a_file_neither_changes_nor_shrinks() -> None:

@@ -14,9 +14,7 @@ import grpc.experimental
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from oaisys_core.errors import CancelledError, DeadlineExceededError, OaisysError
-from oaisys_grpc.contract.array_messages import parser
 from oaisys_grpc.contract.errors import error_from_rpc
-from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.tls import ClientTls
 
@@ -87,9 +85,7 @@ class Channel:
 
     Attributes:
         stub: The unary calls as generated; its streams are not to be used.
-        render_sample, get_sample, ground_truth_mesh, height_field: The streams that bring arrays,
-            whose chunks come as `oaisys_grpc.contract.array_messages.RawPart`.
-        watch_operation: The stream of an operation's status.
+        render_sample, get_sample, ground_truth_mesh, height_field, watch_operation: The streams.
     """
 
     def __init__(self, address: str, tls: ClientTls | None) -> None:
@@ -106,21 +102,13 @@ class Channel:
         self._left: collections.deque[Stream] = collections.deque()
         self.stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
         self._health = health_pb2_grpc.HealthStub(self._channel)
-        self.render_sample = self._stream("RenderSample", parser(pb.RenderSampleResponse))
-        self.get_sample = self._stream("GetSample", parser(pb.GetSampleResponse))
-        self.ground_truth_mesh = self._stream(
-            "GetGroundTruthMesh", parser(pb.GetGroundTruthMeshResponse)
-        )
-        self.height_field = self._stream("GetHeightField", parser(pb.GetHeightFieldResponse))
-        self.watch_operation = self._stream("WatchOperation", pb.WatchOperationResponse.FromString)
+        self.render_sample = self._stream(self.stub.RenderSample)
+        self.get_sample = self._stream(self.stub.GetSample)
+        self.ground_truth_mesh = self._stream(self.stub.GetGroundTruthMesh)
+        self.height_field = self._stream(self.stub.GetHeightField)
+        self.watch_operation = self._stream(self.stub.WatchOperation)
 
-    def _stream(self, name: str, parsed: Callable[[bytes], Any]) -> Callable[..., Stream]:
-        begin: Any = self._channel.unary_stream(
-            f"/{SERVICE}/{name}",
-            request_serializer=lambda request: request.SerializeToString(),
-            response_deserializer=parsed,
-        )
-
+    def _stream(self, begin: Callable[..., Any]) -> Callable[..., Stream]:
         def stream(request: Any, timeout: float) -> Stream:
             self._hear_out()
             return Stream(begin(request, timeout=timeout), self._left)

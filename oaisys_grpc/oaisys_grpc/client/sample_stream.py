@@ -5,14 +5,18 @@ from __future__ import annotations
 import functools
 import logging
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import replace
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import Frame, FrameName, Sample, SampleOutline
 from oaisys_grpc.client.shared_memory_reader import Reader, SharedMemoryError
-from oaisys_grpc.contract import conversions, encodings
-from oaisys_grpc.contract.array_messages import Part, RawChunk, RawGroup
-from oaisys_grpc.contract.chunks import ArrayAssembly, frame_from_header
+from oaisys_grpc.contract import encodings
+from oaisys_grpc.contract.chunks import ArrayAssembly
+from oaisys_grpc.contract.sample_messages import (
+    FrameMessage,
+    complete_sample,
+    frame_from_message,
+    outline_from_proto,
+)
 from oaisys_grpc.contract.transfer import MAX_FRAME_BYTES, place_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.worker.shared_memory import Segment
@@ -32,7 +36,7 @@ class SampleStream:
 
     def __init__(
         self,
-        parts: Iterable[Part],
+        parts: Iterable[pb.SamplePart],
         *,
         limit: int = MAX_FRAME_BYTES,
         reader: Reader | None = None,
@@ -68,18 +72,9 @@ class SampleStream:
         Raises:
             OaisysError: It has not come yet.
         """
-        header = self._header
-        if header is None:
+        if self._header is None:
             raise OaisysError("the sample has not begun yet")
-        return SampleOutline(
-            batch_id=header.batch_id,
-            sample_id=header.sample_id,
-            rig_pose=conversions.pose_from_proto(header.rig_pose),
-            frames=tuple(FrameName(name.sensor, name.modality) for name in header.frames),
-            provenance=conversions.provenance_from_proto(header.provenance),
-            from_cache=header.from_cache,
-            odometry=conversions.odometry_from_proto(header),
-        )
+        return outline_from_proto(self._header)
 
     @property
     def sample(self) -> Sample:
@@ -113,15 +108,8 @@ class SampleStream:
             pass
         return self.sample
 
-    def _take(self, part: Part) -> Iterator[Frame]:
+    def _take(self, part: pb.SamplePart) -> Iterator[Frame]:
         """Take the next part; yield the frames that are complete by it."""
-        if isinstance(part, RawChunk):
-            yield from self._add(part)
-            return
-        if isinstance(part, RawGroup):
-            for raw in part.parts:
-                yield from self._take(raw)
-            return
         kind = part.WhichOneof("part")
         if kind == "sample":
             self._header = part.sample
@@ -147,9 +135,9 @@ class SampleStream:
         size = encodings.checked_nbytes(header.array, self._limit)
         self.largest_copied_bytes = max(self.largest_copied_bytes, size)
         if content == "data":
-            yield from self._add(RawChunk(header.index, 0, memoryview(header.data)))
+            yield from self._add(pb.Chunk(index=header.index, data=header.data))
 
-    def _add(self, chunk: pb.Chunk | RawChunk) -> Iterator[Frame]:
+    def _add(self, chunk: pb.Chunk) -> Iterator[Frame]:
         if self._begun is None or chunk.index != self._begun[0].index:
             raise OaisysError("a chunk came without its frame")
         self._begun[1].add(chunk)
@@ -162,7 +150,7 @@ class SampleStream:
             return
         header, assembly = self._begun
         self._begun = None
-        yield self._kept(frame_from_header(header, assembly.array()))
+        yield self._kept(FrameMessage(header, assembly.array()))
 
     def _shared(self, header: pb.FrameHeader) -> Iterator[Frame]:
         """Yield a frame that stayed in the server's memory, or note that it must be fetched."""
@@ -175,42 +163,29 @@ class SampleStream:
             _LOG.info("%s; the frame is fetched instead", error)
             self._unread.append(FrameName(header.sensor, header.modality))
             return
-        yield self._kept(frame_from_header(header, encodings.decoded(header.array, data)))
+        yield self._kept(FrameMessage(header, encodings.decoded(header.array, data)))
 
     def _fetched(self) -> Iterator[Frame]:
         if not self._unread or self._fetch is None:
             return
         sample = self._fetch(self.outline.batch_id, self.outline.sample_id)
         for name in self._unread:
-            yield self._kept(sample.frame(name.sensor, name.modality))
+            self._frames[name] = sample.frame(name.sensor, name.modality)
+            yield self._frames[name]
 
-    def _kept(self, frame: Frame) -> Frame:
+    def _kept(self, message: FrameMessage) -> Frame:
+        frame = frame_from_message(message)
         self._frames[FrameName(frame.sensor, frame.modality)] = frame
         return frame
 
     def _finish(self, end: pb.SampleEnd) -> None:
         outline = self.outline
-        begun = outline.provenance
-        if outline.frames != tuple(name for name in outline.frames if name in self._frames):
+        if not self._frames.keys() >= set(outline.frames):
             raise OaisysError("the sample is incomplete: frames are missing")
-        self._sample = Sample(
-            batch_id=outline.batch_id,
-            sample_id=outline.sample_id,
-            rig_pose=outline.rig_pose,
-            frames=tuple(self._frames[name] for name in outline.frames),
-            render_time_s=end.render_time_s,
-            provenance=replace(
-                conversions.provenance_from_proto(end.provenance),
-                metadata_json=begun.metadata_json,
-                previous_poses_json=begun.previous_poses_json,
-            ),
-            from_cache=outline.from_cache,
-            finished_ns=end.finished_monotonic_ns,
-            odometry=outline.odometry,
-        )
+        self._sample = complete_sample(outline, self._frames, end)
 
 
-def sample_from_parts(parts: Iterable[Part]) -> Sample:
+def sample_from_parts(parts: Iterable[pb.SamplePart]) -> Sample:
     """Return the sample whose parts these are; inverse of `sample_to_parts`.
 
     Raises:

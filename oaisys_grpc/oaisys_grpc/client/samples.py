@@ -16,7 +16,6 @@ from oaisys_grpc.client.channel import Channel, translated
 from oaisys_grpc.client.sample_stream import SampleStream
 from oaisys_grpc.client.shared_memory_reader import Reader, SharedMemoryError, found_token
 from oaisys_grpc.contract import conversions
-from oaisys_grpc.contract.array_messages import Part, RawPart
 from oaisys_grpc.contract.transfer import (
     Transfer,
     place_from_proto,
@@ -93,7 +92,7 @@ class SampleClient:
         options = transfer_to_proto(transfer or self.transfer(timeout_s))
         request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id, transfer=options)
         with translated(), self._channel.get_sample(request, timeout=timeout_s) as answers:
-            parts = (a.part if isinstance(a, pb.GetSampleResponse) else a for a in answers)
+            parts = (answer.part for answer in answers)
             stream = self._stream(parts, timeout_s)
             sample = stream.read()
         self._learn(options, stream)
@@ -101,7 +100,7 @@ class SampleClient:
 
     def _stream(
         self,
-        parts: Iterable[Part],
+        parts: Iterable[pb.SamplePart],
         timeout_s: float,
         cancel: Callable[[], object] = lambda: None,
     ) -> SampleStream:
@@ -137,14 +136,12 @@ class SampleClient:
 
 
 def _parts_after_progress(
-    events: Iterable[pb.RenderSampleResponse | RawPart], on_progress: ProgressListener | None
-) -> Iterator[Part]:
+    events: Iterable[pb.RenderSampleResponse], on_progress: ProgressListener | None
+) -> Iterator[pb.SamplePart]:
     """Tell the listener of progress; yield the sample's parts."""
     with translated():
         for event in events:
-            if not isinstance(event, pb.RenderSampleResponse):
-                yield event
-            elif event.HasField("part"):
+            if event.HasField("part"):
                 yield event.part
             elif on_progress is not None:
                 on_progress(conversions.progress_from_proto(event.operation.progress))

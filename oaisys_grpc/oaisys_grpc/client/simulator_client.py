@@ -19,10 +19,8 @@ from oaisys_core.types import (
     ObjectQuery,
     Pose,
     Sample,
-    SampleFramesCallback,
     SimulatorInfo,
     TriangleMesh,
-    ignore_sample_frames,
 )
 from oaisys_grpc.addresses import DEFAULT_ADDRESS
 from oaisys_grpc.client import requests
@@ -170,7 +168,6 @@ class SimulatorClient:
         modalities: Sequence[str] = (),
         sensors: Sequence[str] = (),
         on_progress: ProgressListener | None = None,
-        on_frames: SampleFramesCallback = ignore_sample_frames,
     ) -> Sample:
         """Move the rig, render, and return the frames.
 
@@ -180,8 +177,6 @@ class SimulatorClient:
             modalities: Which of them to render; none named: all of each sensor.
             sensors: Which of them to render; none named: all.
             on_progress: Told how far it is, on this thread. If it raises, the render is cancelled.
-            on_frames: Told each frame as soon as it comes: depth and labels before any colour. If
-                this method raises afterwards, these frames belong to no sample.
         """
         with self.stream_sample(
             pose,
@@ -190,9 +185,7 @@ class SimulatorClient:
             sensors=sensors,
             on_progress=on_progress,
         ) as stream:
-            for frame in stream:
-                on_frames(stream.outline, (frame,))
-            return stream.sample
+            return stream.read()
 
     @contextlib.contextmanager
     def stream_sample(
@@ -206,7 +199,8 @@ class SimulatorClient:
     ) -> Iterator[SampleStream]:
         """Move the rig and render, in a ``with`` block: iterate over the frames as they come.
 
-        Leaving the block before the last frame cancels the render. See `render_sample`.
+        Depth and labels come before any colour. Leaving the block before the last frame cancels
+        the render; the frames that came then belong to no sample. See `render_sample`.
         """
         transfer = self._samples.transfer(self._timeout_s)
         request = requests.render_sample(pose, metadata, modalities, sensors, transfer)

@@ -51,7 +51,7 @@ class Transfer:
     token: bytes = b""
 
 
-PLAIN = Transfer()
+DEFAULT_TRANSFER = Transfer()
 """For a client that says nothing."""
 
 

@@ -17,13 +17,16 @@ from oaisys_core import geometry
 from oaisys_core.config.sections.sensors import PosePolicy
 from oaisys_core.errors import OaisysError, QueueFullError
 from oaisys_core.types import ModuleMetadata, Pose
+from oaisys_grpc.contract.conversions import metadata_to_proto
 from oaisys_grpc.contract.errors import forget_frames, printable
 from oaisys_grpc.contract.operation import Kind, OperationStatus
+from oaisys_grpc.contract.sample_messages import SampleMessages, sample_from_messages
 from oaisys_grpc.legacy.files import LegacyFiles
 from oaisys_grpc.pb.legacy import oaisys_pb2 as pb
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
-from oaisys_grpc.server.jobs.job import Operation, Work
-from oaisys_grpc.server.jobs.queue import Operations
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2
+from oaisys_grpc.server.jobs.job import Job, Operation
+from oaisys_grpc.server.jobs.queue import OperationQueue
 from oaisys_grpc.server.jobs.sample_store import SampleStore
 from oaisys_grpc.server.servicer import OPERATION_TIMEOUT_S
 from oaisys_grpc.server.supervision.supervisor import Supervisor
@@ -71,7 +74,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
     def __init__(
         self,
         supervisor: Supervisor,
-        operations: Operations,
+        operations: OperationQueue,
         samples: SampleStore,
         files: LegacyFiles,
         on_end: Callable[[], None],
@@ -96,9 +99,8 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
 
     def StepBatch(self, _request: pb.StepBatchRequest, context: Context) -> pb.StepBatchReply:
         """Enqueue a batch, unless a step is under way."""
-        arguments = {"metadata": None, "seed": None, "reuse_stage": False}
         try:
-            self._begin(Work(Kind.BATCH, "step_batch", arguments, OPERATION_TIMEOUT_S))
+            self._begin(Job(Kind.BATCH, "step_batch", b"", OPERATION_TIMEOUT_S))
         except OaisysError as error:
             _tell(context, error)
             return pb.StepBatchReply(successRet=False)
@@ -107,13 +109,10 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
     def StepSample(self, request: pb.StepSampleRequest, context: Context) -> pb.StepSampleReply:
         """Enqueue a sample, unless a step is under way; answer once its pose was admitted."""
         try:
-            arguments = {
-                "metadata": self._metadata(request),
-                "modalities": (),
-                "sensors": (),
-            }
-            work = Work(Kind.SAMPLE, "step_sample", arguments, OPERATION_TIMEOUT_S)
-            batch_id, sample_id = self._admitted(*self._begin(work), context)
+            metadata = metadata_to_proto(self._metadata(request))
+            step = simulator_pb2.StepSampleRequest(metadata=metadata).SerializeToString()
+            job = Job(Kind.SAMPLE, "step_sample", step, OPERATION_TIMEOUT_S)
+            batch_id, sample_id = self._admitted(*self._begin(job), context)
         except OaisysError as error:
             _tell(context, error)
             return pb.StepSampleReply(successRet=False)
@@ -150,7 +149,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
             sensor["pose"] = rig_pose_from_blender(request.sensorModuleRequest.pose)
         return ModuleMetadata(sensor=sensor)
 
-    def _begin(self, work: Work) -> tuple[Operation, Future[None]]:
+    def _begin(self, job: Job) -> tuple[Operation, Future[None]]:
         """Enqueue a step; return it and what is done once its end is known to every poll.
 
         Raises:
@@ -159,9 +158,9 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         with self._lock:
             if LegacyState.BUSY in (self._batch.state, self._sample.state):
                 raise QueueFullError("a step is under way already: poll until it has finished")
-            operation = self._operations.submit(work)
+            operation = self._operations.submit(job)
             before, busy = self._sample, Step(LegacyState.BUSY)
-            if work.kind is Kind.BATCH:
+            if job.kind is Kind.BATCH:
                 self._batch, self._sample = busy, Step()
             else:
                 self._sample = busy
@@ -180,9 +179,9 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
             _LOG.exception("a step failed in the server")
             step = Step(error=OaisysError(f"internal error: {type(error).__name__}: {error}"))
         if step.error is not None:
-            _LOG.warning("%s: %s", operation.work.method, step.error)
+            _LOG.warning("%s: %s", operation.job.method, step.error)
         with self._lock:
-            if operation.work.kind is Kind.BATCH:
+            if operation.job.kind is Kind.BATCH:
                 self._batch = step
             elif step.error is not None and _waits(operation.status):
                 self._sample = sample_before
@@ -190,17 +189,14 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
                 self._sample = step
 
     def _outcome(self, operation: Operation) -> Sequence[str]:
-        with operation.followed():
-            for _ in operation.changes(threading.Event()):
-                pass
-            status = operation.status
-            if status.error is not None:
-                raise status.error
-            if operation.work.kind is Kind.BATCH:
-                return ()
-            sample = operation.result
-            if sample is None:
-                sample = self._samples.get(status.batch_id, status.sample_id)
+        for _ in operation.changes(threading.Event()):
+            pass
+        status = operation.status
+        if status.error is not None:
+            raise status.error
+        if operation.job.kind is Kind.BATCH:
+            return ()
+        sample = sample_from_messages(self._samples.get(status.batch_id, status.sample_id))
         info = self._supervisor.info
         cameras = [sensor.name for sensor in info.sensors]
         return self._files.write(sample, cameras, info.semantic_labels)
@@ -216,9 +212,8 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         gone = threading.Event()
         context.add_callback(gone.set)
         for event in operation.events(gone):
-            if not isinstance(event, OperationStatus):
-                outline, _ = event
-                return outline.batch_id, outline.sample_id
+            if isinstance(event, SampleMessages):
+                return event.batch_id, event.sample_id
         status = operation.status
         if status.error is not None:
             wait([followed])

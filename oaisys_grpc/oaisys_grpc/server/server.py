@@ -19,14 +19,13 @@ from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
 from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket
-from oaisys_grpc.contract.array_messages import add_servicer
 from oaisys_grpc.contract.limits import MAX_REQUEST_BYTES
 from oaisys_grpc.legacy.files import LegacyFiles
 from oaisys_grpc.legacy.servicer import LEGACY_SERVICE, LegacyServicer
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
-from oaisys_grpc.pb.oaisys.v1 import simulator_pb2
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
 from oaisys_grpc.server.health import TellingHealth
-from oaisys_grpc.server.jobs.queue import Operations
+from oaisys_grpc.server.jobs.queue import OperationQueue
 from oaisys_grpc.server.jobs.sample_store import SampleStore
 from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
 from oaisys_grpc.server.limits.open_calls import OpenCalls
@@ -89,7 +88,7 @@ class SimulatorServer:
         self._supervisor = Supervisor(config, options, self._set_ready)
         self._health.why_not = lambda: self._supervisor.refusal
         self._samples = SampleStore()
-        self._operations = Operations(self._supervisor, self._samples)
+        self._operations = OperationQueue(self._supervisor, self._samples)
         self._on_end = on_end
         files = LegacyFiles(options.legacy_folder, config)
         self._legacy = LegacyServicer(
@@ -141,7 +140,7 @@ class SimulatorServer:
         stopped = self._server.stop(_STOP_S)
         self._legacy.close()
         self._runner.join(0.0 if at_once() else _WORKER_END_S)
-        self._supervisor.strike()
+        self._supervisor.kill()
         self._runner.join(_WORKER_END_S)
         if not stopped.wait(_STOP_S + _CALLS_END_S):
             _LOG.warning("calls of clients did not end; they are left")
@@ -157,7 +156,7 @@ class SimulatorServer:
             self._on_end,
             shared_memory=self._options.shared_memory,
         )
-        add_servicer(servicer, self._server)
+        simulator_pb2_grpc.add_SimulatorServiceServicer_to_server(servicer, self._server)
         oaisys_pb2_grpc.add_OaisysServicer_to_server(self._legacy, self._server)
         health_pb2_grpc.add_HealthServicer_to_server(self._health, self._server)
         names = (SERVICE, LEGACY_SERVICE, health.SERVICE_NAME, reflection.SERVICE_NAME)

@@ -1,4 +1,4 @@
-"""The service's calls: message in, work enqueued, message out."""
+"""The service's calls: a request comes in, a job is enqueued, its answer goes out."""
 # ruff: noqa: N802 - the contract names the calls
 
 from __future__ import annotations
@@ -12,16 +12,15 @@ from importlib.metadata import version
 from typing import Any
 
 import grpc
-import numpy as np
+from google.protobuf.message import Message
 
-from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError
-from oaisys_core.types import FrameName, ModuleMetadata, TriangleMesh
-from oaisys_grpc.contract import chunks, conversions
-from oaisys_grpc.contract.array_messages import RawChunk, response
+from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.types import FrameName
+from oaisys_grpc.contract import chunks
 from oaisys_grpc.contract.errors import abort
-from oaisys_grpc.contract.limits import names, request_id_of
-from oaisys_grpc.contract.object_messages import page_to_proto, query_from_proto
+from oaisys_grpc.contract.limits import request_id_of
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State, status_to_proto
+from oaisys_grpc.contract.sample_messages import SampleMessages
 from oaisys_grpc.contract.transfer import (
     Transfer,
     granted,
@@ -31,11 +30,11 @@ from oaisys_grpc.contract.transfer import (
 )
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
-from oaisys_grpc.server.jobs.job import Operation, Work
-from oaisys_grpc.server.jobs.queue import Operations
-from oaisys_grpc.server.jobs.sample_sender import SampleSender
+from oaisys_grpc.server.jobs.job import Job, Operation
+from oaisys_grpc.server.jobs.queue import OperationQueue
 from oaisys_grpc.server.jobs.sample_store import SampleStore
 from oaisys_grpc.server.supervision.supervisor import Supervisor
+from oaisys_grpc.worker.protocol import WorkerMessage
 from oaisys_grpc.worker.shared_memory import AVAILABLE, Probe
 
 OPERATION_TIMEOUT_S = 600.0
@@ -79,7 +78,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def __init__(
         self,
         supervisor: Supervisor,
-        operations: Operations,
+        operations: OperationQueue,
         samples: SampleStore,
         on_end: Callable[[], None],
         *,
@@ -102,7 +101,8 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self, request: pb.GetSimulatorInfoRequest, _context: Context
     ) -> pb.GetSimulatorInfoResponse:
         """Answer from what the worker said last."""
-        message = conversions.info_to_proto(self._supervisor.info)
+        message = pb.GetSimulatorInfoResponse()
+        message.CopyFrom(self._supervisor.info)
         message.server_version = version("oaisys_grpc")
         message.worker_restarts = self._supervisor.restarts
         message.worker_recycles = self._supervisor.recycles
@@ -116,29 +116,25 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     @_translated
     def StepBatch(self, request: pb.StepBatchRequest, context: Context) -> pb.StepBatchResponse:
         """Enqueue a batch."""
-        work = Work(
+        job = Job(
             kind=Kind.BATCH,
             method="step_batch",
-            arguments={
-                "metadata": _metadata(request),
-                "seed": request.seed if request.HasField("seed") else None,
-                "reuse_stage": request.reuse_stage,
-            },
+            request=request.SerializeToString(),
             timeout_s=_operation_timeout_s(request),
             request_id=request_id_of(request.request_id),
             body=_body(request),
-            like=("batch", request.reuse_stage),
+            estimate_key=("batch", request.reuse_stage),
             request_bytes=request.ByteSize(),
             peer=context.peer(),
         )
-        operation = self._operations.submit(work)
+        operation = self._operations.submit(job)
         return pb.StepBatchResponse(operation=self._status(operation))
 
     @_translated
     def StepSample(self, request: pb.StepSampleRequest, context: Context) -> pb.StepSampleResponse:
         """Enqueue a sample."""
-        work = _sample_work(request, _operation_timeout_s(request), context)
-        operation = self._operations.submit(work)
+        job = _sample_job(request, _operation_timeout_s(request), context)
+        operation = self._operations.submit(job)
         return pb.StepSampleResponse(operation=self._status(operation))
 
     @_translated
@@ -169,11 +165,11 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     @_translated
     def GetSample(
         self, request: pb.GetSampleRequest, _context: Context
-    ) -> Iterator[pb.GetSampleResponse | bytes]:
+    ) -> Iterator[pb.GetSampleResponse]:
         """Send a sample that was rendered lately."""
         sample = self._samples.get(request.batch_id, request.sample_id)
         for part in chunks.sample_to_parts(sample, self._granted(request)):
-            yield response(pb.GetSampleResponse, part)
+            yield pb.GetSampleResponse(part=part)
 
     @_translated
     def GetFrame(self, request: pb.GetFrameRequest, _context: Context) -> pb.GetFrameResponse:
@@ -185,54 +181,48 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     @_translated
     def RenderSample(
         self, request: pb.RenderSampleRequest, context: Context
-    ) -> Iterator[pb.RenderSampleResponse | bytes]:
+    ) -> Iterator[pb.RenderSampleResponse]:
         """Enqueue a sample; send its progress, and its frames as soon as they are ready."""
-        operation = self._operations.submit(_sample_work(request, _remaining_s(context), context))
-        sender = SampleSender(self._granted(request))
+        operation = self._operations.submit(_sample_job(request, _remaining_s(context), context))
+        transfer = self._granted(request)
+        is_complete = False
         with operation.followed():
             for event in operation.events(_gone(context), STATUS_PATIENCE_S):
-                if not isinstance(event, OperationStatus):
-                    for part in sender.early(*event):
-                        yield response(pb.RenderSampleResponse, part)
+                if isinstance(event, SampleMessages):
+                    for part in chunks.sample_to_parts(event, transfer):
+                        yield pb.RenderSampleResponse(part=part)
+                    is_complete = event.end is not None
                 elif not event.state.ended:
                     yield pb.RenderSampleResponse(operation=self._status(operation, event))
             status = operation.status
-            if status.error is not None:
-                raise status.error
-            if status.state is not State.SUCCEEDED:
-                return  # the caller is gone
-            sample = operation.result
-            if sample is None:
-                sample = self._samples.get(status.batch_id, status.sample_id)
-            for part in sender.rest(sample):
-                yield response(pb.RenderSampleResponse, part)
+        if status.error is not None:
+            raise status.error
+        if status.state is State.SUCCEEDED and not is_complete:  # an earlier request made it
+            sample = self._samples.get(status.batch_id, status.sample_id)
+            for part in chunks.sample_to_parts(sample, transfer):
+                yield pb.RenderSampleResponse(part=part)
 
     @_translated
     def GetGroundTruthMesh(
-        self, _request: pb.GetGroundTruthMeshRequest, context: Context
-    ) -> Iterator[pb.GetGroundTruthMeshResponse | bytes]:
+        self, request: pb.GetGroundTruthMeshRequest, context: Context
+    ) -> Iterator[pb.GetGroundTruthMeshResponse]:
         """Ask the worker for the mesh and send it."""
-        mesh: TriangleMesh = self._asked("ground_truth_mesh", {}, context)
-        for part in chunks.mesh_to_parts(mesh):
-            if isinstance(part, RawChunk):
-                yield response(pb.GetGroundTruthMeshResponse, part)
-            else:
-                yield part
+        answer = self._asked("ground_truth_mesh", request, context)
+        yield pb.GetGroundTruthMeshResponse.FromString(answer.content)
+        for index, data in enumerate(answer.arrays):
+            for chunk in chunks.array_chunks(data, index):
+                yield pb.GetGroundTruthMeshResponse(chunk=chunk)
 
     @_translated
     def GetHeightField(
         self, request: pb.GetHeightFieldRequest, context: Context
-    ) -> Iterator[pb.GetHeightFieldResponse | bytes]:
+    ) -> Iterator[pb.GetHeightFieldResponse]:
         """Ask the worker for the heights and send them."""
-        extent = request.extent
-        extent_m = (extent.min_x_m, extent.min_y_m, extent.max_x_m, extent.max_y_m)
-        given = extent_m if request.HasField("extent") else None
-        arguments = {"resolution_m": request.resolution_m, "extent_m": given}
-        for part in chunks.heights_to_parts(self._asked("height_grid", arguments, context)):
-            if isinstance(part, RawChunk):
-                yield response(pb.GetHeightFieldResponse, part)
-            else:
-                yield part
+        answer = self._asked("height_grid", request, context)
+        yield pb.GetHeightFieldResponse.FromString(answer.content)
+        for index, data in enumerate(answer.arrays):
+            for chunk in chunks.array_chunks(data, index):
+                yield pb.GetHeightFieldResponse(chunk=chunk)
 
     @_translated
     def QueryHeight(
@@ -243,17 +233,16 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         if count % 3 or count > 3 * MAX_POINTS:
             expected = f"x, y, z of at most {MAX_POINTS} points"
             raise InvalidInputError("points_m", f"{count} numbers", expected)
-        points_m = np.array(request.points_m, dtype=np.float64).reshape(-1, 3)
-        heights = self._asked("query_height", {"points_m": points_m}, context)
-        return conversions.heights_to_proto(heights)
+        answer = self._asked("query_height", request, context)
+        return pb.QueryHeightResponse.FromString(answer.content)
 
     @_translated
     def ListObjects(
         self, request: pb.ListObjectsRequest, context: Context
     ) -> pb.ListObjectsResponse:
         """Ask the worker for things of the world."""
-        arguments = {"query": query_from_proto(request), "metadata": _metadata(request)}
-        return page_to_proto(self._asked("list_objects", arguments, context))
+        answer = self._asked("list_objects", request, context)
+        return pb.ListObjectsResponse.FromString(answer.content)
 
     @_translated
     def EndSimulation(
@@ -266,55 +255,42 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def _granted(self, request: pb.GetSampleRequest | pb.RenderSampleRequest) -> Transfer:
         return granted(transfer_from_proto(request.transfer), self._probe)
 
-    def _asked(self, method: str, arguments: dict[str, Any], context: Context) -> Any:
+    def _asked(self, method: str, request: Message, context: Context) -> WorkerMessage:
         """Enqueue a question, wait, and return the worker's answer."""
-        work = Work(None, method, arguments, _remaining_s(context), peer=context.peer())
-        operation = self._operations.submit(work)
+        content = request.SerializeToString()
+        job = Job(None, method, content, _remaining_s(context), peer=context.peer())
+        operation = self._operations.submit(job)
         with operation.followed():
             for _ in operation.changes(_gone(context)):
                 pass
-            status = operation.status
-            if status.error is not None:
-                raise status.error
-            if status.state is not State.SUCCEEDED:
-                raise CancelledError("the caller is gone")  # whom nobody can answer
-            return operation.result
+        status = operation.status
+        if status.error is not None:
+            raise status.error
+        assert operation.reply is not None
+        return operation.reply
 
     def _status(self, operation: Operation, status: OperationStatus | None = None) -> pb.Operation:
         return status_to_proto(self._operations.timed(operation, status or operation.status))
 
 
-def _sample_work(
+def _sample_job(
     request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float, context: Context
-) -> Work:
-    metadata = _metadata(request)
-    quality = str(((metadata and metadata.render) or {}).get("quality", ""))
-    return Work(
+) -> Job:
+    step = pb.StepSampleRequest(modalities=request.modalities, sensors=request.sensors)
+    if request.HasField("metadata"):
+        step.metadata.CopyFrom(request.metadata)
+    quality = request.metadata.typed_render.quality
+    return Job(
         kind=Kind.SAMPLE,
         method="step_sample",
-        arguments={
-            "metadata": metadata,
-            "modalities": names(request.modalities, "modalities"),
-            "sensors": names(request.sensors, "sensors"),
-        },
+        request=step.SerializeToString(),
         timeout_s=timeout_s,
         request_id=request_id_of(request.request_id),
         body=_body(request),
-        like=("sample", hash((*request.modalities, "", *request.sensors, "", quality))),
+        estimate_key=("sample", hash((*request.modalities, "", *request.sensors, "", quality))),
         request_bytes=request.ByteSize(),
         peer=context.peer(),
     )
-
-
-def _metadata(
-    request: pb.StepBatchRequest
-    | pb.StepSampleRequest
-    | pb.RenderSampleRequest
-    | pb.ListObjectsRequest,
-) -> ModuleMetadata | None:
-    if not request.HasField("metadata"):
-        return None
-    return conversions.metadata_from_proto(request.metadata)
 
 
 def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest) -> bytes:

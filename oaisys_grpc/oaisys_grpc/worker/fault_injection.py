@@ -1,11 +1,11 @@
-"""Faults that tests ask for, to show that the server keeps its promises when a worker fails.
+"""Faults that tests inject into a worker to see how its server recovers.
 
-``OAISYS_FAULT`` names them, separated by commas: ``crash``, ``crash-once:FILE`` (which makes the
-file, and does nothing where it is), ``hang``, ``slow:SECONDS``, ``nap:SECONDS``,
-``leak:MEGABYTES``. Each strikes every sample, or with ``@NUMBER`` behind it that one of every
-worker. It strikes before anything is rendered; with ``late-`` before it once depth and labels have
-been sent; with ``last-`` when the sample is complete, but nobody was told; with ``batch-`` before
-it, whenever a batch begins. All only where ``OAISYS_TEST_BUILD=1`` says that this is a test.
+``OAISYS_FAULT`` lists them, separated by commas: ``crash``, ``crash-once:FILE`` (creates the file,
+and does nothing if it exists), ``hang``, ``slow:SECONDS``, ``nap:SECONDS``, ``leak:MEGABYTES``.
+A fault occurs at every sample before it is rendered, or with the suffix ``@NUMBER`` at that sample
+of every worker only. A prefix moves it: ``late-`` after depth and labels were sent, ``last-`` after
+the sample is complete but before the answer, ``batch-`` to the beginning of every batch. Nothing
+happens unless ``OAISYS_TEST_BUILD=1``.
 """
 
 from __future__ import annotations
@@ -26,34 +26,34 @@ _samples = 0
 _leaked: list[bytes] = []
 
 
-def strike(progress: ProgressCallback) -> None:
-    """Do what the environment asks for, before a sample is rendered."""
+def inject_in_sample(progress: ProgressCallback) -> None:
+    """Inject the faults of a sample that is about to be rendered."""
     global _samples
     _samples += 1
     for fault in _wanted():
         if not fault.startswith((_LATE, _LAST, _BATCH)):
-            _strike(*fault.partition(":")[::2], progress)
+            _inject(fault, progress)
 
 
-def strike_batch(progress: ProgressCallback) -> None:
-    """Do what the environment asks for, before a batch is built."""
+def inject_in_batch(progress: ProgressCallback) -> None:
+    """Inject the faults of a batch that is about to be built."""
+    _inject_with_prefix(_BATCH, progress)
+
+
+def inject_after_frames(progress: ProgressCallback) -> None:
+    """Inject the faults of a sample whose first frames were sent."""
+    _inject_with_prefix(_LATE, progress)
+
+
+def inject_at_end(progress: ProgressCallback) -> None:
+    """Inject the faults of a sample that is complete but not answered."""
+    _inject_with_prefix(_LAST, progress)
+
+
+def _inject_with_prefix(prefix: str, progress: ProgressCallback) -> None:
     for fault in _wanted():
-        if fault.startswith(_BATCH):
-            _strike(*fault.removeprefix(_BATCH).partition(":")[::2], progress)
-
-
-def strike_late(progress: ProgressCallback) -> None:
-    """Do what the environment asks for, once the first frames of a sample were sent."""
-    for fault in _wanted():
-        if fault.startswith(_LATE):
-            _strike(*fault.removeprefix(_LATE).partition(":")[::2], progress)
-
-
-def strike_last(progress: ProgressCallback) -> None:
-    """Do what the environment asks for, between the end of a sample and the answer."""
-    for fault in _wanted():
-        if fault.startswith(_LAST):
-            _strike(*fault.removeprefix(_LAST).partition(":")[::2], progress)
+        if fault.startswith(prefix):
+            _inject(fault.removeprefix(prefix), progress)
 
 
 def _wanted() -> Iterator[str]:
@@ -66,7 +66,8 @@ def _wanted() -> Iterator[str]:
             yield what
 
 
-def _strike(name: str, amount: str, progress: ProgressCallback) -> None:
+def _inject(fault: str, progress: ProgressCallback) -> None:
+    name, _, amount = fault.partition(":")
     if name == "crash":
         os.abort()
     elif name == "crash-once":

@@ -1,63 +1,63 @@
 """What the server and its worker say to each other, over a socket pair.
 
-A message is a JSON object and a list of arrays. No pickles: the two sides may be different Python
-versions with different numpy versions. Many bytes go through shared
-memory whose descriptor is passed along (`oaisys_grpc.worker.frame_packing`), so that a frame is
-copied once, by the worker, and never through the socket.
-Must not import gRPC.
+A message has a head, which is JSON, one of the contract's messages, and arrays of bytes that it
+describes. Large arrays go through shared memory whose descriptor is passed along, so that a frame
+is copied once, by the worker, and never through the socket. There are no pickles: the two sides may
+have different versions of Python and numpy. Must not import gRPC.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import socket
 import struct
 import threading
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from oaisys_core import types
-from oaisys_grpc.worker.frame_packing import MAX_FILES, AnyArray, load, unload
-from oaisys_grpc.worker.shared_memory import Segment, SegmentWriter
+from oaisys_grpc.worker.shared_memory import (
+    SHARED_FROM_BYTES,
+    AnyArray,
+    Segment,
+    copied_to_segment,
+    segment_of,
+)
 
-Message = dict[str, Any]
+_PREFIX = struct.Struct("<QQQB")
+"""Bytes of the head, of the contract's message and of the inline arrays; number of segments."""
 
-_PREFIX = struct.Struct("<QQB")
-"""Bytes of the JSON, bytes of the arrays that follow it, and how many files go along."""
+_MAX_SEGMENTS = 200
+"""Of one message (Linux passes 253 descriptors); arrays in more than these are copied."""
 
-_RECORDS = {
-    record.__name__: record
-    for record in (
-        types.Frame,
-        types.FrameName,
-        types.HeightGrid,
-        types.HeightQuery,
-        types.ModuleMetadata,
-        types.ObjectPage,
-        types.ObjectQuery,
-        types.Odometry,
-        types.PinholeIntrinsics,
-        types.Pose,
-        types.Provenance,
-        types.Sample,
-        types.SampleOutline,
-        types.SceneObject,
-        types.SensorInfo,
-        types.SimulatorInfo,
-        types.TriangleMesh,
-    )
-}
+_INLINE = -1
+_ALIGNMENT = 16
 
-_FIELDS = {
-    record: tuple(field.name for field in dataclasses.fields(record))
-    for record in _RECORDS.values()
-    if dataclasses.is_dataclass(record)
-}
-_PLAIN = frozenset({str, int, float, bool, type(None)})
+ArrayPlace = tuple[int, int, int]
+"""Of an array: its segment's number or `_INLINE`, its offset there, and its size in bytes."""
+
+
+class WorkerMessage(NamedTuple):
+    """One message between server and worker.
+
+    Attributes:
+        head: JSON-able. ``type``: ``call``, ``cancel`` or ``end`` from the server; ``progress``,
+            ``info``, ``frames`` or ``answer`` from the worker. ``id``: the call's number.
+        content: The serialized message of the contract that the type implies.
+        arrays: uint8 arrays that the content describes, in its order.
+    """
+
+    head: dict[str, Any]
+    content: bytes = b""
+    arrays: Sequence[NDArray[np.uint8]] = ()
+
+    @property
+    def type(self) -> str:
+        """See `head`."""
+        return str(self.head["type"])
 
 
 class Connection:
@@ -66,57 +66,49 @@ class Connection:
     def __init__(self, end: socket.socket) -> None:
         self._socket = end
         self._sending = threading.Lock()
-        self._segments = SegmentWriter()
 
-    def fileno(self) -> int:
-        """Return the descriptor, to wait on."""
-        return self._socket.fileno()
-
-    def send(self, message: Mapping[str, Any]) -> None:
-        """Send a message of JSON-able values, arrays, and the core's records.
+    def send(
+        self, head: dict[str, Any], content: bytes = b"", arrays: Sequence[AnyArray] = ()
+    ) -> None:
+        """Send a `WorkerMessage`; its arrays may have any data type.
 
         Raises:
             OSError: The other end is gone.
         """
-        arrays: list[AnyArray] = []
-        encoded = _encoded(message, arrays)
+        places, segments, inline = _placed(arrays)
+        text = json.dumps({**head, "arrays": places}).encode()
+        prefix = _PREFIX.pack(len(text), len(content), len(inline), len(segments))
+        data, sent = b"".join((prefix, text, content, inline)), 0
         with self._sending:
-            cargo = load(arrays, self._segments)
-            text = json.dumps({"value": encoded, "arrays": cargo.headers}).encode()
-            head = _PREFIX.pack(len(text), len(cargo.inline), len(cargo.files))
-            content, sent = b"".join((head, text, cargo.inline)), 0
-            if cargo.files:
-                descriptors = [file.descriptor for file in cargo.files]
-                sent = socket.send_fds(self._socket, [content], descriptors)
-            self._socket.sendall(content[sent:])
-            self._segments.prepare()
+            if segments:
+                descriptors = [segment.descriptor for segment in segments]
+                sent = socket.send_fds(self._socket, [data], descriptors)
+            self._socket.sendall(data[sent:])
 
-    def receive(self) -> Message:
-        """Wait for the next message.
+    def receive(self) -> WorkerMessage:
+        """Wait for the next message; its arrays are not copied.
 
         Raises:
             EOFError: The other end is gone.
         """
         prefix, descriptors = self._read_prefix()
-        text_size, inline_size, count = _PREFIX.unpack(prefix)
-        files = [Segment(each, os.fstat(each).st_size) for each in descriptors]
-        content = json.loads(self._read(text_size))
-        inline = self._read(inline_size) if inline_size else b""
-        if len(files) != count:
-            raise EOFError(f"{len(files)} of {count} files came with a message")
-        arrays = unload(content["arrays"], files, inline)
-        decoded: Message = _decoded(content["value"], arrays)
-        return decoded
+        head_size, content_size, inline_size, count = _PREFIX.unpack(prefix)
+        segments = [Segment(each, os.fstat(each).st_size) for each in descriptors]
+        head = json.loads(self._read(head_size))
+        content, inline = self._read(content_size), self._read(inline_size)
+        if len(segments) != count:
+            raise EOFError(f"{len(segments)} of {count} segments came with a message")
+        memory = (*segments, inline)
+        arrays = [_bytes_at(memory[number], begin, size) for number, begin, size in head["arrays"]]
+        return WorkerMessage(head, content, arrays)
 
     def close(self) -> None:
         """Close this end, which ends the other's `receive`."""
         self._socket.close()
-        with self._sending:
-            self._segments.close()
 
     def _read_prefix(self) -> tuple[bytes, list[int]]:
         try:
-            data, descriptors, _, _ = socket.recv_fds(self._socket, _PREFIX.size, MAX_FILES)
+            data, descriptors, _, _ = socket.recv_fds(self._socket, _PREFIX.size, _MAX_SEGMENTS)
         except OSError as error:
             raise EOFError(str(error)) from error
         if not data:
@@ -137,45 +129,36 @@ class Connection:
         return bytes(data)
 
 
-def _encoded(value: Any, arrays: list[AnyArray]) -> Any:
-    """Return the value as JSON, its arrays by their place in ``arrays``."""
-    kind = type(value)
-    if kind in _PLAIN:
-        return value
-    if kind is dict:
-        if all(type(key) is str for key in value):
-            return {"$mapping": {key: _encoded(inner, arrays) for key, inner in value.items()}}
-        return {"$pairs": [[_encoded(k, arrays), _encoded(v, arrays)] for k, v in value.items()]}
-    if kind is list:
-        return [_encoded(inner, arrays) for inner in value]
-    if kind in _FIELDS:
-        fields = [_encoded(getattr(value, name), arrays) for name in _FIELDS[kind]]
-        return {"$record": kind.__name__, "fields": fields}
-    if isinstance(value, tuple):
-        return {"$tuple": [_encoded(inner, arrays) for inner in value]}
-    if isinstance(value, np.ndarray):
-        arrays.append(value)
-        return {"$array": len(arrays) - 1}
-    if isinstance(value, np.generic):
-        return value.item()
-    if isinstance(value, Mapping):
-        return _encoded(dict(value), arrays)
-    return value
+def _placed(arrays: Sequence[AnyArray]) -> tuple[list[ArrayPlace], list[Segment], bytes]:
+    """Return where arrays travel.
+
+    Arrays that lie in a segment stay there. The others go into a new one if they are large, else
+    inline.
+
+    Returns:
+        Each array's place, the segments, and the inline bytes.
+    """
+    raws = [np.ascontiguousarray(array).reshape(-1).view(np.uint8) for array in arrays]
+    loose = [number for number, raw in enumerate(raws) if segment_of(raw) is None]
+    if sum(raws[number].size for number in loose) >= SHARED_FROM_BYTES:
+        shared = copied_to_segment([raws[number] for number in loose])
+        for number, raw in zip(loose, shared, strict=True):
+            raws[number] = raw
+    segments: list[Segment] = []
+    places: list[ArrayPlace] = []
+    inline = bytearray()
+    for raw in raws:
+        segment = segment_of(raw)
+        if segment is not None and segment not in segments and len(segments) < _MAX_SEGMENTS:
+            segments.append(segment)
+        if segment is not None and segment in segments:
+            places.append((segments.index(segment), segment.offset_of(raw), raw.size))
+        else:
+            inline += bytes(-len(inline) % _ALIGNMENT)
+            places.append((_INLINE, len(inline), raw.size))
+            inline += raw.tobytes()
+    return places, segments, bytes(inline)
 
 
-def _decoded(value: Any, arrays: list[AnyArray]) -> Any:
-    """Return what `_encoded` was given."""
-    kind = type(value)
-    if kind is list:
-        return [_decoded(inner, arrays) for inner in value]
-    if kind is not dict:
-        return value
-    if "$mapping" in value:
-        return {key: _decoded(inner, arrays) for key, inner in value["$mapping"].items()}
-    if "$record" in value:
-        return _RECORDS[value["$record"]](*[_decoded(inner, arrays) for inner in value["fields"]])
-    if "$tuple" in value:
-        return tuple([_decoded(inner, arrays) for inner in value["$tuple"]])
-    if "$array" in value:
-        return arrays[value["$array"]]
-    return {_decoded(k, arrays): _decoded(v, arrays) for k, v in value["$pairs"]}
+def _bytes_at(memory: Segment | bytes, begin: int, size: int) -> NDArray[np.uint8]:
+    return np.frombuffer(memory, np.uint8, size, begin) if size else np.empty(0, np.uint8)

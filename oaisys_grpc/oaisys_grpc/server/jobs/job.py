@@ -1,63 +1,68 @@
-"""One piece of work for the worker, from when it is asked for until it has ended."""
+"""One job for the worker, from the request to its end."""
 
 from __future__ import annotations
 
 import contextlib
 import threading
 import time
-from collections.abc import Callable, Hashable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 from oaisys_core.errors import CancelledError, DeadlineExceededError, OaisysError
-from oaisys_core.types import Frame, FrameName, Progress, Sample, SampleOutline
+from oaisys_core.types import Progress
 from oaisys_grpc.contract.faults import error_from_fault, fault_from_error
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
+from oaisys_grpc.contract.sample_messages import SampleMessages
+from oaisys_grpc.worker.protocol import WorkerMessage
 
 _LOOK_S = 0.25
-"""How often a follower looks after its caller."""
+"""How often a waiting call checks that its caller is still there."""
 
-SampleFrames = tuple[SampleOutline, tuple[Frame, ...]]
-Event = OperationStatus | SampleFrames
+Event = OperationStatus | SampleMessages
 
 
 @dataclass(frozen=True)
-class Work:
+class Job:
     """What the worker shall do.
 
     Attributes:
         kind: Of the operation; None for a question, which leaves no record.
-        method, arguments: The worker's.
-        timeout_s: From now until it must have ended, waiting included.
+        method: See `oaisys_grpc.worker.calls.SimulationCalls`.
+        request: The serialized message of the contract that the method takes.
+        timeout_s: From now until it must have ended, including its time in the queue.
         request_id: The caller's; empty where it gave none.
-        body: Digest of the request, to tell a repeated one from another with its id.
-        like: Equal for work that takes about as long.
-        request_bytes: Size of the request; what waits is bounded by it.
-        peer: The connection that it came by; connections take turns.
+        body: Digest of the request; it differs for different requests with the same id.
+        estimate_key: Equal for jobs that take about as long.
+        request_bytes: Size of the request; the queue is bounded by their sum.
+        peer: The connection that the request came by; connections take turns.
     """
 
     kind: Kind | None
     method: str
-    arguments: Mapping[str, Any]
+    request: bytes
     timeout_s: float
     request_id: str = ""
     body: bytes = b""
-    like: Hashable = None
+    estimate_key: Hashable = None
     request_bytes: int = 0
     peer: str = ""
 
 
 @dataclass
 class Operation:
-    """One piece of work and how it stands; safe to use from any thread."""
+    """One job and how it stands; safe to use from any thread.
 
-    work: Work
+    Attributes:
+        reply: The worker's answer to a question.
+    """
+
+    job: Job
     status: OperationStatus
     deadline_s: float
-    result: Any = None
+    reply: WorkerMessage | None = None
     cancelled: threading.Event = field(default_factory=threading.Event)
-    _outline: SampleOutline | None = None
-    _frames: list[Frame] = field(default_factory=list)
+    _sample: SampleMessages | None = None
     _followers: int = 0
     _changed: threading.Condition = field(default_factory=threading.Condition)
 
@@ -67,8 +72,8 @@ class Operation:
             if self.status.state.ended:
                 return False
             self.status = replace(self.status, **changes)
-            if self.status.state.ended:  # it is remembered, but what was asked for is not
-                self.work = replace(self.work, arguments={})
+            if self.status.state.ended:  # it is remembered, but its request is not
+                self.job = replace(self.job, request=b"")
             self._changed.notify_all()
             return True
 
@@ -76,12 +81,19 @@ class Operation:
         """Note how far it is."""
         self.update(progress=progress)
 
-    def add_frames(self, outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
-        """Take frames in that are ready before the sample is."""
+    @property
+    def from_cache(self) -> bool:
+        """Whether the sample that has begun was rendered before."""
+        with self._changed:
+            header = self._sample.header if self._sample is not None else None
+            return header is not None and header.from_cache
+
+    def add(self, piece: SampleMessages) -> None:
+        """Add the next piece of the sample."""
         with self._changed:
             if not self.status.state.ended:
-                self._outline = outline
-                self._frames.extend(frames)
+                self._sample = self._sample or SampleMessages()
+                self._sample.add(piece)
                 self._changed.notify_all()
 
     def stop(self, error: OaisysError) -> None:
@@ -95,57 +107,64 @@ class Operation:
         if time.monotonic() >= self.deadline_s:
             self._end(State.FAILED, DeadlineExceededError("it did not end within its deadline"))
 
-    def succeed(self, result: Any, batch_id: int, sample_id: int) -> None:
-        """End it with a result; a large one is kept here only while somebody follows."""
+    def succeed(self, *, batch_id: int = 0, reply: WorkerMessage | None = None) -> None:
+        """End a batch or a question."""
         with self._changed:
-            self.result = result if self._followers or self.work.kind is None else None
+            self.reply = reply if self.job.kind is None else None
             done = Progress("done", 1.0)
-            self.update(
-                state=State.SUCCEEDED, progress=done, batch_id=batch_id, sample_id=sample_id
-            )
-            self._drop_frames()
+            self.update(state=State.SUCCEEDED, progress=done, batch_id=batch_id)
 
-    def complete(self, last_word: Sample, keep: Callable[[Sample], None]) -> bool:
-        """End it with a sample, unless it has ended; return whether that was so.
+    def complete(self, rest: SampleMessages, keep: Callable[[SampleMessages], None]) -> bool:
+        """End a sample, unless it has ended; return whether that was so.
 
         Args:
-            last_word: The worker's, without the frames that came before it.
+            rest: What had not come of it.
             keep: Given the whole sample before anybody hears of the end.
         """
         with self._changed:
             if self.status.state.ended:
                 return False
-            sample = last_word
-            if self._outline is not None:
-                came = (*self._frames, *last_word.frames)
-                frames = {FrameName(frame.sensor, frame.modality): frame for frame in came}
-                sample = replace(sample, frames=tuple(frames[n] for n in self._outline.frames))
-            keep(sample)
-            self.succeed(sample, sample.batch_id, sample.sample_id)
+            self.add(rest)
+            assert self._sample is not None
+            self._sample = self._sample.completed()
+            keep(self._sample)
+            ids = {"batch_id": self._sample.batch_id, "sample_id": self._sample.sample_id}
+            self.update(state=State.SUCCEEDED, progress=Progress("done", 1.0), **ids)
+            self._forget_unfollowed()
             return True
 
     def events(self, gone: threading.Event, patience_s: float = 0.0) -> Iterator[Event]:
-        """Yield the status and frames, now and as they come, until the end or the caller is gone.
+        """Yield the status, and pieces of a sample, until the end or until the caller is gone.
 
-        Frames that came with the end may be missing. A status that frames or the end follow within
-        ``patience_s`` is passed over: a sample that is found in the cache takes less than telling
-        that it has begun.
+        The pieces make up the whole sample where the operation succeeds while it is followed.
+
+        Args:
+            gone: Set when the caller is gone.
+            patience_s: A status is left out if a piece follows within this time: a sample that
+                comes from the cache takes less time than a message that it has begun.
         """
-        seen: OperationStatus | None = None
-        sent = 0
+        yielded: OperationStatus | None = None
+        count, has_header = 0, False
         while not gone.is_set():
             with self._changed:
-                self._changed.wait_for(lambda: self._is_news(seen, sent), _LOOK_S)  # noqa: B023
-                self._changed.wait_for(lambda: self._is_more(sent), patience_s)  # noqa: B023
-                current, outline, frames = self.status, self._outline, self._frames[sent:]
-            if current is not seen:
-                seen = current
-                yield current
-            if current.state.ended:
+                self._changed.wait_for(
+                    lambda: self.status is not yielded or self._has_more(count),  # noqa: B023
+                    _LOOK_S,
+                )
+                self._changed.wait_for(
+                    lambda: self.status.state.ended or self._has_more(count),  # noqa: B023
+                    patience_s,
+                )
+                status, piece = self.status, self._piece(count, with_header=not has_header)
+            if status is not yielded and not status.state.ended:
+                yield status
+            yielded = status
+            if piece is not None:
+                yield piece
+                count, has_header = count + len(piece.frames), True
+            if status.state.ended:
+                yield status
                 return
-            if frames and outline is not None:
-                yield outline, tuple(frames)
-                sent += len(frames)
 
     def changes(self, gone: threading.Event) -> Iterator[OperationStatus]:
         """Yield the status now and at each change, until it has ended or the caller is gone."""
@@ -155,7 +174,7 @@ class Operation:
 
     @contextlib.contextmanager
     def followed(self) -> Iterator[None]:
-        """Keep the result for this caller; when the last one leaves early, cancel."""
+        """Keep the sample for this caller; cancel the operation when its last caller leaves."""
         with self._changed:
             self._followers += 1
         try:
@@ -164,17 +183,23 @@ class Operation:
             with self._changed:
                 self._followers -= 1
                 abandoned = not self._followers
-                if abandoned:
-                    self.result = None
+                self._forget_unfollowed()
             if abandoned:
                 self.expire()
                 self.stop(CancelledError("the caller dropped the call"))
 
-    def _is_news(self, seen: OperationStatus | None, sent: int) -> bool:
-        return self.status is not seen or len(self._frames) > sent
+    def _has_more(self, count: int) -> bool:
+        """Return whether more frames than so many have come."""
+        return self._sample is not None and len(self._sample.frames) > count
 
-    def _is_more(self, sent: int) -> bool:
-        return self.status.state.ended or len(self._frames) > sent
+    def _piece(self, count: int, *, with_header: bool) -> SampleMessages | None:
+        """Return what has come of the sample after so many frames; None: nothing."""
+        whole = self._sample
+        if whole is None or not (self._has_more(count) or whole.end is not None):
+            return None
+        return SampleMessages(
+            whole.header if with_header else None, whole.frames[count:], whole.end
+        )
 
     def _end(self, state: State, error: OaisysError) -> bool:
         """End it with an error, cut to what a client is told of it."""
@@ -182,9 +207,10 @@ class Operation:
             told = error_from_fault(fault_from_error(error))
             ended = self.update(state=state, error=told)
             if ended:
-                self._drop_frames()
+                self._sample = None
             return ended
 
-    def _drop_frames(self) -> None:
-        self._outline = None
-        self._frames = []
+    def _forget_unfollowed(self) -> None:
+        """Let go of a large result that nobody waits for."""
+        if not self._followers:
+            self._sample = None

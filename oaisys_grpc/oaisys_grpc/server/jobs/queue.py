@@ -1,6 +1,6 @@
-"""Work for the worker, one at a time, with a record of each.
+"""The queue of jobs for the worker, with a record of each operation.
 
-First in, first out for each connection; connections take turns.
+Jobs of one connection run in the order in which they came; connections take turns.
 """
 
 from __future__ import annotations
@@ -21,13 +21,15 @@ from oaisys_core.errors import (
     OaisysError,
     QueueFullError,
 )
-from oaisys_core.types import Progress, Sample
+from oaisys_core.types import Progress
 from oaisys_grpc.contract.faults import OvertakenError, ServerUnavailableError
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
+from oaisys_grpc.contract.sample_messages import messages_from_bytes
 from oaisys_grpc.server.jobs.estimates import Estimates, Run
-from oaisys_grpc.server.jobs.job import Operation, Work
+from oaisys_grpc.server.jobs.job import Job, Operation
 from oaisys_grpc.server.jobs.sample_store import SampleStore
 from oaisys_grpc.server.supervision.supervisor import Supervisor
+from oaisys_grpc.worker.protocol import WorkerMessage
 
 _LOG = logging.getLogger(__name__)
 
@@ -49,7 +51,7 @@ _WAKE_S = 0.25
 """How often an idle runner looks after the worker."""
 
 
-class Operations:
+class OperationQueue:
     """The queue, the thread that works it off, and what is remembered."""
 
     def __init__(self, supervisor: Supervisor, samples: SampleStore) -> None:
@@ -77,9 +79,9 @@ class Operations:
             operation = self._next()
             if operation is None:
                 with contextlib.suppress(OaisysError):
-                    self._supervisor.tend()
+                    self._supervisor.ensure_worker()
                 continue
-            self._work_off(operation)
+            self._run_operation(operation)
             with self._lock:
                 self._running = None
 
@@ -104,8 +106,8 @@ class Operations:
         for operation in open_operations:
             operation.stop(error)
 
-    def submit(self, work: Work) -> Operation:
-        """Enqueue work; a repeated request gets the operation that it got before.
+    def submit(self, job: Job) -> Operation:
+        """Enqueue a job; a repeated request gets the operation that it got before.
 
         A request whose operation failed or was cancelled is not repeated but done: its id may be
         used again, for the same request.
@@ -115,17 +117,17 @@ class Operations:
             InvalidInputError: The request id came with another body before.
         """
         with self._lock:
-            before = self._by_request.get(work.request_id)
-            if before is not None and _is_repeated(before, work):
+            before = self._by_request.get(job.request_id)
+            if before is not None and _is_repeated(before, job):
                 return before
             if self._closed or self._ending.is_set():
                 raise ServerUnavailableError("the simulator is being ended")
             self._waiting = deque(o for o in self._waiting if not o.status.state.ended)
-            is_batch = work.kind is Kind.BATCH
-            ahead = [o for o in self._waiting if not (is_batch and o.work.kind is Kind.SAMPLE)]
-            _check_room(ahead, work)
+            is_batch = job.kind is Kind.BATCH
+            ahead = [o for o in self._waiting if not (is_batch and o.job.kind is Kind.SAMPLE)]
+            _check_room(ahead, job)
             overtaken = self._overtaken() if is_batch else []
-            operation = self._record(work)
+            operation = self._record(job)
             self._waiting.append(operation)
             self._lock.notify_all()
         for sample in overtaken:
@@ -164,7 +166,7 @@ class Operations:
         if operation not in waiting:
             return left_s if run is not None else None
         ahead = waiting[: waiting.index(operation) + 1]
-        totals_s = [left_s, *(self._estimates.total_s(o.work.like) for o in ahead)]
+        totals_s = [left_s, *(self._estimates.total_s(o.job.estimate_key) for o in ahead)]
         known_s = [total_s for total_s in totals_s if total_s is not None]
         return sum(known_s) if len(known_s) == len(totals_s) else None
 
@@ -190,94 +192,110 @@ class Operations:
 
         None goes before a batch that was asked for earlier.
         """
-        batches = (i for i, o in enumerate(self._waiting) if o.work.kind is Kind.BATCH)
+        batches = (i for i, o in enumerate(self._waiting) if o.job.kind is Kind.BATCH)
         candidates = [*self._waiting][: next(batches, len(self._waiting)) or 1]
-        operation = min(candidates, key=lambda o: self._served.get(o.work.peer, 0))
+        operation = min(candidates, key=lambda o: self._served.get(o.job.peer, 0))
         self._waiting.remove(operation)
         self._turns += 1
-        self._served = {o.work.peer: self._served.get(o.work.peer, 0) for o in self._waiting}
-        self._served[operation.work.peer] = self._turns
+        self._served = {o.job.peer: self._served.get(o.job.peer, 0) for o in self._waiting}
+        self._served[operation.job.peer] = self._turns
         return operation
 
-    def _work_off(self, operation: Operation) -> None:
-        work = operation.work
+    def _run_operation(self, operation: Operation) -> None:
+        """Have the worker do the job, and end the operation as that ends."""
+        job = operation.job
         operation.expire()
         if not operation.update(state=State.RUNNING, progress=Progress("started", 0.0)):
             return
-        self._run = run = self._estimates.begin(work.like)
-
-        def advance(progress: Progress) -> None:
-            run.mark(progress.fraction)
-            operation.advance(progress)
-
+        self._run = run = self._estimates.begin(job.estimate_key)
         try:
-            result = self._supervisor.call(
-                work.method,
-                work.arguments,
-                timeout_s=operation.deadline_s - time.monotonic(),
-                cancelled=operation.cancelled,
-                progress=advance,
-                on_frames=operation.add_frames,
-            )
+            answer = self._answer(operation, run)
         except OaisysError as error:
             operation.stop(error)
             return
         except Exception as error:  # noqa: BLE001 - one failed call must not end the queue
-            _LOG.exception("%s failed in the server", work.method)
+            _LOG.exception("%s failed in the server", job.method)
             operation.stop(OaisysError(f"internal error: {type(error).__name__}: {error}"))
             return
         finally:
             self._run = None
-        if not isinstance(result, Sample):
-            operation.succeed(result, result if work.kind is Kind.BATCH else 0, sample_id=0)
-        elif not operation.complete(result, keep=self._samples.add):
-            self._supervisor.withdraw()
-            return
-        if not (isinstance(result, Sample) and result.from_cache):
-            self._estimates.learn(work.like, run)
+        if job.kind is Kind.SAMPLE:
+            rest = messages_from_bytes(answer.content, answer.arrays)
+            is_cached = operation.from_cache
+            if not operation.complete(rest, keep=self._samples.add):
+                self._supervisor.withdraw()
+                return
+        else:
+            is_cached = False
+            batch_id = answer.head["batch_id"] if job.kind is Kind.BATCH else 0
+            operation.succeed(batch_id=batch_id, reply=answer)
+        if not is_cached:
+            self._estimates.learn(job.estimate_key, run)
 
-    def _record(self, work: Work) -> Operation:
+    def _answer(self, operation: Operation, run: Run) -> WorkerMessage:
+        """Call the worker, note what it sends meanwhile, and return its answer."""
+        job = operation.job
+        steps = self._supervisor.call(
+            job.method,
+            job.request,
+            timeout_s=operation.deadline_s - time.monotonic(),
+            cancelled=operation.cancelled,
+        )
+        while True:
+            try:
+                message = next(steps)
+            except StopIteration as end:
+                answer: WorkerMessage = end.value
+                return answer
+            if message.type == "frames":
+                operation.add(messages_from_bytes(message.content, message.arrays))
+            else:
+                progress = Progress(message.head["stage"], message.head["fraction"])
+                run.mark(progress.fraction)
+                operation.advance(progress)
+
+    def _record(self, job: Job) -> Operation:
         self._count += 1
         name = f"operations/{self._instance}-{self._count}"
-        status = OperationStatus(name, work.kind or Kind.SAMPLE)
-        operation = Operation(work, status, time.monotonic() + work.timeout_s)
-        if work.kind is None:
+        status = OperationStatus(name, job.kind or Kind.SAMPLE)
+        operation = Operation(job, status, time.monotonic() + job.timeout_s)
+        if job.kind is None:
             return operation
         self._known[name] = operation
-        if work.request_id:
-            self._by_request[work.request_id] = operation
+        if job.request_id:
+            self._by_request[job.request_id] = operation
         for old in list(self._known.values())[:-HISTORY_LIMIT]:
             if old.status.state.ended:
                 del self._known[old.status.name]
-                if self._by_request.get(old.work.request_id) is old:
-                    del self._by_request[old.work.request_id]
+                if self._by_request.get(old.job.request_id) is old:
+                    del self._by_request[old.job.request_id]
         return operation
 
     def _overtaken(self) -> list[Operation]:
         """Take the samples out of the queue, and return them and one that renders."""
         candidates = [*self._waiting, *filter(None, [self._running])]
-        overtaken = [o for o in candidates if o.work.kind is Kind.SAMPLE]
-        self._waiting = deque(o for o in self._waiting if o.work.kind is not Kind.SAMPLE)
+        overtaken = [o for o in candidates if o.job.kind is Kind.SAMPLE]
+        self._waiting = deque(o for o in self._waiting if o.job.kind is not Kind.SAMPLE)
         return overtaken
 
 
-def _check_room(ahead: Sequence[Operation], work: Work) -> None:
+def _check_room(ahead: Sequence[Operation], job: Job) -> None:
     """Refuse work where too much waits ahead of it."""
     limit = QUEUE_LIMIT_OF_NEWCOMERS
-    if any(operation.work.peer == work.peer for operation in ahead):
+    if any(operation.job.peer == job.peer for operation in ahead):
         limit = QUEUE_LIMIT
     if len(ahead) >= limit:
         raise QueueFullError(f"{len(ahead)} operations wait already; try again later")
-    waiting_bytes = sum(operation.work.request_bytes for operation in ahead)
-    if waiting_bytes + work.request_bytes > QUEUE_BYTES:
+    waiting_bytes = sum(operation.job.request_bytes for operation in ahead)
+    if waiting_bytes + job.request_bytes > QUEUE_BYTES:
         raise QueueFullError(f"{waiting_bytes} bytes of requests wait already; try again later")
 
 
-def _is_repeated(before: Operation, work: Work) -> bool:
+def _is_repeated(before: Operation, job: Job) -> bool:
     """Return whether a request is answered by the operation that its id stands for."""
-    if before.work.body != work.body:
+    if before.job.body != job.body:
         raise InvalidInputError(
-            "request_id", work.request_id, "a new id, or the request that came with it before"
+            "request_id", job.request_id, "a new id, or the request that came with it before"
         )
     state = before.status.state
     return not state.ended or state is State.SUCCEEDED

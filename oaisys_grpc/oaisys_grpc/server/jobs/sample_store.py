@@ -6,7 +6,7 @@ import threading
 from collections import OrderedDict
 
 from oaisys_core.errors import NotFoundError
-from oaisys_core.types import Sample
+from oaisys_grpc.contract.sample_messages import SampleMessages
 
 MAX_SAMPLES = 16
 MAX_BYTES = 512 * 1024 * 1024
@@ -18,11 +18,11 @@ class SampleStore:
     def __init__(self, max_samples: int = MAX_SAMPLES, max_bytes: int = MAX_BYTES) -> None:
         self._max_samples = max_samples
         self._max_bytes = max_bytes
-        self._samples: OrderedDict[tuple[int, int], Sample] = OrderedDict()
-        self._dropped: list[Sample] = []
+        self._samples: OrderedDict[tuple[int, int], SampleMessages] = OrderedDict()
+        self._dropped: list[SampleMessages] = []
         self._lock = threading.Lock()
 
-    def add(self, sample: Sample) -> None:
+    def add(self, sample: SampleMessages) -> None:
         """Keep a sample; the oldest ones go, but never this one.
 
         Their memory is given back by `tidy`.
@@ -42,7 +42,7 @@ class SampleStore:
             dropped, self._dropped = self._dropped, []
         dropped.clear()
 
-    def get(self, batch_id: int, sample_id: int) -> Sample:
+    def get(self, batch_id: int, sample_id: int) -> SampleMessages:
         """Return a sample.
 
         Raises:
@@ -58,5 +58,5 @@ class SampleStore:
         return sample
 
     def _full(self) -> bool:
-        size = sum(frame.data.nbytes for s in self._samples.values() for frame in s.frames)
+        size = sum(sample.nbytes for sample in self._samples.values())
         return len(self._samples) > self._max_samples or size > self._max_bytes

@@ -1,4 +1,4 @@
-"""When a call of the worker must stop, and what sees to it."""
+"""When a call to the worker must stop, and when the worker is killed for it."""
 
 from __future__ import annotations
 
@@ -20,24 +20,24 @@ _WATCH_S = 0.25
 
 
 class Watchdog:
-    """Strikes a worker that hangs in the middle of a message, which blocks who called it.
+    """Kills a worker that hangs in the middle of a message, which blocks its caller.
 
-    It looks at the time now and then: a timer for each call would be a thread for each call.
+    One thread polls the time; a timer for each call would be a thread for each call.
     """
 
-    def __init__(self, strike: Callable[[], None]) -> None:
-        self._strike = strike
-        self._strike_s = math.inf
+    def __init__(self, kill: Callable[[], None]) -> None:
+        self._kill = kill
+        self._kill_at_s = math.inf
         self._ended = threading.Event()
         threading.Thread(target=self._watch, name="watchdog", daemon=True).start()
 
     def arm(self, left_s: float) -> None:
-        """Strike in so many seconds, unless disarmed before."""
-        self._strike_s = time.monotonic() + left_s
+        """Kill the worker in so many seconds, unless disarmed before."""
+        self._kill_at_s = time.monotonic() + left_s
 
     def disarm(self) -> None:
-        """Strike no more."""
-        self._strike_s = math.inf
+        """Kill it no more."""
+        self._kill_at_s = math.inf
 
     def end(self) -> None:
         """Let the thread end."""
@@ -45,8 +45,8 @@ class Watchdog:
 
     def _watch(self) -> None:
         while not self._ended.wait(_WATCH_S):
-            if time.monotonic() >= self._strike_s:
-                self._strike()
+            if time.monotonic() >= self._kill_at_s:
+                self._kill()
 
 
 class Limit:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Generator
 from typing import Any
 
 from oaisys_core.config import SimulationConfig, canonical_json
@@ -16,21 +15,15 @@ from oaisys_core.errors import (
     OaisysError,
     WorkerLostError,
 )
-from oaisys_core.types import (
-    Progress,
-    SampleFramesCallback,
-    SimulatorInfo,
-    ignore_progress,
-    ignore_sample_frames,
-)
 from oaisys_grpc.contract.faults import Fault, error_from_fault
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.server.options import ServerOptions
 from oaisys_grpc.server.supervision.breaker import Breaker
 from oaisys_grpc.server.supervision.call_limit import Limit
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
 from oaisys_grpc.server.supervision.worker_memory import MEGABYTE, MemoryLimits
 from oaisys_grpc.server.supervision.worker_process import WorkerProcess
-from oaisys_grpc.worker.protocol import Message
+from oaisys_grpc.worker.protocol import WorkerMessage
 
 _LOG = logging.getLogger(__name__)
 
@@ -43,14 +36,16 @@ WITHDRAW_TIMEOUT_S = 10.0
 
 _ENDING = "the server was told to end"
 
+START_METHOD = "start"
+
 SAMPLE_METHOD = "step_sample"
-"""What the worker calls rendering; the only call that is worth a new worker to stop."""
+"""The only call that a worker is killed for if it does not stop once it is cancelled."""
 
 
 class Supervisor:
     """Owns the worker process and all that is known of it.
 
-    All but `info` and `strike` belong to one thread, which must live as long as the worker.
+    All but `info` and `kill` belong to one thread, which must live as long as the worker.
     """
 
     def __init__(
@@ -65,7 +60,7 @@ class Supervisor:
             options: The worker's interpreter, time and memory.
             on_ready: Told when a worker is ready, and when none is.
         """
-        self._config: Message = config.model_dump(mode="json")
+        self._config: dict[str, Any] = config.model_dump(mode="json")
         self.config_json = canonical_json(config)
         self._options = options
         self._memory = MemoryLimits.of(options.worker_memory_bytes)
@@ -74,10 +69,10 @@ class Supervisor:
         self._worker: WorkerProcess | None = None
         self._needed_bytes = 0
         self._state: str | None = None
-        self._info: SimulatorInfo | None = None
+        self._info: pb.GetSimulatorInfoResponse | None = None
         self._breaker = Breaker()
         self._ended = False
-        self._struck = threading.Event()
+        self._killed = threading.Event()
         self.restarts = 0
         self.recycles = 0
 
@@ -91,32 +86,27 @@ class Supervisor:
         """
         options = self._options
         self._worker = WorkerProcess(options.worker_python, self.log, self._memory.kill_bytes)
-        if self._struck.is_set():
-            self._worker.strike(_ENDING)
+        if self._killed.is_set():
+            self._worker.kill(_ENDING)
         _LOG.info("worker %d started", self._worker.pid)
         limit = Limit(START_TIMEOUT_S, options.grace_s, threading.Event())
-        arguments = {
+        head = {
             "config": self._config,
             "state": self._state,
             "pose_cache_bytes": options.pose_cache_bytes,
             "asset_roots": [str(root) for root in options.asset_roots],
         }
-        answer = self._worker.call("start", arguments, limit=limit, progress=ignore_progress)
-        self._take(answer)
+        self._raise_fault(self._finished(START_METHOD, WorkerMessage(head), limit))
         self._needed_bytes = 0
         self._on_ready(True)
 
     def call(
-        self,
-        method: str,
-        arguments: Mapping[str, Any],
-        *,
-        timeout_s: float,
-        cancelled: threading.Event,
-        progress: Callable[[Progress], None] = ignore_progress,
-        on_frames: SampleFramesCallback = ignore_sample_frames,
-    ) -> Any:
+        self, method: str, request: bytes, *, timeout_s: float, cancelled: threading.Event
+    ) -> Generator[WorkerMessage, None, WorkerMessage]:
         """Have the worker do something, starting a new worker first where there is none.
+
+        Yields what the worker sends meanwhile, of the types ``progress`` and ``frames``, and
+        returns its answer.
 
         Raises:
             WorkerLostError: The worker died meanwhile.
@@ -126,66 +116,72 @@ class Supervisor:
         """
         is_sample = method == SAMPLE_METHOD
         limit = Limit(timeout_s, self._options.grace_s, cancelled, worth_a_worker=is_sample)
-        self.tend()
+        self.ensure_worker()
         if limit.must_stop():
             raise limit.error()
-        answer = self._answer_of(method, arguments, limit, progress, on_frames)
-        failure: OaisysError | None = None
-        try:
-            self._take(answer)
-        except OaisysError as error:
-            failure = error
+        answer = yield from self._call(method, WorkerMessage({}, request), limit)
         if limit.must_stop():
-            if failure is None and is_sample:
+            if is_sample and "fault" not in answer.head:
                 self.withdraw()
             raise limit.error()
-        if failure is not None:
-            raise failure
+        self._raise_fault(answer)
         if is_sample:
             self._breaker.worked()
-        return answer["value"]
+        return answer
 
     def withdraw(self) -> None:
-        """Have the worker undo the sample that it just made: its caller was told that it failed."""
+        """Have the worker undo its last sample, because its caller was told that it failed."""
         limit = Limit(WITHDRAW_TIMEOUT_S, self._options.grace_s, threading.Event())
         try:
-            self._take(
-                self._answer_of("withdraw_sample", {}, limit, ignore_progress, ignore_sample_frames)
-            )
+            self._raise_fault(self._finished("withdraw_sample", WorkerMessage({}), limit))
         except OaisysError as error:
             _LOG.warning("a sample that came too late keeps its id: %s", error)
 
-    def _answer_of(
-        self,
-        method: str,
-        arguments: Mapping[str, Any],
-        limit: Limit,
-        progress: Callable[[Progress], None],
-        on_frames: SampleFramesCallback,
-    ) -> Message:
+    def _call(
+        self, method: str, request: WorkerMessage, limit: Limit
+    ) -> Generator[WorkerMessage, None, WorkerMessage]:
+        """Call the worker and keep what it says of the world; drop a worker that is lost."""
         assert self._worker is not None
         try:
-            answer = self._worker.call(
-                method, arguments, limit=limit, progress=progress, on_frames=on_frames
-            )
+            steps = self._worker.call(method, request, limit)
+            while True:
+                message = next(steps)
+                if message.type == "info":
+                    self._info = pb.GetSimulatorInfoResponse.FromString(message.content)
+                else:
+                    yield message
+        except StopIteration as end:
+            answer: WorkerMessage = end.value
         except (WorkerLostError, DeadlineExceededError) as error:
-            self._lost(error)
+            if method != START_METHOD:
+                self._lost(error)
             raise
         except CancelledError as error:  # it would not stop
             self._drop(error)
             raise
         if method == SAMPLE_METHOD:
             self._needed_bytes = self._needed_bytes or self._worker.resident_bytes()
+        self._keep(answer)
         return answer
 
-    def tend(self) -> None:
+    def _finished(self, method: str, request: WorkerMessage, limit: Limit) -> WorkerMessage:
+        """Call the worker and return its answer."""
+        steps = self._call(method, request, limit)
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                answer: WorkerMessage = end.value
+                return answer
+
+    def ensure_worker(self) -> None:
         """Start a new worker where the last one died, or has grown too large; between two calls.
 
         Raises:
             BackendUnavailableError: Workers died too often.
             OaisysError: The new one does not start either.
         """
-        self._see_to_worker()
+        self._replace_dead_worker()
         if self._worker is not None and self._has_grown(self._worker):
             # Health goes on to say that it serves: what is asked for meanwhile waits, and is done.
             self.recycles += 1
@@ -193,7 +189,7 @@ class Supervisor:
             self._worker = None
             self._start_another()
 
-    def _see_to_worker(self) -> None:
+    def _replace_dead_worker(self) -> None:
         if self._worker is not None and not self._worker.alive:
             self._lost(WorkerLostError(f"idle: {self._worker.last_words()}"))
         if (refusal := self.refusal) is not None:
@@ -235,8 +231,8 @@ class Supervisor:
         return self._breaker.refusal
 
     @property
-    def info(self) -> SimulatorInfo:
-        """What the simulator was when it last said so."""
+    def info(self) -> pb.GetSimulatorInfoResponse:
+        """What the worker last said of the simulator; it must not be changed."""
         if self._info is None:
             raise BackendUnavailableError("no worker has been ready yet")
         return self._info
@@ -249,28 +245,35 @@ class Supervisor:
             self._worker.end()
         self.log.close()
 
-    def strike(self) -> None:
+    def kill(self) -> None:
         """Kill the worker at once, and any that follows; any thread may."""
-        self._struck.set()
+        self._killed.set()
         worker = self._worker
         if worker is not None:
-            worker.strike(_ENDING)
+            worker.kill(_ENDING)
 
-    def _take(self, answer: Message) -> None:
-        """Keep what the answer says of the world; raise the error that it brings."""
-        if "state" in answer:
-            self._state = answer["state"]
-            info: SimulatorInfo = answer.get("info") or self.info
-            self._info = replace(info, batch_id=answer["batch_id"], sample_id=answer["sample_id"])
-        if "fault" in answer:
-            raise error_from_fault(Fault(**answer["fault"]))
+    def _keep(self, answer: WorkerMessage) -> None:
+        """Keep what an answer says of the world."""
+        head = answer.head
+        if "state" in head:
+            self._state = head["state"]
+            info = pb.GetSimulatorInfoResponse()
+            info.CopyFrom(self.info)
+            info.batch_id, info.sample_id = head["batch_id"], head["sample_id"]
+            self._info = info
+
+    @staticmethod
+    def _raise_fault(answer: WorkerMessage) -> None:
+        """Raise the error that an answer brings, if it brings one."""
+        if "fault" in answer.head:
+            raise error_from_fault(Fault(**answer.head["fault"]))
 
     def _drop(self, error: OaisysError) -> None:
         """Do without a worker that is no more."""
         _LOG.error("%s (what workers print: %s)", error, self.log.path or "not kept")
         self._on_ready(False)
         if self._worker is not None:
-            self._worker.kill()
+            self._worker.discard()
             self._worker = None
 
     def _lost(self, error: OaisysError) -> None:

@@ -14,9 +14,8 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Generator, Mapping
 from pathlib import Path
-from typing import Any
 
 import oaisys_core
 import oaisys_grpc
@@ -26,13 +25,12 @@ from oaisys_core.errors import (
     DeadlineExceededError,
     WorkerLostError,
 )
-from oaisys_core.types import Progress, SampleFramesCallback, ignore_sample_frames
 from oaisys_grpc.server.supervision.call_limit import Limit, Watchdog
 from oaisys_grpc.server.supervision.worker_effort import Effort
 from oaisys_grpc.server.supervision.worker_folder import WorkerFolder
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
 from oaisys_grpc.server.supervision.worker_memory import MEGABYTE, resident_bytes
-from oaisys_grpc.worker.protocol import Connection, Message
+from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
 _LOG = logging.getLogger(__name__)
 RENDER_STATISTICS = "Fra:"
@@ -86,7 +84,7 @@ class WorkerProcess:
         self._reader = threading.Thread(target=self._read_log, name="worker-log", daemon=True)
         self._reader.start()
         self._killed_because = ""
-        self._watchdog = Watchdog(lambda: self.strike("it hung beyond its deadline"))
+        self._watchdog = Watchdog(lambda: self.kill("it hung beyond its deadline"))
 
     def _start(self, python: str, descriptor: int) -> subprocess.Popen[bytes]:
         command = [python, "-m", "oaisys_grpc.worker"]
@@ -115,50 +113,46 @@ class WorkerProcess:
         return self._process.poll() is None
 
     def call(
-        self,
-        method: str,
-        arguments: Mapping[str, Any],
-        *,
-        limit: Limit,
-        progress: Callable[[Progress], None],
-        on_frames: SampleFramesCallback = ignore_sample_frames,
-    ) -> Message:
-        """Have the worker do something and return its answer.
+        self, method: str, request: WorkerMessage, limit: Limit
+    ) -> Generator[WorkerMessage, None, WorkerMessage]:
+        """Have the worker do something; yield what it sends meanwhile and return its answer.
+
+        Args:
+            method: See `oaisys_grpc.worker.calls.SimulationCalls`.
+            request: Its head and content go with the call.
+            limit: When the call must stop.
 
         Raises:
-            WorkerLostError: The process died; the message says what it said last.
+            WorkerLostError: The process died; the message quotes what it printed last.
             DeadlineExceededError: It did not answer, not even to a cancel; it was killed.
-            CancelledError: So it was within the grace period of a cancelled call.
+            CancelledError: Likewise, within the grace period of a cancelled call.
         """
         self._calls += 1
         number = self._calls
         since_told: Effort | None = None
         self._watchdog.arm(limit.left_s())
         try:
-            call = {"type": "call", "id": number, "method": method, "arguments": arguments}
-            self._connection.send(call)
+            head = {**request.head, "type": "call", "id": number, "method": method}
+            self._connection.send(head, request.content)
             while True:
                 if since_told is None and limit.must_stop():
                     self._connection.send({"type": "cancel", "id": number})
                     since_told = Effort(self.pid)
                 if limit.must_kill(since_told):
-                    self.kill()
+                    self.discard()
                     raise _killed(method, limit)
                 self._check_memory(method)
                 if not self._readable.poll(_POLL_MS):
                     continue
                 message = self._connection.receive()
-                if message["id"] != number:
+                if message.head["id"] != number:
                     continue
-                if message["type"] == "answer":
+                if message.type == "answer":
                     return message
-                if message["type"] == "frames":
-                    on_frames(message["outline"], message["frames"])
-                else:
-                    progress(Progress(message["stage"], message["fraction"]))
+                yield message
         except (EOFError, OSError) as error:
             if limit.must_kill(since_told):
-                self.kill()
+                self.discard()
                 raise _killed(method, limit) from error
             raise WorkerLostError(f"{method}: {self.last_words()}") from error
         finally:
@@ -170,9 +164,9 @@ class WorkerProcess:
             self._connection.send({"type": "end"})
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(_END_S)
-        self.kill()
+        self.discard()
 
-    def strike(self, reason: str = "") -> None:
+    def kill(self, reason: str = "") -> None:
         """Kill the process, and all that it started; any thread may, a call then ends.
 
         Args:
@@ -183,10 +177,10 @@ class WorkerProcess:
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
 
-    def kill(self) -> None:
-        """Kill the process and forget it."""
+    def discard(self) -> None:
+        """Kill the process and release all that belongs to it."""
         self._watchdog.end()
-        self.strike()
+        self.kill()
         self._process.wait()
         self._connection.close()
         self._folder.remove()
@@ -202,7 +196,7 @@ class WorkerProcess:
         self._memory_checked_s = now_s
         held = self.resident_bytes()
         if held > self._kill_bytes:
-            self.kill()
+            self.discard()
             raise WorkerLostError(
                 f"{method}: the worker used {held / MEGABYTE:.0f} MB of memory, more than "
                 f"{self._kill_bytes / MEGABYTE:.0f} MB, and was killed"
@@ -226,7 +220,7 @@ class WorkerProcess:
             self._process.wait(_LAST_WORDS_S)
         if self.alive:
             self._killed_because = "it closed its connection, but went on"
-        self.kill()
+        self.discard()
         self._reader.join(_END_S)
         lines = _telling(list(self._lines))
         said = "; it said last: " + " | ".join(lines) if lines else ""

@@ -1,0 +1,236 @@
+"""Samples as the contract's messages, with the images beside them; in pairs.
+
+The worker makes these messages, the server relays them, the client reads them.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.types import (
+    Frame,
+    FrameName,
+    PinholeIntrinsics,
+    Provenance,
+    Sample,
+    SampleOutline,
+    early_first,
+)
+from oaisys_grpc.contract import conversions, encodings
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+
+AnyArray = NDArray[Any]
+
+
+class FrameMessage(NamedTuple):
+    """A frame's header and its image.
+
+    Attributes:
+        header: Describes the image as raw bytes; it must not be changed.
+        image: (H, W) or (H, W, channels).
+    """
+
+    header: pb.FrameHeader
+    image: AnyArray
+
+
+@dataclass
+class SampleMessages:
+    """A sample, or the pieces of it that have come so far.
+
+    Attributes:
+        header: None: it came with an earlier piece.
+        frames: Those without light first.
+        end: None: it comes with a later piece.
+    """
+
+    header: pb.SampleHeader | None = None
+    frames: list[FrameMessage] = field(default_factory=list)
+    end: pb.SampleEnd | None = None
+
+    def add(self, piece: SampleMessages) -> None:
+        """Add the next piece."""
+        self.header = self.header or piece.header
+        self.frames.extend(piece.frames)
+        self.end = self.end or piece.end
+
+    def completed(self) -> SampleMessages:
+        """Return the complete sample: header and frames say what is known at the end."""
+        assert self.header is not None
+        assert self.end is not None
+        header = pb.SampleHeader()
+        header.CopyFrom(self.header)
+        header.render_time_s = self.end.render_time_s
+        header.provenance.MergeFrom(self.end.provenance)
+        frames = [_with_provenance(frame, self.end.provenance) for frame in self.frames]
+        return SampleMessages(header, frames, self.end)
+
+    @property
+    def batch_id(self) -> int:
+        """Of the sample, once its header has come; else 0."""
+        return 0 if self.header is None else self.header.batch_id
+
+    @property
+    def sample_id(self) -> int:
+        """Of the sample, once its header has come; else 0."""
+        return 0 if self.header is None else self.header.sample_id
+
+    @property
+    def nbytes(self) -> int:
+        """Size of all images."""
+        return sum(frame.image.nbytes for frame in self.frames)
+
+
+def _with_provenance(frame: FrameMessage, provenance: pb.Provenance) -> FrameMessage:
+    header = pb.FrameHeader()
+    header.CopyFrom(frame.header)
+    header.provenance.CopyFrom(provenance)
+    return FrameMessage(header, frame.image)
+
+
+def outline_to_proto(outline: SampleOutline, render_time_s: float = 0.0) -> pb.SampleHeader:
+    """Return the header of a sample; inverse: `outline_from_proto`."""
+    return pb.SampleHeader(
+        batch_id=outline.batch_id,
+        sample_id=outline.sample_id,
+        rig_pose=conversions.pose_to_proto(outline.rig_pose),
+        render_time_s=render_time_s,
+        provenance=conversions.provenance_to_proto(outline.provenance),
+        frame_count=len(outline.frames),
+        from_cache=outline.from_cache,
+        odometry=conversions.odometry_to_proto(outline.odometry),
+        frames=[pb.FrameName(sensor=n.sensor, modality=n.modality) for n in outline.frames],
+    )
+
+
+def outline_from_proto(header: pb.SampleHeader) -> SampleOutline:
+    """Return what a sample's header says."""
+    return SampleOutline(
+        batch_id=header.batch_id,
+        sample_id=header.sample_id,
+        rig_pose=conversions.pose_from_proto(header.rig_pose),
+        frames=tuple(FrameName(name.sensor, name.modality) for name in header.frames),
+        provenance=conversions.provenance_from_proto(header.provenance),
+        from_cache=header.from_cache,
+        odometry=conversions.odometry_from_proto(header),
+    )
+
+
+def frame_to_message(frame: Frame, outline: SampleOutline) -> FrameMessage:
+    """Return the message of a frame; inverse: `frame_from_message`."""
+    header = pb.FrameHeader(
+        sensor=frame.sensor,
+        modality=frame.modality,
+        t_map_camera=conversions.matrix_to_proto(frame.T_map_camera),
+        provenance=conversions.provenance_to_proto(_brief(outline.provenance)),
+        index=outline.frames.index(FrameName(frame.sensor, frame.modality)),
+        array=encodings.raw_header(frame.data),
+    )
+    header.MergeFrom(_camera(frame.intrinsics))
+    return FrameMessage(header, frame.data)
+
+
+def frame_from_message(message: FrameMessage) -> Frame:
+    """Return a frame."""
+    header = message.header
+    return Frame(
+        sensor=header.sensor,
+        modality=header.modality,
+        data=message.image,
+        intrinsics=conversions.intrinsics_from_proto(header.intrinsics),
+        T_map_camera=conversions.matrix_from_proto(header.t_map_camera),
+    )
+
+
+def end_to_proto(sample: Sample) -> pb.SampleEnd:
+    """Return the message that follows the last frame of a sample."""
+    return pb.SampleEnd(
+        render_time_s=sample.render_time_s,
+        provenance=conversions.provenance_to_proto(_brief(sample.provenance)),
+        finished_monotonic_ns=sample.finished_ns,
+    )
+
+
+def sample_to_messages(sample: Sample) -> SampleMessages:
+    """Return the messages of a complete sample; inverse: `sample_from_messages`."""
+    outline = sample.outline
+    return SampleMessages(
+        outline_to_proto(outline, sample.render_time_s),
+        [frame_to_message(frame, outline) for frame in early_first(sample.frames)],
+        end_to_proto(sample),
+    )
+
+
+def sample_from_messages(messages: SampleMessages) -> Sample:
+    """Return a complete sample."""
+    assert messages.header is not None
+    assert messages.end is not None
+    frames = map(frame_from_message, messages.frames)
+    by_name = {FrameName(frame.sensor, frame.modality): frame for frame in frames}
+    return complete_sample(outline_from_proto(messages.header), by_name, messages.end)
+
+
+def complete_sample(
+    outline: SampleOutline, frames: Mapping[FrameName, Frame], end: pb.SampleEnd
+) -> Sample:
+    """Return the sample whose frames have all come."""
+    begun = outline.provenance
+    return Sample(
+        batch_id=outline.batch_id,
+        sample_id=outline.sample_id,
+        rig_pose=outline.rig_pose,
+        frames=tuple(frames[name] for name in outline.frames),
+        render_time_s=end.render_time_s,
+        provenance=replace(
+            conversions.provenance_from_proto(end.provenance),
+            metadata_json=begun.metadata_json,
+            previous_poses_json=begun.previous_poses_json,
+        ),
+        from_cache=outline.from_cache,
+        finished_ns=end.finished_monotonic_ns,
+        odometry=outline.odometry,
+    )
+
+
+def messages_to_bytes(messages: SampleMessages) -> tuple[bytes, list[AnyArray]]:
+    """Return the headers as one message, and the images; inverse: `messages_from_bytes`."""
+    parts = [pb.SamplePart(sample=messages.header)] if messages.header is not None else []
+    parts += [pb.SamplePart(frame=frame.header) for frame in messages.frames]
+    parts += [pb.SamplePart(end=messages.end)] if messages.end is not None else []
+    content = pb.SamplePartGroup(parts=parts).SerializeToString()
+    return content, [frame.image for frame in messages.frames]
+
+
+def messages_from_bytes(content: bytes, images: Sequence[NDArray[np.uint8]]) -> SampleMessages:
+    """Return the messages whose images are these raw bytes."""
+    messages = SampleMessages()
+    for part in pb.SamplePartGroup.FromString(content).parts:
+        if part.HasField("sample"):
+            messages.header = part.sample
+        elif part.HasField("frame"):
+            image = encodings.decoded(part.frame.array, images[len(messages.frames)])
+            messages.frames.append(FrameMessage(part.frame, image))
+        else:
+            messages.end = part.end
+    return messages
+
+
+@functools.lru_cache(maxsize=8)
+def _brief(provenance: Provenance) -> Provenance:
+    """Return it without the long texts, which only the sample's header has."""
+    return replace(provenance, metadata_json="", previous_poses_json="")
+
+
+@functools.lru_cache(maxsize=64)
+def _camera(intrinsics: PinholeIntrinsics) -> pb.FrameHeader:
+    """Return what the headers of all frames of a camera share; it must not be changed."""
+    return pb.FrameHeader(
+        intrinsics=conversions.intrinsics_to_proto(intrinsics),
+        k=conversions.matrix_to_proto(intrinsics.K),
+    )

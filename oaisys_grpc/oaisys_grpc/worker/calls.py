@@ -1,0 +1,243 @@
+"""The calls that a worker answers: the contract's messages in, the contract's messages out.
+
+Must not import gRPC.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextvars import copy_context
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+from weakref import WeakSet
+
+import numpy as np
+
+from oaisys_core.backend.base import FrameGroup, ProgressCallback
+from oaisys_core.config import config_from_mapping
+from oaisys_core.config.paths import AssetRoots, confined
+from oaisys_core.errors import NotReadyError
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import Frame, ModuleMetadata, Sample, SampleOutline
+from oaisys_grpc.contract import chunks, conversions
+from oaisys_grpc.contract.limits import names
+from oaisys_grpc.contract.object_messages import page_to_proto, query_from_proto
+from oaisys_grpc.contract.sample_messages import (
+    SampleMessages,
+    end_to_proto,
+    frame_to_message,
+    messages_to_bytes,
+    outline_to_proto,
+)
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.worker import fault_injection
+from oaisys_grpc.worker.protocol import WorkerMessage
+from oaisys_grpc.worker.shared_memory import (
+    SHARED_FROM_BYTES,
+    AnyArray,
+    Segment,
+    copied_to_segment,
+    segment_of,
+)
+
+MAX_SEGMENTS = 400
+"""That frames, such as those of the cache, may lie in; each takes two descriptors."""
+
+
+class Reply(NamedTuple):
+    """What a call returns: a serialized message of the contract, and its arrays."""
+
+    content: bytes = b""
+    arrays: Sequence[AnyArray] = ()
+
+
+class CallContext(NamedTuple):
+    """What a call may do while it runs.
+
+    Attributes:
+        progress: Tells the server how far it is; raises `CancelledError` once it is cancelled.
+        send_frames: Sends frames, or whatever else of a sample is ready.
+    """
+
+    progress: ProgressCallback
+    send_frames: Callable[[Reply], None]
+
+
+class SimulationCalls:
+    """Answers calls with one `Simulation`."""
+
+    def __init__(self) -> None:
+        self.simulation: Simulation | None = None
+        self.roots: AssetRoots | None = None
+        self._segments: WeakSet[Segment] = WeakSet()
+        self._methods: dict[str, Callable[[WorkerMessage, CallContext], Reply]] = {
+            "start": self._start,
+            "step_batch": self._step_batch,
+            "step_sample": self._step_sample,
+            "withdraw_sample": self._withdraw_sample,
+            "ground_truth_mesh": self._ground_truth_mesh,
+            "list_objects": self._list_objects,
+            "height_grid": self._height_grid,
+            "query_height": self._query_height,
+        }
+
+    def answer(self, call: WorkerMessage, context: CallContext) -> Reply:
+        """Do what a call asks for.
+
+        Raises:
+            OaisysError: The request is refused, or it fails.
+        """
+        return self._methods[call.head["method"]](call, context)
+
+    def _start(self, call: WorkerMessage, context: CallContext) -> Reply:
+        """Set the simulation up, in the state that an earlier worker left."""
+        config = config_from_mapping(call.head["config"])
+        simulation = Simulation(
+            config, pose_cache_bytes=call.head["pose_cache_bytes"], place_frames=self._placed
+        )
+        self.roots = AssetRoots.of(map(Path, call.head["asset_roots"]), config)
+        if call.head["state"] is not None:
+            with confined(self.roots):
+                simulation.restore(json.loads(call.head["state"]), context.progress)
+        self.simulation = simulation
+        return Reply()
+
+    def _step_batch(self, call: WorkerMessage, context: CallContext) -> Reply:
+        simulation = self._ready()
+        request = pb.StepBatchRequest.FromString(call.content)
+        fault_injection.inject_in_batch(context.progress)
+        simulation.step_batch(
+            _metadata(request),
+            seed=request.seed if request.HasField("seed") else None,
+            reuse_stage=request.reuse_stage,
+            progress=context.progress,
+        )
+        return Reply()
+
+    def _step_sample(self, call: WorkerMessage, context: CallContext) -> Reply:
+        """Send the frames as they become ready; reply with the end of the sample."""
+        simulation = self._ready()
+        request = pb.StepSampleRequest.FromString(call.content)
+        fault_injection.inject_in_sample(context.progress)
+        steps = simulation.stream_sample(
+            _metadata(request),
+            modalities=names(request.modalities, "modalities"),
+            sensors=names(request.sensors, "sensors"),
+            progress=context.progress,
+        )
+        with ThreadPoolExecutor(1, "sender") as executor:
+            sender = _FrameSender(context, executor)
+            try:
+                while True:
+                    sender.send(*next(steps))
+            except StopIteration as end:
+                sample: Sample = end.value
+            finally:
+                steps.close()
+            sender.wait()
+        fault_injection.inject_at_end(context.progress)
+        return sender.rest(sample)
+
+    def _withdraw_sample(self, _call: WorkerMessage, _context: CallContext) -> Reply:
+        self._ready().withdraw_sample()
+        return Reply()
+
+    def _ground_truth_mesh(self, _call: WorkerMessage, _context: CallContext) -> Reply:
+        message, arrays = chunks.mesh_to_message(self._ready().ground_truth_mesh())
+        return Reply(message.SerializeToString(), arrays)
+
+    def _list_objects(self, call: WorkerMessage, _context: CallContext) -> Reply:
+        request = pb.ListObjectsRequest.FromString(call.content)
+        page = self._ready().list_objects(query_from_proto(request), _metadata(request))
+        return Reply(page_to_proto(page).SerializeToString())
+
+    def _height_grid(self, call: WorkerMessage, context: CallContext) -> Reply:
+        request = pb.GetHeightFieldRequest.FromString(call.content)
+        extent = request.extent
+        extent_m = (extent.min_x_m, extent.min_y_m, extent.max_x_m, extent.max_y_m)
+        given = extent_m if request.HasField("extent") else None
+        grid = self._ready().height_grid(request.resolution_m, given, context.progress)
+        message, arrays = chunks.height_grid_to_message(grid)
+        return Reply(message.SerializeToString(), arrays)
+
+    def _query_height(self, call: WorkerMessage, _context: CallContext) -> Reply:
+        request = pb.QueryHeightRequest.FromString(call.content)
+        points_m = np.array(request.points_m, dtype=np.float64).reshape(-1, 3)
+        heights = self._ready().query_height(points_m)
+        return Reply(conversions.heights_to_proto(heights).SerializeToString())
+
+    def _ready(self) -> Simulation:
+        if self.simulation is None:
+            raise NotReadyError("the worker was not started")
+        return self.simulation
+
+    def _placed(self, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
+        """Return frames as they lie in one segment of shared memory; small ones stay as they are.
+
+        The cache then keeps what is sent, and what it keeps is sent again without being copied.
+        """
+        size = sum(frame.data.nbytes for frame in frames)
+        if size < SHARED_FROM_BYTES or len(self._segments) >= MAX_SEGMENTS:
+            return frames
+        images = copied_to_segment([frame.data for frame in frames])
+        segment = segment_of(images[0])
+        assert segment is not None
+        self._segments.add(segment)
+        return tuple(replace(f, data=image) for f, image in zip(frames, images, strict=True))
+
+
+class _FrameSender:
+    """Sends groups of frames in order, each once.
+
+    A group that another thread still computes is waited for and sent by a thread, so that colour is
+    rendered meanwhile.
+    """
+
+    def __init__(self, context: CallContext, executor: Executor) -> None:
+        self._context = context
+        self._executor = executor
+        self._sending: Future[None] | None = None
+        self._has_header = False
+
+    def send(self, outline: SampleOutline, group: FrameGroup) -> None:
+        """Send a group after those before it.
+
+        Raises:
+            Exception: Whatever computing or sending a group before, or this one, raised.
+        """
+        self.wait()
+        if group.done():
+            self._send(outline, group)
+        else:
+            run = copy_context().run
+            self._sending = self._executor.submit(run, self._send, outline, group)
+
+    def wait(self) -> None:
+        """Wait until all groups so far are sent; see `send`."""
+        if self._sending is not None:
+            self._sending.result()
+
+    def rest(self, sample: Sample) -> Reply:
+        """Return what ends the sample."""
+        header = None if self._has_header else outline_to_proto(sample.outline)
+        return Reply(*messages_to_bytes(SampleMessages(header, end=end_to_proto(sample))))
+
+    def _send(self, outline: SampleOutline, group: FrameGroup) -> None:
+        is_first = not self._has_header
+        frames = [frame_to_message(frame, outline) for frame in group.result()]
+        header = outline_to_proto(outline) if is_first else None
+        self._has_header = True
+        self._context.send_frames(Reply(*messages_to_bytes(SampleMessages(header, frames))))
+        if is_first:
+            fault_injection.inject_after_frames(self._context.progress)
+
+
+def _metadata(
+    request: pb.StepBatchRequest | pb.StepSampleRequest | pb.ListObjectsRequest,
+) -> ModuleMetadata | None:
+    if not request.HasField("metadata"):
+        return None
+    return conversions.metadata_from_proto(request.metadata)
