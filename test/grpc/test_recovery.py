@@ -27,14 +27,19 @@ from served_simulator import (
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.types import Progress, Sample, ignore_progress
+from oaisys_core.types import Progress, Sample
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.faults import ServerUnavailableError
-from oaisys_grpc.server.supervision.call_limit import CANCEL_IDLE_S, CANCEL_WORK_S, Limit
-from oaisys_grpc.server.supervision.worker_effort import Effort
+from oaisys_grpc.server.supervision.call_limit import (
+    CANCEL_IDLE_S,
+    CANCEL_WORK_S,
+    Limit,
+    ProcessorTime,
+)
 from oaisys_grpc.server.supervision.worker_folder import PREFIX
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
 from oaisys_grpc.server.supervision.worker_process import WorkerProcess
+from oaisys_grpc.worker.protocol import WorkerMessage
 
 StartServer = Callable[..., Server]
 POSES = [pose_looking_down(1, 1, 11, 0.4), pose_looking_at((-6, -5, 7), (2, 3, 0))]
@@ -182,7 +187,7 @@ def test_how_a_worker_ended_is_not_hidden_by_our_own_signal(tmp_path: Path) -> N
     worker = WorkerProcess(str(stand_in), WorkerLog())
     limit = Limit(PATIENCE_S, PATIENCE_S, threading.Event())
     with pytest.raises(WorkerLostError, match=r"exited with 3; it said last: no disk is left"):
-        worker.call("start", {}, limit=limit, progress=ignore_progress)
+        next(worker.call("start", WorkerMessage({}), limit))
 
 
 def test_a_worker_that_others_kill_is_said_to_be_killed_by_them(
@@ -273,10 +278,10 @@ def test_a_cancelled_worker_is_judged_by_its_work_not_by_the_clock() -> None:
     limit = Limit(PATIENCE_S, 0.0, cancelled, worth_a_worker=True)
     patient = Limit(PATIENCE_S, 0.0, cancelled)
     with spinning(5) as (worker,):
-        wait_until(lambda: Effort(worker.pid).look()[0] >= 0)
+        wait_until(lambda: ProcessorTime(worker.pid).look()[0] >= 0)
         with spinning(0, count=4):
             time.sleep(1.0)  # until all of them compute
-            effort = Effort(worker.pid)
+            effort = ProcessorTime(worker.pid)
             end_s = time.monotonic() + 3 * CANCEL_WORK_S
             while time.monotonic() < end_s:
                 assert not limit.must_kill(effort)
@@ -286,7 +291,7 @@ def test_a_cancelled_worker_is_judged_by_its_work_not_by_the_clock() -> None:
         assert worked_s >= CANCEL_WORK_S
         assert idle_s < CANCEL_IDLE_S
         worker.send_signal(signal.SIGSTOP)
-        hung = Effort(worker.pid)
+        hung = ProcessorTime(worker.pid)
         begin_s = time.monotonic()
         assert not limit.must_kill(hung)
         wait_until(lambda: limit.must_kill(hung))

@@ -21,8 +21,13 @@ from oaisys_core.types import (
     SensorInfo,
     SimulatorInfo,
 )
-from oaisys_grpc.contract.structs import struct_from_proto, struct_to_proto
-from oaisys_grpc.contract.typed_metadata import fill, joined, values_of
+from oaisys_grpc.contract.typed_metadata import (
+    fill,
+    joined,
+    struct_from_proto,
+    struct_to_proto,
+    values_of,
+)
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 _TYPED = ("environment", "asset", "render")

@@ -27,9 +27,8 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
 from oaisys_grpc.server.health import TellingHealth
 from oaisys_grpc.server.jobs.queue import OperationQueue
 from oaisys_grpc.server.jobs.sample_store import SampleStore
-from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
+from oaisys_grpc.server.limits.guarded_calls import THREADS, GuardedCalls
 from oaisys_grpc.server.limits.open_calls import OpenCalls
-from oaisys_grpc.server.limits.stream_limits import THREADS
 from oaisys_grpc.server.options import ServerOptions
 from oaisys_grpc.server.servicer import SimulatorServicer
 from oaisys_grpc.server.supervision.supervisor import Supervisor

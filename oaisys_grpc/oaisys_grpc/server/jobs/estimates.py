@@ -1,4 +1,4 @@
-"""How long an operation will still take, judged by the last ones like it."""
+"""Estimates how long an operation will still take from the last ones like it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 REMEMBERED = 5
-"""Operations of a kind that estimates are made from."""
+"""Operations of each kind that estimates are made from."""
 
 KINDS = 64
-"""Of operations that are remembered; those that came least lately are forgotten."""
+"""Kinds of operations that are remembered; the least recent ones are forgotten."""
 
 
 @dataclass(frozen=True)
-class Course:
-    """When an operation was how far.
+class ProgressCurve:
+    """The progress of one operation over time.
 
     Attributes:
         fractions: From 0 to 1, increasing.
-        elapsed_s: Since its begin, one for each.
+        elapsed_s: Since its beginning, one for each fraction.
     """
 
     fractions: tuple[float, ...]
@@ -36,67 +36,67 @@ class Course:
         return self.elapsed_s[-1]
 
     def left_s(self, fraction: float) -> float:
-        """Return how long it still took from there."""
+        """Return how long it still took from a fraction on."""
         return self.total_s - float(np.interp(fraction, self.fractions, self.elapsed_s))
 
 
-class Run:
-    """One operation under way; any thread may ask it."""
+class RunningJob:
+    """The progress of an operation that runs; any thread may ask it."""
 
-    def __init__(self, like: tuple[Course, ...]) -> None:
+    def __init__(self, like: tuple[ProgressCurve, ...]) -> None:
         """Begin now.
 
         Args:
-            like: What operations like it took; none: there is no estimate.
+            like: The curves of similar operations; none: there is no estimate.
         """
         self._like = like
         self._begun_s = time.monotonic()
         self._marks = [(0.0, 0.0)]
 
     def mark(self, fraction: float) -> None:
-        """Note how far it is; a fraction that is no more than the last one says nothing."""
+        """Note how far it is; a fraction not above the last one is ignored."""
         last_fraction, _ = self._marks[-1]
         if last_fraction < fraction < 1.0:
             self._marks.append((fraction, time.monotonic() - self._begun_s))
 
     def left_s(self) -> float | None:
-        """Return how many seconds are left; None if there is nothing to judge by."""
+        """Return how many seconds are left; None without similar operations."""
         if not self._like:
             return None
         fraction, then_s = self._marks[-1]
         since_s = time.monotonic() - self._begun_s - then_s
         return max(0.0, statistics.median(c.left_s(fraction) for c in self._like) - since_s)
 
-    def course(self) -> Course:
-        """Return what it took, at its end."""
+    def curve(self) -> ProgressCurve:
+        """Return its curve, once it has ended."""
         fractions, elapsed_s = zip(*self._marks, strict=True)
-        return Course((*fractions, 1.0), (*elapsed_s, time.monotonic() - self._begun_s))
+        return ProgressCurve((*fractions, 1.0), (*elapsed_s, time.monotonic() - self._begun_s))
 
 
 class Estimates:
-    """The courses of the last operations of each kind; safe to use from any thread."""
+    """The curves of the last operations of each kind; safe to use from any thread."""
 
     def __init__(self) -> None:
-        self._courses: OrderedDict[Hashable, deque[Course]] = OrderedDict()
+        self._curves: OrderedDict[Hashable, deque[ProgressCurve]] = OrderedDict()
         self._lock = threading.Lock()
 
-    def begin(self, kind: Hashable) -> Run:
-        """Return the run of an operation that begins now."""
-        return Run(self._like(kind))
+    def begin(self, kind: Hashable) -> RunningJob:
+        """Return the progress of an operation that begins now."""
+        return RunningJob(self._like(kind))
 
-    def learn(self, kind: Hashable, run: Run) -> None:
-        """Remember how an operation went that has just succeeded."""
+    def learn(self, kind: Hashable, run: RunningJob) -> None:
+        """Remember the curve of an operation that has just succeeded."""
         with self._lock:
-            self._courses.setdefault(kind, deque(maxlen=REMEMBERED)).append(run.course())
-            self._courses.move_to_end(kind)
-            while len(self._courses) > KINDS:
-                self._courses.popitem(last=False)
+            self._curves.setdefault(kind, deque(maxlen=REMEMBERED)).append(run.curve())
+            self._curves.move_to_end(kind)
+            while len(self._curves) > KINDS:
+                self._curves.popitem(last=False)
 
     def total_s(self, kind: Hashable) -> float | None:
         """Return how long operations of a kind take; None if there was none yet."""
         like = self._like(kind)
-        return statistics.median(course.total_s for course in like) if like else None
+        return statistics.median(curve.total_s for curve in like) if like else None
 
-    def _like(self, kind: Hashable) -> tuple[Course, ...]:
+    def _like(self, kind: Hashable) -> tuple[ProgressCurve, ...]:
         with self._lock:
-            return tuple(self._courses.get(kind, ()))
+            return tuple(self._curves.get(kind, ()))

@@ -67,7 +67,7 @@ class Operation:
     _changed: threading.Condition = field(default_factory=threading.Condition)
 
     def update(self, **changes: Any) -> bool:
-        """Change the status, unless the operation has ended; return whether it was changed."""
+        """Change the status unless the operation has ended; return whether it was changed."""
         with self._changed:
             if self.status.state.ended:
                 return False
@@ -97,13 +97,13 @@ class Operation:
                 self._changed.notify_all()
 
     def stop(self, error: OaisysError) -> None:
-        """End it now, unless it has ended; what the worker still makes of it is dropped."""
+        """End it with an error, unless it has ended; the worker's later answer is dropped."""
         state = State.CANCELLED if isinstance(error, CancelledError) else State.FAILED
         if self._end(state, error):
             self.cancelled.set()
 
     def expire(self) -> None:
-        """End it if its time is over; the worker has a period of grace to stop."""
+        """End it if its deadline has passed; the worker then has a grace period to stop."""
         if time.monotonic() >= self.deadline_s:
             self._end(State.FAILED, DeadlineExceededError("it did not end within its deadline"))
 

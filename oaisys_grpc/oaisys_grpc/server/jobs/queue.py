@@ -25,7 +25,7 @@ from oaisys_core.types import Progress
 from oaisys_grpc.contract.faults import OvertakenError, ServerUnavailableError
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
 from oaisys_grpc.contract.sample_messages import messages_from_bytes
-from oaisys_grpc.server.jobs.estimates import Estimates, Run
+from oaisys_grpc.server.jobs.estimates import Estimates, RunningJob
 from oaisys_grpc.server.jobs.job import Job, Operation
 from oaisys_grpc.server.jobs.sample_store import SampleStore
 from oaisys_grpc.server.supervision.supervisor import Supervisor
@@ -37,10 +37,10 @@ QUEUE_LIMIT = 32
 """How many operations may wait."""
 
 QUEUE_LIMIT_OF_NEWCOMERS = 96
-"""How many may wait so that a connection of which none waits can still add one."""
+"""How many may wait when a connection with no waiting operation adds one."""
 
 QUEUE_BYTES = 32 << 20
-"""Of all requests that wait together; one alone may have as many as a request may."""
+"""Total size of the waiting requests."""
 
 HISTORY_LIMIT = 256
 """How many operations are remembered after they ended."""
@@ -48,17 +48,17 @@ HISTORY_LIMIT = 256
 _DRAIN_LOOK_S = 0.05
 _DEADLINE_LOOK_S = 0.05
 _WAKE_S = 0.25
-"""How often an idle runner looks after the worker."""
+"""How often an idle queue checks that the worker runs."""
 
 
 class OperationQueue:
-    """The queue, the thread that works it off, and what is remembered."""
+    """The queue, the loop that runs its jobs, and a record of each operation."""
 
     def __init__(self, supervisor: Supervisor, samples: SampleStore) -> None:
         # Names of an earlier server must not mean other operations of this one.
         self._instance = secrets.token_hex(4)
         self._estimates = Estimates()
-        self._run: Run | None = None
+        self._run: RunningJob | None = None
         self._supervisor = supervisor
         self._samples = samples
         self._waiting: deque[Operation] = deque()
@@ -73,7 +73,7 @@ class OperationQueue:
         self._ending = threading.Event()
 
     def run(self) -> None:
-        """Work until `end`, on the thread that started the worker."""
+        """Run jobs until `end`, on the thread that started the worker."""
         threading.Thread(target=self._watch, name="deadlines", daemon=True).start()
         while not self._ending.is_set():
             operation = self._next()
@@ -86,7 +86,7 @@ class OperationQueue:
                 self._running = None
 
     def drain(self, timeout_s: float, at_once: Callable[[], bool]) -> None:
-        """Refuse new work; wait up to ``timeout_s`` for what there is, unless told ``at_once``."""
+        """Refuse new jobs; wait for the others, up to ``timeout_s`` or until ``at_once()``."""
         end_s = time.monotonic() + timeout_s
         with self._lock:
             self._closed = True
@@ -107,10 +107,9 @@ class OperationQueue:
             operation.stop(error)
 
     def submit(self, job: Job) -> Operation:
-        """Enqueue a job; a repeated request gets the operation that it got before.
+        """Enqueue a job; a repeated request gets its earlier operation.
 
-        A request whose operation failed or was cancelled is not repeated but done: its id may be
-        used again, for the same request.
+        If that operation failed or was cancelled, the job is enqueued again.
 
         Raises:
             QueueFullError: Too many wait.
@@ -158,7 +157,7 @@ class OperationQueue:
         return replace(status, progress=replace(status.progress, seconds_left=left_s))
 
     def _left_s(self, operation: Operation) -> float | None:
-        """Return how long an operation, and all that goes before it, will take."""
+        """Return how long an operation and all before it in the queue will take; None: unknown."""
         with self._lock:
             run = self._run
             waiting = [o for o in self._waiting if not o.status.state.ended]
@@ -171,13 +170,12 @@ class OperationQueue:
         return sum(known_s) if len(known_s) == len(totals_s) else None
 
     def _watch(self) -> None:
-        """End what is overdue, though the worker may not have noticed yet; tidy up."""
+        """End what is overdue, even if the worker has not noticed yet."""
         while not self._ending.wait(_DEADLINE_LOOK_S):
             with self._lock:
                 candidates = [*self._waiting, *filter(None, [self._running])]
             for operation in candidates:
                 operation.expire()
-            self._samples.tidy()
 
     def _next(self) -> Operation | None:
         with self._lock:
@@ -188,9 +186,9 @@ class OperationQueue:
             return self._running
 
     def _first_of_next_peer(self) -> Operation:
-        """Take the first operation of the connection that was served longest ago.
+        """Remove and return the first operation of the least recently served connection.
 
-        None goes before a batch that was asked for earlier.
+        No operation overtakes a batch that was requested before it.
         """
         batches = (i for i, o in enumerate(self._waiting) if o.job.kind is Kind.BATCH)
         candidates = [*self._waiting][: next(batches, len(self._waiting)) or 1]
@@ -232,7 +230,7 @@ class OperationQueue:
         if not is_cached:
             self._estimates.learn(job.estimate_key, run)
 
-    def _answer(self, operation: Operation, run: Run) -> WorkerMessage:
+    def _answer(self, operation: Operation, run: RunningJob) -> WorkerMessage:
         """Call the worker, note what it sends meanwhile, and return its answer."""
         job = operation.job
         steps = self._supervisor.call(
@@ -272,7 +270,7 @@ class OperationQueue:
         return operation
 
     def _overtaken(self) -> list[Operation]:
-        """Take the samples out of the queue, and return them and one that renders."""
+        """Remove the samples from the queue; return them and the one that renders, if any."""
         candidates = [*self._waiting, *filter(None, [self._running])]
         overtaken = [o for o in candidates if o.job.kind is Kind.SAMPLE]
         self._waiting = deque(o for o in self._waiting if o.job.kind is not Kind.SAMPLE)
@@ -280,7 +278,7 @@ class OperationQueue:
 
 
 def _check_room(ahead: Sequence[Operation], job: Job) -> None:
-    """Refuse work where too much waits ahead of it."""
+    """Refuse a job if too many wait ahead of it."""
     limit = QUEUE_LIMIT_OF_NEWCOMERS
     if any(operation.job.peer == job.peer for operation in ahead):
         limit = QUEUE_LIMIT
@@ -292,7 +290,7 @@ def _check_room(ahead: Sequence[Operation], job: Job) -> None:
 
 
 def _is_repeated(before: Operation, job: Job) -> bool:
-    """Return whether a request is answered by the operation that its id stands for."""
+    """Return whether a job repeats an earlier request and gets its operation."""
     if before.job.body != job.body:
         raise InvalidInputError(
             "request_id", job.request_id, "a new id, or the request that came with it before"

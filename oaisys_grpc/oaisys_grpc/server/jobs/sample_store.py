@@ -1,4 +1,4 @@
-"""The samples that were rendered lately, for clients that fetch them later."""
+"""The most recent samples, for clients that fetch them later."""
 
 from __future__ import annotations
 
@@ -13,34 +13,22 @@ MAX_BYTES = 512 * 1024 * 1024
 
 
 class SampleStore:
-    """Keeps the newest samples within bounds of number and memory; safe for any thread."""
+    """Keeps the most recent samples within bounds of number and memory; safe for any thread."""
 
     def __init__(self, max_samples: int = MAX_SAMPLES, max_bytes: int = MAX_BYTES) -> None:
         self._max_samples = max_samples
         self._max_bytes = max_bytes
         self._samples: OrderedDict[tuple[int, int], SampleMessages] = OrderedDict()
-        self._dropped: list[SampleMessages] = []
         self._lock = threading.Lock()
 
     def add(self, sample: SampleMessages) -> None:
-        """Keep a sample; the oldest ones go, but never this one.
-
-        Their memory is given back by `tidy`.
-        """
+        """Keep a sample; drop the oldest ones if there are too many, but never this one."""
         with self._lock:
             key = (sample.batch_id, sample.sample_id)
-            before = self._samples.pop(key, None)
-            if before is not None:
-                self._dropped.append(before)
+            self._samples.pop(key, None)
             self._samples[key] = sample
-            while len(self._samples) > 1 and self._full():
-                self._dropped.append(self._samples.popitem(last=False)[1])
-
-    def tidy(self) -> None:
-        """Give back the memory of samples that went, which takes a while: nobody should wait."""
-        with self._lock:
-            dropped, self._dropped = self._dropped, []
-        dropped.clear()
+            while len(self._samples) > 1 and self._is_full():
+                self._samples.popitem(last=False)
 
     def get(self, batch_id: int, sample_id: int) -> SampleMessages:
         """Return a sample.
@@ -57,6 +45,6 @@ class SampleStore:
             )
         return sample
 
-    def _full(self) -> bool:
+    def _is_full(self) -> bool:
         size = sum(sample.nbytes for sample in self._samples.values())
         return len(self._samples) > self._max_samples or size > self._max_bytes

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 from oaisys_core.errors import CancelledError, DeadlineExceededError
-from oaisys_grpc.server.supervision.worker_effort import Effort
 
 CANCEL_WORK_S = 0.8
 """Of its busiest thread's time on a processor, for a worker to stop a sample that was cancelled."""
@@ -17,6 +18,10 @@ CANCEL_IDLE_S = 2.0
 """Without any time on a processor, for such a worker: it hangs."""
 
 _WATCH_S = 0.25
+
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+_USER, _SYSTEM = 11, 12
+"""Fields of a thread's ``stat`` behind the name in brackets."""
 
 
 class Watchdog:
@@ -89,7 +94,7 @@ class Limit:
         """Whether the call must be cancelled."""
         return self._cancelled.is_set() or self.over
 
-    def must_kill(self, since_told: Effort | None) -> bool:
+    def must_kill(self, since_told: ProcessorTime | None) -> bool:
         """Whether the worker had its chance.
 
         Args:
@@ -106,3 +111,34 @@ class Limit:
         if self._cancelled.is_set():
             return CancelledError("cancelled by the caller")
         return DeadlineExceededError("the operation did not end within its deadline")
+
+
+class ProcessorTime:
+    """The processor time of a process from now on, which does not depend on other processes."""
+
+    def __init__(self, pid: int) -> None:
+        self._threads = Path(f"/proc/{pid}/task")
+        self._begin = self._last = self._ticks()
+        self._moved_s = time.monotonic()
+
+    def look(self) -> tuple[float, float]:
+        """Return the processor's seconds of its busiest thread, and for how long none had any.
+
+        Look often: what happens between two looks is taken to happen at the second one.
+        """
+        ticks = self._ticks()
+        now_s = time.monotonic()
+        if ticks != self._last:
+            self._last, self._moved_s = ticks, now_s
+        used = (count - self._begin.get(thread, 0) for thread, count in ticks.items())
+        return max(used, default=0) / _TICKS_PER_S, now_s - self._moved_s
+
+    def _ticks(self) -> dict[str, int]:
+        ticks = {}
+        for file in self._threads.glob("*/stat"):
+            try:
+                fields = file.read_text().rpartition(")")[2].split()
+            except OSError:  # it has ended meanwhile
+                continue
+            ticks[file.parent.name] = int(fields[_USER]) + int(fields[_SYSTEM])
+        return ticks

@@ -25,8 +25,7 @@ from oaisys_core.errors import (
     DeadlineExceededError,
     WorkerLostError,
 )
-from oaisys_grpc.server.supervision.call_limit import Limit, Watchdog
-from oaisys_grpc.server.supervision.worker_effort import Effort
+from oaisys_grpc.server.supervision.call_limit import Limit, ProcessorTime, Watchdog
 from oaisys_grpc.server.supervision.worker_folder import WorkerFolder
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
 from oaisys_grpc.server.supervision.worker_memory import MEGABYTE, resident_bytes
@@ -129,7 +128,7 @@ class WorkerProcess:
         """
         self._calls += 1
         number = self._calls
-        since_told: Effort | None = None
+        since_told: ProcessorTime | None = None
         self._watchdog.arm(limit.left_s())
         try:
             head = {**request.head, "type": "call", "id": number, "method": method}
@@ -137,7 +136,7 @@ class WorkerProcess:
             while True:
                 if since_told is None and limit.must_stop():
                     self._connection.send({"type": "cancel", "id": number})
-                    since_told = Effort(self.pid)
+                    since_told = ProcessorTime(self.pid)
                 if limit.must_kill(since_told):
                     self.discard()
                     raise _killed(method, limit)
