@@ -38,7 +38,6 @@ from oaisys_ros_bridge.clouds import cloud_from_msg
 from oaisys_ros_bridge.conversions import image_from_msg, odometry_from_msg, transform_from_msg
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.publishing import sensor_topics
-from oaisys_ros_bridge.publishing.publication import Publication
 from oaisys_ros_bridge.publishing.sample_publisher import SamplePublisher
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SENSOR_QOS, TF_QOS
 
@@ -63,8 +62,9 @@ DEFAULTS = {row.name: row.default for row in BRIDGE}
 
 
 def publish(publisher: SamplePublisher, sample: Sample, stamp: Time) -> None:
-    publication = Publication(publisher, sample.outline, stamp)
-    publication.add(sample.frames)
+    publication = publisher.begin(sample.outline, stamp)
+    for frame in sample.frames:
+        publication.add(frame)
     publication.finish(sample)
 
 

@@ -1,4 +1,4 @@
-"""A way to stop work that another thread does."""
+"""A token by which one thread cancels the work of another."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from oaisys_core.errors import CancelledError
 
 
 class Cancellation:
-    """Asked for once, by any thread; stops the call that is under way then, and all later ones."""
+    """Requested by any thread; cancels the call that is under way, and refuses all later ones."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -19,27 +19,27 @@ class Cancellation:
 
     @property
     def reason(self) -> str:
-        """Why the work shall stop; empty: it may go on."""
+        """Why the work is cancelled; empty: it is not."""
         return self._reason
 
     def request(self, reason: str) -> None:
-        """Stop the work; the first reason stays."""
+        """Cancel the work; the first reason stays."""
         with self._lock:
             self._reason = self._reason or reason
             if self._stop is not None:
                 self._stop()
 
     def check(self) -> None:
-        """Raise `CancelledError` where the work shall stop."""
+        """Raise `CancelledError` if the work is cancelled."""
         if self._reason:
             raise CancelledError(self._reason)
 
     @contextmanager
     def stopping_by(self, stop: Callable[[], object]) -> Iterator[None]:
-        """Have ``stop`` called while the block runs, should the work be stopped.
+        """Call ``stop`` if the work is cancelled while the block runs.
 
         Raises:
-            CancelledError: It had been before.
+            CancelledError: It was cancelled before.
         """
         with self._lock:
             self.check()

@@ -1,40 +1,128 @@
-"""What the bridge says about itself on ``/diagnostics``."""
+"""What the bridge reports on ``/diagnostics``."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
 
 from oaisys_core.types import SimulatorInfo
+from oaisys_ros_bridge.bridge.pose_commands import PoseCommands
+from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 
 BYTES_PER_MB = 1e6
 
 FIRST_BATCH_ERROR = "first_batch_error"
-"""Key of why there is no world although the bridge tried twice; empty: no such thing."""
+"""Key of why there is no world although the bridge tried twice; empty: there is one."""
 
 FIRST_BATCH_RETRIED = "first_batch_retried_after"
-"""Key of what the first of these tries failed of; stays where the second one succeeds."""
+"""Key of why the first of these tries failed; stays where the second one succeeds."""
 
 SUBSCRIBERS = "subscribers "
 """Prefix of the keys that hold how many subscribers of a topic the bridge is matched with."""
 
 
-def diagnostics_msg(
-    name: str, hardware_id: str, level: bytes, message: str, values: Mapping[str, object]
-) -> DiagnosticArray:
-    """Return one status; its stamp is the caller's to set."""
-    entries = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
-    status = DiagnosticStatus(
-        level=level, name=name, message=message, hardware_id=hardware_id, values=entries
-    )
-    return DiagnosticArray(status=[status])
+@dataclass(frozen=True)
+class BridgeState:
+    """The state of the node, as far as diagnostics report it.
+
+    Attributes:
+        name: Of the lifecycle state.
+        ready: Whether a view can be requested.
+        is_meant: Whether the bridge is meant to be active.
+        reason: Why the simulator is not ready; empty: it is.
+    """
+
+    name: str
+    ready: bool
+    is_meant: bool
+    reason: str
 
 
-def simulator_values(info: SimulatorInfo | None) -> dict[str, object]:
-    """Return what is known of the simulator, by name."""
+class BridgeDiagnostics:
+    """Publishes the status of the simulator and of the readers.
+
+    Args:
+        node: The bridge.
+        renderer: Whose counts, link and readers are reported.
+        commands: Whose queue is reported.
+    """
+
+    def __init__(self, node: Node, renderer: Renderer, commands: PoseCommands) -> None:
+        self._node = node
+        self._renderer = renderer
+        self._commands = commands
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+
+    def publish(self, state: BridgeState, address: str) -> None:
+        """Publish both statuses.
+
+        Args:
+            state: Of the node.
+            address: Where the simulator is, or shall be.
+        """
+        array = DiagnosticArray(
+            status=[self._simulator_status(state, address), self._readers_status(address)]
+        )
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+    def _simulator_status(self, state: BridgeState, address: str) -> DiagnosticStatus:
+        link = self._renderer.link
+        level = DiagnosticStatus.ERROR if state.is_meant else DiagnosticStatus.WARN
+        message = (state.reason if state.is_meant else "") or state.name
+        if state.ready:
+            level, message = DiagnosticStatus.OK, "ready"
+        values = {
+            "address": address,
+            "lifecycle_state": state.name,
+            **_link_values(link),
+            **self._renderer_values(),
+            "memory_mb": resident_mb(),
+            **_simulator_values(None if link is None else link.state.info),
+        }
+        for publisher in self._node.publishers:
+            # A caller that must not lose the first sample waits until its subscribers are known.
+            values[f"{SUBSCRIBERS}{publisher.topic_name}"] = publisher.get_subscription_count()
+        name = f"{self._node.get_name()}: simulator"
+        return _status(name, address, level, message, values)
+
+    def _renderer_values(self) -> dict[str, object]:
+        counts = self._renderer.counts
+        return {
+            "renderer": self._renderer.activity,
+            "queue": self._renderer.waiting + self._commands.waiting,
+            "rendered": counts.rendered,
+            "failed": counts.failed,
+            "dropped_commands": self._commands.dropped,
+            "last_stamp_ns": counts.last_stamp_ns,
+            "last_render_s": counts.last_render_s,
+            "last_transfer_s": counts.last_transfer_s,
+            "last_publish_s": counts.last_publish_s,
+        }
+
+    def _readers_status(self, address: str) -> DiagnosticStatus:
+        """Return how far the mapper and recorders are."""
+        wrong, values = self._renderer.readers.diagnostics()
+        level = DiagnosticStatus.WARN if wrong else DiagnosticStatus.OK
+        message = "; ".join(wrong) or "nothing is lost"
+        return _status(f"{self._node.get_name()}: readers", address, level, message, values)
+
+
+def _link_values(link: SimulatorLink | None) -> dict[str, object]:
+    return {
+        FIRST_BATCH_ERROR: "" if link is None else link.first_batch_error,
+        FIRST_BATCH_RETRIED: "" if link is None else link.first_batch_retried_after,
+        "connections": 0 if link is None else link.state.connections,
+    }
+
+
+def _simulator_values(info: SimulatorInfo | None) -> dict[str, object]:
     if info is None:
         return {"connected": False}
     return {
@@ -46,8 +134,17 @@ def simulator_values(info: SimulatorInfo | None) -> dict[str, object]:
     }
 
 
+def _status(
+    name: str, hardware_id: str, level: bytes, message: str, values: Mapping[str, object]
+) -> DiagnosticStatus:
+    entries = [KeyValue(key=key, value=_text(value)) for key, value in values.items()]
+    return DiagnosticStatus(
+        level=level, name=name, message=message, hardware_id=hardware_id, values=entries
+    )
+
+
 def resident_mb() -> float:
-    """Return the memory that this process holds, in MB; 0 where the system does not tell."""
+    """Return the resident memory of this process in MB; 0 where the system does not tell."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except (OSError, ValueError, IndexError):

@@ -1,4 +1,8 @@
-"""An action whose goals are worked off one at a time, until they are cancelled."""
+"""An action that runs one goal at a time and can cancel it in the middle of a render.
+
+`rclpy.action` lacks both: its servers run goals side by side, and a goal can only ask from time to
+time whether it shall end, which a call to the simulator that takes minutes cannot.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,7 @@ class GoalWork:
     Attributes:
         kind: The action's type.
         name: Its name.
-        run: Works a goal off, fills its result in, and raises `OaisysError` where it fails.
+        run: Executes a goal and fills its result in; raises `OaisysError` if it fails.
         explain: Writes into a result why its goal has failed.
     """
 
@@ -39,9 +43,9 @@ class GoalWork:
 
 
 class GoalServer:
-    """Serves one goal at a time; one that comes meanwhile is aborted with that as its reason.
+    """Runs one goal at a time; another one is aborted, with the reason in its result.
 
-    Aborted, not rejected: a rejection carries no words.
+    It is not rejected, as a rejection carries no reason.
     """
 
     def __init__(self, node: Node, work: GoalWork) -> None:
@@ -64,7 +68,7 @@ class GoalServer:
         )
 
     def stop(self, reason: str) -> None:
-        """End the goal that runs, and wait for that."""
+        """Cancel the goal that runs, and wait for its end."""
         with self._lock:
             running = self._running
         if running is not None:
@@ -111,10 +115,10 @@ class GoalServer:
             self._end()
 
     def _end_cancelled(self, goal: ServerGoalHandle, cancellation: Cancellation) -> None:
-        """End as cancelled where a client has asked for that, and as aborted otherwise."""
+        """End as cancelled if a client has asked for that, and as aborted otherwise."""
         end_s = time.monotonic() + CANCELLING_TIMEOUT_S
         asked = cancellation.reason == CANCELLED
-        # The client's wish is known here a moment before the goal's state says so.
+        # rclpy calls _on_cancel before it changes the goal's state.
         while asked and not goal.is_cancel_requested and time.monotonic() < end_s:
             time.sleep(0.005)
         if goal.is_cancel_requested:

@@ -1,57 +1,53 @@
-"""Requests for views, whoever makes them: rendered one at a time, and published."""
+"""Renders views one at a time and publishes their frames as they come."""
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, NamedTuple, TypeVar
 
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped
 
 from oaisys_core.errors import NotReadyError, OaisysError
-from oaisys_core.types import Frame, Pose, Sample, SampleOutline, SimulatorInfo
+from oaisys_core.types import Pose, Sample, SampleOutline
 from oaisys_ros_bridge.bridge.cancellation import Cancellation
-from oaisys_ros_bridge.bridge.pending_metadata import PendingMetadata
 from oaisys_ros_bridge.bridge.readers import Readers
-from oaisys_ros_bridge.bridge.requests import checked_modalities, rig_pose
+from oaisys_ros_bridge.bridge.requests import PendingMetadata, ViewRequest, rig_pose
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
-from oaisys_ros_bridge.bridge.turns import Turns
-from oaisys_ros_bridge.publishing.publication import Publication
+from oaisys_ros_bridge.publishing.sample_publisher import Publication
 from oaisys_ros_bridge.publishing.stamps import nanoseconds
+from oaisys_ros_bridge.publishing.world_topics import WorldTopics
+
+R = TypeVar("R")
 
 STOP_TIMEOUT_S = 3.0
+ACTIVATION_TIMEOUT_S = 5.0
+"""How long a request waits for a bridge that has just found its simulator again."""
 
 
-@dataclass(frozen=True)
-class View:
-    """What somebody wants to see.
+class PublishedSample(NamedTuple):
+    """A sample, and the stamp of all its messages."""
 
-    Attributes:
-        pose: Where the rig or the sensor goes; None: it stays.
-        sensor: Name of the sensor that renders, and that the pose is of; empty: the rig, all.
-        modalities: What to render; none: all.
-        is_step: Whether it is a step of a paused simulation, which renders nothing else.
-    """
-
-    pose: PoseStamped | None
-    sensor: str = ""
-    modalities: Sequence[str] = ()
-    is_step: bool = False
+    sample: Sample
+    stamp: Time
 
 
 @dataclass
-class Counts:
-    """What was done so far, for diagnostics.
+class RenderCounts:
+    """Counts and durations for diagnostics.
 
     Attributes:
         rendered: Samples that were published.
         failed: Requests that were refused or failed.
-        last_stamp_ns: Of the newest sample.
-        last_render_s: What the simulator took to render it.
-        last_transfer_s: What the bridge waited for it besides.
-        last_publish_s: What conversion and publishing took.
+        last_stamp_ns: Stamp of the newest sample.
+        last_render_s: How long the simulator took to render it.
+        last_transfer_s: How long the bridge waited for it beyond that.
+        last_publish_s: How long conversion and publishing took.
     """
 
     rendered: int = 0
@@ -62,143 +58,245 @@ class Counts:
     last_publish_s: float = float("nan")
 
 
-def _set_event() -> threading.Event:
-    event = threading.Event()
-    event.set()
-    return event
-
-
-@dataclass
 class Renderer:
-    """Renders views one at a time, in the order in which they are asked for.
+    """Renders views one at a time, in the order in which they are requested, and publishes them.
 
-    A service call, a goal's next pose, a command and a step of the simulation each wait for one
-    turn: what comes meanwhile goes between two poses of a sweep. Stamps only increase.
+    One thread renders. A service call, a pose of a sweep, a command and a simulation step each wait
+    for it, so requests that come during a sweep are rendered between two of its poses. A callback
+    group of rclpy does not order them like that: of the entities that are ready it runs the one
+    that was created first.
+
+    Args:
+        topics: Publishes the samples.
+        readers: Our mapper and recorders; the next sample waits for them.
+        settings: Returns the bridge's parameters.
+        on_sample: Called after each sample.
 
     Attributes:
-        turns: Whose turn it is to use the simulator.
-        ready_link: Returns the link of a bridge that may render now; raises `NotReadyError`.
-        begin: Begins to publish a sample.
-        map_frame: Returns the frame of the world.
-        readers: Who has to take the samples, and is waited for before another one.
-        on_sample: Told after each sample.
-        paused_reason: Why only steps of the simulation are rendered; empty: all is.
-        rig_pose: Where the rig was last put; None: that is not known.
-        metadata: What goes with the next sample; the simulator keeps it from then on.
+        link: The simulator; None while the bridge is unconfigured.
+        refusal: Why nothing is rendered; empty: views are rendered once `active` is set.
+        active: Set while the bridge is active.
+        paused_reason: Why only steps of the simulation are rendered; empty: all views are.
+        rig_pose: Where the rig was last; None: unknown.
+        metadata: Goes with the next sample; the simulator keeps it from then on.
     """
 
-    turns: Turns
-    ready_link: Callable[[], tuple[SimulatorLink, SimulatorInfo]]
-    begin: Callable[[SampleOutline], Publication]
-    map_frame: Callable[[], str]
-    readers: Readers
-    on_sample: Callable[[], None] = lambda: None
-    paused_reason: str = ""
-    rig_pose: Pose | None = None
-    metadata: PendingMetadata = field(default_factory=PendingMetadata)
-    counts: Counts = field(default_factory=Counts)
-    _seed: tuple[int, int] | None = None
-    _current: Cancellation | None = None
-    _idle: threading.Event = field(default_factory=_set_event)
+    def __init__(
+        self,
+        topics: WorldTopics,
+        readers: Readers,
+        settings: Callable[[], Mapping[str, Any]],
+        on_sample: Callable[[], object],
+    ) -> None:
+        self.link: SimulatorLink | None = None
+        self.refusal = ""
+        self.active = threading.Event()
+        self.paused_reason = ""
+        self.rig_pose: Pose | None = None
+        self.metadata = PendingMetadata()
+        self.counts = RenderCounts()
+        self.readers = readers
+        self._topics = topics
+        self._settings = settings
+        self._on_sample = on_sample
+        self._thread = ThreadPoolExecutor(1, "render")
+        self._lock = threading.Lock()
+        self._requests = 0
+        self._seed: tuple[int, int] | None = None
+        self._current: Cancellation | None = None
+        self._idle = threading.Event()
+        self._idle.set()
 
-    def forget_world(self) -> None:
-        """Forget what is known of a world that has gone."""
-        self.rig_pose = None
-        self._seed = None
+    @property
+    def map_frame(self) -> str:
+        """Frame of the world."""
+        return str(self._settings()["map_frame"])
 
-    def seed_of(self, batch_id: int) -> int | None:
-        """Return what a batch was drawn from, if a sample of it has been rendered."""
-        known = self._seed
-        return known[1] if known is not None and known[0] == batch_id else None
+    @property
+    def waiting(self) -> int:
+        """How many requests wait for the one that is being served."""
+        return max(self._requests - 1, 0)
 
     @property
     def activity(self) -> str:
-        """What it does now: ``rendering``, ``waiting`` or ``idle``."""
+        """``rendering``, ``waiting`` (for the simulator or a reader) or ``idle``."""
         if not self._idle.is_set():
             return "rendering"
-        return "waiting" if self.turns.taken else "idle"
+        return "waiting" if self._requests else "idle"
+
+    def configured_link(self) -> SimulatorLink:
+        """Return the simulator; `NotReadyError` while the bridge is unconfigured."""
+        if self.link is None:
+            raise NotReadyError("the bridge is unconfigured: configure it first")
+        return self.link
+
+    def seed_of(self, batch_id: int) -> int | None:
+        """Return the seed of a batch; None: no sample of it has been rendered."""
+        known = self._seed
+        return known[1] if known is not None and known[0] == batch_id else None
+
+    def forget_world(self) -> None:
+        """Forget pose and seed of a world that no longer exists."""
+        self.rig_pose = None
+        self._seed = None
 
     def stop(self, reason: str) -> None:
-        """End the render that is under way, and wait for that."""
+        """Cancel the render that is under way, and wait for its end."""
         current = self._current
         if current is not None:
             current.request(reason)
             self._idle.wait(STOP_TIMEOUT_S)
 
-    def render(self, view: View, cancellation: Cancellation | None = None) -> tuple[Sample, Time]:
-        """Render and publish one view; return the sample and the stamp of all its messages.
+    def render(
+        self, request: ViewRequest, cancellation: Cancellation | None = None
+    ) -> PublishedSample:
+        """Render and publish one view.
 
-        Waits for our own readers first, where they are too far behind to get all of it.
-
-        What is ready goes out at once. Where the render then fails, ``~/sample_info`` never tells
-        of that stamp: its images belong to no sample.
+        Waits for its turn, and while our mapper or recorders are too far behind. Frames are
+        published as they come. If the render then fails, ``~/sample_info`` never announces their
+        stamp: they belong to no sample.
 
         Raises:
-            OaisysError: It is refused, fails, or is cancelled.
+            OaisysError: The request is refused, fails, or is cancelled.
         """
-        cancellation = cancellation or Cancellation()
+        return self._in_turn(lambda: self._serve(request, cancellation or Cancellation()))
+
+    def render_next(self, next_request: Callable[[], ViewRequest | None]) -> None:
+        """Render what ``next_request`` returns once it is this caller's turn; nothing for None.
+
+        Raises:
+            OaisysError: See `render`.
+        """
+
+        def serve() -> None:
+            request = next_request()
+            if request is not None:
+                self._serve(request, Cancellation())
+
+        self._in_turn(serve)
+
+    def update_topics(self) -> None:
+        """Follow a change of the simulator, after the views that were requested before.
+
+        On the thread that renders, so that an older world is never announced after a newer one.
+        """
+        self._thread.submit(self._update_topics).add_done_callback(Future.result)
+
+    def _update_topics(self) -> None:
+        info = None if self.link is None else self.link.state.info
+        if info is not None:
+            self._topics.update(info)
+            if self.active.is_set():
+                self._topics.announce(info)
+
+    def _in_turn(self, work: Callable[[], R]) -> R:
+        """Do work on the thread that renders, after all that was requested before."""
+        with self._lock:
+            self._requests += 1
         try:
-            with self.turns:
-                cancellation.check()
-                link, info = self.ready_link()
-                self._current = cancellation
-                self._idle.clear()
-                try:
-                    self.readers.wait_for_room(cancellation)
-                    sample, stamp = self._rendered(view, link, info, cancellation)
-                finally:
-                    self._current = None
-                    self._idle.set()
+            return self._thread.submit(work).result()
+        finally:
+            with self._lock:
+                self._requests -= 1
+
+    def _serve(self, request: ViewRequest, cancellation: Cancellation) -> PublishedSample:
+        try:
+            cancellation.check()
+            link = self._ready_link()
+            with self._rendering(cancellation):
+                self.readers.wait_for_room(cancellation)
+                return self._render(request, link, cancellation)
         except OaisysError:
             self.counts.failed += 1
             raise
-        return sample, stamp
 
-    def _rendered(
-        self, view: View, link: SimulatorLink, info: SimulatorInfo, cancellation: Cancellation
-    ) -> tuple[Sample, Time]:
-        if self.paused_reason and not view.is_step:
+    def _ready_link(self) -> SimulatorLink:
+        """Return a simulator that can render now; look for it at once if it was lost.
+
+        Raises:
+            NotReadyError: There is none.
+        """
+        link = self.link
+        if self.refusal or link is None:
+            raise NotReadyError(self.refusal)
+        if link.state.info is None:
+            link.check()
+        if not self.active.is_set() and not (
+            link.state.ready and self.active.wait(ACTIVATION_TIMEOUT_S)
+        ):
+            raise NotReadyError(link.state.reason or "the bridge is not active yet")
+        return link
+
+    @contextmanager
+    def _rendering(self, cancellation: Cancellation) -> Iterator[None]:
+        """Let `stop` cancel what runs in the block."""
+        self._current = cancellation
+        self._idle.clear()
+        try:
+            yield
+        finally:
+            self._current = None
+            self._idle.set()
+
+    def _render(
+        self, request: ViewRequest, link: SimulatorLink, cancellation: Cancellation
+    ) -> PublishedSample:
+        if self.paused_reason and not request.is_step:
             raise NotReadyError(self.paused_reason)
         pose = None
-        if view.pose is not None:
-            pose = rig_pose(view.pose, view.sensor, info, self.map_frame())
-        modalities = checked_modalities(view.modalities, view.sensor, info)
-        sensors = [view.sensor] if view.sensor else []
-        begun: list[Publication] = []
+        if request.pose is not None:
+            pose = rig_pose(request.pose, request.sensor, link.info, self.map_frame)
+        try:
+            return self._publish(request, pose, link, cancellation)
+        except NotReadyError:
+            if not link.initial_batch:
+                raise
+            link.check()  # builds the first batch of a server that has been restarted
+            return self._publish(request, pose, link, cancellation)
 
-        def publish(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
-            if not begun:
-                self.readers.begin()
-                begun.append(self.begin(outline))
-            begun[0].add(frames)
-
+    def _publish(
+        self,
+        request: ViewRequest,
+        pose: Pose | None,
+        link: SimulatorLink,
+        cancellation: Cancellation,
+    ) -> PublishedSample:
+        """Pull the frames of a sample from the simulator, and publish each."""
         asked_s = time.monotonic()
-        with self.metadata.sent() as metadata:
-            sample = link.render(
-                pose,
-                metadata=metadata,
-                modalities=modalities,
-                sensors=sensors,
-                on_frames=publish,
-                cancellation=cancellation,
-            )
-        waited_s = time.monotonic() - asked_s - (begun[0].seconds if begun else 0.0)
-        if not begun:
-            publish(sample.outline, ())
-        publication = begun[0]
+        with (
+            self.metadata.sent() as metadata,
+            link.sample_stream(pose, request, metadata) as stream,
+            cancellation.stopping_by(stream.cancel),
+        ):
+            frames = iter(stream)
+            first = list(filter(None, [next(frames, None)]))
+            publication = self._begin(stream.outline, link)
+            for frame in chain(first, frames):
+                publication.add(frame)
+            sample = stream.sample
+        waited_s = time.monotonic() - asked_s - publication.seconds
         self.readers.expect(sample, publication.stamp)
         publication.finish(sample)
         self._note(sample, publication, waited_s)
-        return sample, publication.stamp
+        return PublishedSample(sample, publication.stamp)
+
+    def _begin(self, outline: SampleOutline, link: SimulatorLink) -> Publication:
+        """Begin to publish a sample, after its batch has been announced."""
+        if link.info.batch_id != outline.batch_id:
+            link.check()  # another client has stepped a batch
+        self._topics.announce(link.info)
+        self.readers.begin()
+        return self._topics.begin(outline)
 
     def _note(self, sample: Sample, publication: Publication, waited_s: float) -> None:
-        self.counts.rendered += 1
-        self.counts.last_stamp_ns = nanoseconds(publication.stamp)
-        self.counts.last_render_s = sample.render_time_s
+        counts = self.counts
+        counts.rendered += 1
+        counts.last_stamp_ns = nanoseconds(publication.stamp)
+        counts.last_render_s = sample.render_time_s
         # A sample from the cache was rendered when it was first asked for.
         rendered_s = 0.0 if sample.from_cache else sample.render_time_s
-        self.counts.last_transfer_s = max(waited_s - rendered_s, 0.0)
-        self.counts.last_publish_s = publication.seconds
+        counts.last_transfer_s = max(waited_s - rendered_s, 0.0)
+        counts.last_publish_s = publication.seconds
         self.rig_pose = sample.rig_pose
         self._seed = (sample.batch_id, sample.provenance.batch_seed)
-        self.on_sample()
+        self._on_sample()

@@ -1,9 +1,12 @@
-"""What callers ask the bridge for, checked and turned into what the simulator understands."""
+"""Requests to the bridge, converted to what the simulator understands."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from geometry_msgs.msg import Point, PoseStamped, Transform
@@ -11,16 +14,35 @@ from geometry_msgs.msg import Pose as PoseMsg
 from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
 from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo
 from oaisys_ros_bridge.conversions import pose_from_msg
 
 MODULES = ("sensor", "environment", "asset", "render", "custom")
+_VIEW_FIELDS = ("modalities", "sensors")
+"""Fields of a request beside its metadata that the simulator may refuse."""
+
+
+@dataclass(frozen=True)
+class ViewRequest:
+    """A view to render.
+
+    Attributes:
+        pose: Where the rig or the sensor goes; None: it stays.
+        sensor: Name of the sensor that renders, and whose pose it is; empty: the rig, all sensors.
+        modalities: What to render; none: all.
+        is_step: Whether it is a step of a paused simulation, which renders nothing else.
+    """
+
+    pose: PoseStamped | None
+    sensor: str = ""
+    modalities: Sequence[str] = ()
+    is_step: bool = False
 
 
 def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: str) -> Pose:
-    """Return where the rig must be for a request.
+    """Return the pose of the rig that a request asks for.
 
     Args:
         stamped: Pose in ``map`` of the rig's ``base_link`` or, if a sensor is named, of that
@@ -52,7 +74,7 @@ def checked_frame(frame: str, field: str, map_frame: str) -> None:
 def poses_of_trajectory(
     trajectory: MultiDOFJointTrajectory, points: str, map_frame: str
 ) -> list[PoseStamped]:
-    """Return where a trajectory takes the rig: the transforms of its first joint.
+    """Return the rig's poses along a trajectory: the transforms of its first joint.
 
     Args:
         trajectory: Of ``base_link``, in the frame of the world; times and velocities do not count.
@@ -77,16 +99,6 @@ def _stamped(transform: Transform, header: Header) -> PoseStamped:
     p = transform.translation
     pose = PoseMsg(position=Point(x=p.x, y=p.y, z=p.z), orientation=transform.rotation)
     return PoseStamped(header=header, pose=pose)
-
-
-def checked_modalities(modalities: Sequence[str], sensor: str, info: SimulatorInfo) -> list[str]:
-    """Return the modalities asked for; `InvalidInputError` where no (named) sensor has one."""
-    offered = {m for s in info.sensors if sensor in ("", s.name) for m in s.modalities}
-    for modality in modalities:
-        if modality not in offered:
-            expected = f"empty or some of {', '.join(sorted(offered))}"
-            raise InvalidInputError("modalities", modality, expected)
-    return list(modalities)
 
 
 def metadata_of_module(module: str, metadata_json: str) -> ModuleMetadata:
@@ -133,3 +145,53 @@ def _metadata(by_module: dict[str, dict[str, Any]]) -> ModuleMetadata:
         received = by_module["sensor"]["pose"]
         raise InvalidInputError("metadata_json.sensor.pose", received, "poses through set_pose")
     return ModuleMetadata(**by_module)
+
+
+class PendingMetadata:
+    """Metadata for the next sample; safe to use from any thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._metadata: ModuleMetadata | None = None
+
+    def add(self, metadata: ModuleMetadata) -> None:
+        """Merge metadata into what is pending; newer values win."""
+        with self._lock:
+            self._metadata = (self._metadata or ModuleMetadata()).updated(metadata)
+
+    @property
+    def asset(self) -> ModuleMetadata | None:
+        """The pending metadata of the asset module alone; None: nothing is pending."""
+        with self._lock:
+            metadata = self._metadata
+        if metadata is None or not metadata.asset:
+            return None
+        return ModuleMetadata(asset=metadata.asset)
+
+    def clear(self) -> None:
+        """Drop all pending metadata."""
+        with self._lock:
+            self._metadata = None
+
+    @contextmanager
+    def sent(self) -> Iterator[ModuleMetadata | None]:
+        """Lend the pending metadata to a sample; it is pending again if the sample fails.
+
+        Metadata that the simulator refuses is dropped: it would make every later sample fail.
+        """
+        with self._lock:
+            metadata, self._metadata = self._metadata, None
+        try:
+            yield metadata
+        except OaisysError as error:
+            if metadata is not None and not _is_refusal(error):
+                with self._lock:
+                    self._metadata = metadata.updated(self._metadata or ModuleMetadata())
+            raise
+
+
+def _is_refusal(error: OaisysError) -> bool:
+    """Return whether the simulator has refused the metadata of a sample, not its view."""
+    if not isinstance(error, InvalidInputError):
+        return False
+    return "pose" not in error.field and error.field not in _VIEW_FIELDS

@@ -1,31 +1,21 @@
-"""The bridge's connection to the simulator: found in the background, lost and found again."""
+"""The bridge's connection to the simulator: monitored by a thread, restored when it was lost."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import TypeVar
+from queue import SimpleQueue
+from typing import NamedTuple
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError, WorkerLostError
-from oaisys_core.types import (
-    ModuleMetadata,
-    ObjectPage,
-    ObjectQuery,
-    Pose,
-    Sample,
-    SampleFramesCallback,
-    SimulatorInfo,
-)
-from oaisys_grpc.client.simulator_client import ClientTls, SimulatorClient
-from oaisys_ros_bridge.bridge.cancellation import Cancellation
-from oaisys_ros_bridge.bridge.turns import Turns
-
-R = TypeVar("R")
+from oaisys_core.types import ModuleMetadata, ObjectPage, ObjectQuery, Pose, SimulatorInfo
+from oaisys_grpc.client.simulator_client import ClientTls, SampleStream, SimulatorClient
+from oaisys_ros_bridge.bridge.requests import ViewRequest
 
 CHECK_PERIOD_S = 2.0
-"""Between two looks at a server that answers."""
+"""Between two checks of a server that answers."""
 FIRST_RETRY_S = 0.2
 LONGEST_RETRY_S = 1.0
 HEALTH_TIMEOUT_S = 5.0
@@ -51,29 +41,43 @@ class LinkState:
         return self.info is not None and not self.reason
 
 
-class SimulatorLink:
-    """Keeps a client connected to ``address`` and, if wanted, a batch standing.
+class LinkChange(NamedTuple):
+    """Two states of a link, one after the other."""
 
-    A thread looks for the server, with growing pauses while there is none, and asks it every
-    `CHECK_PERIOD_S` afterwards. Calls that render go one at a time, each in its turn.
+    before: LinkState
+    after: LinkState
+
+
+class SimulatorLink:
+    """Keeps a client connected to ``address`` and, if wanted, builds the first batch.
+
+    A thread looks for the server, with growing pauses while there is none, and checks it every
+    `CHECK_PERIOD_S` afterwards.
+
+    Args:
+        address: ``host:port`` or ``unix:PATH``.
+        initial_batch: See the attribute.
+        timeout_s: How long a call may take.
+        on_change: Called after a change was put into `changes`, on any thread; must not block.
+        tls: For a server that encrypts; None: without.
 
     Attributes:
         initial_batch: Whether to build a first batch where there is none.
         building: Whether a batch is being built.
-        config_json: The server's configuration; empty: it was not found yet, or does not say.
-        first_batch_error: Why there is no first batch although it was tried twice; empty: no
-            such thing.
-        first_batch_retried_after: What the first of these tries failed of; empty: it did not.
+        changes: Changes of the state, for one reader.
+        config_json: The server's configuration; empty: the server was not found yet, or is too old
+            to send it.
+        first_batch_error: Why the first batch could not be built, in two tries; empty: it could.
+        first_batch_retried_after: Why the first of these tries failed; empty: it did not.
     """
 
     def __init__(
         self,
         address: str,
-        turns: Turns,
         *,
         initial_batch: bool,
         timeout_s: float,
-        on_change: Callable[[LinkState, LinkState], None],
+        on_change: Callable[[], object],
         tls: ClientTls | None = None,
     ) -> None:
         self.address = address
@@ -81,22 +85,23 @@ class SimulatorLink:
         self.initial_batch = initial_batch
         self.config_json = self._config_sha256 = ""
         self.building = False
+        self.changes: SimpleQueue[LinkChange] = SimpleQueue()
         self.first_batch_error = self.first_batch_retried_after = ""
-        self._turns = turns
         self._timeout_s = timeout_s
         self._on_change = on_change
         self._state = LinkState(None, f"no simulator at {address} yet", 0)
         self._client: SimulatorClient | None = None
+        self._lock = threading.RLock()
         self._stopping = threading.Event()
         self._wake = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="simulator_link", daemon=True)
 
     def start(self) -> None:
-        """Begin to look for the server."""
+        """Start the thread that looks for the server."""
         self._thread.start()
 
     def close(self) -> None:
-        """Let go of the server; calls under way end with an error."""
+        """Disconnect; calls under way end with an error."""
         self._stopping.set()
         self._wake.set()
         if self._client is not None:
@@ -109,85 +114,81 @@ class SimulatorLink:
         """What is known now."""
         return self._state
 
-    def render(
-        self,
-        pose: Pose | None,
-        *,
-        metadata: ModuleMetadata | None,
-        modalities: Sequence[str],
-        sensors: Sequence[str],
-        on_frames: SampleFramesCallback,
-        cancellation: Cancellation,
-    ) -> Sample:
-        """Render a sample; a server that has started afresh gets its first batch before that.
+    @property
+    def info(self) -> SimulatorInfo:
+        """The server's description.
+
+        Raises:
+            NotReadyError: It does not answer.
+        """
+        state = self._state
+        if state.info is None:
+            raise NotReadyError(state.reason)
+        return state.info
+
+    @contextmanager
+    def sample_stream(
+        self, rig_pose: Pose | None, request: ViewRequest, metadata: ModuleMetadata | None
+    ) -> Iterator[SampleStream]:
+        """Render a sample, in a ``with`` block: iterate over its frames as they come.
 
         Args:
-            on_frames: Told frames as soon as they come; see `SimulatorClient.render_sample`.
-            cancellation: Stops the render.
+            rig_pose: Where the rig goes; None: it stays.
+            request: Which sensor and modalities are rendered.
+            metadata: What else changes from this sample on.
 
         Raises:
             OaisysError: As the server says, or there is none.
         """
-
-        def call(client: SimulatorClient) -> Sample:
-            view = client.stream_sample(
-                pose, metadata=metadata, modalities=modalities, sensors=sensors
-            )
-            with view as stream, cancellation.stopping_by(stream.cancel):
-                for frame in stream:
-                    on_frames(stream.outline, (frame,))
-                return stream.sample
-
-        with self._turns:
-            try:
-                return self._call(call)
-            except NotReadyError:
-                if not self.initial_batch or self._stopping.is_set():
-                    raise
-                self.check()
-                return self._call(call)
+        sensors = [request.sensor] if request.sensor else []
+        with (
+            self._lock,
+            self._connected() as client,
+            client.stream_sample(
+                rig_pose, metadata=metadata, modalities=request.modalities, sensors=sensors
+            ) as stream,
+        ):
+            yield stream
 
     def step_batch(
         self, *, seed: int | None, reuse_stage: bool, metadata: ModuleMetadata | None
     ) -> int:
-        """Build a new batch and return its id; it overtakes a sample that renders."""
-        with self._is_building():
-            batch_id = self._call(
-                lambda client: client.step_batch(
-                    seed=seed, reuse_stage=reuse_stage, metadata=metadata
-                )
-            )
-        with self._turns:
-            self.check()
+        """Build a new batch and return its id; it overtakes a sample that is being rendered."""
+        with self._is_building(), self._connected() as client:
+            batch_id = client.step_batch(seed=seed, reuse_stage=reuse_stage, metadata=metadata)
+        self.check()
         return batch_id
 
     def list_objects(self, query: ObjectQuery, metadata: ModuleMetadata | None) -> ObjectPage:
-        """Return things of the world, as they will be after ``metadata``; changes nothing.
+        """Return objects of the world as they will be after ``metadata``; changes nothing.
 
         Raises:
             OaisysError: As the server says, or there is none.
         """
-        return self._call(lambda client: client.list_objects(query, metadata))
+        with self._connected() as client:
+            return client.list_objects(query, metadata)
 
     def end_simulation(self) -> None:
-        """End the server's process."""
-        with self._turns:
-            self._call(lambda client: client.end_simulation())
+        """End the server's process, after the sample that is being rendered."""
+        with self._lock:
+            with self._connected() as client:
+                client.end_simulation()
             self._lose("the simulation was ended")
 
-    def _call(self, call: Callable[[SimulatorClient], R]) -> R:
+    @contextmanager
+    def _connected(self) -> Iterator[SimulatorClient]:
+        """Lend the client, and learn from the errors of its calls."""
         if self._client is None:
-            with self._turns:
-                self.check()
+            self.check()
         client = self._client
         if client is None:
             raise NotReadyError(self._state.reason)
         try:
-            return call(client)
+            yield client
         except InvalidInputError:
             raise
         except WorkerLostError as error:
-            with self._turns:
+            with self._lock:
                 self._enter(self._state.info, str(error))
             self._wake.set()
             raise
@@ -198,8 +199,8 @@ class SimulatorLink:
     def _watch(self) -> None:
         retry_s = FIRST_RETRY_S
         while not self._stopping.is_set():
-            # A render under way tells more about the server than a look at it beside the render.
-            if self._turns.acquire(blocking=False):
+            # A render under way tells more about the server than a check during the render.
+            if self._lock.acquire(blocking=False):
                 try:
                     self.check()
                     retry_s = FIRST_RETRY_S
@@ -207,12 +208,12 @@ class SimulatorLink:
                     self._lose(str(error))
                     retry_s = min(2.0 * retry_s, LONGEST_RETRY_S)
                 finally:
-                    self._turns.release()
+                    self._lock.release()
             self._wake.wait(CHECK_PERIOD_S if self._state.info is not None else retry_s)
             self._wake.clear()
 
-    def look(self) -> SimulatorInfo:
-        """Return what the simulator is, before `start`; build nothing.
+    def find(self) -> SimulatorInfo:
+        """Return the server's description, before `start`; build nothing.
 
         Raises:
             OaisysError: It does not answer.
@@ -233,23 +234,26 @@ class SimulatorLink:
         return client, info
 
     def check(self) -> None:
-        """Ask the server what it is, and build the first batch where there is none.
+        """Ask the server for its state, and build the first batch where there is none.
+
+        Waits for the end of a sample that is being rendered.
 
         Raises:
             OaisysError: It does not answer, or cannot build.
         """
-        client, info = self._found()
-        if info.batch_id == 0 and self.initial_batch:
-            self._build_first_batch(client, info)
-            info = client.info()
-        if self._state.info is not None and self._state.ready:
-            restarts = info.worker_restarts - self._state.info.worker_restarts
-            if restarts > 0:
-                self._enter(info, f"the simulator's worker died; restarted {restarts} time(s)")
-        self._enter(info, "" if info.batch_id > 0 else "no batch has been stepped yet")
+        with self._lock:
+            client, info = self._found()
+            if info.batch_id == 0 and self.initial_batch:
+                self._build_first_batch(client, info)
+                info = client.info()
+            if self._state.info is not None and self._state.ready:
+                restarts = info.worker_restarts - self._state.info.worker_restarts
+                if restarts > 0:
+                    self._enter(info, f"the simulator's worker died; restarted {restarts} time(s)")
+            self._enter(info, "" if info.batch_id > 0 else "no batch has been stepped yet")
 
     def _build_first_batch(self, client: SimulatorClient, info: SimulatorInfo) -> None:
-        """Build it, once more where that failed: the next worker may have more luck.
+        """Build it, and try once more if that failed: the next worker may succeed.
 
         Raises:
             OaisysError: It failed twice.
@@ -284,7 +288,7 @@ class SimulatorLink:
         self._change(LinkState(info, reason, self._state.connections + found))
 
     def _lose(self, reason: str) -> None:
-        """Forget the server; a new client starts without the old channel's long pauses."""
+        """Drop the client: a new one connects without the back-off of the old channel."""
         client, self._client = self._client, None
         if client is not None:
             client.close()
@@ -293,4 +297,5 @@ class SimulatorLink:
     def _change(self, state: LinkState) -> None:
         before, self._state = self._state, state
         if not self._stopping.is_set():
-            self._on_change(before, state)
+            self.changes.put(LinkChange(before, state))
+            self._on_change()

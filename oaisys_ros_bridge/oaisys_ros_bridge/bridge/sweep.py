@@ -10,24 +10,25 @@ from oaisys_core.errors import CancelledError, OaisysError
 from oaisys_msgs.action import Sweep
 from oaisys_ros_bridge.bridge.cancellation import Cancellation
 from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
-from oaisys_ros_bridge.bridge.rendering import Renderer, View
-from oaisys_ros_bridge.bridge.requests import checked_frame
+from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.requests import ViewRequest, checked_frame
 
 
 def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
-    """Offer the action; each pose is rendered in a turn of its own.
+    """Offer the action; each pose is a request of its own, so other requests come in between.
 
-    It ends once our own readers have taken all samples, or says who has not, and what is lost.
+    A sweep ends once our mapper and recorders have taken all samples. Otherwise its result says
+    which of them have not, and what they have lost.
     """
 
     def run(goal: ServerGoalHandle, cancellation: Cancellation, result: Sweep.Result) -> None:
         array = goal.request.poses
         before = renderer.readers.states()
-        checked_frame(array.header.frame_id, "poses.header.frame_id", renderer.map_frame())
+        checked_frame(array.header.frame_id, "poses.header.frame_id", renderer.map_frame)
         for index, pose in enumerate(array.poses):
-            view = View(PoseStamped(header=array.header, pose=pose))
+            request = ViewRequest(PoseStamped(header=array.header, pose=pose))
             try:
-                sample, _ = renderer.render(view, cancellation)
+                sample, _ = renderer.render(request, cancellation)
             except CancelledError:
                 raise
             except OaisysError as error:
@@ -45,6 +46,6 @@ def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
 
 
 def _explain(goal: ServerGoalHandle, result: Sweep.Result, reason: str) -> None:
-    """Say why a sweep has ended, and how far it got; its samples stay in the result."""
+    """Write into a result why the sweep has failed, and how many poses it had rendered."""
     total = len(goal.request.poses.poses)
     result.message = f"{reason}; {len(result.sample_ids)} of {total} poses were rendered"

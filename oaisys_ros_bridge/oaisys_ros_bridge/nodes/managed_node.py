@@ -1,8 +1,11 @@
-"""A managed node that goes by itself where it is meant to be, as soon as it can."""
+"""A lifecycle node that returns by itself to the state that it is meant to be in.
+
+`rclpy.lifecycle` only makes transitions that somebody requests, drops the errors of their
+callbacks, and raises where a state has no such transition.
+"""
 
 from __future__ import annotations
 
-import threading
 import traceback
 from collections.abc import Callable
 from typing import Any
@@ -22,49 +25,52 @@ FINALIZED: int = State.PRIMARY_STATE_FINALIZED
 
 
 class ManagedNode(LifecycleNodeMixin, Node):
-    """Has a state, and an aim: the state that it was last told to be in.
+    """Has a state, and an aim: the primary state that it was last told to be in.
 
-    What it needs may go away and come back. It then leaves its state and comes back to it by
-    itself, one transition at a time; somebody else's transitions change the aim as well.
+    When something that the node needs is lost, the node leaves its state; when that is back, the
+    node returns to its aim, one transition at a time. A transition that somebody else requests also
+    changes the aim.
 
     Nodes override `configure`, `activate`, `deactivate`, `cleanup` and `reachable`. All of these
     run one at a time, in a callback group of their own.
+
+    Attributes:
+        by_itself: Whether the transition under way is the node's own; if not, it was requested.
     """
 
     def __init__(self, name: str) -> None:
-        """Begin unconfigured, with that as the aim."""
+        """Start unconfigured, with that as the aim."""
         group = MutuallyExclusiveCallbackGroup()
         Node.__init__(self, name)
         LifecycleNodeMixin.__init__(self, callback_group=group)
         self._aim = UNCONFIGURED
-        self._by_itself = False
+        self.by_itself = False
         self._failure = ""
-        self._moved = threading.Condition()
-        self._wish = self.create_guard_condition(self._settle, callback_group=group)
+        self._check = self.create_guard_condition(self._settle, callback_group=group)
         self._survive_wrong_transitions()
 
     def configure(self) -> None:
-        """Get ready; raise `OaisysError` where that is not possible now."""
+        """Prepare to work; raise `OaisysError` if that is impossible now."""
 
     def activate(self) -> None:
-        """Begin to work; raise `OaisysError` where that is not possible now."""
+        """Start to work; raise `OaisysError` if that is impossible now."""
 
     def deactivate(self) -> None:
         """Stop working."""
 
-    def cleanup(self, *, for_good: bool) -> None:
-        """Let go of what `configure` got; ``for_good``: it was not only lost."""
+    def cleanup(self) -> None:
+        """Release what `configure` acquired."""
 
     def on_settled(self) -> None:
-        """Notice that it may be in another state."""
+        """Called after the state may have changed."""
 
     def reachable(self) -> int:
-        """Return the highest state that it could be in now."""
+        """Return the highest primary state that is possible now."""
         return ACTIVE
 
     @property
     def state(self) -> int:
-        """The id of the primary state, or of the transition state, that it is in."""
+        """Id of the current primary or transition state."""
         return int(self._state_machine.current_state[0])
 
     @property
@@ -74,29 +80,24 @@ class ManagedNode(LifecycleNodeMixin, Node):
 
     @property
     def aim(self) -> int:
-        """The state that it was last told to be in."""
+        """Id of the primary state that the node was last told to be in."""
         return self._aim
 
     def set_aim(self, state: int) -> None:
-        """Go to a state as soon as it can be reached."""
+        """Set the aim; go there as soon as it can be reached."""
         self._aim = state
         self.settle()
 
     def settle(self) -> None:
-        """Look, soon and on another thread, whether another state is possible or necessary now."""
-        self._wish.trigger()
-
-    def wait_for(self, state: int, timeout_s: float) -> bool:
-        """Return whether it gets into a state in time."""
-        with self._moved:
-            return self._moved.wait_for(lambda: self.state == state, timeout_s)
+        """Check, soon and on another thread, whether another state is possible or necessary."""
+        self._check.trigger()
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Get ready."""
+        """Prepare to work."""
         return self._transition(self.configure, INACTIVE)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Begin to work."""
+        """Start to work."""
         return self._transition(self.activate, ACTIVE)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -104,54 +105,51 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return self._transition(self.deactivate, INACTIVE)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of everything."""
-        for_good = not self._by_itself
-        return self._transition(lambda: self.cleanup(for_good=for_good), UNCONFIGURED)
+        """Release everything."""
+        return self._transition(self.cleanup, UNCONFIGURED)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Stop working, let go of everything, for ever."""
+        """Stop working and release everything, for good."""
         return self._transition(lambda: self._end(state), FINALIZED)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let go of everything after a transition that broke; it can be configured again."""
+        """Release everything after a transition that raised; it can be configured again."""
         self._aim = UNCONFIGURED
-        self._by_itself = False
+        self.by_itself = False
         return self._transition(lambda: self._end(state), UNCONFIGURED)
 
     def _end(self, state: LifecycleState) -> None:
         if state.state_id == ACTIVE:
             self.deactivate()
         if state.state_id != UNCONFIGURED or self._aim != UNCONFIGURED:
-            self.cleanup(for_good=True)
+            self.cleanup()
 
     def _transition(self, work: Callable[[], object], aim: int) -> TransitionCallbackReturn:
-        """Do a transition's work; rclpy itself would not tell of an error."""
+        """Do the work of a transition and log its errors, which rclpy drops."""
         try:
             work()
         except OaisysError as error:
             if str(error) != self._failure:
                 self.get_logger().warning(f"the transition failed: {error}")
-            self._failure = str(error) if self._by_itself else ""
+            self._failure = str(error) if self.by_itself else ""
             return TransitionCallbackReturn.FAILURE
-        except Exception:  # noqa: BLE001 - whatever broke: rclpy would drop it silently
+        except Exception:  # noqa: BLE001 - rclpy would drop any error silently
             self.get_logger().error(f"the transition broke:\n{traceback.format_exc()}")
             return TransitionCallbackReturn.ERROR
-        if not self._by_itself:
+        if not self.by_itself:
             self._aim = aim
         return TransitionCallbackReturn.SUCCESS
 
     def _settle(self) -> None:
-        """Go towards the aim, as far as that is possible now."""
-        self._by_itself = True
+        """Go towards the aim, as far as possible now."""
+        self.by_itself = True
         try:
             while self.state in (UNCONFIGURED, INACTIVE, ACTIVE):
                 step = self._step_to(min(self._aim, self.reachable()))
                 if step is None or step() != TransitionCallbackReturn.SUCCESS:
                     break
         finally:
-            self._by_itself = False
-            with self._moved:
-                self._moved.notify_all()
+            self.by_itself = False
             self.on_settled()
 
     def _step_to(self, goal: int) -> Callable[[], TransitionCallbackReturn] | None:
@@ -163,7 +161,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return step
 
     def _survive_wrong_transitions(self) -> None:
-        """Answer a request for a transition that the state does not have; rclpy (7.1) raises."""
+        """Refuse a transition that the state does not have, where rclpy (7.1) raises."""
         service: Any = self._service_change_state
         inner = service.callback
 

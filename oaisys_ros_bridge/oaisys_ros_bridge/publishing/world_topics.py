@@ -1,4 +1,4 @@
-"""What the bridge publishes of the simulator that it has found: its world and its samples."""
+"""The topics of the bridge about the simulator that it has found: its world and its samples."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ from oaisys_core.errors import NotReadyError
 from oaisys_core.types import SampleOutline, SimulatorInfo
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bridge.readers import Readers
-from oaisys_ros_bridge.publishing.publication import Publication
 from oaisys_ros_bridge.publishing.sample_info import batch_info_msg
-from oaisys_ros_bridge.publishing.sample_publisher import SamplePublisher
+from oaisys_ros_bridge.publishing.sample_publisher import Publication, SamplePublisher
 from oaisys_ros_bridge.publishing.stamps import Stamps
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
 
 class WorldTopics:
-    """Topics that exist as long as the bridge is configured; safe to use from any thread.
+    """Topics that exist while the bridge is configured; safe to use from any thread.
 
     Args:
         node: Owner of the publishers.
         settings: Returns the bridge's parameters.
-        readers: Our own; while they are behind, nothing is repeated.
+        readers: Our mapper and recorders; while one is behind, no transform is repeated.
     """
 
     def __init__(
@@ -49,7 +48,7 @@ class WorldTopics:
         self._configured = ""
 
     def offer(self, info: SimulatorInfo) -> None:
-        """Make the topics of a simulator; keep those that it shares with the one before."""
+        """Create the topics of a simulator, or keep them if its sensors are the same."""
         with self._lock:
             self._stamps = self._stamps or Stamps(self._node, self._settings)
             if self._samples is not None and self._samples.fits(info):
@@ -64,20 +63,27 @@ class WorldTopics:
                     1 / rate_hz, self._repeat_transforms, callback_group=group
                 )
 
-    def tell_configuration(self, config_json: str) -> None:
-        """Say once from what the worlds are drawn, so that a bag can be rendered again."""
+    def update(self, info: SimulatorInfo) -> None:
+        """Follow a change of the simulator, if its topics are offered."""
+        with self._lock:
+            if self._samples is not None:
+                self.offer(info)
+
+    def publish_configuration(self, config_json: str) -> None:
+        """Publish once the configuration of the simulator, by which a bag can be rendered again."""
         with self._lock:
             if config_json and config_json != self._configured:
                 self._configured = config_json
                 self._configuration.publish(String(data=config_json))
 
     def announce(self, info: SimulatorInfo) -> None:
-        """Say once that another world stands: what was published before shows the old one."""
+        """Publish once that there is another world, and create the topics that it needs."""
         batch = (info.config_sha256, info.seed, info.batch_id)
         with self._lock:
             if self._stamps is None or info.batch_id == 0 or batch == self._announced:
                 return
             self._announced = batch
+            self.offer(info)
             header = Header(stamp=self._stamps.between(), frame_id=self._settings()["map_frame"])
             self._batch.publish(batch_info_msg(info, header))
 
@@ -90,21 +96,21 @@ class WorldTopics:
         with self._lock:
             if self._samples is None or self._stamps is None:
                 raise NotReadyError("the bridge is not configured any more")
-            return Publication(self._samples, outline, self._stamps.next())
+            return self._samples.begin(outline, self._stamps.next())
 
     @property
     def has_clock(self) -> bool:
-        """Whether the bridge tells a simulated time."""
+        """Whether the bridge publishes a simulated time."""
         return bool(self._settings()["publish_clock"])
 
     def restart_clock(self) -> None:
-        """Let simulated time, if there is one, begin again."""
+        """Reset simulated time, if there is one."""
         with self._lock:
             if self._stamps is not None:
                 self._stamps.reset()
 
     def withdraw(self) -> None:
-        """Take all topics away."""
+        """Remove all topics."""
         with self._lock:
             if self._samples is not None:
                 self._samples.destroy()
@@ -115,10 +121,10 @@ class WorldTopics:
             self._samples = self._stamps = self._announced = self._repeater = None
 
     def _repeat_transforms(self) -> None:
-        """Publish the last transforms again, unless a sample begins at this moment.
+        """Publish the last transforms again, unless one of our readers is behind.
 
-        Nor while a reader of ours has yet to take one: repeats, for which nobody waits, would push
-        that sample's transforms out of its queue.
+        The bridge does not wait for repeats, so they could push a sample's transforms out of that
+        reader's queue.
         """
         if self._readers.are_behind:
             return

@@ -1,4 +1,4 @@
-"""What can be asked about and moved by name: the rig, the sensors on it, things on the ground."""
+"""Entities: the rig, its sensors and the objects on the ground."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _CLASSES = {
     "upper": "A-Z",
     "xdigit": "0-9A-Fa-f",
 }
-"""POSIX's names of sets of characters."""
+"""POSIX names of character classes."""
 
 
 @dataclass(frozen=True)
@@ -33,10 +33,10 @@ class Entity:
         name: Of a sensor; that of the base frame for the rig.
         sensor: Name of the sensor; empty for all else.
         category: One of ``simulation_interfaces/msg/EntityCategory``.
-        description: In words.
+        description: For people.
         tags: For filters.
         T_base_entity: (4, 4) where it sits on the rig, x forward, y left, z up.
-        thing: What stands on the ground; None for the rig and its sensors.
+        thing: The object on the ground; None for the rig and its sensors.
     """
 
     name: str
@@ -48,7 +48,7 @@ class Entity:
     thing: SceneObject | None = None
 
     def pose(self, rig_pose: Pose | None) -> Pose | None:
-        """Return its pose in ``map``; None: that is not known."""
+        """Return its pose in ``map``; None: unknown."""
         if self.thing is not None:
             return self.thing.pose
         if rig_pose is None:
@@ -57,7 +57,7 @@ class Entity:
 
 
 class UnsupportedBoundsError(InvalidInputError):
-    """Bounds of a kind that entities are not filtered by."""
+    """Bounds of a kind that entities cannot be filtered by."""
 
 
 def entities_of(info: SimulatorInfo, base_frame: str) -> list[Entity]:
@@ -79,7 +79,7 @@ def entities_of(info: SimulatorInfo, base_frame: str) -> list[Entity]:
 
 
 def entity_of(thing: SceneObject) -> Entity:
-    """Return something on the ground as an entity."""
+    """Return an object on the ground as an entity."""
     moves = thing.kind == "mover"
     category = (
         EntityCategory.CATEGORY_DYNAMIC_OBJECT if moves else EntityCategory.CATEGORY_STATIC_OBJECT
@@ -98,13 +98,13 @@ def entity_of(thing: SceneObject) -> Entity:
 def filtered(
     entities: Sequence[Entity], filters: EntityFilters, rig_pose: Pose | None
 ) -> list[Entity]:
-    """Return those that all filters let through.
+    """Return the entities that pass all filters.
 
-    An entity is a point: bounds let it through where that lies in them, and never where it is not
-    known.
+    An entity counts as a point: it passes bounds that contain its position, and none if that is
+    unknown.
 
     Raises:
-        InvalidInputError: A filter that is none; `UnsupportedBoundsError` for a convex hull.
+        InvalidInputError: An invalid filter; `UnsupportedBoundsError` for a convex hull.
     """
     pattern = _compiled(filters.filter)
     categories = {category.category for category in filters.categories}

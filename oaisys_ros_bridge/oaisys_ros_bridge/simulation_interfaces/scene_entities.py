@@ -1,13 +1,13 @@
-"""What stands on the ground, as entities: listed, added, moved and taken away by name.
+"""The objects on the ground as entities: listed, added, moved and deleted by name.
 
-Changes are metadata that wait for the next sample. The simulator checks them at once, and lists
-things as they will be then.
+A change is metadata that waits for the next sample. The simulator checks it at once, and lists
+objects as they will be at that sample.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,8 +22,7 @@ from oaisys_core.types import (
     Pose,
     SceneObject,
 )
-from oaisys_ros_bridge.bridge.pending_metadata import PendingMetadata
-from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
+from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.simulation_interfaces.entities import Entity, entity_of, filtered
 
 ADDED = "added"
@@ -35,28 +34,27 @@ _UNCHANGED_LOOK: dict[str, Any] = {
     "scale": 1.0,
     "hidden": False,
 }
-"""All keys of an added thing that have a default: nothing of an earlier one of the name stays."""
+"""The defaults of all keys of an added object: they replace those of an earlier one of its name."""
 
 
 class NameTakenError(NotFoundError):
-    """Something else has the name already."""
+    """The name is taken already."""
 
 
 class SceneEntities:
-    """Things on the ground.
+    """The objects on the ground.
 
     Args:
-        link: Returns the simulator; raises `NotReadyError` where there is none.
-        pending: Takes changes to the next sample.
+        renderer: Knows the simulator, and takes changes to the next sample.
     """
 
-    def __init__(self, link: Callable[[], SimulatorLink], pending: PendingMetadata) -> None:
-        self._link = link
-        self._pending = pending
+    def __init__(self, renderer: Renderer) -> None:
+        self._link = renderer.configured_link
+        self._pending = renderer.metadata
         self._changing = threading.Lock()
 
     def matching(self, filters: EntityFilters, limit: int) -> tuple[list[Entity], str]:
-        """Return those that filters let through, and what was left out, in words.
+        """Return the objects that pass the filters, and a note about those that were left out.
 
         Args:
             filters: As ``simulation_interfaces`` has them.
@@ -84,20 +82,20 @@ class SceneEntities:
         return found[:limit], note
 
     def find(self, name: str) -> Entity | None:
-        """Return the thing of a name; None: there is none."""
+        """Return the object of a name; None: there is none."""
         objects = self._listed(ObjectQuery(names=(name,))).objects
         return entity_of(objects[0]) if objects else None
 
     def spawn(self, name: str, spec: Mapping[str, Any], pose: Pose) -> SceneObject:
-        """Add something and return it as it will stand.
+        """Add an object and return it as it will be.
 
         Args:
-            name: Of its own.
+            name: Of the object.
             spec: Keys of ``asset.add`` but those of its pose.
             pose: Of its base's centre in ``map``.
 
         Raises:
-            NameTakenError: Another thing has the name.
+            NameTakenError: Another object has the name.
             InvalidInputError: The simulator refuses it.
         """
         with self._changing:
@@ -110,14 +108,14 @@ class SceneEntities:
         return entity.thing
 
     def free_name(self, stem: str, taken: Collection[str]) -> str:
-        """Return ``stem`` with the first number behind it that no thing and none of taken has."""
+        """Return ``stem`` with the first number that makes it a new name, also among ``taken``."""
         number = 1
         while (name := f"{stem}_{number}") in taken or self.find(name) is not None:
             number += 1
         return name
 
     def move(self, thing: SceneObject, pose: Pose) -> None:
-        """Put a thing elsewhere; something that moves by itself stays there then."""
+        """Move an object; one that moves by itself then stays there."""
         with self._changing:
             if thing.kind == ADDED:
                 change = {"on_ground": False, **_pose_keys(pose)}
@@ -126,7 +124,7 @@ class SceneEntities:
                 self._change({"objects": {str(thing.instance_id): _pose_keys(pose)}})
 
     def delete(self, thing: SceneObject) -> None:
-        """Take a thing away; what the world was drawn with comes back with a reset."""
+        """Delete an object; one that is part of the world comes back with a reset."""
         with self._changing:
             if thing.kind == ADDED:
                 self._change({"add": {thing.name: None}})
@@ -134,7 +132,7 @@ class SceneEntities:
                 self._change({"objects": {str(thing.instance_id): {"hidden": True}}})
 
     def _change(self, asset: Mapping[str, Any]) -> None:
-        """Have the simulator check a change on top of those that wait, and let it wait, too."""
+        """Let the simulator check a change on top of the pending ones, then add it to them."""
         change = ModuleMetadata(asset=asset)
         before = self._pending.asset or ModuleMetadata()
         self._link().list_objects(ObjectQuery(limit=1), before.updated(change))
@@ -153,7 +151,7 @@ def _pose_keys(pose: Pose) -> dict[str, Any]:
 
 
 def _is_plain(filters: EntityFilters) -> bool:
-    """Return whether the simulator itself lists exactly what the filters let through."""
+    """Return whether the simulator can apply these filters itself."""
     by_box = filters.bounds.type in (Bounds.TYPE_EMPTY, Bounds.TYPE_BOX)
     return by_box and not (filters.filter or filters.categories or filters.tags.tags)
 
@@ -162,7 +160,7 @@ Corner = tuple[float, float, float] | None
 
 
 def _box_of(bounds: Bounds) -> tuple[Corner, Corner]:
-    """Return the corners of a box around bounds that were checked before."""
+    """Return the corners of the box around valid bounds."""
     if bounds.type == Bounds.TYPE_EMPTY:
         return None, None
     first, second = np.array([[point.x, point.y, point.z] for point in bounds.points])

@@ -1,9 +1,8 @@
-"""A simulator as one with a state: playing, paused, stopped; steps, resets and worlds."""
+"""The state of the simulation for all clients: playing, paused, stopped; its steps and worlds."""
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from std_msgs.msg import Header
@@ -11,8 +10,8 @@ from std_msgs.msg import Header
 from oaisys_core.errors import NotReadyError, OaisysError
 from oaisys_core.types import Pose, SimulatorInfo
 from oaisys_ros_bridge.bridge.cancellation import Cancellation
-from oaisys_ros_bridge.bridge.rendering import Renderer, View
-from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
+from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.requests import ViewRequest
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.publishing.world_topics import WorldTopics
 from oaisys_ros_bridge.simulation_interfaces.worlds import WorldRequest
@@ -31,35 +30,31 @@ STATE_NAMES = {
 
 
 @dataclass(frozen=True)
-class _Built:
-    """The world that stands, as far as this bridge has asked for it."""
+class _BuiltWorld:
+    """The newest world that this bridge has requested."""
 
     batch_id: int
     request: WorldRequest
 
 
-class Simulation:
-    """Gives the requests of all clients one state.
+class SimulationControl:
+    """One state of the simulation for the requests of all clients.
 
-    Playing, the bridge renders whatever it is asked for. Paused or stopped, it renders steps alone,
-    each of which is one sample: things that move by themselves go on by one sample, the rig is
-    where it was put.
+    While the simulation plays, the bridge renders whatever is requested. While it is paused or
+    stopped, the bridge renders steps only. A step is one sample: what moves by itself moves on by
+    one sample, and the rig is where it was put.
 
     Args:
         renderer: Renders, and refuses while the simulation is paused.
-        link: Returns the simulator; raises `NotReadyError` where the bridge is unconfigured.
-        topics: Whose clock begins again with a reset.
+        topics: Whose clock a reset sets back.
     """
 
-    def __init__(
-        self, renderer: Renderer, link: Callable[[], SimulatorLink], topics: WorldTopics
-    ) -> None:
+    def __init__(self, renderer: Renderer, topics: WorldTopics) -> None:
         self._renderer = renderer
-        self._link = link
         self._topics = topics
         self._lock = threading.Lock()
         self._mode = PLAYING
-        self._built: _Built | None = None
+        self._built: _BuiltWorld | None = None
         self._next_pose: Pose | None = None
 
     @property
@@ -69,7 +64,7 @@ class Simulation:
         Raises:
             NotReadyError: There is no simulator.
         """
-        link = self._link()
+        link = self._renderer.configured_link()
         if link.building:
             return LOADING_WORLD
         if self._mode == QUITTING and link.state.info is None:
@@ -79,7 +74,7 @@ class Simulation:
 
     @property
     def seed(self) -> int | None:
-        """What the world that stands was drawn from; None: that is not known."""
+        """Seed of the current world; None: unknown."""
         built, info = self._built, self.info()
         if built is not None and built.batch_id == info.batch_id and built.request.seed is not None:
             return built.request.seed
@@ -87,30 +82,23 @@ class Simulation:
 
     @property
     def rig_pose(self) -> Pose | None:
-        """Where the rig is, or will be at the next step; None: that is not known."""
+        """Where the rig is, or will be at the next step; None: unknown."""
         return self._next_pose or self._renderer.rig_pose
 
-    def link(self) -> SimulatorLink:
-        """Return the simulator; `NotReadyError` where the bridge is unconfigured."""
-        return self._link()
-
     def info(self) -> SimulatorInfo:
-        """Return what the simulator is; `NotReadyError` where there is none."""
-        state = self._link().state
-        if state.info is None:
-            raise NotReadyError(state.reason)
-        return state.info
+        """Return the simulator's description; `NotReadyError` where there is none."""
+        return self._renderer.configured_link().info
 
     def resume(self) -> None:
-        """Render everything again."""
+        """Render all requests again."""
         self._enter(PLAYING)
 
     def pause(self) -> None:
-        """Render steps alone."""
+        """Render steps only."""
         self._enter(PAUSED)
 
     def stop(self) -> None:
-        """Reset, and render steps alone."""
+        """Reset, and render steps only."""
         before = self._mode
         self._enter(STOPPED)
         try:
@@ -120,19 +108,19 @@ class Simulation:
             raise
 
     def forget(self) -> None:
-        """Forget a simulator that has gone; another one plays from its start."""
+        """Forget a simulator that was lost; the next one starts in the state playing."""
         self._built = None
         self._next_pose = None
         self._enter(PLAYING)
 
     def quit(self) -> None:
         """End the simulator."""
-        link = self._link()
+        link = self._renderer.configured_link()
         self._enter(QUITTING)  # until the bridge has noticed that it is gone
         link.end_simulation()
 
     def put_rig(self, pose: Pose) -> None:
-        """Have the next step look from a pose."""
+        """Set the pose of the rig at the next step."""
         self._next_pose = pose
 
     def step(self, cancellation: Cancellation | None = None) -> None:
@@ -146,52 +134,52 @@ class Simulation:
             raise NotReadyError(f"the simulation is {STATE_NAMES[state]}: pause it to step it")
         pose = self._next_pose
         where = None if pose is None else pose_to_stamped_msg(pose, Header())
-        self._renderer.render(View(where, is_step=True), cancellation)
+        self._renderer.render(ViewRequest(where, is_step=True), cancellation)
         self._next_pose = None
 
     def build(self, request: WorldRequest) -> int:
         """Build a world and return its batch id."""
-        batch_id = self._link().step_batch(
+        batch_id = self._renderer.configured_link().step_batch(
             seed=request.seed, reuse_stage=request.reuse_stage, metadata=request.metadata
         )
         self._renderer.forget_world()
         self._next_pose = None
-        self._built = _Built(batch_id, request)
+        self._built = _BuiltWorld(batch_id, request)
         return batch_id
 
     def load(self, request: WorldRequest) -> None:
-        """Build a world and stop there."""
+        """Build a world; the simulation is stopped then."""
         self.build(request)
         self._renderer.metadata.clear()
         self._enter(STOPPED)
 
     def restart(self) -> None:
-        """Begin the world that stands again: what moves is where it began, changes are gone.
+        """Reset the current world: what moves is back at its start, changes are undone.
 
         Raises:
-            OaisysError: It is not known what it was drawn from, or it cannot be built.
+            OaisysError: Its seed is unknown, or it cannot be built.
         """
         info, seed = self.info(), self.seed
         if seed is None:
             if info.sample_id > 0:
                 raise OaisysError("the world's seed is not known: another client has built it")
-            self._next_pose = None  # nothing else has happened in it yet
+            self._next_pose = None  # nothing else has changed in it yet
         else:
             built = self._built
             known = built is not None and built.batch_id == info.batch_id
             request = built.request if built is not None and known else WorldRequest()
-            # The ground stays as it is: the same seed would make the same.
+            # The same seed would make the same ground, so that is kept.
             self.build(replace(request, seed=seed, reuse_stage=True))
         self._renderer.metadata.clear()
         self.restart_clock()
 
     @property
     def has_clock(self) -> bool:
-        """Whether time is simulated."""
+        """Whether the bridge publishes a simulated time."""
         return self._topics.has_clock
 
     def restart_clock(self) -> None:
-        """Let simulated time begin again."""
+        """Set simulated time back to 0."""
         self._topics.restart_clock()
 
     def _enter(self, mode: int) -> None:

@@ -1,7 +1,7 @@
-"""What viewers draw of a run so far: the rig's path, and the frusta of all views.
+"""Topics ``path`` and ``viewpoints``: the rig's path, and the frusta of all views.
 
-Both begin anew with each world. A path is sent whole with each sample; frusta one by one, and all
-of them to whoever comes later, within `GREETING_PERIOD_S`.
+Both are cleared when the world changes. Each sample brings the whole path, but only its own frusta;
+late subscribers get all of them within `NEW_SUBSCRIBER_PERIOD_S`.
 """
 
 from __future__ import annotations
@@ -10,33 +10,39 @@ import threading
 from collections import deque
 from dataclasses import dataclass
 
+import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import Point, PoseStamped, Vector3
 from nav_msgs.msg import Path
+from numpy.typing import ArrayLike
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from std_msgs.msg import Header
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
+from oaisys_core.geometry import pose_from_matrix, unproject
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Sample
-from oaisys_ros_bridge.conversions import pose_to_stamped_msg
+from oaisys_ros_bridge.conversions import pose_to_msg, pose_to_stamped_msg
 from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK
-from oaisys_ros_bridge.publishing.markers import deletion_marker, deletion_of_all, frustum_to_marker
 from oaisys_ros_bridge.publishing.options import PublishingOptions
 from oaisys_ros_bridge.publishing.publishers import Publishers, is_heard
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, PATH_QOS
 
-GREETING_PERIOD_S = 1.0
-"""Between two looks for subscribers that were not there before."""
+NEW_SUBSCRIBER_PERIOD_S = 1.0
+"""Between two checks for new subscribers."""
+
+LINE_WIDTH_SHARE = 0.02
+"""Width of a frustum's edges, as a share of its depth."""
+COLOR = ColorRGBA(r=1.0, g=0.75, b=0.1, a=1.0)
 
 World = tuple[str, int, int]
-"""Hash of the configuration, root seed and batch: what a trace belongs to."""
+"""Hash of the configuration, root seed and batch: which world a path belongs to."""
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """A view that was taken.
+    """A view of a complete sample.
 
     Attributes:
         number: Id of its marker.
@@ -53,11 +59,11 @@ class Viewpoint:
     header: Header
 
 
-class Traces:
+class TrajectoryTopics:
     """Publishes ``path`` and ``viewpoints``.
 
     Args:
-        node: Owner of the timer that looks for newcomers.
+        node: Owner of the timer that checks for new subscribers.
         publishers: Of the node.
         map_frame: Frame of the world.
     """
@@ -75,10 +81,15 @@ class Traces:
         self._depth_m = 0.0
         self._path = publishers.offer(Path, "path", PATH_QOS)
         self._viewpoints = publishers.offer(MarkerArray, "viewpoints", LATCHED_HISTORY_QOS)
-        self._audience = {publisher.topic_name: 0 for publisher in (self._path, self._viewpoints)}
+        self._subscribers = {
+            publisher.topic_name: 0 for publisher in (self._path, self._viewpoints)
+        }
         group = MutuallyExclusiveCallbackGroup()
         self._timer = node.create_timer(
-            GREETING_PERIOD_S, self._greet, callback_group=group, clock=OWN_CLOCK
+            NEW_SUBSCRIBER_PERIOD_S,
+            self._greet_subscribers,
+            callback_group=group,
+            clock=OWN_CLOCK,
         )
 
     def destroy(self) -> None:
@@ -86,7 +97,7 @@ class Traces:
         self._node.destroy_timer(self._timer)
 
     def enter(self, world: World) -> None:
-        """Begin anew if this is another world than that of the samples so far."""
+        """Clear both topics if this is another world than that of the samples so far."""
         with self._lock:
             if self._world in (None, world):
                 self._world = world
@@ -98,7 +109,7 @@ class Traces:
             self._viewpoints.publish(MarkerArray(markers=[deletion_of_all(self._header)]))
 
     def add(self, sample: Sample, stamp: Time, options: PublishingOptions) -> None:
-        """Draw a sample that is complete."""
+        """Add a complete sample."""
         how = sample.provenance
         self.enter((how.config_sha256, how.seed, sample.batch_id))
         with self._lock:
@@ -109,41 +120,41 @@ class Traces:
                 self._poses.popleft()
             if is_heard(self._path):
                 self._publishers.send(self._path, self._path_msg())
-            begun, gone = self._take_in(sample, options.viewpoints_count)
-            if is_heard(self._viewpoints) and (begun or gone):
+            added, removed = self._add_views(sample, options.viewpoints_count)
+            if is_heard(self._viewpoints) and (added or removed):
                 markers = [
                     deletion_marker(self._header, ns=view.sensor, number=view.number)
-                    for view in gone
+                    for view in removed
                 ]
-                markers += map(self._marker, begun)
+                markers += map(self._marker, added)
                 self._publishers.send(self._viewpoints, MarkerArray(markers=markers))
 
-    def _take_in(self, sample: Sample, most: int) -> tuple[list[Viewpoint], list[Viewpoint]]:
-        """Return a sample's views that are shown from now on, and those that no longer are."""
+    def _add_views(self, sample: Sample, most: int) -> tuple[list[Viewpoint], list[Viewpoint]]:
+        """Add a sample's views; return the new ones and the ones that are no longer shown."""
         for sensor, frame in {frame.sensor: frame for frame in sample.frames}.items():
             self._taken += 1
             self._views.append(
                 Viewpoint(self._taken, sensor, frame.intrinsics, frame.T_map_camera, self._header)
             )
-        gone = []
+        removed = []
         while len(self._views) > most:
-            gone.append(self._views.popleft())
-        begun = [view for view in self._views if view.header is self._header]
-        return begun, [view for view in gone if view.header is not self._header]
+            removed.append(self._views.popleft())
+        added = [view for view in self._views if view.header is self._header]
+        return added, [view for view in removed if view.header is not self._header]
 
-    def _greet(self) -> None:
-        """Send everything to subscribers who have come since the last look."""
+    def _greet_subscribers(self) -> None:
+        """Publish everything again if there are new subscribers."""
         with self._lock:
-            if self._has_newcomers(self._path) and self._poses:
+            if self._has_new_subscribers(self._path) and self._poses:
                 self._path.publish(self._path_msg())
-            if self._has_newcomers(self._viewpoints) and self._views:
+            if self._has_new_subscribers(self._viewpoints) and self._views:
                 markers = [deletion_of_all(self._header), *map(self._marker, self._views)]
                 self._viewpoints.publish(MarkerArray(markers=markers))
 
-    def _has_newcomers(self, publisher: Publisher) -> bool:
-        before = self._audience[publisher.topic_name]
+    def _has_new_subscribers(self, publisher: Publisher) -> bool:
+        before = self._subscribers[publisher.topic_name]
         now = int(publisher.get_subscription_count())
-        self._audience[publisher.topic_name] = now
+        self._subscribers[publisher.topic_name] = now
         return now > before
 
     def _path_msg(self) -> Path:
@@ -158,3 +169,50 @@ class Traces:
             ns=view.sensor,
             number=view.number,
         )
+
+
+def image_corners(intrinsics: PinholeIntrinsics) -> FloatArray:
+    """Return the (4, 2) pixels of the image's outer corners, clockwise from the upper left."""
+    right, bottom = intrinsics.width_px - 0.5, intrinsics.height_px - 0.5
+    return np.array([(-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom)])
+
+
+def frustum_to_marker(
+    intrinsics: PinholeIntrinsics,
+    T_map_camera: ArrayLike,
+    depth_m: float,
+    header: Header,
+    *,
+    ns: str,
+    number: int,
+) -> Marker:
+    """Return the eight edges of a camera's frustum, up to a depth.
+
+    Args:
+        intrinsics: The camera; a lens's distortion moves the corners.
+        T_map_camera: (4, 4) pose of the optical frame in ``header``'s frame.
+        depth_m: Depth of the base, along the optical axis.
+        header: Stamp and frame.
+        ns: Namespace of the marker, such as the sensor's name.
+        number: Id of the marker in its namespace.
+    """
+    corners_m = unproject(image_corners(intrinsics), np.full(4, depth_m), intrinsics)
+    apex = Point()
+    base = [Point(x=x, y=y, z=z) for x, y, z in corners_m.tolist()]
+    marker = Marker(header=header, ns=ns, id=number, type=Marker.LINE_LIST, action=Marker.ADD)
+    marker.pose = pose_to_msg(pose_from_matrix(T_map_camera))
+    marker.scale = Vector3(x=depth_m * LINE_WIDTH_SHARE)
+    marker.color = COLOR
+    for corner, following in zip(base, [*base[1:], base[0]], strict=True):
+        marker.points += [apex, corner, corner, following]
+    return marker
+
+
+def deletion_marker(header: Header, *, ns: str, number: int) -> Marker:
+    """Return the marker that deletes one."""
+    return Marker(header=header, ns=ns, id=number, action=Marker.DELETE)
+
+
+def deletion_of_all(header: Header) -> Marker:
+    """Return the marker that deletes all markers of a topic."""
+    return Marker(header=header, action=Marker.DELETEALL)
