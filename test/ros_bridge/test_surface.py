@@ -3,7 +3,7 @@
 import numpy as np
 
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_ros_bridge.mapper.surface_messages import at_most, clustered
+from oaisys_ros_bridge.mapper.mesh_topics import at_most, clustered
 
 
 def grid_mesh(cells: int, edge_m: float) -> ColoredMesh:
