@@ -1,8 +1,8 @@
-"""Our own readers, the mapper and recorders, and how long the bridge waits for them.
+"""Back-pressure of our own readers: the bridge waits for the mapper and recorders, for nobody else.
 
-Each of them tells on ``~/receipts`` up to which sample it has taken all. A publisher holds the last
-`SENSOR_DEPTH` messages of a topic: as long as no reader is further behind than that, the middleware
-can send it again whatever it has not got. Nobody else is ever waited for.
+Each of them reports on ``~/receipts`` up to which sample it has taken all messages. A publisher
+holds the last `SENSOR_DEPTH` messages of a topic: the middleware can resend what a reader lacks, as
+long as the reader is not further behind than that.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, SampleName,
 
 WAIT = "wait"
 LOOK_UP_S = 0.1
-"""Between two looks of a waiting thread at whether it shall end."""
+"""Between two checks of a waiting thread whether it shall end."""
 MOST_OWED = 10_000
-"""Samples that are remembered of a reader that has stopped to take any."""
+"""Samples that are remembered for a reader that takes none."""
 
 
 @dataclass
@@ -37,7 +37,7 @@ class _Reader:
     """A node that sends receipts.
 
     Attributes:
-        owed: Numbers and names of the samples whose receipt has not come, oldest first.
+        owed: Numbers and names of the samples whose receipt is missing, oldest first.
         state: What its last receipt says.
         taken_s: When its last receipt came.
         stalled_s: Since when it is not waited for; None: it is.
@@ -51,7 +51,7 @@ class _Reader:
 
 
 def state_of(receipt: SampleReceipt) -> LedgerState:
-    """Return what a receipt says of samples."""
+    """Return the counts in a receipt."""
     stamp_ns = nanoseconds(receipt.header.stamp)
     return LedgerState(
         receipt.samples,
@@ -63,7 +63,7 @@ def state_of(receipt: SampleReceipt) -> LedgerState:
 
 
 class Readers:
-    """Who has to take the samples, and how far they are; safe to use from any thread.
+    """The readers, and up to which sample each is done; safe to use from any thread.
 
     Args:
         node: The bridge.
@@ -85,7 +85,7 @@ class Readers:
         )
 
     def begin(self) -> None:
-        """Count a sample whose messages begin to go out, whether it gets complete or not."""
+        """Count a sample that begins to be published, whether it gets complete or not."""
         with self._changed:
             self._number += 1
 
@@ -97,9 +97,10 @@ class Readers:
                 reader.owed.append((self._number, name))
 
     def wait_for_room(self, cancellation: Cancellation) -> None:
-        """Wait until no reader is so far behind that another sample could cost it a message.
+        """Wait until another sample can cost no reader a message.
 
-        Who has taken nothing for ``readers.timeout_s`` is not waited for again until it does.
+        A reader that has taken nothing for ``readers.timeout_s`` is not waited for again until it
+        takes a sample.
 
         Raises:
             CancelledError: The work was cancelled.
@@ -121,12 +122,12 @@ class Readers:
             return self._waits and bool(self._late(self._number))
 
     def states(self) -> dict[str, LedgerState]:
-        """Return what the readers say, by their names."""
+        """Return the last counts of each reader, by its name."""
         with self._changed:
             return {name: reader.state for name, reader in self._readers.items()}
 
     def shortfalls(self, before: Mapping[str, LedgerState]) -> list[str]:
-        """Return a sentence for each reader that is behind or has lost something since then."""
+        """Return a sentence for each reader that is behind or has lost messages since then."""
         with self._changed:
             found = []
             for name, reader in self._readers.items():
@@ -139,7 +140,7 @@ class Readers:
             return found
 
     def diagnostics(self) -> tuple[Sequence[str], dict[str, object]]:
-        """Return what is wrong, one sentence each, and all values by name."""
+        """Return the problems, one sentence each, and all values by name."""
         with self._changed:
             wrong: list[str] = []
             values: dict[str, object] = {}
@@ -180,7 +181,7 @@ class Readers:
                 self._changed.wait(LOOK_UP_S)
 
     def _late(self, number: int) -> list[str]:
-        """Return who has not taken a sample, or an earlier one, and is waited for."""
+        """Return the readers that are waited for and have not taken all up to a sample."""
         return [
             name
             for name, reader in self._readers.items()
@@ -204,7 +205,7 @@ class Readers:
                 return
             state = state_of(receipt)
             if receipt.node not in self._readers or state.last is None:
-                self._readers[receipt.node] = _Reader()  # it has come, or begun anew
+                self._readers[receipt.node] = _Reader()  # it is new, or was restarted
             reader = self._readers[receipt.node]
             reader.state = state
             reader.lost_by_middleware = {x.what: x.count for x in receipt.lost_by_middleware}

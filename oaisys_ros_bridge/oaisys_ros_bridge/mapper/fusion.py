@@ -1,4 +1,4 @@
-"""Fuses frames into a volume on a thread of its own, in the order in which they come."""
+"""Fuses frames into a volume on a thread of its own, in order of arrival."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 QUEUE_FRAMES = 32
 """Frames that may wait: 70 MB at 640x480. Any further one is dropped and counted."""
 QUEUE_BYTES = 2**30
-"""Likewise of large frames, but one may always wait."""
+"""Bytes that may wait; one frame may always wait."""
 
 NOT_FUSED = "frames that could not be fused"
 QUEUE_FULL = "frames that found the mapper's queue full"
-"""Why a frame is not in the volume."""
+"""Reasons why a frame is not in the volume."""
 
 
 @dataclass(frozen=True, repr=False)
 class DepthFrame(ShortRepr):
-    """A view to be fused.
+    """A depth image to be fused, with its camera and pose.
 
     Attributes:
         stamp_ns: When it was taken.
@@ -72,9 +72,9 @@ class Fusion:
 
     Args:
         config: How the volume is made.
-        on_change: Called from the thread after every frame.
-        on_error: Called with the reason where a frame cannot be integrated.
-        on_done: Called with a frame's stamp, and why it is not in the volume; empty: it is.
+        on_change: Called on the thread after every frame.
+        on_error: Called with the reason why a frame cannot be integrated.
+        on_done: Called with a frame's stamp, and the reason why it is not in the volume or "".
     """
 
     def __init__(
@@ -133,13 +133,13 @@ class Fusion:
             return volume.extract_mesh(), tuple(self._views)
 
     def visible_surface(self) -> ColoredMesh:
-        """Return the surface of the frames that are fused by now, as far as it is in memory."""
+        """Return the surface of the frames that are fused so far, without blocks stored on disk."""
         with self._volume_lock:
             return self._volume.extract_mesh(with_stored=False)
 
     @contextmanager
     def settled(self, timeout_s: float) -> Iterator[TsdfVolume]:
-        """Lend the volume, with all frames received so far in it; none is fused meanwhile.
+        """Lend the volume once all frames received so far are in it; none is fused meanwhile.
 
         Raises:
             DeadlineExceededError: Some of them are not integrated after ``timeout_s``.
@@ -154,7 +154,7 @@ class Fusion:
         return tuple(self._views)
 
     def reset(self) -> None:
-        """Forget all frames, also those that wait."""
+        """Clear the volume, and drop the frames that wait."""
         with self._volume_lock:
             while not self._frames.empty():
                 self._frames.get_nowait()
@@ -167,7 +167,7 @@ class Fusion:
         self._on_change(self._state)
 
     def close(self) -> None:
-        """End the thread after the frame under way."""
+        """End the thread after the current frame."""
         while not self._frames.empty():
             self._frames.get_nowait()
         self._frames.put(None)
@@ -194,7 +194,7 @@ class Fusion:
             self._on_change(self._state)
 
     def _integrate(self, frame: DepthFrame) -> str:
-        """Fuse a frame; return why it cannot be, or nothing."""
+        """Fuse a frame; return why that fails, or an empty string."""
         start_s = time.perf_counter()
         try:
             camera = rectified_camera(frame.intrinsics)

@@ -1,4 +1,4 @@
-"""A node's life as a program: from its arguments to a clean end on SIGINT or SIGTERM."""
+"""Runs a node as a program: from its arguments to a clean end on SIGINT or SIGTERM."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.transport import prepare_transport
 
 OWN_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
-"""For timers that go on while simulated time, which a node may be told to follow, stands still."""
+"""For timers that must go on while simulated time stands still."""
 
 CALLBACKS_END_S = 3.0
-"""How long callbacks under way may take to end, before what they publish through is gone."""
+"""How long callbacks may take to end before their publishers are destroyed."""
 
 
 class Closable(Protocol):
-    """What a node offers beside rclpy's own."""
+    """A node that can be closed."""
 
     def close(self) -> None:
         """End threads and finish files; called once, while callbacks may still run."""
 
 
 class WaitingExecutor(MultiThreadedExecutor):
-    """An executor that can be waited for: rclpy's own `shutdown` (7.1) says so, but does not."""
+    """An executor that can wait for its callbacks, as `shutdown` of rclpy (7.1) does not."""
 
     def wait_for_callbacks(self, timeout_s: float) -> bool:
         """Return whether all callbacks under way have ended within ``timeout_s``.
 
-        Those that wait for a thread are dropped: they count as no work yet, and would find the
-        executor's handles destroyed ("cannot use Destroyable").
+        Callbacks that wait for a thread are dropped: they would find the executor's handles
+        destroyed ("cannot use Destroyable").
         """
         end = partial(self._executor.shutdown, wait=True, cancel_futures=True)
         waiter = threading.Thread(target=end, name="executor's end", daemon=True)
@@ -50,7 +50,7 @@ class WaitingExecutor(MultiThreadedExecutor):
 
 
 LOOK_UP_S = 0.2
-"""Between two looks of a waiting thread at whether it shall end."""
+"""Between two checks of a waiting thread whether it shall end."""
 
 
 def run_node(
@@ -84,8 +84,8 @@ def run_node(
     finally:
         rclpy.try_shutdown()
         for number in (signal.SIGINT, signal.SIGTERM):
-            # Python gives handlers of ours back on its way out, and a second signal (a terminal's
-            # and ros2 launch's come together) would kill it there.
+            # At exit Python restores the default handlers, and a second signal would kill it:
+            # a terminal and ros2 launch each send one.
             signal.signal(number, signal.SIG_IGN)
 
 
@@ -108,16 +108,16 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
 
     spinner = threading.Thread(target=spin, name="executor", daemon=True)
     spinner.start()
-    # Looks up now and then: a signal that comes just before a blocking call begins does not
-    # interrupt it, and its handler would have to wait.
+    # Not one long wait: a signal that comes just before a blocking call does not interrupt it, and
+    # its handler would have to wait.
     while not stop.wait(LOOK_UP_S):
         pass
     node.close()
-    # The executor must not wait any more when its handles are destroyed.
+    # The executor must not be waiting when its handles are destroyed.
     closed.set()
     executor.wake()
     spinner.join(timeout=CALLBACKS_END_S)
-    # Nor must a callback that ends now still want to wake it.
+    # Nor may a callback that ends now wake it afterwards.
     executor.wait_for_callbacks(CALLBACKS_END_S)
     executor.shutdown()
     return int(ended_by_itself.is_set())

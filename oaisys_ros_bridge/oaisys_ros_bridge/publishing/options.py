@@ -1,4 +1,4 @@
-"""What a node's parameters say of publishing, as the typed values that the code works with."""
+"""The parameters of publishing as typed values."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ class PublishingOptions:
     """How one sample is published.
 
     Attributes:
-        points: Whether there are clouds.
-        cloud: Which points they have.
+        points: Whether clouds are published.
+        cloud: Which points clouds have.
         compression: Of compressed images.
-        depth_faults: What depth images, and clouds made of them, suffer.
-        drift_seed: Root of the draws of odometry's drift.
-        drift_sigmas: Standard deviation of its step along each axis (m) and about it (rad).
-        tf_drifts: Whether the rig's transform drifts, too.
-        path_length: Poses of the path.
-        viewpoints_count: Frusta among the viewpoints.
-        viewpoints_depth_m: How deep each is drawn.
+        depth_faults: Faults of depth images and of the clouds made of them.
+        drift_seed: Seed of the drift of odometry.
+        drift_sigmas: Standard deviation of the drift per sample, along (m) and about (rad) an axis.
+        tf_drifts: Whether the transform of the rig drifts, too.
+        path_length: Most poses of the path.
+        viewpoints_count: Most frusta of the viewpoints.
+        viewpoints_depth_m: Depth of each frustum.
     """
 
     points: bool
@@ -41,7 +41,7 @@ class PublishingOptions:
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> PublishingOptions:
-        """Return the options among the values of a bridge's parameters."""
+        """Return the options from the values of the bridge's parameters."""
         return cls(
             points=values["publish_points"],
             cloud=CloudOptions(

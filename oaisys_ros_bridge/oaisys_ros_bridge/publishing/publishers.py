@@ -1,4 +1,4 @@
-"""The publishers of a node, by topic: made when first asked for, taken away together."""
+"""The publishers of a node by topic, created on first use and destroyed together."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Publishers:
         node: Their owner.
 
     Attributes:
-        used: Full names of the topics that `send` has published on; its reader's to clear.
+        used: Full names of the topics on which `send` has published; cleared by the caller.
     """
 
     def __init__(self, node: Node) -> None:
@@ -25,23 +25,23 @@ class Publishers:
         self.used: set[str] = set()
 
     def send(self, publisher: Publisher, message: Any) -> None:
-        """Publish a message of a sample, and take note of its topic."""
+        """Publish a message of a sample, and add its topic to `used`."""
         publisher.publish(message)
         self.used.add(str(publisher.topic_name))
 
     def offer(self, kind: type[Any], topic: str, qos: QoSProfile) -> Publisher:
-        """Return the publisher of a topic."""
+        """Return the publisher of a topic; create it if there is none."""
         if topic not in self._by_topic:
             self._by_topic[topic] = self._node.create_publisher(kind, topic, qos)
         return self._by_topic[topic]
 
     def destroy(self) -> None:
-        """Take all of them off the node."""
+        """Destroy all of them."""
         for publisher in self._by_topic.values():
             self._node.destroy_publisher(publisher)
         self._by_topic.clear()
 
 
 def is_heard(publisher: Publisher) -> bool:
-    """Return whether anybody would get a message: if not, none need be made."""
+    """Return whether the topic has subscribers: without any, no message need be made."""
     return int(publisher.get_subscription_count()) > 0

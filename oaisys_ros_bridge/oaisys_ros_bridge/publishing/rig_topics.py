@@ -1,12 +1,12 @@
-"""The topics of the rig: its transform, where it truly is, and where it believes to be.
+"""The topics of the rig: its transform, its true pose, and its odometry.
 
-``ground_truth/odometry`` is exact, whatever faults there are. ``odometry`` drifts as the
-parameters ``faults.drift_m`` and ``faults.drift_rad`` say, and tells its covariance: it is the pose
-in a frame of its own, ``odom``, in which the rig began where it begins in ``map``. Transforms then
-lead from ``map`` to ``odom`` to ``base_link`` (REP-105); the first holds what a perfect
-localisation would correct, so the rig is where it truly is, or, with ``faults.tf_drifts``, nothing.
-Without drift ``odometry`` is the true one, in ``map``, and ``base_link`` a child of that. All are
-poses of the vehicle: where a camera sits on it is in ``/tf_static``.
+``ground_truth/odometry`` is always exact. ``odometry`` drifts as the parameters ``faults.drift_m``
+and ``faults.drift_rad`` say, with its covariance. It is then a pose in the frame ``odom``, which
+coincides with ``map`` at the start, and transforms lead from ``map`` to ``odom`` to ``base_link``
+(REP-105). ``map`` to ``odom`` is the correction of a perfect localisation, so that the rig is where
+it truly is; with ``faults.tf_drifts`` it is the identity. Without drift ``odometry`` is the true
+pose in ``map``, and ``base_link`` a child of ``map``. All are poses of the vehicle; ``/tf_static``
+has the mounts of its cameras.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from oaisys_ros_bridge.qos import SENSOR_QOS, TF_QOS
 
 
 class RigTopics:
-    """Publishes where the rig is.
+    """Publishes the pose of the rig.
 
     Args:
         publishers: Of the node.
@@ -51,10 +51,10 @@ class RigTopics:
         self._odometry = publishers.offer(Odometry, "odometry", SENSOR_QOS)
 
     def publish(self, outline: SampleOutline, stamp: Time, options: PublishingOptions) -> None:
-        """Publish where the rig is at a sample."""
+        """Publish the pose of the rig at a sample."""
         header = Header(stamp=stamp, frame_id=self._map_frame)
         true, sample_id = outline.rig_pose, outline.sample_id
-        # What drifts in the simulator already (sensors.faults) drifts from there.
+        # Drift of the simulator (sensors.faults) and of the bridge add up.
         believed = self._drift.drifted(
             outline.odometry.pose if outline.odometry else true,
             options.drift_sigmas,
@@ -84,7 +84,7 @@ class RigTopics:
             self._publishers.send(self._odometry, message)
 
     def repeat(self, stamp: Time) -> None:
-        """Publish the last transforms again, if there are any, for those who have come since."""
+        """Publish the last transforms again, if there are any, for late subscribers."""
         for transform in self._transforms:
             transform.header.stamp = stamp
         if self._transforms:

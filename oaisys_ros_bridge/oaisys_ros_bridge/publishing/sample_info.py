@@ -1,4 +1,4 @@
-"""What is told of samples and batches besides their images: where from, and how to repeat them."""
+"""Messages that describe samples and batches: poses, cameras, and how to render them again."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def sample_info_msg(
     sequence: int = 0,
     topics: Collection[str] = (),
 ) -> SampleInfo:
-    """Return the message that says what was rendered, from where, and how to repeat it.
+    """Return the message that describes a sample: its frames, poses and provenance.
 
     Args:
-        sample: That is complete.
-        header: Its stamp, and the frame of its poses.
-        faults_json: What was done to its depth before it was published; empty: nothing.
-        sequence: Its number among all that were published; 0: not known.
-        topics: Full names of those that its messages were published on.
+        sample: A complete sample.
+        header: Stamp of the sample, and frame of its poses.
+        faults_json: Faults that were added to its depth; empty: none.
+        sequence: Its number among all published samples; 0: unknown.
+        topics: Full names of the topics on which its messages were published.
     """
     frames: dict[str, list[Frame]] = {}
     for frame in sample.frames:
@@ -59,7 +59,7 @@ def sample_info_msg(
 
 
 def outline_from_msg(msg: SampleInfo) -> SampleOutline:
-    """Return what a message says of a sample, as far as it does; see `sample_info_msg`."""
+    """Return the outline of the sample that a message describes; see `sample_info_msg`."""
     how = {field.name: getattr(msg, field.name) for field in fields(Provenance)}
     names = [FrameName(sensor.sensor, m) for sensor in msg.sensors for m in sensor.modalities]
     return SampleOutline(
@@ -73,13 +73,13 @@ def outline_from_msg(msg: SampleInfo) -> SampleOutline:
 
 
 def _exact_pose(msg: PoseMsg) -> Pose:
-    """Return a pose to the last bit, as it was told."""
+    """Return the pose of a message bit for bit, without normalising it."""
     p, q = msg.position, msg.orientation
     return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
 
 def batch_info_msg(info: SimulatorInfo, header: Header) -> SampleInfo:
-    """Return the message that says which world stands, before there is a sample of it."""
+    """Return the message that announces a new world, before there is a sample of it."""
     known = {field.name for field in fields(Provenance)} & {field.name for field in fields(info)}
     return SampleInfo(
         header=header,

@@ -1,4 +1,4 @@
-"""The topics of one camera: images, compressed images, cameras, clouds, legends, its mount.
+"""The topics of one camera: images, compressed images, camera_info, cloud, legend; and its mount.
 
 Encodings: colour and albedo ``rgb8``; depth and range ``32FC1``, metres; labels ``16UC1``; ids
 ``32SC1``; normals ``32FC3``, unit vectors x, y, z in the optical frame, 0 where nothing was hit;
@@ -49,7 +49,7 @@ from oaisys_ros_bridge.publishing.publishers import Publishers, is_heard
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
-"""Where a modality's topic is not called as the modality is."""
+"""Topic names of modalities whose topic has another name."""
 
 ENCODING_BY_MODALITY = {
     RGB: "rgb8",
@@ -62,11 +62,11 @@ ENCODING_BY_MODALITY = {
 }
 
 COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
-"""What image_transport calls its compressed variants."""
+"""Names of the compressed variants in image_transport."""
 
 
 def sensor_namespace(sensor: str, sensors: Sequence[SensorInfo]) -> str:
-    """Return the prefix of a sensor's topics and frames: ``camera`` for a rig's only one."""
+    """Return the prefix of a sensor's topics and frames: ``camera`` for the only one of a rig."""
     return sensor if len(sensors) > 1 else "camera"
 
 
@@ -80,8 +80,8 @@ def encoding_of(frame: Frame) -> str:
 def compressed_variants(modality: str) -> tuple[str, ...]:
     """Return the names of a modality's compressed topics.
 
-    Those of depth carry the same messages: one name is image_transport's, the other the one that
-    all images have.
+    Depth has two topics with the same messages: the name of image_transport, and the name that all
+    images have.
     """
     encoding = ENCODING_BY_MODALITY.get(modality, "")
     if encoding == "32FC1":
@@ -92,13 +92,13 @@ def compressed_variants(modality: str) -> tuple[str, ...]:
 
 
 class SensorTopics:
-    """Publishes what one camera sees; what nobody listens to is not even made.
+    """Publishes the frames of one camera; messages without subscribers are not made.
 
     Args:
         publishers: Of the node.
         sensor: The camera.
         namespace: Prefix of its topics.
-        frame_prefix: What its frames' names begin with, before the namespace.
+        frame_prefix: Prefix of its frames' names, before the namespace.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class SensorTopics:
         self._namespace = namespace
         self._link_frame = f"{frame_prefix}{namespace}_link"
         self._optical_frame = f"{frame_prefix}{namespace}_optical_frame"
-        for modality in sensor.modalities:  # before the first sample: subscribers find them
+        for modality in sensor.modalities:  # before the first sample, so that subscribers find them
             self._image(modality)
             self._camera_info(modality)
             self._compressed(modality)
@@ -117,7 +117,7 @@ class SensorTopics:
             self._cloud()
 
     def mount(self, base_frame: str, stamp: Time) -> list[TransformStamped]:
-        """Return where the camera sits on the rig."""
+        """Return the transforms from the rig to the camera."""
         T_base_link = self._sensor.T_base_camera @ invert(T_LINK_OPTICAL)
         on_base = Header(stamp=stamp, frame_id=base_frame)
         on_link = Header(stamp=stamp, frame_id=self._link_frame)
@@ -127,7 +127,7 @@ class SensorTopics:
         ]
 
     def publish_labels(self, names: Mapping[int, str], stamp: Time) -> None:
-        """Latch the legend beside the labels of each level."""
+        """Publish the legend of the labels of each level, latched."""
         labels = [SemanticLabel(id=i, name=name) for i, name in sorted(names.items())]
         message = SemanticLabels(header=self._header(stamp), labels=labels)
         for modality in self._sensor.modalities:
@@ -136,7 +136,7 @@ class SensorTopics:
                 self._publishers.offer(SemanticLabels, topic, LATCHED_QOS).publish(message)
 
     def publish_frame(self, frame: Frame, stamp: Time, options: PublishingOptions) -> None:
-        """Publish an image, plain and compressed, and its camera."""
+        """Publish an image, raw and compressed, and its camera_info."""
         header = self._header(stamp)
         camera_info = self._camera_info(frame.modality)
         if is_heard(camera_info):

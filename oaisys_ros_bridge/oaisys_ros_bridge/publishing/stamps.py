@@ -1,4 +1,4 @@
-"""The stamps of what is published: whose time they tell, and that they only increase."""
+"""The stamps of samples: taken from a clock, and always increasing."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.qos import CLOCK_QOS
 
 CLOCK_PERIOD_S = 0.1
-"""Between two repetitions of a simulated time that stands still, for nodes that come late."""
+"""Between two repetitions of a simulated time that stands still, for late subscribers."""
 NS_PER_S = 1_000_000_000
 
 
 class Stamps:
-    """Gives each sample its stamp, later than all before.
+    """Gives each sample a stamp that is later than all before.
 
-    * By default time is the node's: the system's, or that of another node's ``/clock`` where this
-      node has ``use_sim_time``. A sample is stamped when its first message goes out. Where that
-      clock stands still, stamps go on by a nanosecond.
-    * With ``publish_clock`` this node is the clock: time is simulated, begins at 0, goes on by
-      ``clock_step_s`` with each sample, stands still in between, and is on ``/clock`` before the
-      first message that carries it. So the stamps of a run are the same on every machine, however
-      long its renders take. Time never goes back, not at a new batch either, until `reset`.
+    * By default, time is that of the node's clock: the system's, or with ``use_sim_time`` that of
+      another node's ``/clock``. A sample is stamped when its first message is published. While the
+      clock stands still, stamps increase by a nanosecond.
+    * With ``publish_clock`` this node is the clock. Simulated time starts at 0, increases by
+      ``clock_step_s`` with each sample, stands still in between, and is published on ``/clock``
+      before the first message that carries it. So a run has the same stamps on every machine. Time
+      never goes back, not even at a new batch, until `reset`.
 
     Args:
         node: Owner of the clock.
         settings: Returns the values of ``publish_clock`` (read now) and ``clock_step_s``.
 
     Raises:
-        InvalidInputError: The node would be the clock and listen to one.
+        InvalidInputError: The node would both be the clock and follow one.
     """
 
     def __init__(self, node: Node, settings: Callable[[], Mapping[str, Any]]) -> None:
@@ -50,7 +50,7 @@ class Stamps:
             expected = "false, as publish_clock makes this node the one that tells the time"
             raise InvalidInputError("use_sim_time", True, expected)
         self._clock = node.create_publisher(Clock, "/clock", CLOCK_QOS)
-        self._timer = node.create_timer(CLOCK_PERIOD_S, self._tell)
+        self._timer = node.create_timer(CLOCK_PERIOD_S, self._publish)
 
     def next(self) -> TimeMsg:
         """Return the stamp of a sample."""
@@ -59,9 +59,9 @@ class Stamps:
         return self.between()
 
     def between(self) -> TimeMsg:
-        """Return the stamp of anything else, a nanosecond after the last where time stands still.
+        """Return the stamp of any other message: now, or a nanosecond after the last stamp.
 
-        Simulated time does not go on for it: samples stay at whole steps.
+        Simulated time does not increase for it: samples stay at whole steps.
         """
         with self._lock:
             now_ns = 0 if self.simulated else self._node.get_clock().now().nanoseconds
@@ -69,11 +69,10 @@ class Stamps:
             return _stamp(self._last_ns)
 
     def repeated(self) -> TimeMsg | None:
-        """Return the stamp of something that is published again: now.
+        """Return the stamp of a message that is published again: now.
 
-        None where this node is the clock, or the clock has stood still since the last stamp: what
-        is repeated never carries a stamp that was used before, nor one that the next sample's
-        could not be later than.
+        None if this node is the clock, or the clock has stood still since the last stamp: a repeat
+        never reuses a stamp, and never takes the one of the next sample.
         """
         with self._lock:
             now_ns = self._node.get_clock().now().nanoseconds
@@ -83,30 +82,30 @@ class Stamps:
             return _stamp(now_ns)
 
     def advance(self, seconds: float) -> TimeMsg:
-        """Let simulated time go on, tell it, and return it."""
+        """Increase simulated time, publish it, and return it."""
         with self._lock:
             self._simulated_ns += round(seconds * NS_PER_S)
             self._last_ns = max(self._simulated_ns, self._last_ns + 1)
             stamp = _stamp(self._last_ns)
-        self._tell()
+        self._publish()
         return stamp
 
     def reset(self) -> None:
-        """Let simulated time begin again at 0; listeners forget what they know of it."""
+        """Set simulated time back to 0."""
         if not self.simulated:
             return
         with self._lock:
             self._last_ns = self._simulated_ns = 0
-        self._tell()
+        self._publish()
 
     def close(self) -> None:
-        """Take the clock off the node."""
+        """Remove the clock from the node."""
         if self.simulated:
             self._node.destroy_timer(self._timer)
             self._node.destroy_publisher(self._clock)
             self.simulated = False
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         if self.simulated:
             with self._lock:
                 self._clock.publish(Clock(clock=_stamp(self._last_ns)))

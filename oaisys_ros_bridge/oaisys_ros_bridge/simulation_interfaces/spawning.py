@@ -1,4 +1,4 @@
-"""What can be spawned: built-in shapes, things as configured, mesh files, or all of it as JSON."""
+"""Entities that can be spawned: built-in shapes, configured prototypes, mesh files, or JSON."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ from oaisys_core.errors import InvalidInputError
 MESH_FORMATS = ("obj", "glb", "ply", "blend")
 SPAWN_FORMATS = (*MESH_FORMATS, "json")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
-"""What the simulator takes for a name."""
+"""Names that the simulator accepts."""
 
 LABEL, FIRST_SEMANTIC_ID = "spawned", 100
-"""Of what comes without a label, unless the world has the label or uses the id."""
+"""Of entities without a label, unless the world uses the label or the id already."""
 
 _SOURCES = ("shape", "prototype", "file")
 
 
 class UnsupportedFormatError(InvalidInputError):
-    """A resource is of no kind that can be spawned."""
+    """A resource is of a kind that cannot be spawned."""
 
 
 def spec_of(resource: Resource, labels: Mapping[int, str]) -> dict[str, Any]:
-    """Return what a resource describes: keys of ``asset.add`` but those of its pose.
+    """Return the keys of ``asset.add`` that a resource describes, without those of the pose.
 
     Args:
         resource: Its URI is ``shape:NAME``, ``prototype:NAME`` or a mesh file's; without one its
             string is a JSON object of the keys.
-        labels: Name by semantic id, as the world has them.
+        labels: Names of the world's semantic ids.
 
     Raises:
         UnsupportedFormatError: Another kind of URI.
-        InvalidInputError: No JSON object, or one with a pose.
+        InvalidInputError: Not a JSON object, or one with a pose.
     """
     if resource.uri:
         return _labelled(_of_uri(resource.uri), labels)
@@ -54,7 +54,7 @@ def spec_of(resource: Resource, labels: Mapping[int, str]) -> dict[str, Any]:
 
 
 def stem_of(spec: Mapping[str, Any]) -> str:
-    """Return what a thing without a name is called, before its number."""
+    """Return the name, without its number, of an entity that was given none."""
     source = next((str(spec[key]) for key in _SOURCES if spec.get(key)), "")
     stem = re.sub(r"[^A-Za-z0-9]+", "_", PurePosixPath(source).stem).strip("_")
     return stem if NAME.fullmatch(stem) else "entity"
@@ -72,7 +72,7 @@ def _of_uri(uri: str) -> dict[str, Any]:
 
 
 def _labelled(spec: dict[str, Any], labels: Mapping[int, str]) -> dict[str, Any]:
-    """Return a spec with a label and an id, which go together in the whole world."""
+    """Return a spec with a label and the semantic id that the label has in this world."""
     if "semantic_id" in spec:
         name = labels.get(spec["semantic_id"]) if isinstance(spec["semantic_id"], int) else None
         return {"label": name or LABEL, **spec}

@@ -1,4 +1,4 @@
-"""Worlds that can be asked for: which seed they are drawn from, and what else is set in them."""
+"""Requests for worlds: their seed, and what else is set in them."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ KEYS = frozenset({"seed", "reuse_stage", "metadata"})
 
 @dataclass(frozen=True)
 class WorldRequest:
-    """What a world shall be made of.
+    """A world to build.
 
     Attributes:
-        seed: That it is drawn from; None: the next of the simulator's series.
-        reuse_stage: Whether the ground stays.
+        seed: Of the world; None: the next one of the simulator's series.
+        reuse_stage: Whether the ground is kept.
         metadata: By module; None: as configured.
     """
 
@@ -31,12 +31,12 @@ class WorldRequest:
 
     @property
     def uri(self) -> str:
-        """Its name as a resource; metadata has none."""
+        """Its URI as a resource; it does not contain the metadata."""
         return SCHEME + (NEXT if self.seed is None else str(self.seed))
 
 
 def world_from_uri(uri: str) -> WorldRequest | None:
-    """Return the world that ``oaisys:SEED`` or ``oaisys:next`` names; None for any other name."""
+    """Return the world of a URI ``oaisys:SEED`` or ``oaisys:next``; None for any other."""
     match = re.fullmatch(rf"{SCHEME}({NEXT}|\d{{1,19}})", uri)
     if match is None:
         return None
@@ -44,10 +44,10 @@ def world_from_uri(uri: str) -> WorldRequest | None:
 
 
 def world_from_json(text: str) -> WorldRequest:
-    """Return the world that a JSON object of `KEYS` describes; inverse of nothing: keys may lack.
+    """Return the world that a JSON object of `KEYS` describes; all keys are optional.
 
     Raises:
-        InvalidInputError: No such object.
+        InvalidInputError: Not such an object.
     """
     try:
         value = json.loads(text)

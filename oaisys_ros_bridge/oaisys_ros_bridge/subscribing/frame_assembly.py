@@ -1,4 +1,4 @@
-"""Makes frames that can be fused out of images, cameras and transforms that come one by one."""
+"""Assembles frames for fusion from images, cameras and transforms that arrive one by one."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from oaisys_ros_bridge.subscribing.synchronizer import ExactSynchronizer
 from oaisys_ros_bridge.subscribing.transforms import FrameBuffer
 
 COLOR_WAIT_S = 2.0
-"""A depth image whose colour has not come so long after its sample was complete is fused grey."""
+"""How long after the end of its sample a depth image waits for colour; then it is fused grey."""
 
 MOST_WITHOUT_POSE = 32
-"""Frames that may wait for their transform; the oldest are given up first."""
+"""Frames that may wait for their transform; then the oldest are dropped."""
 
 INCOMPLETE = "depth images without camera, or of no sample"
 WITHOUT_POSE = "depth images without a pose"
@@ -38,13 +38,13 @@ UNUSABLE = "images that cannot be used"
 
 
 class FrameAssembler:
-    """Pairs what carries the same stamp, in whatever order it comes.
+    """Combines messages of the same stamp, in whatever order they come.
 
     Args:
-        map_frame: Frame that poses are wanted in.
+        map_frame: Frame of the poses.
         use_color, use_semantics: Whether a depth image waits for its colour and label images:
-            until its sample is complete where that is told, and in any case for `COLOR_WAIT_S`.
-        on_given_up: Told the stamp of a depth image that becomes no frame, and why.
+            until its sample is complete if that is announced, else for `COLOR_WAIT_S`.
+        on_given_up: Called with the stamp of a depth image that becomes no frame, and the reason.
     """
 
     def __init__(
@@ -73,13 +73,13 @@ class FrameAssembler:
         self._ended_s: dict[int, float] = {}
 
     def add_static(self, message: TFMessage) -> None:
-        """Take in transforms that hold for all times."""
+        """Add transforms that hold at all times."""
         for msg in message.transforms:
             T_parent_child = transform_from_msg(msg)
             self._transforms.set_static(msg.header.frame_id, msg.child_frame_id, T_parent_child)
 
     def add_transforms(self, message: TFMessage) -> None:
-        """Take in transforms that hold at their stamps."""
+        """Add transforms that hold at their stamps."""
         for msg in message.transforms:
             stamp_ns = nanoseconds(msg.header.stamp)
             T_parent_child = transform_from_msg(msg)
@@ -88,24 +88,24 @@ class FrameAssembler:
             )
 
     def add_odometry(self, msg: Odometry) -> None:
-        """Take in a pose that holds at its stamp."""
+        """Add a pose that holds at its stamp."""
         stamp_ns = nanoseconds(msg.header.stamp)
         T_parent_child = pose_to_matrix(odometry_from_msg(msg))
         self._transforms.set_at(stamp_ns, msg.header.frame_id, msg.child_frame_id, T_parent_child)
 
     def add_image(self, kind: str, message: Image | CameraInfo, now_s: float) -> None:
-        """Take in the ``depth``, ``info``, ``color`` or ``semantic`` message of its stamp."""
+        """Add the ``depth``, ``info``, ``color`` or ``semantic`` message of a stamp."""
         stamp_ns = nanoseconds(message.header.stamp)
         complete = self._images.add(stamp_ns, kind, message, now_s)
         if complete is not None:
             self._go_on(stamp_ns, complete)
 
     def add_color_info(self, message: CameraInfo) -> None:
-        """Take in the camera of colour images, which must be that of depth images."""
+        """Set the camera of colour images, which must be that of depth images."""
         self._color_info = intrinsics_from_msg(message)
 
     def end_sample(self, stamp_ns: int, now_s: float, *, kinds: Iterable[str]) -> None:
-        """Take note that all of a sample was published, and which kinds are among it."""
+        """Note that all of a sample was published, and which kinds of images it has."""
         complete = self._images.expect(stamp_ns, kinds)
         if complete is not None:
             self._go_on(stamp_ns, complete)
@@ -115,10 +115,10 @@ class FrameAssembler:
         self.give_up_color(now_s, ends_are_told=True)
 
     def give_up_color(self, now_s: float, *, ends_are_told: bool = False) -> None:
-        """Let those go on without colour that have waited for it long enough.
+        """Stop waiting for the colour of depth images that have waited long enough.
 
-        Where it is told which samples got complete, one may take as long as it likes, and what
-        belongs to a sample that never did is dropped once a later one is complete.
+        If complete samples are announced, a sample may take any time, and images of a sample that
+        was never completed are dropped once a later one is complete.
         """
         if not ends_are_told:
             for stamp_ns, messages in self._images.release_older_than(now_s - COLOR_WAIT_S):
@@ -143,14 +143,14 @@ class FrameAssembler:
 
     @property
     def given_up(self) -> int:
-        """How many depth images have been given up for want of a camera, a pose or a sample."""
+        """How many depth images were dropped for lack of a camera, a pose or their sample."""
         return self._images.given_up + self._without_pose_lost
 
     def pop(self) -> DepthFrame | None:
-        """Return the earliest frame that is complete by now, and forget it; None if there is none.
+        """Remove and return the earliest complete frame; None if there is none.
 
         Raises:
-            InvalidInputError: Its messages cannot be used; they are forgotten too.
+            InvalidInputError: Its messages cannot be used; they are removed, too.
         """
         for stamp_ns in sorted(self._without_pose):
             messages = self._without_pose[stamp_ns]
@@ -186,7 +186,7 @@ class FrameAssembler:
         )
 
     def clear(self) -> None:
-        """Forget images that are incomplete; transforms stay."""
+        """Remove all images; keep the transforms."""
         self._images.clear()
         self._without_pose_lost = 0
         self._ended_s.clear()

@@ -1,8 +1,8 @@
-"""Which announced samples have come whole, and what is missing of the others.
+"""Which announced samples are complete, and what is missing of the others.
 
-``~/sample_info`` announces every sample that is complete. Of each topic the middleware delivers
-messages in their order, so a message is lost once a later sample's has come, or nothing has for
-`LOST_AFTER_S`. What comes even later is no longer lost. No ROS in here.
+``~/sample_info`` announces every sample that was published completely. The middleware keeps the
+order of the messages of a topic, so a message counts as lost once that of a later sample has come,
+or after `LOST_AFTER_S`. If it comes later after all, it no longer counts. No ROS in here.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 LOST_AFTER_S = 5.0
-"""After an announcement; the middleware sends again what was not acknowledged within 3 s."""
+"""After an announcement. The middleware resends within 3 s what was not acknowledged."""
 
 REMEMBERED = 4096
 """Stamps of messages whose sample is not announced (yet), or was found incomplete."""
@@ -38,9 +38,9 @@ class LedgerState:
 
     Attributes:
         announced: Samples that were announced, or whose announcement was lost.
-        settled: Those of them, from the first on without a gap, whose fate is known.
-        incomplete: Those of them that something is missing of.
-        lost: In how many samples something is missing, by topic or by reason.
+        settled: Those of them, from the first on without a gap, that are complete or incomplete.
+        incomplete: Those of them that lack a message or result.
+        lost: How many samples lack a message, by topic or by reason.
         last: The newest of the settled ones.
     """
 
@@ -65,7 +65,7 @@ class LedgerState:
 
 @dataclass
 class _Entry:
-    """An announced sample whose fate is open.
+    """An announced sample that is still open: neither complete nor incomplete.
 
     Attributes:
         missing: What has not come.
@@ -82,11 +82,11 @@ class _Entry:
 
 
 class SampleLedger:
-    """Counts what came of announced samples; safe to use from any thread.
+    """Counts the messages of announced samples; safe to use from any thread.
 
     Args:
         info_topic: Where samples are announced; named where announcements are lost.
-        on_settled: Called after the fate of samples has become known, without a lock held.
+        on_settled: Called after samples were closed, without a lock held.
         clock: Of seconds.
     """
 
@@ -119,7 +119,7 @@ class SampleLedger:
 
     @property
     def open(self) -> int:
-        """How many announced samples have an open fate."""
+        """How many announced samples are open."""
         return len(self._open)
 
     def announce(
@@ -131,7 +131,7 @@ class SampleLedger:
         needed: Collection[str] = (),
         result: str = "",
     ) -> None:
-        """Take note of a complete sample.
+        """Add an announced sample.
 
         Args:
             name: Of the sample.
@@ -152,7 +152,7 @@ class SampleLedger:
         self._tell(settled)
 
     def arrive(self, what: str, stamp_ns: int) -> None:
-        """Take note of a message, or of a result."""
+        """Note that a message, or a result, has come."""
         with self._changed:
             entry = self._open.get(stamp_ns)
             if entry is not None:
@@ -167,7 +167,7 @@ class SampleLedger:
         self._tell(settled)
 
     def give_up(self, stamp_ns: int, reason: str) -> None:
-        """Take note that there will be no result of a sample, and why."""
+        """Note that there will be no result of a sample, and why."""
         with self._changed:
             entry = self._open.get(stamp_ns)
             if entry is not None and entry.result in entry.missing:
@@ -177,7 +177,7 @@ class SampleLedger:
         self._tell(settled)
 
     def expire(self) -> None:
-        """Count as lost what has not come for `LOST_AFTER_S`; a result may take its time."""
+        """Count messages as lost that have not come for `LOST_AFTER_S`; results may take longer."""
         with self._changed:
             first_s = self._clock() - LOST_AFTER_S
             for entry in self._open.values():
@@ -187,7 +187,7 @@ class SampleLedger:
         self._tell(settled)
 
     def give_up_all(self) -> None:
-        """Count everything as lost that has not come, at the end."""
+        """Count everything that has not come as lost, at the end."""
         with self._changed:
             for entry in self._open.values():
                 self._lose(entry, set(entry.missing))
@@ -195,7 +195,7 @@ class SampleLedger:
         self._tell(settled)
 
     def forget(self, before_ns: int | None = None) -> None:
-        """Ask no more for what has not come of samples before a stamp, or of any."""
+        """Expect nothing more of samples before a stamp, or of any sample."""
         with self._changed:
             for stamp_ns, entry in self._open.items():
                 if before_ns is None or stamp_ns < before_ns:
@@ -213,7 +213,7 @@ class SampleLedger:
             return [e.name for e in wanted if self._open.get(e.name.stamp_ns) is e]
 
     def _follow(self, sequence: int, topics: frozenset[str]) -> None:
-        """Count the announcements that are missing before this one."""
+        """Count the announcements that were lost before this one."""
         self._announced += 1
         if sequence in self._unseen:  # taken by another thread, a moment later than its successor
             self._announced -= 1
@@ -256,7 +256,7 @@ class SampleLedger:
             entry.missing.discard(entry.result)
 
     def _find(self, stamp_ns: int, what: str) -> None:
-        """Take back that something is lost."""
+        """Note that a lost message has come after all."""
         lost = self._late[stamp_ns]
         if what not in lost:
             return
@@ -267,7 +267,7 @@ class SampleLedger:
             self._incomplete -= 1
 
     def _settle(self) -> bool:
-        """Close the oldest samples whose fate is known; return whether there were any."""
+        """Close the oldest samples that are no longer open; return whether there were any."""
         settled = False
         while self._open:
             stamp_ns, entry = next(iter(self._open.items()))

@@ -1,4 +1,4 @@
-"""How a reader of ours keeps count of samples, and tells the bridge how far it is."""
+"""Counts the samples that a mapper or recorder has taken, and reports them to the bridge."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from oaisys_ros_bridge.subscribing.sample_ledger import SampleLedger, SampleName
 
 SAMPLE_INFO, RECEIPTS = "sample_info", "receipts"
 EXPIRY_PERIOD_S = 0.5
-"""Between two looks for messages that have not come for too long."""
+"""Between two checks for messages that are overdue."""
 
 
 class SampleWatch:
@@ -30,8 +30,8 @@ class SampleWatch:
     Args:
         node: The reader.
         info_topic: Full name of the topic on which samples are announced.
-        lost_by_middleware: Messages that the middleware says were lost, by topic; kept by the node.
-        on_settled: Called after samples have been settled.
+        lost_by_middleware: Messages that the middleware reports as lost, by topic.
+        on_settled: Called after the ledger has closed samples.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class SampleWatch:
         self._tell()
 
     def end(self) -> None:
-        """Tell the bridge that nothing more is taken."""
+        """Tell the bridge that this reader takes no more samples."""
         self._tell(ended=True)
 
     def _settled(self) -> None:
@@ -94,7 +94,7 @@ def name_of(info: SampleInfo) -> SampleName:
 
 
 def counting_losses(lost: Counter[str], topic: str) -> SubscriptionEventCallbacks:
-    """Return what counts the messages of a topic that the middleware says were lost."""
+    """Return callbacks that count the messages of a topic that the middleware reports as lost."""
 
     def add(status: Any) -> None:
         lost[topic] += status.total_count_change

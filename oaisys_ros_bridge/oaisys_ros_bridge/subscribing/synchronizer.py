@@ -1,4 +1,4 @@
-"""Brings together messages that carry the same stamp."""
+"""Collects messages of the same stamp."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 PENDING = 32
-"""Stamps that may be incomplete at a time; the oldest is given up first."""
+"""Stamps that may be incomplete at a time; then the oldest is dropped."""
 
 
 class ExactSynchronizer:
@@ -15,12 +15,12 @@ class ExactSynchronizer:
 
     Args:
         required: Kinds without which a stamp is not complete.
-        wanted: Kinds that are waited for until `release_older_than` gives them up.
-        counted: Kinds whose loss counts.
-        on_dropped: Told the stamps whose loss counts.
+        wanted: Kinds that are waited for until `release_older_than` or `release` ends the wait.
+        counted: Kinds of which a dropped message counts.
+        on_dropped: Called with each stamp that was dropped with a counted kind.
 
     Attributes:
-        given_up: How many stamps with a counted kind never got complete.
+        given_up: How many stamps were dropped with a counted kind.
     """
 
     def __init__(
@@ -39,7 +39,7 @@ class ExactSynchronizer:
         self.given_up = 0
 
     def add(self, stamp_ns: int, kind: str, message: Any, now_s: float) -> dict[str, Any] | None:
-        """Take a message in; return all of its stamp, by kind, if it was the last one missing."""
+        """Add a message; return all messages of its stamp, by kind, if that is complete now."""
         _, messages = self._pending.setdefault(stamp_ns, (now_s, {}))
         messages[kind] = message
         if messages.keys() >= self._expected.get(stamp_ns, self._complete):
@@ -50,7 +50,7 @@ class ExactSynchronizer:
         return None
 
     def expect(self, stamp_ns: int, kinds: Iterable[str]) -> dict[str, Any] | None:
-        """Settle which wanted kinds a stamp will have; return all of it if that has come."""
+        """Set which wanted kinds a stamp will have; return its messages if it is complete."""
         self._expected[stamp_ns] = self._required | (self._complete & frozenset(kinds))
         while len(self._expected) > PENDING:
             del self._expected[min(self._expected)]
@@ -61,7 +61,7 @@ class ExactSynchronizer:
         return messages
 
     def release_older_than(self, first_s: float) -> list[tuple[int, dict[str, Any]]]:
-        """Return what is complete but for wanted kinds and was begun before ``first_s``."""
+        """Remove and return stamps from before ``first_s`` that lack wanted kinds only."""
         released = [
             (stamp_ns, messages)
             for stamp_ns, (begun_s, messages) in self._pending.items()
@@ -72,7 +72,7 @@ class ExactSynchronizer:
         return released
 
     def release(self, stamp_ns: int) -> dict[str, Any] | None:
-        """Return what there is of a stamp, if only wanted kinds are missing, and forget it."""
+        """Remove and return the messages of a stamp, if it lacks wanted kinds only."""
         _, messages = self._pending.get(stamp_ns, (0.0, {}))
         if not messages or not messages.keys() >= self._required:
             return None
@@ -80,7 +80,7 @@ class ExactSynchronizer:
         return messages
 
     def drop(self, stamps_ns: Iterable[int]) -> None:
-        """Give stamps up; those of which an image had come are counted."""
+        """Remove stamps; count those that have a message of a counted kind."""
         for stamp_ns in stamps_ns:
             _, messages = self._pending.get(stamp_ns, (0.0, {}))
             self._forget(stamp_ns)
@@ -90,11 +90,11 @@ class ExactSynchronizer:
 
     @property
     def stamps_ns(self) -> tuple[int, ...]:
-        """Stamps of which something has come, but not all."""
+        """Stamps that are incomplete."""
         return tuple(self._pending)
 
     def clear(self) -> None:
-        """Forget what is incomplete, and the count of what was given up."""
+        """Remove all stamps, and reset the count."""
         self._pending.clear()
         self._expected.clear()
         self.given_up = 0

@@ -10,13 +10,13 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
 
 HISTORY = 256
-"""Poses that are kept of each moving frame, one after the other."""
+"""Different poses in a row that are kept of each moving frame."""
 MOST_STAMPS = 65_536
-"""Stamps that are kept of each moving frame: a pose that is repeated has many."""
+"""Stamps that are kept of each moving frame: a repeated pose has many."""
 
 
-class _Track:
-    """Where one frame was, by stamp: its parent then, and its pose in that."""
+class _FrameHistory:
+    """The poses of one frame by stamp, each with its parent frame."""
 
     def __init__(self) -> None:
         self._poses: OrderedDict[int, tuple[str, FloatArray]] = OrderedDict()
@@ -24,7 +24,7 @@ class _Track:
         self._newest: tuple[str, FloatArray] | None = None
 
     def add(self, stamp_ns: int, parent: str, T_parent_child: FloatArray) -> None:
-        """Take a pose in; the oldest are forgotten."""
+        """Add a pose; the oldest are removed."""
         if stamp_ns in self._poses:
             self._poses[stamp_ns] = (parent, T_parent_child)
             return
@@ -43,31 +43,30 @@ class _Track:
 
 
 class FrameBuffer:
-    """Frames, each with one parent, that stand still or move.
+    """Frames, each with one parent, fixed or moving.
 
-    A simulator moves its rig in jumps, so a pose between two stamps means nothing: there is no
-    interpolation, and a frame that moves is known at its own stamps only. A bridge repeats its last
-    pose under new stamps while it waits: however many these are, they push out no pose whose image
-    is still to come.
+    A simulator moves its rig in jumps, so poses are not interpolated: a moving frame is known only
+    at its own stamps. The bridge repeats its last pose under new stamps; these repeats never push
+    out a pose whose image is still to come.
     """
 
     def __init__(self) -> None:
         self._static: dict[str, tuple[str, FloatArray]] = {}
-        self._moving: dict[str, _Track] = {}
+        self._moving: dict[str, _FrameHistory] = {}
 
     def set_static(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Fix ``child`` to ``parent`` for all times."""
+        """Set a transform that holds at all times."""
         self._static[child] = (parent, T_parent_child)
 
     def set_at(self, stamp_ns: int, parent: str, child: str, T_parent_child: FloatArray) -> None:
-        """Say where ``child`` was at ``stamp_ns``; the oldest poses are forgotten."""
-        self._moving.setdefault(child, _Track()).add(stamp_ns, parent, T_parent_child)
+        """Set a transform that holds at ``stamp_ns``; the oldest are removed."""
+        self._moving.setdefault(child, _FrameHistory()).add(stamp_ns, parent, T_parent_child)
 
     def lookup(self, target: str, source: str, stamp_ns: int) -> FloatArray | None:
-        """Return ``T_target_source`` (4, 4) at a stamp; None where it is not known (yet).
+        """Return ``T_target_source`` (4, 4) at a stamp; None if it is not known (yet).
 
         Raises:
-            InvalidInputError: The frames lead round in a circle.
+            InvalidInputError: The parents of the frames form a cycle.
         """
         T_frame_source = np.eye(4)
         frame = source
