@@ -59,21 +59,21 @@ def select(
     """Return the cameras and modalities named, in the cameras' order; none named: all.
 
     Raises:
-        InvalidInputError: There is no such sensor or modality.
+        InvalidInputError: There is no such sensor, or none of these has such a modality.
     """
     names = [camera.name for camera in cameras]
     for sensor in sensors:
         if sensor not in names:
             raise InvalidInputError("sensors", sensor, one_of(names, sensor))
-    offered = {modality for camera in cameras for modality in camera.modalities}
+    chosen = [camera for camera in cameras if not sensors or camera.name in sensors]
+    offered = {modality for camera in chosen for modality in camera.modalities}
     for modality in modalities:
         if modality not in offered:
             known = ", ".join(sorted(offered))
             raise InvalidInputError("modalities", modality, f"one of {known}")
     return tuple(
         replace(c, modalities=tuple(m for m in c.modalities if not modalities or m in modalities))
-        for c in cameras
-        if not sensors or c.name in sensors
+        for c in chosen
     )
 
 
