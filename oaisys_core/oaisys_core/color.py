@@ -1,4 +1,4 @@
-"""sRGB's encoding."""
+"""Conversions between linear and sRGB-encoded colour values."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ AnyFloat = TypeVar("AnyFloat", np.float32, np.float64)
 
 
 def linear(srgb: ArrayLike) -> FloatArray:
-    """Return linear values of sRGB-encoded ones in 0 to 1 (IEC 61966-2-1); inverse: `encoded`."""
+    """Return the linear values of sRGB-encoded ones, 0 to 1 (IEC 61966-2-1); inverse: `srgb`."""
     s = np.asarray(srgb, dtype=np.float64)
     return np.where(s <= 0.04045, s / 12.92, ((s + 0.055) / 1.055) ** 2.4)
 
 
 def srgb(linear_color: NDArray[AnyFloat]) -> NDArray[AnyFloat]:
-    """Return the sRGB-encoded values of linear ones, in their own precision; inverse: `linear`."""
+    """Return the sRGB-encoded values of linear ones, in the same precision; inverse: `linear`."""
     bright = 1.055 * np.maximum(linear_color, 0.0031308) ** (1 / 2.4) - 0.055
     return np.where(linear_color <= 0.0031308, 12.92 * linear_color, bright)
 
 
 def encoded(linear_color: NDArray[AnyFloat]) -> NDArray[np.uint8]:
-    """Return sRGB bytes of linear values, clipped to 0 to 1; inverse: `linear`."""
+    """Return linear values as sRGB bytes, after clipping to 0 to 1."""
     return np.asarray(np.rint(srgb(np.clip(linear_color, 0.0, 1.0)) * 255), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""The one hierarchy of errors that the simulator raises on purpose."""
+"""The errors that the simulator raises on purpose, in one hierarchy."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from difflib import get_close_matches
 
 
 def nearest(received: object, names: Iterable[str]) -> str | None:
-    """Return the name that was probably meant, None where none is near."""
+    """Return the name that was probably meant, or None if none is similar."""
     found = get_close_matches(str(received), list(names), n=1)
     return found[0] if found else None
 
 
 def one_of(names: Iterable[str], received: object) -> str:
-    """Return what follows "expected" where a name is none of those that there are."""
+    """Return the text after "expected" in the error about a name that does not exist."""
     known = sorted(names)
     near = nearest(received, known)
     hint = f" (did you mean {near}?)" if near is not None else ""
@@ -25,12 +25,12 @@ class OaisysError(Exception):
 
 
 class InvalidInputError(OaisysError):
-    """A value from outside is refused; nothing has changed.
+    """A value from outside was refused, and nothing was changed.
 
     Attributes:
         field: Path of the offending field, such as ``sensors.0.width_px``.
-        received: The value as it came.
-        expected: What would have been accepted, in words.
+        received: The value that was given.
+        expected: A description of what would have been accepted.
     """
 
     def __init__(self, field: str, received: object, expected: str) -> None:
@@ -41,15 +41,15 @@ class InvalidInputError(OaisysError):
 
 
 class ConfigError(OaisysError):
-    """A configuration cannot be used; the message has one line per fault, each with its path."""
+    """A configuration cannot be used; the message has one line per error, each with its path."""
 
 
 class NotReadyError(OaisysError):
-    """The call needs a state that has not been reached, such as a first batch."""
+    """The call is not possible yet, for instance before the first batch."""
 
 
 class NotFoundError(OaisysError):
-    """A named thing (an operation, a sample, a sensor) does not exist or is gone."""
+    """The named operation, sample or sensor does not exist (any more)."""
 
 
 class QueueFullError(OaisysError):
@@ -65,7 +65,7 @@ class RenderError(OaisysError):
 
 
 class WorkerLostError(OaisysError):
-    """The worker process died or was ended while it worked on the call."""
+    """The worker process died or was stopped while it worked on the call."""
 
 
 class DeadlineExceededError(OaisysError):
@@ -73,4 +73,4 @@ class DeadlineExceededError(OaisysError):
 
 
 class CancelledError(OaisysError):
-    """The call was cancelled by its owner, or overtaken by a newer batch."""
+    """The call was cancelled by its owner, or replaced by a newer batch."""

@@ -1,4 +1,4 @@
-"""Modules of other packages: further parts of a simulation, each with options of its own."""
+"""Simulation modules that other packages add, each with its own options."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ BUILT_IN = frozenset(
 
 
 class NoOptions(Section):
-    """Options of a module that has none."""
+    """The options of a module without options."""
 
 
 class ExtensionModule(Module):
-    """Base of modules of other packages, registered under their names.
+    """Base of the modules that other packages register under a name.
 
-    It runs after the built-in modules, is given ``metadata.custom[name]``, and draws from a stream
-    of its own: with or without it, everything else is drawn as before.
+    It runs after the built-in modules, receives ``metadata.custom[name]``, and has its own random
+    stream, so that it does not change what other modules draw.
 
     Attributes:
-        options: As the configuration gives them in ``extensions.<name>``, checked.
+        options: The checked options from ``extensions.<name>`` in the configuration.
     """
 
     options_type: ClassVar[type[Section]] = NoOptions
@@ -40,22 +40,26 @@ class ExtensionModule(Module):
 
 
 def make_modules(configured: Mapping[str, Mapping[str, Any]]) -> tuple[ExtensionModule, ...]:
-    """Return the modules that a configuration's ``extensions`` name, in the order of their names.
+    """Return the modules that a configuration lists in ``extensions``, sorted by name.
 
     Raises:
-        ConfigError: There is no such module, it cannot be imported, or an option does not fit.
+        ConfigError: There is no such module, it cannot be imported, or an option is invalid.
     """
     return tuple(_made(name, options) for name, options in sorted(configured.items()))
 
 
 def _made(name: str, options: Mapping[str, Any]) -> ExtensionModule:
     if name in BUILT_IN:
-        raise ConfigError(f"extensions.{name}: expected a name that no built-in module has")
+        raise ConfigError(
+            f"extensions.{name}: expected a name other than those of the built-in modules"
+        )
     kind = extensions.load(extensions.MODULES, name)
     if not (isinstance(kind, type) and issubclass(kind, ExtensionModule)):
         raise ConfigError(f"extensions.{name}: received {kind!r}, expected an ExtensionModule")
     if kind.name != name:
-        raise ConfigError(f"extensions.{name}: its class calls itself {kind.name!r}")
+        raise ConfigError(
+            f"extensions.{name}: its class has the name {kind.name!r}, expected the same name"
+        )
     try:
         return kind(kind.options_type.model_validate(dict(options)))
     except ValidationError as error:

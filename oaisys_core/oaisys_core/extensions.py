@@ -1,7 +1,7 @@
-"""What other packages add, found by their entry points.
+"""Extensions of other packages, found by their entry points.
 
-A package names a thing in one of the groups below; a configuration then uses it by that name. What
-is not asked for is never imported, and a thing that cannot be imported stops nobody else's.
+A package registers an extension in one of the groups below; a configuration uses it by its name.
+Extensions are imported only when they are used, so a broken one does not affect the others.
 
 * `MODULES`: a `Module` subclass whose ``name`` is the entry point's; see `make_modules`.
 * `STAGES`: a function ``(GroundSpec, Generator) -> elevation``, used as ``stage.preset``.
@@ -27,37 +27,38 @@ EFFECTS = "oaisys.environment_effects"
 
 
 def names(group: str) -> set[str]:
-    """Return what is installed in a group, whether it can be imported or not."""
+    """Return the names of all extensions in a group, whether they can be imported or not."""
     return {entry.name for entry in entry_points(group=group)}
 
 
 def is_installed(group: str, name: str, built_in: Collection[str]) -> bool:
-    """Return whether another package has a thing of that name; built-in ones come first."""
+    """Return whether an extension has this name and nothing built in has it."""
     return name not in built_in and name in names(group)
 
 
 @cache
 def load(group: str, name: str) -> Any:
-    """Return an installed thing.
+    """Import and return an extension.
 
     Raises:
-        ConfigError: There is none, there are two, or it cannot be imported; names the package.
+        ConfigError: There is none, there are several, or it cannot be imported. The message names
+            the package.
     """
     found = list({entry.value: entry for entry in entry_points(group=group, name=name)}.values())
     if not found:
         known = one_of(names(group), name)
         raise ConfigError(f"{group}: received {name!r}, expected an installed one: {known}")
     if len(found) > 1:
-        told = " and ".join(_told(entry) for entry in found)
-        raise ConfigError(f"{group}: {name!r} is ambiguous: {told}")
+        candidates = " and ".join(_described(entry) for entry in found)
+        raise ConfigError(f"{group}: {name!r} is ambiguous: {candidates}")
     try:
         return found[0].load()
     # A broken package may raise anything when it is imported.
     except Exception as error:
-        text = f"{group}: {_told(found[0])} cannot be imported: {error!r}"
+        text = f"{group}: {_described(found[0])} cannot be imported: {error!r}"
         raise ConfigError(text) from error
 
 
-def _told(entry: EntryPoint) -> str:
+def _described(entry: EntryPoint) -> str:
     package = entry.dist.name if entry.dist is not None else "an unknown package"
     return f"{entry.name!r} of {package} ({entry.value})"

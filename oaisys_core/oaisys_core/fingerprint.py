@@ -1,4 +1,4 @@
-"""Digests of plain typed data: equal for equal content, whatever objects hold it."""
+"""Digests of plain typed data: equal content has an equal digest, whatever objects hold it."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ Digest = bytes
 
 
 class Fingerprints:
-    """Takes digests of records again and again; those that stay the same objects cost nothing.
+    """Computes digests of records, and caches those of records that stay the same objects.
 
-    Records are dataclasses and tuples; their content must never change. What the last call did not
-    meet is forgotten.
+    Records are dataclasses and tuples whose content never changes. The cache keeps only the records
+    that the last call met.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class Fingerprints:
         """Return the digest of dataclasses, mappings, sequences, sets, arrays and plain values.
 
         Raises:
-            TypeError: Something in it is none of these, so that its content cannot be told.
+            TypeError: It contains an object of another type.
         """
         self._met = {}
         found = self._digest(value)
@@ -37,7 +37,7 @@ class Fingerprints:
         return found
 
     def forget(self) -> None:
-        """Let go of all records."""
+        """Empty the cache."""
         self._known = {}
 
     def _digest(self, value: Any) -> Digest:
@@ -62,7 +62,7 @@ class Fingerprints:
             else:
                 kind = f"record {type(value).__module__}.{type(value).__qualname__}"
                 parts = tuple(getattr(value, field.name) for field in dataclasses.fields(value))
-            # The value itself is kept too: another one must not get its id.
+            # Keep the value too, so that no other object can get its id.
             known = value, _joined(kind, [self._digest(part) for part in parts])
         self._met[id(value)] = known
         return known[1]
@@ -78,7 +78,7 @@ def _joined(kind: str, digests: list[Digest]) -> Digest:
 
 def _of_array(array: Any) -> Digest:
     if array.dtype.hasobject:
-        raise TypeError("an array of objects has no content to tell")
+        raise TypeError("an array of objects has no digest")
     data = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
     return _hash(f"array {array.dtype.str} {array.shape} ".encode(), data)
 
@@ -90,11 +90,11 @@ def _of_plain(value: Any) -> Digest:
         return _hash(b"float " + struct.pack("<d", value))
     if value is None or isinstance(value, (bool, int, str, bytes, Path)):
         return _hash(f"{type(value).__name__} {value!r}".encode())
-    raise TypeError(f"a {type(value).__name__} has no content to tell")
+    raise TypeError(f"a {type(value).__name__} has no digest")
 
 
 def _hash(*parts: Any) -> Digest:
-    # Of the standard library's, the fastest where the processor knows SHA.
+    # The fastest of the standard library on processors with SHA instructions.
     found = hashlib.sha256()
     for part in parts:
         found.update(part)

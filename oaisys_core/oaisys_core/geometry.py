@@ -1,4 +1,4 @@
-"""Frames and conversions: the only place where conventions are turned into numbers.
+"""Coordinate frames, poses and the camera model: all conventions are defined here.
 
 World and body follow REP-103 (x forward, y left, z up; metres, radians). Optical frames have z
 forward, x right, y down (REP-103, suffix ``_optical``). ``T_a_b`` maps coordinates in ``b`` to
@@ -18,20 +18,20 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
 
 QUATERNION_TOLERANCE = 1e-3
-"""Largest deviation of a quaternion's norm from 1 that is normalised instead of refused."""
+"""Quaternions whose norm differs from 1 by at most this are normalised, others are refused."""
 
 INVERSE_TOLERANCE = 1e-12
-"""Greatest error, at z = 1, of a direction that a distorted pixel sees."""
+"""Largest error, at z = 1, of the inverse of the distortion."""
 
 INVERSE_STEPS = 8
 NEWTON_STEPS = 6
-"""Steps from a lens's centre to a pixel, and of Newton's method when there."""
+"""Steps from the centre of the lens to a pixel, and Newton steps at the pixel."""
 
 INVERSE_CHUNK = 16384
-"""Pixels at a time: what is worked on then stays in the processor's cache."""
+"""Pixels that are processed at once, so that intermediate arrays fit into the CPU cache."""
 
 LEAST_MAGNIFICATION = 1e-3
-"""A lens that shrinks areas more than this somewhere in the image is refused: it nearly folds."""
+"""A distortion that scales areas by less than this anywhere in the image is refused."""
 
 R_LINK_OPTICAL: FloatArray = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation of ``camera_optical_frame`` in ``camera_link`` (REP-103)."""
@@ -99,7 +99,7 @@ def checked_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose
 def pose_looking_at(eye_m: ArrayLike, target_m: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Pose:
     """Return the body pose at ``eye_m`` whose x axis points at ``target_m``.
 
-    ``up`` settles the roll; it must not be parallel to the viewing direction.
+    ``up`` defines the roll; it must not be parallel to the viewing direction.
     """
     eye = np.asarray(eye_m, dtype=np.float64)
     x = np.asarray(target_m, dtype=np.float64) - eye
@@ -124,10 +124,10 @@ def pose_looking_down(x_m: float, y_m: float, z_m: float, yaw_rad: float = 0.0) 
 def nadir_spacing_m(
     altitude_m: float, overlap: float, intrinsics: PinholeIntrinsics
 ) -> tuple[float, float]:
-    """Return the distance in x and y of views that look down on flat ground and overlap.
+    """Return the distance in x and y between overlapping nadir views of flat ground.
 
-    The images' rows lie along x. ``overlap`` is the share of an image's edge that neighbours see
-    both; what distortion bends is not counted.
+    Image rows lie along x. ``overlap`` is the share of an image's edge that neighbouring views have
+    in common. Distortion is ignored.
     """
     step_x_m = altitude_m * intrinsics.width_px / intrinsics.fx_px * (1 - overlap)
     step_y_m = altitude_m * intrinsics.height_px / intrinsics.fy_px * (1 - overlap)
@@ -135,7 +135,7 @@ def nadir_spacing_m(
 
 
 def distorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
-    """Return (..., 2) image coordinates at z = 1 as a Brown-Conrady lens bends (..., 2) true ones.
+    """Return (..., 2) distorted coordinates at z = 1 of (..., 2) undistorted ones (Brown-Conrady).
 
     Inverse: `undistorted`. ``distortion`` is (k1, k2, p1, p2, k3), or empty for none.
     """
@@ -146,16 +146,16 @@ def distorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
     k1, k2, p1, p2, k3 = distortion
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    bent_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    bent_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    return np.stack((bent_x, bent_y), axis=-1)
+    distorted_x = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    distorted_y = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return np.stack((distorted_x, distorted_y), axis=-1)
 
 
 def undistorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
-    """Return (..., 2) true image coordinates at z = 1 of (..., 2) bent ones; NaN for none.
+    """Return (..., 2) undistorted coordinates at z = 1 of (..., 2) distorted ones; NaN if none.
 
-    Newton's method goes out from the lens's centre step by step, so that it never leaps to
-    another of the polynomial's solutions; the result is exact to `INVERSE_TOLERANCE`.
+    Newton's method starts at the centre of the lens and approaches the pixel in small steps, so
+    that it does not jump to another root. The result is exact to `INVERSE_TOLERANCE`.
     """
     xy = np.asarray(xy, dtype=np.float64)
     if not any(distortion):
@@ -165,11 +165,11 @@ def undistorted(xy: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         for begin in range(0, len(targets), INVERSE_CHUNK):
             chunk = slice(begin, begin + INVERSE_CHUNK)
-            found[chunk] = _unbent(targets[chunk], distortion)
+            found[chunk] = _undistorted_chunk(targets[chunk], distortion)
     return found.reshape(xy.shape)
 
 
-def _unbent(target: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
+def _undistorted_chunk(target: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
     found = np.zeros_like(target)
     is_valid = np.ones(len(target), dtype=bool)
     steps = [(step + 1) / INVERSE_STEPS for step in range(INVERSE_STEPS)]
@@ -200,7 +200,7 @@ def _magnification(
 
 
 def is_invertible(intrinsics: PinholeIntrinsics) -> bool:
-    """Return whether each point of the image, to its very edges, is seen in one direction only."""
+    """Return whether the distortion can be inverted everywhere in the image, edges included."""
     if not any(intrinsics.distortion):
         return True
     w, h = intrinsics.width_px, intrinsics.height_px
@@ -214,8 +214,8 @@ def is_invertible(intrinsics: PinholeIntrinsics) -> bool:
 def pixel_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
     """Return (H, W, 3) rays through pixel centres in the optical frame, scaled to z = 1.
 
-    A ray times a planar depth is the point it hit. With distortion they are the true directions
-    that the lens bends into the pixels; they are kept, and cannot be written to.
+    A ray times a planar depth is the point it hit. With distortion, the rays are the undistorted
+    directions; that array is cached and read-only.
     """
     return _lens_rays(intrinsics) if any(intrinsics.distortion) else _pinhole_rays(intrinsics)
 
@@ -240,15 +240,15 @@ def _lens_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
 def project(points_camera_m: ArrayLike, intrinsics: PinholeIntrinsics) -> FloatArray:
     """Return (N, 2) pixels of (N, 3) points in the optical frame; inverse: `unproject`.
 
-    Distortion is what its polynomial says, also far outside the image, where it means nothing.
+    The distortion polynomial is also applied far outside the image, where it has no meaning.
     """
     points = np.asarray(points_camera_m, dtype=np.float64)
     if not any(intrinsics.distortion):
         homogeneous = points @ intrinsics.K.T
         return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
-    bent = distorted(points[:, :2] / points[:, 2:], intrinsics.distortion)
+    image_xy = distorted(points[:, :2] / points[:, 2:], intrinsics.distortion)
     focal_px = (intrinsics.fx_px, intrinsics.fy_px)
-    return np.asarray(bent * focal_px + (intrinsics.cx_px, intrinsics.cy_px))
+    return np.asarray(image_xy * focal_px + (intrinsics.cx_px, intrinsics.cy_px))
 
 
 def unproject(pixels: ArrayLike, depth_m: ArrayLike, intrinsics: PinholeIntrinsics) -> FloatArray:

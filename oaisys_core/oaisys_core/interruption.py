@@ -1,7 +1,7 @@
-"""Lets long computations stop where nobody waits for them any more.
+"""Stops long computations whose result is no longer wanted.
 
-Who may lose interest says how that is found out, for all that is computed within a block; loops
-that can take long ask. Threads that copy their caller's context ask the same.
+A caller sets a check for a block of code; long loops inside the block call it. Threads that copy
+the caller's context use the same check.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from contextvars import ContextVar
 
 
 def _go_on() -> None:
-    """Do not stop."""
+    """Do nothing: the computation continues."""
 
 
 _CHECK: ContextVar[Callable[[], None]] = ContextVar("interruption", default=_go_on)
@@ -20,7 +20,7 @@ _CHECK: ContextVar[Callable[[], None]] = ContextVar("interruption", default=_go_
 
 @contextmanager
 def interruptible(check: Callable[[], None]) -> Iterator[None]:
-    """Have `stop_if_unwanted` call ``check``, which raises where the block's result is unwanted."""
+    """Let `stop_if_unwanted` call ``check``, which raises if the result is no longer wanted."""
     token = _CHECK.set(check)
     try:
         yield
@@ -29,5 +29,5 @@ def interruptible(check: Callable[[], None]) -> Iterator[None]:
 
 
 def stop_if_unwanted() -> None:
-    """Raise what says that nobody waits for the result, where that is so."""
+    """Call the check of the enclosing `interruptible` block; it raises to stop the computation."""
     _CHECK.get()()

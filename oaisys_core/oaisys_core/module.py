@@ -1,4 +1,4 @@
-"""The life that every module of the simulator shares, and the world that they draw together."""
+"""The base class of all simulation modules, and the world that they draw together."""
 
 from __future__ import annotations
 
@@ -24,21 +24,23 @@ from oaisys_core.scene import (
 from oaisys_core.terrain.detail import Detail, DetailedGround
 
 Metadata = Mapping[str, Any] | None
-"""The part of a step's metadata that a module is given, or None."""
+"""The part of a step's metadata that a module receives, or None."""
 
 
 @dataclass
 class World:
-    """A world in the making: each module fills in its part and reads those of earlier ones.
+    """A world while it is drawn: each module fills in its part and reads those of earlier modules.
 
     Attributes:
-        sample_id: Of the sample in the making, 0 for the batch itself. What a sample draws may
-            depend on it and the batch's seed alone, for a restored world begins in the middle.
-        drawn_ground: As the stage module drew it; materials may displace it to ``ground``.
-        stage_notes: What there is to say of the stage: ``hash``, to reuse it by, and ``holes`` and
-            ``filled_px`` of one from a file.
-        detail: How ``ground`` is refined near the cameras, if at all.
-        near_ground: It refined where the cameras are now; what modules draw does not depend on it.
+        sample_id: The sample that is being drawn, 0 for the batch itself. What a module draws for a
+            sample may depend only on this id and the batch's seed, because a restored world may
+            start at any sample.
+        drawn_ground: The ground as the stage module drew it, before materials displace it.
+        stage_notes: Facts about the stage: ``hash``, under which it can be reused, and ``holes``
+            and ``filled_px`` of a ground from a file.
+        detail: How ``ground`` is refined near the cameras; None for no refinement.
+        near_ground: The ground refined around the current cameras. What modules draw does not
+            depend on it.
     """
 
     ground: Ground | None = None
@@ -58,7 +60,7 @@ class World:
     sample_id: int = 0
 
     def keep_stage(self, other: World) -> None:
-        """Take the ground and its material over from another world."""
+        """Take over the ground and its material from another world."""
         self.ground, self.stage_hash = other.ground, other.stage_hash
         self.drawn_ground, self.stage_notes = other.drawn_ground, other.stage_notes
         self.detail = other.detail
@@ -70,11 +72,11 @@ class World:
 
     @property
     def surface(self) -> Ground:
-        """The ground as it is seen now."""
+        """The ground as the cameras see it now."""
         return self.near_ground or require(self.ground)
 
     def refine(self) -> bool:
-        """Refine the ground where the cameras are; return whether it became another."""
+        """Refine the ground around the cameras; return whether it changed."""
         if self.detail is None or not self.cameras:
             return False
         before = self.near_ground
@@ -86,7 +88,7 @@ class World:
         """Return what the backend builds.
 
         Raises:
-            NotReadyError: A module that must have drawn its part has not.
+            NotReadyError: A module has not drawn its part yet.
         """
         return Scene(
             ground=self.surface,
@@ -120,41 +122,41 @@ drawn = require
 
 
 class Module(ABC):
-    """Decides one aspect of the world; knows neither the backend nor the other modules.
+    """Draws one aspect of the world, without knowing the backend or the other modules.
 
-    ``setup`` once, then ``step_batch`` for each new world and ``step_sample`` for each view.
-    Randomness comes only from the generator passed in, which is derived from (seed, batch,
-    module name), so that adding a module does not reshuffle the others.
+    ``setup`` is called once, ``step_batch`` for each new world and ``step_sample`` for each view.
+    All random numbers come from the generator that is passed in. It is derived from (seed, batch,
+    module name), so that adding a module does not change what the others draw.
     """
 
     name: str
     """Key of the module's random stream and of its configuration section."""
 
     metadata_part: str
-    """Which part of `ModuleMetadata` it is given; its own name stands for ``custom[name]``."""
+    """The part of `ModuleMetadata` that it receives; its own name means ``custom[name]``."""
 
     def setup(self) -> None:  # noqa: B027 - most modules need none
-        """Prepare what lasts for the whole simulation."""
+        """Prepare what the whole simulation needs."""
 
     def check(self, metadata: Metadata) -> None:
-        """Refuse metadata that cannot be applied, before anything changes.
+        """Raise if metadata cannot be applied to a batch; nothing changes.
 
         Raises:
-            InvalidInputError: Naming the key, the value and what was expected.
+            InvalidInputError: Names the key, the value and what was expected.
         """
         for key, value in (metadata or {}).items():
             raise InvalidInputError(f"metadata.{self.metadata_part}.{key}", value, "no such key")
 
     def check_sample(self, metadata: Metadata) -> None:
-        """As `check`, for metadata of a sample; they differ where a module draws once a batch."""
+        """Raise if metadata cannot be applied to a sample, see `check`."""
         self.check(metadata)
 
     def in_force(self, metadata: Metadata) -> Metadata:
-        """Return what `step_batch` needs to bring the module to where it stands now.
+        """Return the metadata with which `step_batch` brings the module to its current state.
 
         Args:
-            metadata: All that it was given since the batch began, merged key by key. A module in
-                which that gives something else than one after the other says what does.
+            metadata: All metadata since the batch began, merged key by key. A module for which
+                this merge gives another result than the single steps overrides this method.
         """
         return metadata
 
@@ -165,4 +167,4 @@ class Module(ABC):
     def step_sample(  # noqa: B027 - what does not change from view to view has nothing to do
         self, world: World, metadata: Metadata, rng: np.random.Generator
     ) -> None:
-        """Draw or take over what changes from view to view."""
+        """Update what changes from view to view."""

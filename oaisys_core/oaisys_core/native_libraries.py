@@ -1,8 +1,9 @@
 """Lets Open3D and ``bpy`` be imported in either order.
 
-Both bring a ``libtbb.so.12``, and a process has but one of that name: the first. With Python 3.13
-Blender's is newer, and ``bpy`` cannot be imported with Open3D's. The guard loads Blender's, where
-``bpy`` is installed, just before Open3D is imported; Open3D gets on with either.
+Both contain a ``libtbb.so.12``, and a process can only load one library of that name. With Python
+3.13, Blender's is newer, and ``bpy`` cannot be imported after Open3D has loaded its own. If ``bpy``
+is installed, the guard loads Blender's library just before Open3D is imported; Open3D works with
+both.
 """
 
 from __future__ import annotations
@@ -19,24 +20,24 @@ LIBRARY = "libtbb.so.12"
 
 
 class Open3DGuard(MetaPathFinder):
-    """Finds no module; before Open3D is looked for, it loads Blender's library."""
+    """An import hook that loads Blender's library before Open3D; it finds no modules itself."""
 
     def find_spec(
         self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
     ) -> None:
-        """Load the library where ``fullname`` is Open3D; all is left to other finders."""
+        """Load the library if ``fullname`` is Open3D; other finders do the import."""
         if fullname == "open3d":
-            load_blenders()
+            load_blender_library()
 
 
 def guard_open3d() -> None:
-    """Install the guard, once."""
+    """Install the import hook if it is not installed yet."""
     if not any(isinstance(finder, Open3DGuard) for finder in sys.meta_path):
         sys.meta_path.insert(0, Open3DGuard())
 
 
-def load_blenders() -> Path | None:
-    """Load the library that ``bpy`` brings; return it, None where there is none to load."""
+def load_blender_library() -> Path | None:
+    """Load the library of ``bpy`` and return its path, or None if there is none."""
     found = find_spec("bpy")
     for folder in (found.submodule_search_locations if found else None) or ():
         library = Path(folder, "lib", LIBRARY)

@@ -1,6 +1,6 @@
-"""What a batch's world *is*: plain typed data that modules draw and backends make so.
+"""The scene of a batch: plain typed data that modules draw and backends build.
 
-Everything is in ``map`` (metres, z up). Nothing here draws random numbers or renders.
+All coordinates are in ``map`` (metres, z up).
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ __all__ = [
 
 
 class Ground(Protocol):
-    """The ground of a stage, as every backend, label and query sees it."""
+    """The ground of a stage: one surface for rendering, labels and height queries."""
 
     @property
     def extent_m(self) -> tuple[float, float, float, float]:
@@ -43,7 +43,7 @@ class Ground(Protocol):
 
     @property
     def spacing_m(self) -> float:
-        """Typical distance of neighbouring vertices."""
+        """Typical distance between neighbouring vertices."""
 
     def vertices_m(self) -> NDArray[np.float32]:
         """Return (V, 3) float32 vertices in ``map``."""
@@ -52,20 +52,20 @@ class Ground(Protocol):
         """Return (T, 3) int32 indices, counter-clockwise from above."""
 
     def height_at(self, xy_m: ArrayLike) -> FloatArray:
-        """Return (N,) heights of the topmost ground at (N, 2) points; NaN off it."""
+        """Return (N,) heights of the topmost surface at (N, 2) points; NaN outside the ground."""
 
 
 @dataclass(frozen=True, repr=False)
 class HeightField(ShortRepr):
     """The ground as a regular grid of elevations, triangulated along one diagonal.
 
-    The surface *is* the triangulation: every backend, label and query uses the same one.
+    The triangulation is the surface: all backends, labels and queries use it.
 
     Attributes:
         elevation_m: (rows, cols) float32; row i lies at y = origin + i * spacing, column j at
             x = origin + j * spacing.
         origin_xy_m: (x, y) of elevation[0, 0].
-        spacing_m: Distance of neighbouring grid points.
+        spacing_m: Distance between neighbouring grid points.
     """
 
     elevation_m: NDArray[np.float32]
@@ -105,7 +105,7 @@ class HeightField(ShortRepr):
         return corners.reshape(-1, 3)
 
     def height_at(self, xy_m: ArrayLike) -> FloatArray:
-        """Return (N,) elevations of the triangulated surface at (N, 2) points; NaN off it."""
+        """Return (N,) elevations of the triangulated surface at (N, 2) points; NaN outside it."""
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
         rows, cols = self.elevation_m.shape
         grid = (xy - np.asarray(self.origin_xy_m)) / self.spacing_m
@@ -123,17 +123,18 @@ class HeightField(ShortRepr):
 
 @dataclass(frozen=True, repr=False)
 class MeshPrototype(ShortRepr):
-    """A mesh that stands in the world many times.
+    """A mesh of which the world may contain many instances.
 
     Attributes:
-        vertices_m: (V, 3) float32 in the object's own frame, origin at its base's centre.
+        vertices_m: (V, 3) float32 in the object's frame, with the origin at the centre of its base.
         triangles: (T, 3) int32, counter-clockwise from outside.
         maps: Surface texture, projected from three sides (triplanar).
-        color_srgb: Plain colour where there is nothing else.
-        vertex_colors_srgb: (V, 3) uint8, blended over the triangles; where there are no maps.
-        uv: (T, 3, 2) float32 places of each triangle's corners in ``color_image_srgb``, from its
-            lower left corner (0, 0) to its upper right one (1, 1); repeated outside.
-        color_image_srgb: (H, W, 3) uint8, its first row on top; before colours of vertices.
+        color_srgb: Uniform colour, used if there is no other.
+        vertex_colors_srgb: (V, 3) uint8, interpolated over the triangles; not used with ``maps``.
+        uv: (T, 3, 2) float32 texture coordinates of each triangle's corners in
+            ``color_image_srgb``: (0, 0) is its lower left corner, (1, 1) its upper right one. The
+            image repeats outside.
+        color_image_srgb: (H, W, 3) uint8, first row on top; used instead of vertex colours.
     """
 
     name: str
@@ -148,14 +149,14 @@ class MeshPrototype(ShortRepr):
 
 @dataclass(frozen=True, repr=False)
 class Placement(ShortRepr):
-    """Where one prototype stands.
+    """The instances of one prototype.
 
     Attributes:
         prototype: Index into `Scene.prototypes`.
         semantic_ids: From level 0 on.
         T_map_object: (N, 4, 4) float64, rotation times uniform scale, and translation.
         instance_ids: (N,) uint32, unique in the scene, from 1.
-        is_moving: Whether its poses change from sample to sample; all others only now and then.
+        is_moving: Whether its poses change with every sample; those of others rarely change.
     """
 
     prototype: int
@@ -167,10 +168,10 @@ class Placement(ShortRepr):
 
 @dataclass(frozen=True, repr=False)
 class Primitive(ShortRepr):
-    """An exact solid, for tests and calibration targets.
+    """An exact sphere or box, for tests and calibration targets.
 
     Attributes:
-        shape: ``sphere`` (of radius size_m[0]) or ``box`` (edge lengths size_m).
+        shape: ``sphere`` (with radius size_m[0]) or ``box`` (with edge lengths size_m).
         T_map_object: (4, 4) rigid pose of its centre.
     """
 
@@ -184,11 +185,11 @@ class Primitive(ShortRepr):
 
 @dataclass(frozen=True)
 class Scene:
-    """One batch's world.
+    """The world of a batch.
 
     Attributes:
-        stage_hash: Content hash of the ground, so that a backend can keep what did not change.
-        semantic_labels: Name by id of everything in it.
+        stage_hash: Content hash of the ground, by which a backend sees that it did not change.
+        semantic_labels: The name of each semantic id in the scene.
     """
 
     ground: Ground
@@ -202,7 +203,7 @@ class Scene:
     custom: Mapping[str, Any] = field(default_factory=dict)
 
     def differs_from(self, other: Scene) -> bool:
-        """Return whether any part is another object, or another sky or label."""
+        """Return whether any part is a different object, or the sky or a label differs."""
         kept = (
             self.ground is other.ground
             and self.material is other.material
@@ -218,11 +219,11 @@ class Lens:
     """A thin lens, for depth of field in colour only.
 
     Attributes:
-        focus_distance_m: Planar distance that is sharp.
-        f_number: Focal length over the aperture's diameter.
-        blades: Of the aperture; below 3: round.
-        blade_rotation_rad: Turn of the blades.
-        ratio: Width over height of what is blurred; 1 for a spherical lens.
+        focus_distance_m: Planar distance that is in focus.
+        f_number: Focal length divided by the diameter of the aperture.
+        blades: Number of aperture blades; below 3 the aperture is round.
+        blade_rotation_rad: Rotation of the blades.
+        ratio: Width divided by height of the blur; 1 for a spherical lens.
     """
 
     focus_distance_m: float
@@ -234,16 +235,16 @@ class Lens:
 
 @dataclass(frozen=True, repr=False)
 class PlacedCamera(ShortRepr):
-    """A camera at the moment of a sample.
+    """A camera at the time of a sample.
 
     Attributes:
-        T_map_camera: (4, 4) pose of its optical frame.
+        T_map_camera: (4, 4) pose of the optical frame.
         modalities: What to render.
         T_map_previous: (4, 4) pose at this camera's previous sample of the batch, for optical flow
-            and motion blur; None at its first.
-        lens: Depth of field; None: everything is sharp.
-        shutter_share: Share of the way from the previous pose during which the shutter is open;
-            0: no motion blur.
+            and motion blur; None at the first.
+        lens: Lens for depth of field; None if everything is in focus.
+        shutter_share: Share of the motion since the previous pose during which the shutter is
+            open; 0 for no motion blur.
     """
 
     name: str
@@ -256,7 +257,7 @@ class PlacedCamera(ShortRepr):
 
 
 def merge_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:
-    """Return one mesh of several; ids must be present in all of them or in none."""
+    """Return several meshes as one; either all or none of them have ids."""
     offsets = np.cumsum([0] + [len(m.vertices_m) for m in meshes[:-1]])
     semantic = [m.semantic_ids for m in meshes if m.semantic_ids is not None]
     instance = [m.instance_ids for m in meshes if m.instance_ids is not None]
@@ -271,7 +272,7 @@ def merge_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:
 
 
 def stands_on(old: Scene | None, new: Scene) -> bool:
-    """Return whether a scene has the very ground, and the material, of an older one."""
+    """Return whether two scenes have the same ground and material."""
     return (
         old is not None
         and bool(new.stage_hash)

@@ -1,4 +1,4 @@
-"""Sun, sky and air of a world, and which label a ray has that hits nothing."""
+"""Sun, sky and air of a world, and the labels of rays that hit nothing."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ SkyModel = Literal["atmosphere", "plain", "none"]
 
 @dataclass(frozen=True)
 class Gradient:
-    """A sky of plain colours, as on worlds whose air no sky model knows.
+    """A sky of plain colours, for worlds whose atmosphere cannot be computed.
 
     Attributes:
-        zenith, horizon: Radiance at a strength of 1.
-        glow: Radiance that is added around the sun.
+        zenith, horizon: Radiance at ``sky_strength`` 1.
+        glow: Radiance added around the sun.
         glow_rad: Angle from the sun at which the glow has fallen to 1 / e.
     """
 
@@ -36,16 +36,16 @@ class Gradient:
 
 @dataclass(frozen=True)
 class Haze:
-    """Air that dims what is far and veils it (Koschmieder).
+    """Haze that attenuates distant objects and adds light of its own (Koschmieder).
 
-    Along a distance d, colour becomes colour * exp(-b d) + veil * (1 - exp(-b d)). The sky lies
-    behind a layer of it.
+    Over a distance d, a colour becomes colour * exp(-b d) + veil * (1 - exp(-b d)). The sky is seen
+    through a layer of finite thickness.
 
     Attributes:
-        extinction_per_m: b of red, green and blue.
-        thickness_m: Of the layer, seen upwards; towards the horizon it is endless.
-        tint: Colour of a veil that is as bright as the sky at the horizon.
-        veil: Radiance of an infinite depth of haze; None: by ``tint``.
+        extinction_per_m: b for red, green and blue.
+        thickness_m: Thickness of the layer towards the zenith; towards the horizon it is infinite.
+        tint: Colour of the veil, relative to the brightness of the sky at the horizon.
+        veil: Radiance of an infinite depth of haze; None derives it from ``tint``.
     """
 
     extinction_per_m: Color
@@ -56,15 +56,15 @@ class Haze:
 
 @dataclass(frozen=True, eq=False)
 class SkyImage:
-    """An equirectangular picture of all directions, with labels of the same layout.
+    """An equirectangular image of all directions, with label maps of the same layout.
 
     The middle column looks along +x, columns further left towards +y; the top row is the zenith.
-    Two are the same only if they are one object: loaded images are kept, not compared.
+    Two images are equal only if they are the same object.
 
     Attributes:
-        name: For messages and caches.
+        name: Name in messages and cache keys.
         radiance: (H, 2H) or any (H, W, 3) float32, linear.
-        label_maps: (Hl, Wl) uint16 ids by level; a level may be missing.
+        label_maps: Pairs of a level and its (Hl, Wl) uint16 ids; levels may be missing.
     """
 
     name: str
@@ -72,19 +72,19 @@ class SkyImage:
     label_maps: tuple[tuple[int, NDArray[np.uint16]], ...] = ()
 
     def label_map(self, level: int) -> NDArray[np.uint16] | None:
-        """Return the ids of a level, None where the image has none."""
+        """Return the ids of a level, or None if the image has none."""
         return dict(self.label_maps).get(level)
 
 
 @dataclass(frozen=True)
 class Hdri:
-    """A sky image as it hangs around the world.
+    """A sky image around the world.
 
     Attributes:
-        rotation_rad: Counter-clockwise about z: the middle column looks along this azimuth.
-        strength: Factor on its radiance.
-        keeps_sun: Whether the sun lamp shines as well.
-        semantic_ids: Labels where the image has no label map, from level 0 on.
+        rotation_rad: Azimuth of the middle column, counter-clockwise from +x.
+        strength: Factor on the radiance.
+        keeps_sun: Whether the sun lamp is on in addition.
+        semantic_ids: Ids from level 0 on, used for levels without a label map.
     """
 
     image: SkyImage
@@ -99,21 +99,21 @@ class Sky:
     """Sun and sky.
 
     Attributes:
-        sun_elevation_rad: Above the horizon.
-        sun_azimuth_rad: From +x (east) counter-clockwise towards +y (north), as in ``map``.
+        sun_elevation_rad: Elevation above the horizon.
+        sun_azimuth_rad: Azimuth in ``map``, from +x (east) counter-clockwise.
         sun_strength_w_m2: Irradiance of the sun on a surface facing it.
-        sun_angular_diameter_rad: Sets how soft shadows are.
+        sun_angular_diameter_rad: Angular diameter; a larger sun casts softer shadows.
         sky_strength: Factor on the sky's radiance.
-        air, dust, ozone: Densities of the atmosphere, 1 is Earth's on a clear day.
-        semantic_ids: Labels of pixels that hit nothing, from level 0 on.
-        altitude_m: Height above the sea from which the atmosphere is seen.
-        sun_disc: Brightness of the sun's disc in the picture, 1 is that of its strength; 0: none.
-        model: ``atmosphere`` computes scattered sunlight, ``plain`` is `gradient`, ``none`` black.
-        hdri: Takes the sky's place, and the ground's below the horizon.
-        haze: Between the camera and what it sees; in colour only.
-        has_plain: Whether the ground goes on beyond the stage up to the horizon; not with ``hdri``.
-        ground_semantic_ids: Labels of what lies beyond the stage, and of pixels that hit nothing
-            below the horizon; None: the ground's and the sky's.
+        air, dust, ozone: Densities of the atmosphere; 1 is a clear day on Earth.
+        semantic_ids: Ids of pixels that hit nothing, from level 0 on.
+        altitude_m: Height above sea level from which the atmosphere is seen.
+        sun_disc: Brightness of the visible disc relative to the sun's strength; 0 hides it.
+        model: ``atmosphere`` (scattered sunlight), ``plain`` (``gradient``) or ``none`` (black).
+        hdri: Image that replaces the sky, and the ground below the horizon.
+        haze: Haze between the camera and the scene; it changes colour only.
+        has_plain: Whether the ground continues beyond the stage to the horizon; not with ``hdri``.
+        ground_semantic_ids: Ids of the ground beyond the stage, and of pixels below the horizon
+            that hit nothing. None uses those of the ground's material and of the sky.
     """
 
     sun_elevation_rad: float
@@ -136,7 +136,7 @@ class Sky:
 
     @property
     def shows_plain(self) -> bool:
-        """Whether the ground is seen to go on beyond the stage."""
+        """Whether the ground beyond the stage is visible."""
         return self.has_plain and self.hdri is None
 
     @property
@@ -147,12 +147,12 @@ class Sky:
 
     @property
     def lamp_w_m2(self) -> float:
-        """Irradiance that the sun lamp gives: 0 by night, and where an image brings its own sun."""
+        """Irradiance of the sun lamp: 0 at night, and if a sky image contains the sun."""
         is_out = self.sun_elevation_rad <= 0 or (self.hdri and not self.hdri.keeps_sun)
         return 0.0 if is_out else self.sun_strength_w_m2
 
     def semantic_ids_at(self, directions: FloatArray, level: int) -> NDArray[np.uint16]:
-        """Return the (N,) labels of rays along (N, 3) directions in ``map`` that hit nothing."""
+        """Return the (N,) ids of rays that hit nothing, along (N, 3) directions in ``map``."""
         if self.hdri is not None:
             return self._ids_in_image(self.hdri, directions, level)
         ids = np.full(len(directions), id_of_level(self.semantic_ids, level), np.uint16)
@@ -172,7 +172,7 @@ class Sky:
 def texels_at(
     directions: FloatArray, rotation_rad: float, shape: tuple[int, ...]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return (row, column) of the texels of an equirectangular image that (N, 3) rays point at."""
+    """Return the (N,) rows and columns at which (N, 3) rays meet an equirectangular image."""
     x, y, z = np.asarray(directions, dtype=np.float64).T
     azimuth = np.arctan2(y, x) - rotation_rad
     across = np.mod(0.5 - azimuth / (2 * np.pi), 1.0)

@@ -54,7 +54,7 @@ def test_cells_are_turned_and_shifted() -> None:
     voronoi = tilings()["voronoi"].samples(xy)
     own = voronoi.weights[0] > 0.99
     assert own.mean() > 0.3
-    near = voronoi.places[0][own] - tilings()["voronoi"].samples(xy[own] + (1e-6, 0)).places[0]
+    near = voronoi.uv_tiles[0][own] - tilings()["voronoi"].samples(xy[own] + (1e-6, 0)).uv_tiles[0]
     angle = np.arctan2(-near[:, 1], -near[:, 0])
     assert np.histogram(angle, 4, (-np.pi, np.pi))[0].min() > 0.1 * own.sum()
 
@@ -66,7 +66,7 @@ def test_labels_of_an_image_follow_the_texture(name: str) -> None:
     material = TerrainMaterial((layer,), np.ones((1, 8, 8), np.float32), EXTENT_M)
     xy = points()
     samples = layer.tiling.samples(xy / TILE_M)
-    place = samples.places[samples.weights.argmax(axis=0), np.arange(len(xy))]
+    place = samples.uv_tiles[samples.weights.argmax(axis=0), np.arange(len(xy))]
     # OpenCV's nearest pixel to texel coordinates, the image upside down as v points upwards.
     u, v = (place % 1).T
     texel = np.column_stack((u * 40 - 0.5, 24 - v * 24 - 0.5)).astype(np.float32)

@@ -1,4 +1,4 @@
-"""NamedDraws that depend on a seed, a redraw's number and a name alone."""
+"""Random draws that depend only on a seed, the index of the redraw and a name."""
 
 from __future__ import annotations
 
@@ -15,31 +15,31 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class NamedDraws:
-    """All random numbers of one redraw; names draw independently of each other.
+    """The random draws of one redraw; draws with different names are independent.
 
     Attributes:
-        seed: Of the batch.
-        index: Counts the redraws of a batch, from 0.
+        seed: Seed of the batch.
+        index: Index of the redraw within the batch, from 0.
     """
 
     seed: int
     index: int = 0
 
     def rng(self, name: str) -> np.random.Generator:
-        """Return the generator of a name, always in its first state."""
+        """Return a new generator for a name."""
         return randomness.stream(self.seed, name, self.index)
 
-    def number(self, name: str, ends: tuple[float, float]) -> float:
-        """Return a number that is uniform in the range."""
-        least, most = ends
+    def number(self, name: str, bounds: tuple[float, float]) -> float:
+        """Return a number drawn uniformly from a range."""
+        least, most = bounds
         return least if least == most else float(self.rng(name).uniform(least, most))
 
-    def pick(self, name: str, things: Sequence[T]) -> T:
-        """Return one of the things, any as likely as any other."""
-        return things[int(self.rng(name).integers(len(things)))]
+    def pick(self, name: str, options: Sequence[T]) -> T:
+        """Return one of the options, drawn uniformly."""
+        return options[int(self.rng(name).integers(len(options)))]
 
-    def pick_shuffled(self, name: str, things: Sequence[T]) -> T:
-        """Return another thing at each redraw until all had their turn, in random order."""
-        turn, place = divmod(self.index, len(things))
-        order = randomness.stream(self.seed, name, turn).permutation(len(things))
-        return things[int(order[place])]
+    def pick_shuffled(self, name: str, options: Sequence[T]) -> T:
+        """Return one option per redraw, in random order, none twice before all were returned."""
+        turn, place = divmod(self.index, len(options))
+        order = randomness.stream(self.seed, name, turn).permutation(len(options))
+        return options[int(order[place])]

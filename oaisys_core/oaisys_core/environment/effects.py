@@ -1,4 +1,4 @@
-"""Environment effects of other packages, found by their entry points."""
+"""Environment effects that other packages register as entry points."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from oaisys_core.sky import Sky
 
 
 class EnvironmentEffect(Section):
-    """Changes the sky of a batch; a package registers its subclass as an entry point.
+    """Base of environment effects; a package registers its subclass as an entry point.
 
-    Its fields are the options that the configuration may give beside the effect's name. It must
-    not keep anything from one call to the next: a restored world starts in the middle.
+    Its fields are the options that the configuration may set beside the effect's name. It must not
+    keep state between calls, because a restored world may start at any sample.
     """
 
     @abstractmethod
     def apply(self, sky: Sky, rng: np.random.Generator) -> Sky:
-        """Return the changed sky; called whenever the environment is set or drawn anew."""
+        """Return the changed sky; called whenever the environment is set or redrawn."""
 
 
 def load_effects(configs: tuple[EffectConfig, ...]) -> tuple[EnvironmentEffect, ...]:
-    """Return the effects that a configuration names, with their options checked.
+    """Return the effects that a configuration lists, with checked options.
 
     Raises:
-        InvalidInputError: There is no such effect, or an option does not fit.
+        InvalidInputError: There is no such effect, or an option is invalid.
     """
     return tuple(_load(index, config) for index, config in enumerate(configs))
 

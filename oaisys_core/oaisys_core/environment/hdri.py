@@ -1,4 +1,4 @@
-"""Sky images and their label maps from files."""
+"""Sky images (HDRIs) and their label maps, read from files."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from oaisys_core.sky import SkyImage
 SUFFIXES = (".exr", ".hdr")
 
 KEPT = 4
-"""Images that stay loaded: at 8192 x 4096 each takes 0.4 GB."""
+"""Number of images that stay loaded; one of 8192 x 4096 pixels takes 0.4 GB."""
 
 BRIGHTEST = 65504.0
-"""Of a half float: what stands in for infinite radiance."""
+"""Largest half float; it replaces infinite radiance."""
 
 
 class SkyImages:
-    """Loads sky images; the last few stay, so that an image shown again is the same object."""
+    """Loads sky images and caches the last few, so that an image used again is the same object."""
 
     def __init__(self) -> None:
         self._kept: OrderedDict[tuple[str, tuple[int, ...]], SkyImage] = OrderedDict()
@@ -36,11 +36,11 @@ class SkyImages:
         """Return an image with its labels.
 
         Args:
-            config: Which files.
-            other_ids: Labels, by level, of directions for which its maps have none.
+            config: The files of the image.
+            other_ids: Ids by level of directions that the label maps leave out.
 
         Raises:
-            InvalidInputError: A file cannot be read or has another layout.
+            InvalidInputError: A file cannot be read or is not equirectangular.
         """
         key = (config.model_dump_json(include={"file", "labels_from"}), other_ids)
         if key not in self._kept:
@@ -54,10 +54,10 @@ class SkyImages:
 
 
 def images_of(config: HdriConfig) -> tuple[HdriImageConfig, ...]:
-    """Return the images to choose from, those of the folder last.
+    """Return the images to choose from; those of the folder come last.
 
     Raises:
-        InvalidInputError: The folder has no image, or none is the one to ``use``.
+        InvalidInputError: The folder has no image, or there is none named as in ``use``.
     """
     found = [] if config.folder is None else _files_in(config.folder)
     images = (*config.images, *(HdriImageConfig(file=file) for file in found))
@@ -68,16 +68,16 @@ def images_of(config: HdriConfig) -> tuple[HdriImageConfig, ...]:
 
 
 def read_radiance(file: Path) -> NDArray[np.float32]:
-    """Return the (H, 2H, 3) linear pixels of an ``.hdr`` or ``.exr`` image, the top row first.
+    """Return the (H, 2H, 3) linear pixels of an ``.hdr`` or ``.exr`` image, top row first.
 
     Raises:
-        InvalidInputError: It cannot be read, or is not twice as wide as high.
+        InvalidInputError: It cannot be read, or is not twice as wide as it is high.
     """
     if file.suffix.lower() not in SUFFIXES:
         raise InvalidInputError("environment.hdri", str(file), f"a file {' or '.join(SUFFIXES)}")
     pixels = _read_exr(file) if file.suffix.lower() == ".exr" else _read_hdr(file)
     _check_layout(file, pixels)
-    # Some published images hold a few broken pixels.
+    # Some published images contain a few invalid pixels.
     pixels = np.nan_to_num(pixels, nan=0.0, posinf=BRIGHTEST, neginf=0.0)
     return np.ascontiguousarray(np.maximum(pixels, 0.0), dtype=np.float32)
 
@@ -129,7 +129,7 @@ def _labelled(
 
 
 def _values(file: Path) -> NDArray[np.int64]:
-    """Return (H, W) numbers of an image's pixels: its grey values, or -1 - colour as 0xrrggbb."""
+    """Return (H, W) pixel values as numbers: grey values, or -1 - 0xrrggbb for colours."""
     image: Any = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InvalidInputError("environment.hdri.labels_from", str(file), "a readable image")
@@ -147,7 +147,7 @@ def _number(value: str) -> int:
 def _check_layout(file: Path, image: NDArray[Any]) -> None:
     rows, cols = image.shape[:2]
     if cols != 2 * rows:
-        expected = f"an equirectangular image, twice as wide as high, not {cols} x {rows}"
+        expected = f"an equirectangular image, twice as wide as it is high, not {cols} x {rows}"
         raise InvalidInputError("environment.hdri", str(file), expected)
 
 

@@ -1,6 +1,6 @@
-"""Colours of sun, horizon and far ground, for what no sky model tells.
+"""Approximate colours of sun, horizon and distant ground, which the sky models do not provide.
 
-All are in the units of Blender's scenes, and set by its sky models at a strength of 1.
+Radiances are in Blender's scene units, matched to its sky models at a strength of 1.
 """
 
 from __future__ import annotations
@@ -13,32 +13,32 @@ from oaisys_core.sky import Color, Haze, Hdri, Sky
 from oaisys_core.types import FloatArray
 
 PLAIN_ALBEDO = np.array((0.26, 0.22, 0.18))
-"""Linear colour of the far plain that lights things from below the horizon."""
+"""Linear colour of the distant plain that lights objects from below the horizon."""
 
 SKY_IRRADIANCE_W_M2 = 0.65
-"""Of the sky on level ground at a strength of 1, roughly: it only lights the far plain."""
+"""Approximate irradiance of the sky on level ground at a strength of 1."""
 
 HAZE_RADIANCE = np.array((0.55, 0.62, 0.65))
-"""Of the air above the horizon, before the sun's colour; near what the sky models give there."""
+"""Radiance of the air above the horizon in white sunlight, close to that of the sky models."""
 
 RAYLEIGH_OPTICAL_DEPTH = np.array((0.040, 0.097, 0.242))
-"""Of the whole atmosphere towards the zenith at 680, 550 and 440 nm."""
+"""Optical depth of the whole atmosphere towards the zenith at 680, 550 and 440 nm."""
 
 DAYLIGHT_DEG = (-18.0, -12.0, -6.0, -3.0, 0.0, 4.0, 10.0, 20.0, 38.0)
 DAYLIGHT_SHARES = (6e-8, 8e-7, 3e-4, 5e-3, 0.045, 0.25, 0.5, 0.8, 1.0)
-"""Brightness of a clear sky by the sun's elevation, roughly as its illuminance is published."""
+"""Relative brightness of a clear sky by the sun's elevation, after published illuminances."""
 
 SCALE_HEIGHT_M = 8400.0
-"""Height over which air becomes thinner by 1 / e."""
+"""Height over which the density of air falls to 1 / e."""
 
 HORIZON_BAND_RAD = radians(6.0)
-"""Height of the band of an image's sky that haze takes its colour from."""
+"""Height of the band above the horizon of a sky image from which haze takes its colour."""
 
 
 def sun_color(sky: Sky) -> Color:
-    """Return the colour of direct sunlight: white less what the air scatters out of its path.
+    """Return the colour of direct sunlight: white minus the light that air scatters.
 
-    Air mass by Kasten and Young (1989). A sky that is not computed from air leaves it white.
+    Air mass after Kasten and Young (1989). Without a computed atmosphere it is white.
     """
     if sky.model != "atmosphere":
         return (1.0, 1.0, 1.0)
@@ -50,7 +50,7 @@ def sun_color(sky: Sky) -> Color:
 
 
 def plain_radiance(sky: Sky) -> Color:
-    """Return the radiance of a dull level plain under sun and sky (Lambert)."""
+    """Return the radiance of a level Lambertian plain under sun and sky."""
     sun_w_m2 = sky.lamp_w_m2 * max(sin(sky.sun_elevation_rad), 0.0)
     sky_w_m2 = 0.0
     if sky.model != "none":
@@ -59,7 +59,7 @@ def plain_radiance(sky: Sky) -> Color:
 
 
 def horizon_radiance(sky: Sky) -> Color:
-    """Return the colour that what is far fades into: that of the sky just above the horizon."""
+    """Return the radiance of the sky just above the horizon."""
     if sky.hdri is not None:
         return _band_radiance(sky.hdri)
     if sky.model == "none":
@@ -72,7 +72,7 @@ def horizon_radiance(sky: Sky) -> Color:
 def veil_radiance(sky: Sky, haze: Haze) -> Color:
     """Return the radiance of an infinite depth of haze.
 
-    Its light comes from the sun, the sky and the ground together, and is near white.
+    It is lit by sun, sky and ground together, so its colour is close to white.
     """
     if haze.veil is not None:
         return haze.veil
@@ -83,7 +83,7 @@ def veil_radiance(sky: Sky, haze: Haze) -> Color:
 
 
 def _daylight(sky: Sky) -> float:
-    """Return how bright the sky is, as a share of that on a day with the sun at 38 degrees."""
+    """Return the brightness of the sky relative to a sun elevation of 38 degrees."""
     if sky.model != "atmosphere":
         return 1.0
     shares = np.log(DAYLIGHT_SHARES)

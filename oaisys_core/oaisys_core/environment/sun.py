@@ -1,8 +1,8 @@
-"""Where the sun stands over a place on Earth.
+"""The position of the sun as seen from a place on Earth.
 
 After Meeus, Astronomical Algorithms (1998), chapters 12, 22 and 25 in their shorter form, which
-hold the sun to about 0.01 degrees for centuries around 2000. The difference between dynamical and
-universal time, a minute now, moves it by less than 0.001 degrees and is left out.
+are accurate to about 0.01 degrees for centuries around 2000. The difference between dynamical and
+universal time (about a minute) changes the result by less than 0.001 degrees and is ignored.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import NamedTuple
 J2000 = datetime(2000, 1, 1, 12, tzinfo=timezone.utc)  # noqa: UP017 - as in Python 3.10
 DAYS_PER_CENTURY = 36525.0
 PARALLAX_RAD = radians(8.794 / 3600)
-"""Of the sun at the horizon."""
+"""Parallax of the sun at the horizon."""
 
 
 class SunPosition(NamedTuple):
-    """Where the sun is seen from the ground.
+    """The apparent position of the sun.
 
     Attributes:
-        elevation_rad: Above the horizon, lifted by refraction in standard air.
-        azimuth_rad: From true north clockwise, as on a compass; 0 to 2π.
+        elevation_rad: Elevation above the horizon, including refraction in standard air.
+        azimuth_rad: Azimuth clockwise from true north, 0 to 2π.
     """
 
     elevation_rad: float
@@ -30,15 +30,15 @@ class SunPosition(NamedTuple):
 
 
 def sun_position(when: datetime, latitude_deg: float, longitude_deg: float) -> SunPosition:
-    """Return where the sun stands.
+    """Return the apparent position of the sun.
 
     Args:
-        when: A moment with its offset from UTC.
+        when: Date and time with its offset from UTC.
         latitude_deg: North is positive.
         longitude_deg: East is positive.
 
     Raises:
-        ValueError: The moment has no offset from UTC.
+        ValueError: The time has no offset from UTC.
     """
     if when.tzinfo is None:
         raise ValueError(f"received {when}, expected a time with its offset from UTC")
@@ -58,17 +58,17 @@ def sun_position(when: datetime, latitude_deg: float, longitude_deg: float) -> S
 
 
 def azimuth_in_map(azimuth_rad: float, north_offset_rad: float) -> float:
-    """Return an azimuth from +x counter-clockwise of one from true north clockwise.
+    """Return the azimuth in ``map``, counter-clockwise from +x, of a compass azimuth.
 
     Args:
-        azimuth_rad: As on a compass.
+        azimuth_rad: Clockwise from true north.
         north_offset_rad: Direction of true north, counter-clockwise from +y.
     """
     return radians(90) + north_offset_rad - azimuth_rad
 
 
 def _equatorial(centuries: float) -> tuple[float, float]:
-    """Return apparent right ascension and declination at a time from J2000."""
+    """Return the apparent right ascension and declination, in radians, centuries after J2000."""
     t = centuries
     mean_longitude = 280.46646 + t * (36000.76983 + t * 0.0003032)
     anomaly = radians(357.52911 + t * (35999.05029 - t * 0.0001537))
@@ -89,7 +89,7 @@ def _equatorial(centuries: float) -> tuple[float, float]:
 
 
 def _refraction(elevation_rad: float) -> float:
-    """Return by how much standard air lifts what is truly at an elevation (Sæmundsson 1986)."""
+    """Return the refraction in standard air at a true elevation (Sæmundsson 1986)."""
     elevation_deg = degrees(elevation_rad)
     if elevation_deg < -1.0:
         return 0.0

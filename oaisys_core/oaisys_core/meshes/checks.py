@@ -1,4 +1,4 @@
-"""What a mesh of a user must be to be rendered: finite, of a sensible size, and a surface."""
+"""Checks of user meshes: finite coordinates of a sensible size, valid indices, a real surface."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
 
 MOST = 1e7
-"""Greatest coordinate, in the file's units: float32 then knows a metre, and no area overflows."""
+"""Largest coordinate in the file's units: float32 still resolves a metre, and areas are finite."""
 
 TEXT_VERTEX = {".obj": "v", ".stl": "vertex"}
-"""First word of a line that holds a vertex, by the format's suffix."""
+"""First word of a line with a vertex, by file suffix."""
 
 BLOCK = 1_000_000
 """Triangles whose areas are computed at once."""
 
 
 def check_mesh(vertices: FloatArray, triangles: NDArray[np.int32], path: Path, field: str) -> None:
-    """Refuse a mesh that cannot be rendered.
+    """Raise if a mesh cannot be rendered.
 
     Args:
-        vertices: (V, 3) as the file has them.
-        triangles: (T, 3).
-        path: The file; where it is text, the line of the first bad vertex is told.
-        field: What the file is called in an error.
+        vertices: (V, 3) vertices of the file.
+        triangles: (T, 3) vertex indices.
+        path: The file; for text files, the error names the line of the first invalid vertex.
+        field: Name of the file's field in errors.
 
     Raises:
-        InvalidInputError: A vertex is not finite or too far from the origin, a triangle names a
-            vertex that is not there, or no triangle has an area.
+        InvalidInputError: A vertex is not finite or too far from the origin, a triangle has an
+            index without a vertex, or no triangle has an area.
     """
     with np.errstate(invalid="ignore"):
         bad = ~(np.abs(vertices) <= MOST).all(axis=1)
@@ -39,17 +39,19 @@ def check_mesh(vertices: FloatArray, triangles: NDArray[np.int32], path: Path, f
         index = int(np.argmax(bad))
         line = line_of_bad_vertex(path)
         where = f"vertex {index}" if line is None else f"line {line}"
-        told = ", ".join(f"{value:g}" for value in vertices[index])
-        expected = f"finite coordinates of at most {MOST:g}, not ({told}) in {where}"
+        numbers = ", ".join(f"{value:g}" for value in vertices[index])
+        expected = f"finite coordinates of at most {MOST:g}, not ({numbers}) in {where}"
         raise InvalidInputError(field, str(path), expected)
     if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise InvalidInputError(field, str(path), f"triangles of its {len(vertices)} vertices")
+        raise InvalidInputError(
+            field, str(path), f"triangle indices below {len(vertices)}, its number of vertices"
+        )
     if not _has_area(vertices, triangles):
         raise InvalidInputError(field, str(path), "at least one triangle with an area")
 
 
 def line_of_bad_vertex(path: Path) -> int | None:
-    """Return the line, from 1, of a text file's first vertex that `check_mesh` refuses."""
+    """Return the line, from 1, of the first vertex of a text file that `check_mesh` refuses."""
     suffix = path.suffix.lower()
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -85,7 +87,7 @@ def _has_area(vertices: FloatArray, triangles: NDArray[np.int32]) -> bool:
     for first in range(0, len(triangles), BLOCK):
         a, b, c = (vertices[corner] for corner in triangles[first : first + BLOCK].T)
         longest = np.maximum(np.abs(b - a).max(axis=1), np.abs(c - a).max(axis=1))
-        # Flatter than float32 can tell, whatever the size.
+        # Degenerate within the precision of float32, at any scale.
         flat = np.linalg.norm(np.cross(b - a, c - a), axis=1) <= 1e-12 * longest**2
         if not flat.all():
             return True

@@ -1,4 +1,4 @@
-"""Meshes of users from files: .obj, .glb, .gltf, .ply, .stl and .blend."""
+"""Reading user meshes from .obj, .glb, .gltf, .ply, .stl and .blend files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from oaisys_core.types import FloatArray, ShortRepr
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".blend")
 Y_UP_SUFFIXES = (".glb", ".gltf")
-"""Formats whose standard has y up; it is turned to z. All others are taken as they are."""
+"""Formats with y up by their standard, which are rotated to z up; others are left as they are."""
 
 R_Z_UP_FROM_Y_UP: FloatArray = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
@@ -29,15 +29,15 @@ BLEND_TIMEOUT_S = 120.0
 
 @dataclass(frozen=True, repr=False)
 class LoadedMesh(ShortRepr):
-    """A mesh as a file has it.
+    """A mesh as it is in its file.
 
     Attributes:
-        name: Of the object, or of the file.
-        vertices_m: (V, 3) float32, z up, in the file's own units.
+        name: Name of the object, or of the file.
+        vertices_m: (V, 3) float32, z up, in the units of the file.
         triangles: (T, 3) int32.
-        uv: (T, 3, 2) float32 texture coordinates by corner, v upwards; None without an image.
-        color_image_srgb: (H, W, 3) uint8, row 0 at the top; None where there is no texture.
-        vertex_colors_srgb: (V, 3) uint8; None where there are none.
+        uv: (T, 3, 2) float32 texture coordinates of the corners, v up; None without an image.
+        color_image_srgb: (H, W, 3) uint8, row 0 at the top; None without a texture.
+        vertex_colors_srgb: (V, 3) uint8; None without vertex colours.
     """
 
     name: str
@@ -49,18 +49,18 @@ class LoadedMesh(ShortRepr):
 
 
 def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -> LoadedMesh:
-    """Return a file's mesh, or the object of that name in it; several objects become one.
+    """Return the mesh of a file, or of one object in it; several objects are merged.
 
-    Scripts in a .blend file are never run: a process of its own reads it and hands over numbers.
+    A separate process reads .blend files, without running the scripts in them.
 
     Args:
         path: The file.
-        object_name: Which object; None: all of them.
-        field: What the file is called in an error.
+        object_name: Name of the object; None for all objects.
+        field: Name of the file's field in errors.
 
     Raises:
-        InvalidInputError: The file cannot be read, has no such object or no triangles, or what it
-            holds cannot be rendered, see `check_mesh`.
+        InvalidInputError: The file cannot be read, has no such object or no triangles, or cannot
+            be rendered, see `check_mesh`.
         BackendUnavailableError: It is a .blend file and ``bpy`` is not installed.
     """
     if path.suffix.lower() not in SUFFIXES:
@@ -71,7 +71,7 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
         return _load_blend(path, object_name, field)
     try:
         scene = trimesh.load_scene(path, process=False)
-    # What trimesh raises at a damaged file depends on the format.
+    # The exception that trimesh raises depends on the format.
     except Exception as error:
         expected = f"a readable {path.suffix} file ({error})"
         raise InvalidInputError(field, str(path), expected) from error
@@ -90,7 +90,7 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
 
 
 def _named_parts(scene: Any) -> Iterable[tuple[str, Any]]:
-    """Yield the objects of a file, each where its file puts it."""
+    """Yield the objects of a file by name, in the coordinates of the scene."""
     for node in scene.graph.nodes_geometry:
         T, geometry = scene.graph[node]
         mesh = scene.geometry[geometry]
@@ -129,7 +129,7 @@ def _vertex_colors(mesh: Any) -> NDArray[np.uint8] | None:
 
 
 def _merged(meshes: list[LoadedMesh]) -> LoadedMesh:
-    """Return several meshes as one; textures of several become their mean colours."""
+    """Return several meshes as one; each texture is replaced by its mean colour."""
     if len(meshes) == 1:
         return meshes[0]
     colors = [_colors_of(mesh) for mesh in meshes]
@@ -193,5 +193,5 @@ def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
 
 
 def _no_such_object(field: str, name: str, names: Iterable[str]) -> InvalidInputError:
-    known = ", ".join(sorted(names)) or "none has triangles"
+    known = ", ".join(sorted(names)) or "no object has triangles"
     return InvalidInputError(f"{field} object", name, f"an object with triangles: {known}")

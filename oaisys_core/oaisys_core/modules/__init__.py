@@ -1,4 +1,4 @@
-"""What to build: one module per aspect of the world. None of them knows Blender."""
+"""The built-in modules, one per aspect of the world; none of them depends on Blender."""
 
 from oaisys_core.modules.assets.module import AssetsModule
 from oaisys_core.modules.environment import EnvironmentModule

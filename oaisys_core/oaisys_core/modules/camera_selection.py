@@ -56,7 +56,7 @@ def cameras_of(cameras: Sequence[PlacedCamera], frames: Sequence[FrameName]) -> 
 def select(
     cameras: Sequence[PlacedCamera], modalities: Sequence[str], sensors: Sequence[str]
 ) -> tuple[PlacedCamera, ...]:
-    """Return the cameras and modalities named, in the cameras' order; none named: all.
+    """Return the named cameras with the named modalities; no names mean all.
 
     Raises:
         InvalidInputError: There is no such sensor, or none of these has such a modality.

@@ -1,4 +1,4 @@
-"""Which poses of the rig are admitted: those whose cameras are on the stage and above it."""
+"""Checks of the rig's pose: its cameras must be on the stage and above its surface."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from oaisys_core.types import FloatArray, HeightQuery, Pose, SensorInfo
 Extent = tuple[float, float, float, float]
 
 HeightLookup = Callable[[FloatArray], HeightQuery]
-"""Heights under (N, 3) points in ``map``."""
+"""Returns the heights below (N, 3) points in ``map``."""
 
 
 MOST_EXTENTS = 1000.0
-"""How far from the stage's centre a rig may be, in edges of the stage: long lenses see it there."""
+"""Largest distance of a rig from the stage's centre, in edge lengths of the stage."""
 
 
 def admitted_pose(
@@ -30,26 +30,26 @@ def admitted_pose(
     policy: str,
     least_m: float,
 ) -> Pose:
-    """Return the pose that the policy makes of ``pose``.
+    """Return the pose after the policy was applied to it.
 
     Args:
-        pose: Of the rig.
-        sensors: Its cameras.
-        heights: Knows the surface.
+        pose: Pose of the rig.
+        sensors: The cameras of the rig.
+        heights: Looks up heights of the surface.
         extent_m: (min_x, min_y, max_x, max_y) of the stage.
-        policy: ``allow``; ``reject``; ``lift``, to the least clearance; or ``clamp``, which also
-            moves the rig onto the stage.
-        least_m: Least height of every camera above the topmost surface.
+        policy: ``allow`` any pose, ``reject`` it, ``lift`` it to the least clearance, or ``clamp``
+            it, which also moves the rig onto the stage.
+        least_m: Least height of each camera above the topmost surface.
 
     Raises:
-        InvalidInputError: A camera would be off the stage, too near to the surface, or so far away
-            that numbers no longer tell where it is.
+        InvalidInputError: A camera would be outside the stage, too close to the surface, or too far
+            away for numerical precision.
     """
     _check_reach(pose, extent_m)
     if policy == "allow":
         return pose
     if policy == "clamp":
-        pose = _moved(pose, _way_inside_m(_positions_m(sensors, pose), extent_m))
+        pose = _moved(pose, _shift_inside_m(_positions_m(sensors, pose), extent_m))
     clearance_m = heights(_positions_m(sensors, pose)).clearance_m
     if (clearance_m >= least_m).all():
         return pose
@@ -69,8 +69,8 @@ def _moved(pose: Pose, offset_m: ArrayLike) -> Pose:
     return Pose((float(x), float(y), float(z)), pose.quat_xyzw)
 
 
-def _way_inside_m(positions_m: FloatArray, extent_m: Extent) -> FloatArray:
-    """Return the (3,) shift that brings points, which lie close together, onto the stage."""
+def _shift_inside_m(positions_m: FloatArray, extent_m: Extent) -> FloatArray:
+    """Return the (3,) shift that moves all points, which are close together, onto the stage."""
     low, high = np.array(extent_m[:2]), np.array(extent_m[2:])
     too_low = np.maximum(low - positions_m[:, :2], 0).max(axis=0)
     too_high = np.maximum(positions_m[:, :2] - high, 0).max(axis=0)
@@ -84,7 +84,7 @@ def _check_reach(pose: Pose, extent_m: Extent) -> None:
     if not (from_centre_m <= reach_m).all():
         expected = (
             f"at most {reach_m:g} m from the stage's centre along each axis "
-            f"({MOST_EXTENTS:g} edges of the stage)"
+            f"({MOST_EXTENTS:g} edge lengths of the stage)"
         )
         raise InvalidInputError("pose.position", list(pose.position_m), expected)
 

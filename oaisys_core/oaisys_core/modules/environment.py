@@ -1,4 +1,4 @@
-"""Sun, sky and air."""
+"""The module that draws sun, sky and air."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ LEAST_CONTRAST = 0.02
 """Contrast at the visual range, by definition of the term (Koschmieder 1924)."""
 
 THICKNESS = 0.1
-"""Of the hazy layer, as a share of the visual range, where nobody says: the sun shows through."""
+"""Default thickness of the haze layer as a share of the visual range; the sun stays visible."""
 
 WAVELENGTHS_NM = np.array((680.0, 550.0, 440.0))
-"""That red, green and blue stand for; visual range is that of green."""
+"""Wavelengths of red, green and blue; the visual range refers to green."""
 
 
 class EnvironmentModule(SectionModule[EnvironmentConfig]):
-    """NamedDraws the light of a batch; a step's metadata overrides any field of its configuration.
+    """Draws the light of a batch; a step's metadata overrides any field of its configuration.
 
-    What is drawn depends on the batch's seed, the redraw's number and the field's name alone.
+    A drawn value depends only on the batch's seed, the index of the redraw and the field's name.
     """
 
     name = "environment"
@@ -47,19 +47,19 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
         self._seed = 0
 
     def setup(self) -> None:
-        """Refuse files and effects that do not exist."""
+        """Raise if a file or an effect does not exist."""
         _check_names(self._config)
 
     def check(self, metadata: Metadata) -> None:
-        """Refuse unknown keys, values out of range, and files and effects that do not exist."""
+        """Raise on unknown keys, invalid values, and files or effects that do not exist."""
         _check_names(overridden(self._config, metadata, self.metadata_part))
 
     def check_sample(self, metadata: Metadata) -> None:
-        """As `check`, on top of what holds now."""
+        """Raise as `check` does, with the metadata applied to the current values."""
         _check_names(overridden(self._now, metadata, self.metadata_part))
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Begin a batch with the configuration and the metadata's changes."""
+        """Start a batch with the configuration, changed by the metadata."""
         self._seed = int(rng.integers(2**63))
         super().step_batch(world, metadata, rng)
 
@@ -123,7 +123,7 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
 
 
 def _redraw(config: EnvironmentConfig, sample_id: int) -> int:
-    """Return how many redraws there were before this sample of the batch."""
+    """Return the index of the redraw that a sample belongs to."""
     if config.redraw == "batch" or sample_id == 0:
         return 0
     return (sample_id - 1) // config.step_interval
@@ -152,7 +152,7 @@ def _gradient(config: SkyConfig) -> Gradient:
 
 
 def _haze(config: HazeConfig | None, draws: NamedDraws) -> Haze | None:
-    """Return the haze that a configuration asks for."""
+    """Return the haze of a configuration."""
     if config is None:
         return None
     visibility_m = draws.number("haze.visibility_m", config.visibility_m)

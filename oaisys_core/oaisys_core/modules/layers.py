@@ -1,4 +1,4 @@
-"""The layers of the ground's material: which are drawn for a batch, and how each comes to look."""
+"""The layers of the ground's material: which ones a batch has, and how each looks."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from oaisys_core.world.terrain_material import LabelImage, PbrMaps, TerrainLayer
 from oaisys_core.world.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 
 FOLDER_TILE_M = 2.0
-"""Edge length of a tile of a user's texture folder that does not say its own."""
+"""Edge length of a tile of a user's texture folder without ``tile_m``."""
 
 KEPT_SETS = 12
-"""Texture sets, as they come and as they were changed, that are kept from batch to batch."""
+"""Number of texture sets, original and changed, that are cached between batches."""
 
 
 @dataclass(frozen=True)
@@ -36,9 +36,9 @@ class DrawnLayer:
     """A layer of a batch.
 
     Attributes:
-        config: What it was drawn from.
-        layer: What backends see.
-        relief_m: Height that its height map's full range stands for; 0: none was given.
+        config: Its configuration.
+        layer: The layer as backends see it.
+        relief_m: Height of the full range of its height map; 0 if none was given.
     """
 
     config: LayerConfig
@@ -47,13 +47,13 @@ class DrawnLayer:
 
 
 class LayerLibrary:
-    """Loads texture sets when they are first drawn, and keeps the latest."""
+    """Loads texture sets on demand and caches the latest ones."""
 
     def __init__(self) -> None:
         self._sets: OrderedDict[str, PbrMaps] = OrderedDict()
 
     def load(self, look: LookConfig, materials: MaterialsConfig) -> PbrMaps:
-        """Return a layer's maps as they come."""
+        """Return the maps of a layer before any changes."""
         if look.folder is not None:
             folder = look.folder
             return self._kept(
@@ -65,7 +65,7 @@ class LayerLibrary:
     def draw(
         self, config: LayerConfig, materials: MaterialsConfig, rng: np.random.Generator
     ) -> DrawnLayer:
-        """Return a layer as it looks in one batch.
+        """Draw how a layer looks in one batch.
 
         Raises:
             InvalidInputError: A map or label image cannot be used.
@@ -107,11 +107,11 @@ class LayerLibrary:
 
 
 def check_layers(materials: MaterialsConfig, path: str) -> None:
-    """Refuse layers that cannot be drawn.
+    """Raise if a layer cannot be drawn.
 
     Args:
-        materials: What they stand in.
-        path: Of it, for messages.
+        materials: The section with the layers.
+        path: Path of that section, for messages.
 
     Raises:
         InvalidInputError: A texture does not exist, a folder has no colour map, or an id has two
@@ -122,7 +122,7 @@ def check_layers(materials: MaterialsConfig, path: str) -> None:
 
 
 def layer_faults(materials: MaterialsConfig, path: str) -> Iterator[InvalidInputError]:
-    """Yield why layers cannot be drawn; see `check_layers`."""
+    """Yield the errors that `check_layers` raises."""
     names: dict[int, str] = {}
     for place, layer in _all_layers(materials):
         if layer.folder is None and layer.texture not in TEXTURES:
@@ -137,12 +137,12 @@ def layer_faults(materials: MaterialsConfig, path: str) -> Iterator[InvalidInput
                 yield InvalidInputError(
                     f"{path}.{place}.semantic_id",
                     semantic_id,
-                    f"an id that is not called {known!r} too",
+                    f"an id that does not have the name {known!r} already",
                 )
 
 
 def chosen_layers(materials: MaterialsConfig, rng: np.random.Generator) -> list[LayerConfig]:
-    """Return the layers of a batch: the fixed ones and those drawn from each pool."""
+    """Return the layers of a batch: the fixed ones, and those drawn from each pool."""
     chosen = list(materials.layers)
     for index, pool in enumerate(materials.pools):
         layers = pool_layers(pool)
@@ -152,15 +152,15 @@ def chosen_layers(materials: MaterialsConfig, rng: np.random.Generator) -> list[
             count = min(count, len(layers))
         picks = draw.choice(len(layers), count, replace=pool.replacement)
         chosen.extend(layers[pick] for pick in picks)
-    # A draw of nothing at all still leaves a ground.
+    # Even if no layer is drawn, the ground needs one.
     return chosen or [pool_layers(materials.pools[0])[0]]
 
 
 def pool_layers(pool: PoolConfig) -> list[LayerConfig]:
-    """Return all layers of a pool: those given, then those of its folder by name.
+    """Return all layers of a pool: the given ones, then those of its folder by name.
 
     Raises:
-        InvalidInputError: The folder holds no texture folder, or labels name none of them.
+        InvalidInputError: The folder contains no texture folder, or labels name a missing one.
     """
     layers = list(pool.layers)
     look = pool.look.model_dump(exclude={"folder"})
@@ -181,7 +181,7 @@ def pool_layers(pool: PoolConfig) -> list[LayerConfig]:
 
 
 def labels_of(layer: LayerConfig) -> dict[int, str]:
-    """Return the names of all ids that a layer may show."""
+    """Return the names of all ids that a layer may have."""
     names = dict(layer.labels)
     for entry in layer.labels_from.mapping.values() if layer.labels_from else ():
         names.update(entry.labels)

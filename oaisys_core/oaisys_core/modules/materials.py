@@ -1,4 +1,4 @@
-"""The ground's material: texture sets, their labels and where each of them lies."""
+"""The module that draws the ground's material: texture sets, their labels and their masks."""
 
 from __future__ import annotations
 
@@ -36,21 +36,21 @@ from oaisys_core.terrain.masks import (
 from oaisys_core.world.terrain_material import TerrainMaterial, Variation
 
 NO_SHARE = 1.0
-"""Share of a layer that gives none, where another one does."""
+"""Share of a layer without one, if another layer has a share."""
 
 
 class MaterialsMetadata(MaterialsConfig):
     """What a caller can set for a batch, with ``custom={"materials": ...}``.
 
     Attributes:
-        seed: Of everything that is drawn about the material; None: the batch's.
+        seed: Seed of the material; None for that of the batch.
     """
 
     seed: int | None = Field(default=None, ge=0, lt=2**63)
 
 
 class MaterialsModule(Module):
-    """Draws the layers of each batch, how they look and where they lie."""
+    """Draws which layers a batch has, how they look and where they lie."""
 
     name = "materials"
     metadata_part = "materials"
@@ -66,24 +66,24 @@ class MaterialsModule(Module):
         self._library = LayerLibrary()
 
     def setup(self) -> None:
-        """Load or make the texture sets of the layers that are always there."""
+        """Load or make the texture sets of the fixed layers."""
         for layer in self._config.layers:
             self._library.load(layer, self._config)
 
     def check(self, metadata: Metadata) -> None:
-        """Refuse unknown keys, values out of range and layers that do not exist."""
+        """Raise on unknown keys, invalid values and layers that do not exist."""
         config = overridden(self._config, metadata, self.metadata_part)
         check_layers(config, f"metadata.{self.metadata_part}")
 
     def check_sample(self, metadata: Metadata) -> None:
-        """Refuse everything: the material is drawn once a batch."""
+        """Raise on any metadata: the material is drawn once per batch."""
         if metadata:
             raise InvalidInputError(
                 "metadata.custom.materials", dict(metadata), "none at a sample step"
             )
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Lay the layers over the ground.
+        """Draw the material of the ground.
 
         Raises:
             InvalidInputError: A map cannot be used, or the ground cannot be displaced.
@@ -149,7 +149,7 @@ def _masks(
 def _gates(
     layers: Sequence[LayerConfig], ground: Ground, size_px: int
 ) -> NDArray[np.float32] | None:
-    """Return (L, M, M) how far each layer may lie where; None: all may lie everywhere."""
+    """Return (L, M, M) weights of the layers' conditions; None if no layer has conditions."""
     if len(layers) == 1 or all(layer.when is None for layer in layers):
         return None
     relief = relief_of(ground, size_px)
@@ -161,9 +161,9 @@ def _gates(
 
 
 def condition_gate(when: ConditionConfig, relief: Relief) -> NDArray[np.float32]:
-    """Return how far a condition holds at each texel of a mask, 0 to 1."""
+    """Return how well a condition holds at each texel of a mask, 0 to 1."""
     slope_deg = np.degrees(relief.slope_rad)
-    # A bound at the end of the scale is none: level ground is not half outside from 0 on.
+    # A bound at the end of the scale does not count: level ground is fully inside from 0 on.
     least, most = when.slope_deg
     bounds = (least if least > 0 else -np.inf, most if most < 90 else np.inf)
     result = gate(slope_deg, bounds, when.soft_deg)
@@ -190,7 +190,7 @@ def _displace(world: World, material: TerrainMaterial, layers: Sequence[DrawnLay
     ground = require(world.ground)
     if not isinstance(ground, HeightField):
         raise InvalidInputError(
-            "materials.displacement", "geometry", "bump on a ground that is no height field"
+            "materials.displacement", "geometry", "bump, because this ground is not a height field"
         )
     moved = displaced(ground, material, [layer.relief_m for layer in layers])
     world.ground = moved

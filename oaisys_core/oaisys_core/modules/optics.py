@@ -1,4 +1,4 @@
-"""A camera's optics: from its configuration to the scene, and what a step changes of them."""
+"""The optics of cameras: conversion from the configuration, and changes by metadata."""
 
 from __future__ import annotations
 
@@ -14,16 +14,18 @@ from oaisys_core.scene import Lens
 from oaisys_core.types import SensorInfo
 
 
-def changed(cameras: tuple[CameraConfig, ...], changes: Any, path: str) -> tuple[CameraConfig, ...]:
-    """Return the cameras with fields of `OpticsConfig` replaced.
+def changed_cameras(
+    cameras: tuple[CameraConfig, ...], changes: Any, path: str
+) -> tuple[CameraConfig, ...]:
+    """Return the cameras with changed fields of `OpticsConfig`.
 
     Args:
-        cameras: To change.
-        changes: From metadata: a mapping from a camera's name to its new values by field.
-        path: Of ``changes`` below ``metadata``.
+        cameras: The cameras before the changes.
+        changes: Mapping of camera names to new values by field, from metadata.
+        path: Path of ``changes`` below ``metadata``.
 
     Raises:
-        InvalidInputError: There is no such camera or field, or a value does not fit.
+        InvalidInputError: There is no such camera or field, or a value is invalid.
     """
     names = [camera.name for camera in cameras]
     if not isinstance(changes, Mapping):
@@ -40,7 +42,7 @@ def changed(cameras: tuple[CameraConfig, ...], changes: Any, path: str) -> tuple
 
 
 def lens_of(camera: CameraConfig) -> Lens | None:
-    """Return a camera's lens as the scene has it."""
+    """Return the lens of a camera for the scene."""
     lens = camera.lens
     if lens is None:
         return None
@@ -54,7 +56,7 @@ def lens_of(camera: CameraConfig) -> Lens | None:
 
 
 def sensor_info(camera: CameraConfig, baseline_m: float) -> SensorInfo:
-    """Return a camera as a client sees it; ``baseline_m`` is 0 but for a pair's right one."""
+    """Return a camera as clients see it; ``baseline_m`` is 0 except for right stereo cameras."""
     mount = geometry.checked_pose(
         camera.mount_position_m, camera.mount_quat_xyzw, f"sensors.cameras.{camera.name}.mount"
     )
@@ -74,7 +76,7 @@ def _check_keys(path: str, values: Any) -> None:
 
 
 def _check_reach(camera: CameraConfig, path: str, values: Mapping[str, Any]) -> None:
-    """Refuse numbers of the camera's matrix out of bounds, each by its own path."""
+    """Raise if an entry of the camera matrix is out of bounds, with its own path."""
     for key, (least_px, most_px) in optics_bounds_px(camera.width_px).items():
         value = values.get(key)
         if isinstance(value, int | float) and not least_px <= value <= most_px:

@@ -1,4 +1,4 @@
-"""Metadata that overrides fields of a configuration section, under the section's own checks."""
+"""Metadata that overrides fields of a configuration section, with the section's own checks."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ SectionT = TypeVar("SectionT", bound=Section)
 def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
     """Return ``section`` with the fields in ``metadata`` replaced.
 
-    Mappings inside are merged key by key, as `ModuleMetadata.updated` does.
+    Nested mappings are merged key by key, as in `ModuleMetadata.updated`.
 
     Raises:
-        InvalidInputError: A key is unknown or a value does not fit; its path starts with
+        InvalidInputError: A key is unknown or a value is invalid; its path starts with
             ``metadata.{part}``.
     """
     if not metadata:
@@ -36,7 +36,7 @@ def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
 
 
 def differing(section: Section, changed: Section) -> dict[str, Any]:
-    """Return, as JSON-able data, the fields of ``changed`` with which `overridden` makes it."""
+    """Return, as JSON-compatible data, the fields that `overridden` needs to make ``changed``."""
     if changed is section:
         return {}
     before, after = section.model_dump(mode="json"), changed.model_dump(mode="json")
@@ -44,9 +44,9 @@ def differing(section: Section, changed: Section) -> dict[str, Any]:
 
 
 class SectionModule(Module, Generic[SectionT]):
-    """A module that is a configuration section, any field of which a step may override.
+    """A module whose configuration section may be overridden, field by field, at each step.
 
-    A batch begins with the configured values; a sample's changes hold until the next batch.
+    A batch starts with the configured values; changes by a sample last until the next batch.
     """
 
     def __init__(self, config: SectionT) -> None:
@@ -55,26 +55,26 @@ class SectionModule(Module, Generic[SectionT]):
 
     @abstractmethod
     def apply(self, world: World, section: SectionT) -> None:
-        """Put what the section says into the world."""
+        """Apply the section to the world."""
 
     def check(self, metadata: Metadata) -> None:
-        """Refuse unknown keys and values out of range."""
+        """Raise on unknown keys and invalid values."""
         overridden(self._now, metadata, self.metadata_part)
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Begin a batch with the configuration and the metadata's changes."""
+        """Start a batch with the configuration, changed by the metadata."""
         self._now = overridden(self._config, metadata, self.metadata_part)
         self.apply(world, self._now)
 
     def in_force(self, metadata: Metadata) -> Metadata:
         """Return the fields that differ from the configuration.
 
-        Mappings are merged key by key, so that a field set to null and then to a mapping has what
-        the configuration says no more; all metadata merged would bring that back.
+        Merged metadata would be wrong: if a field was set to null and then to a mapping, the merge
+        would bring back the configured keys of that field.
         """
         return differing(self._config, self._now)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Change what the metadata says, for this and the following samples."""
+        """Apply the metadata to this and the following samples."""
         self._now = overridden(self._now, metadata, self.metadata_part)
         self.apply(world, self._now)

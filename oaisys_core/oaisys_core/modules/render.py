@@ -1,4 +1,4 @@
-"""Quality of the colour images."""
+"""The module that sets the quality of the colour images."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from oaisys_core.sensing.effects import Bloom, Effects, SensorNoise
 from oaisys_core.types import ALBEDO, DEPTH, FLOW, INSTANCE, NORMAL, RANGE, RGB
 
 LIGHT_SEED = 0
-"""One pattern of light samples for all views: a pose rendered again gives the same picture."""
+"""Seed of the sampling pattern, the same for all views: a pose rendered again looks the same."""
 
 GEOMETRY = frozenset(
     {DEPTH, RANGE, INSTANCE, NORMAL, FLOW} | {f"semantic_{level}" for level in range(10)}
 )
-"""Modalities that need no light."""
+"""Modalities that do not depend on light."""
 
 ALL_PASSES = GEOMETRY | {RGB, ALBEDO}
 
 
-class Preset(NamedTuple):
-    """What a quality name stands for."""
+class QualityPreset(NamedTuple):
+    """The settings of a quality preset."""
 
     samples: int
     max_bounces: int
@@ -34,26 +34,26 @@ class Preset(NamedTuple):
 
 
 PRESETS = {
-    "geometry": Preset(samples=1, max_bounces=0, passes=GEOMETRY),
-    "preview": Preset(samples=1, max_bounces=2),
-    "standard": Preset(samples=3, max_bounces=2),
-    "high": Preset(samples=8, max_bounces=3),
-    "final": Preset(samples=128, max_bounces=4),
+    "geometry": QualityPreset(samples=1, max_bounces=0, passes=GEOMETRY),
+    "preview": QualityPreset(samples=1, max_bounces=2),
+    "standard": QualityPreset(samples=3, max_bounces=2),
+    "high": QualityPreset(samples=8, max_bounces=3),
+    "final": QualityPreset(samples=128, max_bounces=4),
 }
 
 
 class RenderModule(SectionModule[RenderConfig]):
-    """Turns a quality preset into settings; a step's metadata overrides its configuration."""
+    """Converts a quality preset to render settings; metadata may override the configuration."""
 
     name = "render"
     metadata_part = "render"
 
     def apply(self, world: World, section: RenderConfig) -> None:
-        """Set what does not change from sample to sample by itself."""
+        """Set the render settings, except for the noise seed."""
         world.render = _settings(section)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Change what the metadata says, and draw the seed of this sample's sensor noise."""
+        """Apply the metadata, and draw the seed of this sample's sensor noise."""
         super().step_sample(world, metadata, rng)
         world.render = replace(require(world.render), noise_seed=int(rng.integers(2**63)))
 

@@ -1,4 +1,4 @@
-"""The rig: where its cameras are when a sample is taken, and which of them render."""
+"""The module that moves the rig and selects the cameras that render a sample."""
 
 from __future__ import annotations
 
@@ -18,30 +18,29 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import Metadata, Module, World, require
 from oaisys_core.modules.camera_selection import cameras_of, due_cameras
 from oaisys_core.modules.clearance import Extent, HeightLookup, admitted_pose
-from oaisys_core.modules.optics import changed, lens_of, sensor_info
+from oaisys_core.modules.optics import changed_cameras, lens_of, sensor_info
 from oaisys_core.modules.overrides import differing, overridden
 from oaisys_core.motion import Motion, MotionStep, make_motion
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.types import FloatArray, FrameName, Pose, SensorInfo
 
 START_HEIGHT_M = 10.0
-"""Height above the ground's centre of the rig that was never given a pose; it looks down."""
+"""Height above the stage's centre at which the rig starts, looking down."""
 
 MOST_DRAWS = 64
-"""Poses that a motion draws for one sample before it is given up."""
+"""Number of poses that a motion may draw for one sample."""
 
 MOTION_STREAM = "sensors.motion"
-"""Name of the random stream of what motions draw."""
+"""Name of the random stream of motions."""
 
 
 class SensorsModule(Module):
     """Holds the cameras, the rig's pose and its motion.
 
-    Metadata understands ``pose`` (`Pose`), which goes before any motion; ``cameras``, a mapping
-    from a camera's name to what changes of its optics until the next batch; for a sample,
-    ``faults``, what changes of what sensors get wrong until then, such as ``enabled: false``;
-    ``pose_policy``, which judges its pose instead of the configured one; and, for a batch,
-    ``motion``, which takes the place of the configured one.
+    Keys of its metadata: ``pose`` (`Pose`), used instead of any motion; ``cameras``, a mapping of
+    camera names to optics that change until the next batch; ``faults``, sensor faults that change
+    until then, such as ``enabled: false``; for a sample, ``pose_policy``, used instead of the
+    configured one; for a batch, ``motion``, used instead of the configured one.
     """
 
     name = "sensors"
@@ -58,24 +57,24 @@ class SensorsModule(Module):
 
     @property
     def moves_itself(self) -> bool:
-        """Whether the rig moves where a sample's metadata gives no pose."""
+        """Whether a motion moves the rig if a sample's metadata gives no pose."""
         return self._motion is not None
 
     def check(self, metadata: Metadata) -> None:
-        """Refuse unknown keys and values that do not fit."""
+        """Raise on unknown keys and invalid values."""
         self._chosen_motion(metadata)
         self._check(metadata, ("pose", "cameras", "motion", "faults"))
         self._changed(self._config.all_cameras, metadata)
         self._changed_faults(self._config.faults, metadata)
 
     def check_sample(self, metadata: Metadata) -> None:
-        """As `check`; a motion is chosen for a whole batch."""
+        """Raise as `check` does; ``motion`` is only allowed for a batch."""
         self._check(metadata, ("pose", "pose_policy", "cameras", "faults"))
         self._changed(self._cameras, metadata)
         self._changed_faults(self.faults, metadata)
 
     def in_force(self, metadata: Metadata) -> Metadata:
-        """Return the metadata with what differs of optics and faults now, without the pose."""
+        """Return the metadata with all changes of optics and faults, without the pose."""
         configured = self._config.all_cameras
         cameras = {
             now.name: differing(before, now)
@@ -83,12 +82,12 @@ class SensorsModule(Module):
             if now != before
         }
         found = {"cameras": cameras, "faults": differing(self._config.faults, self.faults)}
-        passing = ("pose", "pose_policy", *found)
-        kept = {key: value for key, value in (metadata or {}).items() if key not in passing}
+        transient = ("pose", "pose_policy", *found)
+        kept = {key: value for key, value in (metadata or {}).items() if key not in transient}
         return kept | {key: value for key, value in found.items() if value}
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Begin a batch above the ground's centre, or where the metadata says."""
+        """Start a batch with the rig above the stage's centre, or at the pose in the metadata."""
         self.rig_pose = None
         self._use(self._config.all_cameras)
         self.faults = self._config.faults
@@ -96,7 +95,7 @@ class SensorsModule(Module):
         self.step_sample(world, metadata, rng)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Move the rig where the metadata says, and change its cameras."""
+        """Move the rig to the pose in the metadata, and change its cameras."""
         self._use(self._changed(self._cameras, metadata))
         self.faults = self._changed_faults(self.faults, metadata)
         pose = (metadata or {}).get("pose")
@@ -110,13 +109,13 @@ class SensorsModule(Module):
         self._place(world)
 
     def move(self, world: World, batch_seed: int, heights: HeightLookup) -> None:
-        """Go where the motion leads at the world's sample.
+        """Move the rig to the pose of its motion at the world's sample.
 
-        A pose that the policy refuses is drawn again, up to `MOST_DRAWS` times, or lifted, where
-        the motion can do so.
+        If the policy refuses a pose, the motion draws another one, up to `MOST_DRAWS` times, or the
+        pose is lifted, depending on the motion.
 
         Raises:
-            InvalidInputError: No pose was found that the policy admits, or the motion is over.
+            InvalidInputError: The policy refused all poses, or the motion has ended.
         """
         motion, ground = require(self._motion), require(world.ground)
         index = (world.sample_id - 1) // motion.step_interval
@@ -125,7 +124,7 @@ class SensorsModule(Module):
             rng=randomness.stream(batch_seed, MOTION_STREAM, index + 1),
             batch_rng=randomness.stream(batch_seed, MOTION_STREAM),
             ground=ground,
-            locate=lambda instance_id: _located(world, instance_id),
+            locate=lambda instance_id: _position_m(world, instance_id),
         )
         self.rig_pose = self._found(motion, step, heights, ground.extent_m)
         self._place(world)
@@ -133,7 +132,7 @@ class SensorsModule(Module):
     def admit(
         self, pose: Pose, heights: HeightLookup, extent_m: Extent, policy: PosePolicy | None = None
     ) -> Pose:
-        """Return the pose that a policy, by default the configured one, makes of ``pose``."""
+        """Return a pose after a policy, by default the configured one, was applied to it."""
         return self._admitted(pose, heights, extent_m, policy or self._config.pose_policy)
 
     def due(
@@ -168,7 +167,7 @@ class SensorsModule(Module):
         policy: str = self._config.pose_policy
         if motion.is_lifted and policy == "reject":
             policy = "lift"
-        reason = "the way leads off the stage"
+        reason = "the motion leaves the stage"
         draws = MOST_DRAWS if motion.can_redraw else 1
         for _ in range(draws):
             pose = motion.pose(step)
@@ -177,9 +176,9 @@ class SensorsModule(Module):
             try:
                 return self._admitted(pose, heights, extent_m, policy)
             except InvalidInputError as error:
-                reason = f"pose.position {error.received} has not {error.expected}"
+                reason = f"pose.position {error.received} does not have {error.expected}"
         tries = f"{draws} draws" if draws > 1 else "its only pose"
-        expected = f"a pose that sensors.pose_policy admits ({tries}; {reason})"
+        expected = f"a pose that sensors.pose_policy accepts ({tries}; {reason})"
         raise InvalidInputError("sensors.motion", f"step {step.index + 1}", expected)
 
     def _admitted(self, pose: Pose, heights: HeightLookup, extent_m: Extent, policy: str) -> Pose:
@@ -227,7 +226,7 @@ class SensorsModule(Module):
     def _changed(
         self, cameras: tuple[CameraConfig, ...], metadata: Metadata
     ) -> tuple[CameraConfig, ...]:
-        return changed(
+        return changed_cameras(
             cameras, (metadata or {}).get("cameras", {}), f"{self.metadata_part}.cameras"
         )
 
@@ -240,7 +239,7 @@ class SensorsModule(Module):
         return overridden(faults, changes, path)
 
     def _use(self, cameras: tuple[CameraConfig, ...]) -> None:
-        """Go on with these; where nothing changed, `sensors` stays the very same object."""
+        """Set the cameras; `sensors` stays the same object if nothing changed."""
         if cameras != self._cameras:
             self._cameras, self.sensors = cameras, self._described(cameras)
 
@@ -257,8 +256,8 @@ def _previous(T_base_camera: FloatArray, rig_pose: Pose | None) -> FloatArray | 
     return None if rig_pose is None else geometry.pose_to_matrix(rig_pose) @ T_base_camera
 
 
-def _located(world: World, instance_id: int) -> FloatArray:
-    """Return the (3,) place of an object in ``map``."""
+def _position_m(world: World, instance_id: int) -> FloatArray:
+    """Return the (3,) position of an object in ``map``."""
     for primitive in world.primitives:
         if primitive.instance_id == instance_id:
             return np.array(primitive.T_map_object[:3, 3])

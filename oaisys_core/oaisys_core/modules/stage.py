@@ -1,4 +1,4 @@
-"""The ground: which terrain a batch stands on."""
+"""The module that draws, reads or reuses the ground of a batch."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, loa
 
 
 class StageModule(Module):
-    """Draws the ground of a batch, reads it from a file, or takes over one that was kept.
+    """Draws the ground of a batch, reads it from a file, or reuses a stored one.
 
-    Metadata of a batch, ``custom["stage"]``, may override any key of the configuration.
+    The batch metadata ``custom["stage"]`` may override any key of the configuration.
     """
 
     name = "stage"
@@ -39,24 +39,24 @@ class StageModule(Module):
         self._hash = ""
 
     def check(self, metadata: Metadata) -> None:
-        """Refuse unknown keys, values out of range and presets that do not exist."""
+        """Raise on unknown keys, invalid values and presets that do not exist."""
         config = overridden(self._config, metadata, self.metadata_part)
         check_preset(config.preset)
         store = self._config.store
         if config.store != store:
-            expected = f"{store}, as configured: a step writes nowhere else"
+            expected = f"{store}, as configured, because a step must not write elsewhere"
             raise InvalidInputError("metadata.stage.store", str(config.store), expected)
         if config.mesh is not None and "mesh" in (metadata or {}):
-            # Before anything changes: a mesh that cannot be used costs no world.
+            # Load the mesh now, so that an invalid one is refused before the world changes.
             _mesh_ground(config.mesh)
 
     def check_sample(self, metadata: Metadata) -> None:
-        """Refuse everything: the ground is drawn once a batch."""
+        """Raise on any metadata: the ground is drawn once per batch."""
         if metadata:
             raise InvalidInputError("metadata.stage", dict(metadata), "none at a sample step")
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Put a new ground, or one that was kept, into the world.
+        """Put a new or a stored ground into the world.
 
         Raises:
             InvalidInputError: A file cannot be used.
@@ -73,21 +73,21 @@ class StageModule(Module):
         world.detail = _detail(config, rng)
 
     def in_force(self, metadata: Metadata) -> Metadata:
-        """Return the metadata with a stage that is reused called by its hash: names may move."""
+        """Return the metadata with a reused stage given by its hash, because names may change."""
         reuse = self.reuse(metadata)
         if reuse is None or reuse.name is None:
             return metadata
         return merged(metadata, {"reuse": {"name": self._hash}})
 
     def reuse(self, metadata: Metadata) -> ReuseConfig | None:
-        """Return what a batch of this metadata shall reuse, if anything."""
+        """Return which stage a batch with this metadata reuses, if any."""
         return overridden(self._config, metadata, self.metadata_part).reuse
 
     def record(self, reuse: ReuseConfig) -> StageRecord:
-        """Return the stage that was kept.
+        """Return a stored stage.
 
         Raises:
-            InvalidInputError: There is none of that name, or its file is damaged.
+            InvalidInputError: There is no stage of that name, or its file is damaged.
         """
         if reuse.file is not None:
             return load_stage(reuse.file)
@@ -98,10 +98,10 @@ class StageModule(Module):
         return load_stage(path, "stage.reuse.name")
 
     def keep(self, record: StageRecord, metadata: Metadata) -> None:
-        """Save a batch's stage by its hash, and by the name it was given.
+        """Store the stage of a batch under its hash, and under its name if it has one.
 
         Raises:
-            InvalidInputError: The store cannot be written to.
+            InvalidInputError: The store is not writable.
         """
         config = overridden(self._config, metadata, self.metadata_part)
         path = _path(config.store, record.stage_hash)

@@ -1,4 +1,4 @@
-"""How the rig moves where nobody says: pure functions of a batch's seed and a sample's id."""
+"""Motions of the rig: pure functions of the batch's seed and the sample's id."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ __all__ = ["Motion", "MotionStep", "make_motion"]
 
 
 def make_motion(config: AnyMotion, sensors: Sequence[SensorInfo]) -> Motion | None:
-    """Return the motion that a configuration describes; None where the rig stays.
+    """Return the motion that a configuration describes, or None if the rig does not move.
 
     Raises:
         InvalidInputError: A file of poses cannot be read, or a camera does not exist.

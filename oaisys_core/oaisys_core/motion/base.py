@@ -1,4 +1,4 @@
-"""What all motions are given, and what they are made of."""
+"""The base class of motions, and the functions that they share."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray, Pose
 
 VERTICAL_COSINE = 1 - 1e-9
-"""A viewing direction nearer than this to the vertical has its image's upper edge towards +x."""
+"""For viewing directions closer to the vertical than this, the image's upper edge points to +x."""
 
 
 @dataclass(frozen=True)
 class MotionStep:
-    """One step of a motion.
+    """One step of a motion, and what it may use.
 
     Attributes:
-        index: Counted from 0.
-        rng: For what this step alone draws.
-        batch_rng: For what all steps of the batch draw alike; it begins anew for each step.
-        ground: To follow.
-        locate: Returns the (3,) place of the object with an instance id.
+        index: Index of the step, from 0.
+        rng: Generator of this step.
+        batch_rng: Generator that is in the same state at each step of the batch.
+        ground: The ground of the batch.
+        locate: Returns the (3,) position of the object with an instance id.
     """
 
     index: int
@@ -40,12 +40,12 @@ class MotionStep:
 
 
 class Motion(ABC):
-    """A way to move.
+    """A motion of the rig.
 
     Attributes:
-        step_interval: Samples for which the rig stays where it is.
-        can_redraw: Whether `pose`, called again, draws another pose.
-        is_lifted: Whether a pose too near to a surface is lifted rather than refused.
+        step_interval: Number of samples for which the rig keeps each pose.
+        can_redraw: Whether `pose` returns another pose when it is called again.
+        is_lifted: Whether a pose too close to a surface is lifted instead of refused.
     """
 
     step_interval: int = 1
@@ -54,22 +54,22 @@ class Motion(ABC):
 
     @abstractmethod
     def pose(self, step: MotionStep) -> Pose | None:
-        """Return where the rig goes; None where that is off the ground it would follow.
+        """Return the pose of the rig, or None if it needs ground that is not there.
 
         Raises:
             InvalidInputError: There is no such step, or no such target.
         """
 
 
-def drawn_from(ranges: tuple[float, float], rng: np.random.Generator) -> float:
-    """Return a number between the two."""
-    return float(rng.uniform(*ranges))
+def drawn_from(bounds: tuple[float, float], rng: np.random.Generator) -> float:
+    """Return a number drawn uniformly from a range."""
+    return float(rng.uniform(*bounds))
 
 
 def at_height(
     position_m: FloatArray, config: MotionConfig, step: MotionStep, rng: np.random.Generator
 ) -> FloatArray | None:
-    """Return a (3,) position at the height that ``config`` wants; None where there is no ground."""
+    """Return a (3,) position at the height that ``config`` asks for; None if there is no ground."""
     if config.height_above_ground_m is None:
         return position_m
     above_m = drawn_from(config.height_above_ground_m, rng)
@@ -78,13 +78,13 @@ def at_height(
 
 
 def on_ground(position_m: FloatArray, above_m: float, ground: Ground) -> FloatArray | None:
-    """Return a (3,) position moved to ``above_m`` over the ground; None where there is none."""
+    """Return a (3,) position moved to ``above_m`` above the ground; None if there is no ground."""
     height_m = float(ground.height_at(position_m[None, :2])[0]) + above_m
     return np.array((*position_m[:2], height_m)) if isfinite(height_m) else None
 
 
 def attitude(config: AnglesConfig, rng: np.random.Generator) -> Rotation:
-    """Return a drawn rotation of the rig in ``map``."""
+    """Draw a rotation of the rig in ``map``."""
     angles_deg = [
         drawn_from(ranges, rng) for ranges in (config.roll_deg, config.pitch_deg, config.yaw_deg)
     ]
@@ -94,20 +94,22 @@ def attitude(config: AnglesConfig, rng: np.random.Generator) -> Rotation:
 
 
 def posed(position_m: FloatArray, rotation: Rotation) -> Pose:
-    """Return the pose of a rig at a (3,) position."""
+    """Return the pose with a (3,) position and a rotation."""
     return geometry.pose_from_matrix(geometry.transform(rotation.as_matrix(), position_m))
 
 
 def looking_at(eye_m: FloatArray, target_m: FloatArray, roll_deg: float = 0.0) -> Pose:
-    """Return the pose at ``eye_m`` that looks at ``target_m``, turned about that direction.
+    """Return the pose at ``eye_m`` that looks at ``target_m``, rolled about that direction.
 
     Raises:
-        InvalidInputError: They are the same point.
+        InvalidInputError: Both are the same point.
     """
     way_m = target_m - eye_m
     distance_m = float(np.linalg.norm(way_m))
     if distance_m < 1e-6:
-        raise InvalidInputError("sensors.motion", eye_m.tolist(), "a rig that is off its target")
+        raise InvalidInputError(
+            "sensors.motion", eye_m.tolist(), "a position of the rig that is not its target"
+        )
     is_vertical = abs(way_m[2]) / distance_m > VERTICAL_COSINE
     up = (1.0, 0.0, 0.0) if is_vertical else (0.0, 0.0, 1.0)
     pose = geometry.pose_looking_at(eye_m, target_m, up)
@@ -117,10 +119,10 @@ def looking_at(eye_m: FloatArray, target_m: FloatArray, roll_deg: float = 0.0) -
 
 
 def index_in(index: int, count: int, at_end: str, what: str) -> int:
-    """Return which of ``count`` things the step ``index`` takes.
+    """Return which of ``count`` poses or places a step takes.
 
     Raises:
-        InvalidInputError: There are no more, and ``at_end`` is ``refuse``.
+        InvalidInputError: The step is beyond the last one, and ``at_end`` is ``refuse``.
     """
     if index < count or at_end == "repeat":
         return index % count

@@ -1,4 +1,4 @@
-"""Motions along a way that is known beforehand."""
+"""Motions along a given path: poses of a file, survey grids and splines."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from oaisys_core.output.poses import read_poses
 from oaisys_core.types import FloatArray, Pose, SensorInfo
 
 ARC_POINTS = 256
-"""Points between two waypoints at which a spline's length is measured."""
+"""Points between two waypoints at which the length of a spline is measured."""
 
 NORTH_UP_YAW_RAD = np.pi / 2
 """Yaw of a rig that looks down with the image's upper edge towards +y."""
@@ -51,7 +51,7 @@ class Csv(Motion):
 
 
 class Grid(Motion):
-    """See `GridMotion`; it is the camera, wherever it is mounted, that looks straight down."""
+    """See `GridMotion`; the camera looks straight down, wherever it is mounted."""
 
     def __init__(self, config: GridMotion, sensors: Sequence[SensorInfo]) -> None:
         self._config = config
@@ -95,27 +95,27 @@ class Spline(Motion):
         waypoints_m = np.array([*config.waypoints_m, *(config.waypoints_m[i] for i in closing)])
         lengths_m = np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)
         knots = np.append(0.0, np.cumsum(lengths_m))
-        self._way = CubicSpline(
+        self._curve = CubicSpline(
             knots, waypoints_m, bc_type="periodic" if config.is_closed else "natural"
         )
-        self._turns: RotationSpline | None = None
+        self._rotations: RotationSpline | None = None
         if config.quats_xyzw:
             quats = [*config.quats_xyzw, *(config.quats_xyzw[i] for i in closing)]
-            self._turns = RotationSpline(knots, Rotation.from_quat(quats))
+            self._rotations = RotationSpline(knots, Rotation.from_quat(quats))
         segments = [np.linspace(a, b, ARC_POINTS) for a, b in pairwise(knots)]
         self._at = np.concatenate(segments)
-        steps_m = np.linalg.norm(np.diff(self._way(self._at), axis=0), axis=1)
+        steps_m = np.linalg.norm(np.diff(self._curve(self._at), axis=0), axis=1)
         self._arc_m = np.append(0.0, np.cumsum(steps_m))
 
     def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""
         at = self._parameter(step.index)
-        position_m = at_height(self._way(at), self._config, step, step.rng)
+        position_m = at_height(self._curve(at), self._config, step, step.rng)
         if position_m is None:
             return None
-        if self._turns is not None:
-            return posed(position_m, self._turns(at))
-        return self._facing(position_m, self._way(at, 1))
+        if self._rotations is not None:
+            return posed(position_m, self._rotations(at))
+        return self._facing(position_m, self._curve(at, 1))
 
     def _facing(self, position_m: FloatArray, tangent: FloatArray) -> Pose:
         if self._config.look == "forward":
@@ -124,11 +124,11 @@ class Spline(Motion):
         return geometry.pose_looking_down(x, y, z, atan2(tangent[1], tangent[0]))
 
     def _parameter(self, index: int) -> float:
-        """Return where on the spline a step is, by the way's length until there."""
+        """Return the spline parameter of a step, by arc length."""
         config, total_m = self._config, float(self._arc_m[-1])
         if config.is_closed:
-            way_m = index * config.step_m % total_m
+            path_m = index * config.step_m % total_m
         else:
             count = int(total_m / config.step_m + 1e-9) + 1
-            way_m = index_in(index, count, config.at_end, "steps of the way") * config.step_m
-        return float(np.interp(way_m, self._arc_m, self._at))
+            path_m = index_in(index, count, config.at_end, "steps of the path") * config.step_m
+        return float(np.interp(path_m, self._arc_m, self._at))

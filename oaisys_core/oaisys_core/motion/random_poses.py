@@ -1,4 +1,4 @@
-"""Motions that keep looking at something."""
+"""Motions that draw random poses, with or without a target to look at."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from oaisys_core.motion.base import (
 from oaisys_core.types import FloatArray, Pose
 
 MIDDLE_SHARE = 0.9
-"""Share of the stage's edges over which a rig hovers that was not told where."""
+"""Share of the stage's edges over which a rig hovers by default."""
 
 
 class Random(Motion):

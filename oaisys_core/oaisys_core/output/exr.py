@@ -1,4 +1,4 @@
-"""OpenEXR images: 32-bit floats, which PNG does not hold."""
+"""OpenEXR images with 32-bit floats."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError, RenderError
 
 GREY = "Y"
-"""Channel of a single-channel image."""
+"""Name of the channel of a single-channel image."""
 
 
 def write_grey(path: Path, image: NDArray[np.float32]) -> None:
@@ -41,7 +41,7 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
 
 
 def read_channels(path: Path) -> dict[str, NDArray[Any]]:
-    """Return the (H, W) channels of an image, of all its parts, by name.
+    """Return the (H, W) channels of all parts of an image, by name.
 
     Raises:
         InvalidInputError: It cannot be read.

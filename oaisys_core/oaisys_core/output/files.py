@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, also where the disk is full."""
+"""Writing files atomically: a file is complete or unchanged, even if the disk is full."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from oaisys_core.errors import RenderError
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """Yield the name of a file beside ``path`` that takes its place if the block ends well.
+    """Yield the path of a temporary file that replaces ``path`` if the block succeeds.
 
     Raises:
-        RenderError: It could not be written; what stood at ``path`` still does.
+        RenderError: It could not be written; ``path`` is unchanged.
     """
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
@@ -30,18 +30,18 @@ def whole(path: Path) -> Iterator[Path]:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file whole."""
+    """Write bytes to a file atomically."""
     with whole(path) as part:
         part.write_bytes(data)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file whole, in UTF-8."""
+    """Write UTF-8 text to a file atomically."""
     write_bytes(path, text.encode())
 
 
 def append_text(path: Path, text: str) -> None:
-    """Add to a file, or leave it as it was.
+    """Append text to a file, or leave the file unchanged.
 
     Raises:
         RenderError: It could not be written.

@@ -1,4 +1,4 @@
-"""Height grids as GeoTIFF and NPZ files, and back."""
+"""Writing and reading height grids as GeoTIFF and NPZ files."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ FRAME = "map"
 
 
 def write_heights(path: Path, grid: HeightGrid) -> None:
-    """Write a grid whole, as the file's ending says; inverse: `read_heights`.
+    """Write a grid in the format of the file's suffix; inverse: `read_heights`.
 
-    GeoTIFF: two bands of float32 metres, ``ground`` and ``surface``; row 0 in the north (+y); NaN
-    is nodata. Pixels are areas whose centres have the height: the transform leads to their corners.
-    The coordinates are x and y of ``map``, which is no place on Earth: there is no CRS.
+    GeoTIFF: two float32 bands in metres, ``ground`` and ``surface``; row 0 in the north (+y); NaN
+    is nodata. Heights are those of the pixel centres; the transform refers to pixel corners. The
+    coordinates are x and y of ``map``, without a CRS, because ``map`` is not a place on Earth.
 
     NPZ: ``ground_m`` and ``surface_m`` (rows, columns), row 0 in the south (-y); ``origin_xy_m``,
     the centre of cell [0, 0]; ``spacing_m``; ``frame``.
 
     Raises:
-        InvalidInputError: The ending is another.
-        RenderError: It could not be written; there is no part of it.
+        InvalidInputError: The file has another suffix.
+        RenderError: It could not be written; there is no partial file.
     """
     if path.suffix == ".npz":
         write_bytes(path, _npz(grid))
@@ -87,7 +87,7 @@ def _tiff(grid: HeightGrid) -> bytes:
         "predictor": 3,
         "transform": Affine(grid.spacing_m, 0, x - half_m, 0, -grid.spacing_m, north_m),
     }
-    # By way of memory: on a full disk GDAL only says so on standard error.
+    # Write to memory first: GDAL reports a full disk on standard error only.
     with warnings.catch_warnings(), MemoryFile() as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         with memory.open(**profile) as file:

@@ -1,10 +1,10 @@
-"""Frames as image files, without loss, and back.
+"""Writing and reading frames as lossless image files.
 
 | pixels | file |
 |---|---|
 | 8 bits, one or three channels | PNG |
 | 16 bits (``semantic_N``) | PNG |
-| 32-bit ids (``instance``) | PNG of 16 bits, or 32-bit TIFF where an id is above 65535 |
+| 32-bit ids (``instance``) | 16-bit PNG, or 32-bit TIFF if an id is above 65535 |
 | 32-bit floats, one channel | EXR, channel Y |
 | 32-bit floats, two or three channels | EXR, channels R, G and B for x, y and z |
 """
@@ -36,11 +36,11 @@ from oaisys_core.types import (
 
 MOST_IN_PNG = 65535
 NAMES = {DEPTH: "pinhole_depth", RANGE: "euclidean_depth", INSTANCE: "instance_label"}
-"""What the original calls a modality in names of files; all others go by their own names."""
+"""File names that differ from the modality's name, as in the original simulator."""
 
 
 def file_stem(modality: str) -> str:
-    """Return how the name of a modality's file ends, without its kind."""
+    """Return the end of a file name for a modality, without the suffix."""
     level = semantic_level(modality)
     if level is not None:
         return f"semantic_label_{level:02d}"
@@ -48,14 +48,14 @@ def file_stem(modality: str) -> str:
 
 
 def file_kind(data: NDArray[Any]) -> str:
-    """Return the ending of the file that holds such pixels."""
+    """Return the suffix of the file for an array of pixels."""
     if data.dtype.kind == "f":
         return ".exr"
     return ".tif" if data.dtype.itemsize > 2 and data.max(initial=0) > MOST_IN_PNG else ".png"
 
 
 def file_suffix(frame: Frame) -> str:
-    """Return how the file of a frame ends."""
+    """Return the end of a frame's file name, with the suffix."""
     return file_stem(frame.modality) + file_kind(frame.data)
 
 
@@ -63,7 +63,7 @@ def write_image(path: Path, frame: Frame) -> None:
     """Write a frame's pixels; inverse: `read_image`.
 
     Raises:
-        RenderError: It could not be written; there is no part of it.
+        RenderError: It could not be written; there is no partial file.
     """
     data = frame.data
     kind = file_kind(data)
@@ -87,7 +87,7 @@ def read_image(path: Path, modality: str) -> NDArray[Any]:
     """Return the pixels of a file as `modality_spec` describes them.
 
     Raises:
-        InvalidInputError: It cannot be read, or is no image of that modality.
+        InvalidInputError: It cannot be read, or is not an image of that modality.
     """
     spec = modality_spec(modality)
     if path.suffix == ".exr":
@@ -111,7 +111,7 @@ def read_image(path: Path, modality: str) -> NDArray[Any]:
 
 
 def _write_tiff(path: Path, data: NDArray[Any]) -> None:
-    """Write by way of memory: on a full disk GDAL only says so on standard error."""
+    """Write a TIFF by way of memory, because GDAL reports a full disk on standard error only."""
     shape = {"height": data.shape[0], "width": data.shape[1], "count": 1, "dtype": data.dtype}
     with warnings.catch_warnings(), MemoryFile() as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)

@@ -1,4 +1,4 @@
-"""Poses in CSV files."""
+"""Writing and reading poses in CSV files."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ POSE_COLUMNS = ("sample_id", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def append_pose(path: Path, sample_id: int, pose: Pose) -> None:
-    """Add a sample's row to a file, with a line of column names before the first.
+    """Append the row of a sample to a file, after a header in a new file.
 
     Raises:
-        RenderError: It could not be written; the file is as before.
+        RenderError: It could not be written; the file is unchanged.
     """
     rows: list[Sequence[object]] = [] if path.exists() else [POSE_COLUMNS]
     append_text(path, _lines([*rows, (sample_id, *pose.position_m, *pose.quat_xyzw)]))
 
 
 def drop_poses_after(path: Path, sample_id: int) -> None:
-    """Take the rows of later samples out of a file that `append_pose` wrote."""
+    """Remove the rows of later samples from a file that `append_pose` wrote."""
     with path.open(newline="", encoding="utf-8") as file:
         head, *rows = list(csv.reader(file))
     write_text(path, _lines([head, *(row for row in rows if int(row[0]) <= sample_id)]))
@@ -37,10 +37,10 @@ def read_poses(path: Path, columns: Sequence[str] | None = None) -> list[Pose]:
 
     Args:
         path: The file.
-        columns: Names of its columns; None: they are in its first line.
+        columns: Names of the columns; None if the first line is a header.
 
     Raises:
-        InvalidInputError: The file cannot be read or a row is no pose; names line and value.
+        InvalidInputError: The file cannot be read or a row is not a pose; names line and value.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:

@@ -1,4 +1,4 @@
-"""What `SampleWriter` wrote, read back."""
+"""Reading the files that `SampleWriter` writes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from oaisys_core.types import Frame, PinholeIntrinsics, Sample
 
 
 def read_samples(batch: Path) -> Iterator[Sample]:
-    """Yield the samples of a batch's folder in their order; inverse: `SampleWriter.write`.
+    """Yield the samples in a batch folder in order; inverse: `SampleWriter.write`.
 
     Raises:
         InvalidInputError: A file cannot be read.
@@ -30,10 +30,10 @@ def read_samples(batch: Path) -> Iterator[Sample]:
 
 
 def read_sample(batch: Path, sample_id: int) -> Sample:
-    """Return one sample of a batch's folder.
+    """Return one sample of a batch folder.
 
     Raises:
-        InvalidInputError: It is not there, or a file cannot be read.
+        InvalidInputError: It does not exist, or a file cannot be read.
     """
     record = read_json(batch / SAMPLE_DATA / f"{sample_id:04d}.json")
     frames = tuple(
@@ -41,11 +41,11 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
             sensor,
             modality,
             read_image(batch / file, modality),
-            intrinsics_from_record(told["intrinsics"]),
-            np.array(told["T_map_camera"]),
+            intrinsics_from_record(entry["intrinsics"]),
+            np.array(entry["T_map_camera"]),
         )
-        for sensor, told in record["sensors"].items()
-        for modality, file in told["images"].items()
+        for sensor, entry in record["sensors"].items()
+        for modality, file in entry["images"].items()
     )
     return Sample(
         batch_id=record["batch_id"],
@@ -59,10 +59,10 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
 
 
 def read_intrinsics(batch: Path, sensor: str) -> PinholeIntrinsics:
-    """Return a sensor's camera at its first sample of the batch."""
+    """Return the intrinsics of a sensor at its first sample of the batch."""
     return intrinsics_from_record(read_json(batch / sensor / INTRINSICS))
 
 
 def read_labels(batch: Path) -> dict[int, str]:
-    """Return name by semantic id."""
+    """Return the label names of a batch by semantic id."""
     return {int(semantic_id): label for semantic_id, label in read_json(batch / LABELS).items()}

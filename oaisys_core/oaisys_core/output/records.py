@@ -1,4 +1,4 @@
-"""What is told of a sample beside its images, as JSON, and back."""
+"""Conversion of a sample's data other than images to JSON and back."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from oaisys_core.types import Odometry, PinholeIntrinsics, Pose, Provenance, Sam
 
 
 def sample_record(sample: Sample, files: Mapping[tuple[str, str], str]) -> dict[str, Any]:
-    """Return what is kept of a sample; ``files`` are its images by sensor and modality."""
+    """Return the record of a sample; ``files`` are its image files by sensor and modality."""
     sensors: dict[str, Any] = {}
     for frame in sample.frames:
         sensor = sensors.setdefault(
@@ -40,12 +40,12 @@ def sample_record(sample: Sample, files: Mapping[tuple[str, str], str]) -> dict[
 
 
 def intrinsics_record(intrinsics: PinholeIntrinsics) -> dict[str, Any]:
-    """Return a camera's fields and its matrix; inverse: `intrinsics_from_record`."""
+    """Return the fields of a camera and its K matrix; inverse: `intrinsics_from_record`."""
     return {**asdict(intrinsics), "K": np.asarray(intrinsics.K).tolist()}
 
 
 def intrinsics_from_record(record: Mapping[str, Any]) -> PinholeIntrinsics:
-    """Return the camera of a record."""
+    """Return the intrinsics of a record."""
     fields = {name: value for name, value in record.items() if name != "K"}
     return PinholeIntrinsics(**{**fields, "distortion": tuple(fields["distortion"])})
 
@@ -68,12 +68,12 @@ def provenance_from_record(record: Mapping[str, Any]) -> Provenance:
 
 
 def write_json(path: Path, record: object) -> None:
-    """Write a record whole; inverse: `read_json`."""
+    """Write a record as a JSON file, atomically; inverse: `read_json`."""
     write_text(path, json.dumps(record, indent=2) + "\n")
 
 
 def read_json(path: Path) -> Any:
-    """Return what a JSON file holds.
+    """Return the content of a JSON file.
 
     Raises:
         InvalidInputError: It cannot be read.

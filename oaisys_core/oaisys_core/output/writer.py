@@ -1,12 +1,12 @@
-"""Samples to files, laid out as the original simulator lays them out.
+"""Writing samples to files, in the folder layout of the original simulator.
 
 ::
 
-    config.yaml                                   the whole configuration, and its hash
-    state.json                                    where the run stands, for `SampleWriter.resume`
+    config.yaml                                   the complete configuration and its hash
+    state.json                                    state of the run, for `SampleWriter.resume`
     batch_0001/poses.csv                          the rig's pose at each sample
-    batch_0001/odometry.csv                       where it took itself to be, where that drifts
-    batch_0001/labels.json                        name by semantic id
+    batch_0001/odometry.csv                       estimated pose, if odometry drifts
+    batch_0001/labels.json                        label names by semantic id
     batch_0001/camera/0001camera_rgb_00.png       images, see `oaisys_core.output.images`
     batch_0001/camera/intrinsics.json             of the sensor's first sample in the batch
     batch_0001/meta_data/sensor_data/camera.csv   pose of the optical frame at each sample
@@ -38,40 +38,40 @@ SENSOR_DATA, SAMPLE_DATA = Path("meta_data/sensor_data"), Path("meta_data/sample
 
 
 class SampleWriter:
-    """Writes samples below one folder; each file is whole or is not there.
+    """Writes samples into one folder; each file is written atomically.
 
-    Every method that writes may raise `RenderError`, for instance where the disk is full.
+    All methods that write may raise `RenderError`, for instance if the disk is full.
     """
 
     def __init__(self, out: Path, batch_offset: int = 0) -> None:
-        """Write below ``out``; ``batch_offset`` is added to the numbers of batch folders."""
+        """Write into ``out``; ``batch_offset`` is added to the numbers of batch folders."""
         self._out = out
         self._batch_offset = batch_offset
 
     def begin(self, config: SimulationConfig) -> None:
-        """Start a run in a folder that has none: write its configuration.
+        """Start a run by writing its configuration.
 
         Raises:
-            InvalidInputError: There is a run already.
+            InvalidInputError: The folder contains a run already.
         """
         if (self._out / CONFIG).exists() or any(self._out.glob("batch_*")):
-            expected = "a folder without an earlier run, or --resume to go on with that one"
+            expected = "a folder without an earlier run, or --resume to continue that run"
             raise InvalidInputError("out", str(self._out), expected)
         write_text(self._out / CONFIG, config_text(config))
 
     def resume(self, config: SimulationConfig) -> dict[str, Any] | None:
-        """Return the state that a run stands in; None: it has not written a sample yet.
+        """Return the state of the run in the folder, or None if it has not written a sample yet.
 
-        What is there of a later sample is taken away or will be overwritten.
+        Rows of later samples are removed; their files will be overwritten.
 
         Raises:
-            InvalidInputError: There is no run, or it has another configuration.
+            InvalidInputError: There is no run, or its configuration differs.
         """
         path = self._out / CONFIG
         if not path.is_file():
             raise InvalidInputError("out", str(self._out), f"a run to resume, with its {CONFIG}")
         if path.read_text(encoding="utf-8") != config_text(config):
-            expected = f"a run with this configuration; {path} has another one"
+            expected = f"a run with this configuration; that in {path} differs"
             raise InvalidInputError("out", str(self._out), expected)
         state: dict[str, Any] | None = None
         if (self._out / STATE).is_file():
@@ -80,11 +80,11 @@ class SampleWriter:
         return state
 
     def write(self, sample: Sample, labels: Mapping[int, str] | None = None) -> list[Path]:
-        """Write all of a sample and return the image files.
+        """Write a sample and return its image files.
 
         Args:
-            sample: What was rendered.
-            labels: Name by semantic id, told once a batch.
+            sample: The rendered sample.
+            labels: Label names by semantic id; written once per batch.
         """
         batch = self.batch_folder(sample.batch_id)
         paths, files = [], {}
@@ -105,7 +105,7 @@ class SampleWriter:
         return paths
 
     def write_state(self, state: Mapping[str, Any]) -> None:
-        """Remember where the simulation stands, once all before was written."""
+        """Write the state of the simulation, after everything else."""
         write_json(self._out / STATE, state)
 
     def batch_folder(self, batch_id: int) -> Path:
@@ -113,7 +113,7 @@ class SampleWriter:
         return self._out / f"batch_{batch_id + self._batch_offset:04d}"
 
     def blend_file(self, batch_id: int) -> Path:
-        """Return where a batch's world is saved."""
+        """Return the file to which the world of a batch is saved."""
         number = f"{batch_id + self._batch_offset:04d}"
         return self.batch_folder(batch_id) / "blender_file" / f"TSS_batch_{number}.blend"
 
@@ -140,6 +140,6 @@ class SampleWriter:
 
 
 def config_text(config: SimulationConfig) -> str:
-    """Return a configuration with all its defaults as a YAML file."""
+    """Return the text of a YAML file with a configuration, defaults included."""
     data = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False, allow_unicode=True)
     return f"# sha256 {config_sha256(config)}\n{data}"

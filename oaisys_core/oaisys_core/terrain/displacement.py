@@ -59,7 +59,7 @@ def _height_at(layer: TerrainLayer, height: NDArray[np.float32], xy_m: FloatArra
     """Return (N,) heights of a map that lies on the ground as the layer's tiling says."""
     samples = layer.tiling.samples(xy_m / layer.maps.tile_m)
     result = np.zeros(len(xy_m))
-    for places, weights in zip(samples.places, samples.weights, strict=True):
+    for places, weights in zip(samples.uv_tiles, samples.weights, strict=True):
         result += weights * _bilinear(height, places)
     return result
 

@@ -1,1 +1,1 @@
-"""The world of a batch: how it is drawn, kept, reused, undone and recorded."""
+"""The world of a batch: drawing, reusing, saving, restoring and recording it."""

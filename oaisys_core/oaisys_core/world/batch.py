@@ -1,4 +1,4 @@
-"""The world that stands now, and how it is handed to another process."""
+"""The current batch, and how it is saved, restored and rolled back."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from oaisys_core.types import ModuleMetadata, Pose
 
 @dataclass
 class Batch:
-    """One world, and what was set since it was built.
+    """A world, and what has been set since it was built.
 
     Attributes:
-        seed: What its random draws come from.
-        stage_seed: What its ground and materials were drawn from; differs on a reused stage.
-        asset_seed: What its things were drawn from; differs where they were kept.
+        seed: Seed of its random draws.
+        stage_seed: Seed of its ground and materials; another one on a reused stage.
+        asset_seed: Seed of its objects; another one if they were kept from an earlier batch.
         metadata: All metadata since the batch began, merged.
-        sample_id: The last sample's; 0 before the first.
-        last_rig_poses: Where the rig was when each camera rendered last, by the camera's name.
+        sample_id: Id of the last sample; 0 before the first.
+        last_rig_poses: By camera name, the pose of the rig when that camera last rendered.
     """
 
     id: int
@@ -34,11 +34,11 @@ class Batch:
     last_rig_poses: dict[str, Pose] = field(default_factory=dict)
 
     def to_state(self, rig_pose: Pose, in_force: ModuleMetadata) -> dict[str, Any]:
-        """Return JSON-able data from which `from_state` makes an equal batch, its world unbuilt.
+        """Return JSON-compatible data from which `from_state` restores the batch.
 
         Args:
-            rig_pose: Where the rig is.
-            in_force: Metadata that a batch can begin with to stand as this one does now.
+            rig_pose: Current pose of the rig.
+            in_force: Metadata with which a new batch reaches the state of this one.
         """
         return {
             "id": self.id,
@@ -77,23 +77,23 @@ class Batch:
 
 
 class ModuleSnapshot:
-    """What modules hold, as it is now; what they hold is replaced by them, never changed."""
+    """The state of all modules; modules replace their attributes and never mutate them."""
 
     def __init__(self, modules: Sequence[Module]) -> None:
         self._states = [(module, dict(vars(module))) for module in modules]
 
     def restore(self) -> None:
-        """Bring it back."""
+        """Restore the state of the modules."""
         for module, state in self._states:
             vars(module).clear()
             vars(module).update(state)
 
 
 class SampleSnapshot:
-    """The simulation as it is before a sample."""
+    """The state of the simulation before a sample, to which it can be rolled back."""
 
     def __init__(self, batch: Batch, modules: Sequence[Module], backend: Backend) -> None:
-        """Remember it; the batch's world is another object from here on."""
+        """Save the state; the batch's world becomes a copy that the sample may change."""
         self._batch = batch
         self._backend = backend
         self._modules = ModuleSnapshot(modules)
@@ -103,7 +103,7 @@ class SampleSnapshot:
         batch.world = replace(self._world, semantic_labels=labels)
 
     def restore(self) -> None:
-        """Bring it back; once."""
+        """Roll the simulation back; may be called once."""
         batch = self._batch
         changed = batch.world.scene()
         self._modules.restore()
@@ -114,7 +114,7 @@ class SampleSnapshot:
 
 
 def pose_to_state(pose: Pose) -> dict[str, Any]:
-    """Return a pose as JSON-able data."""
+    """Return a pose as JSON-compatible data."""
     return {"position_m": list(pose.position_m), "quat_xyzw": list(pose.quat_xyzw)}
 
 

@@ -1,4 +1,4 @@
-"""Heights on a regular grid: how it lies, and what it costs before it is made."""
+"""Heights on a regular grid: its layout, its size limit, and how it is filled."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, HeightGrid, HeightQuery, Progress
 
 MOST_CELLS = 4096 * 4096
-"""Of one grid: 128 MiB of heights."""
+"""Largest number of cells of a grid: 128 MiB of heights."""
 
 BLOCK_CELLS = 1 << 18
-"""Looked up at a time."""
+"""Number of cells that are looked up at once."""
 
 Extent = tuple[float, float, float, float]
 """(min_x, min_y, max_x, max_y) in ``map``, metres."""
@@ -25,14 +25,15 @@ def grid_shape(resolution_m: float, extent_m: Extent) -> tuple[int, int]:
     """Return the rows and columns of the cells that cover an extent.
 
     Raises:
-        InvalidInputError: Resolution or extent make no grid, or one of more than `MOST_CELLS`.
+        InvalidInputError: The resolution or the extent is invalid, or the grid would have more than
+            `MOST_CELLS` cells.
     """
     if not (isfinite(resolution_m) and resolution_m > 0):
         raise InvalidInputError("resolution_m", resolution_m, "a positive number of metres")
     x0, y0, x1, y1 = extent_m
     if not (all(map(isfinite, extent_m)) and x0 < x1 and y0 < y1):
         raise InvalidInputError("extent_m", extent_m, "finite min_x, min_y < max_x, max_y")
-    # Compared as numbers before they become whole ones: quotients may be beyond any.
+    # Compare before rounding: the quotients may be too large for integers.
     columns, rows = ((high - low) / resolution_m for low, high in ((x0, x1), (y0, y1)))
     if not columns * rows <= MOST_CELLS or max(columns, rows) > MOST_CELLS:
         least_m = ((x1 - x0) * (y1 - y0) / MOST_CELLS) ** 0.5
@@ -51,9 +52,9 @@ def height_grid(
 
     Args:
         resolution_m: Edge of a cell.
-        extent_m: The first cell's corner is at its (min_x, min_y); the last ones may reach beyond.
+        extent_m: The first cell starts at its (min_x, min_y); the last cells may reach beyond it.
         query: Returns the heights under (N, 3) points.
-        progress: Told how far it is; may raise `CancelledError`.
+        progress: Receives the progress; may raise `CancelledError`.
 
     Raises:
         InvalidInputError: See `grid_shape`.

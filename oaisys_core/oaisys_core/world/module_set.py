@@ -1,4 +1,4 @@
-"""All modules of a simulator: each given its part of the metadata and its own random stream."""
+"""All modules of a simulation; each gets its part of the metadata and its own random stream."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from oaisys_core.world.batch import Batch
 from oaisys_core.world.reuse import STAGE_MODULES, BatchSeeds, same_stage
 
 DRAW_SHARE = 0.5
-"""Share of a batch's progress until the backend begins to build."""
+"""Share of a batch's progress that drawing takes, before the backend builds the scene."""
 
 
 @dataclass(frozen=True)
 class ModuleSet:
-    """The modules in the order in which they draw.
+    """The modules, in the order in which they draw.
 
     Attributes:
-        stage, assets, sensors: Those of `all` that are asked for more than a module's life.
+        stage, assets, sensors: The modules in `all` that have further methods.
     """
 
     stage: StageModule
@@ -42,7 +42,7 @@ class ModuleSet:
 
     @classmethod
     def of(cls, config: SimulationConfig) -> ModuleSet:
-        """Make the modules of a configuration; none is set up yet.
+        """Make the modules of a configuration, without setting them up.
 
         Raises:
             ConfigError: The configuration names something that does not exist.
@@ -62,15 +62,15 @@ class ModuleSet:
         return cls(stage, assets, sensors, modules)
 
     def setup(self) -> None:
-        """Set all up, once."""
+        """Set up all modules."""
         for module in self.all:
             module.setup()
 
     def check(self, metadata: ModuleMetadata, *, is_batch: bool) -> None:
-        """Refuse metadata that some module refuses, or that are for none.
+        """Raise if a module refuses its metadata, or if a part belongs to no module.
 
         Raises:
-            InvalidInputError: Naming the field.
+            InvalidInputError: Names the field.
         """
         known = {module.metadata_part for module in self.all} - OWN_PARTS
         for name, value in metadata.custom.items():
@@ -82,10 +82,10 @@ class ModuleSet:
             check(metadata.part(module.metadata_part))
 
     def in_force(self, metadata: ModuleMetadata) -> ModuleMetadata:
-        """Return what a batch can begin with to stand as the modules do now.
+        """Return metadata with which a new batch reaches the current state of the modules.
 
         Args:
-            metadata: All since the batch began, merged.
+            metadata: All metadata since the batch began, merged.
         """
         parts = {
             module.metadata_part: dict(module.in_force(metadata.part(module.metadata_part)) or {})
@@ -97,7 +97,7 @@ class ModuleSet:
 
     def draw(
         self,
-        origin: BatchSeeds,
+        seeds: BatchSeeds,
         metadata: ModuleMetadata,
         kept: Batch | None,
         progress: ProgressCallback,
@@ -105,28 +105,28 @@ class ModuleSet:
         """Return a new world.
 
         Args:
-            kept: The batch before, whose stage is taken over where the new one's is the same.
-            progress: Told how far it is, up to `DRAW_SHARE`; may raise `CancelledError`.
+            kept: The previous batch, whose stage is reused if the new batch has the same one.
+            progress: Receives the progress, up to `DRAW_SHARE`; may raise `CancelledError`.
         """
         world = World()
         for index, module in enumerate(self.all):
             progress(Progress(module.name, DRAW_SHARE * index / len(self.all)))
-            if module.name in STAGE_MODULES and kept and same_stage(origin, metadata, kept):
+            if module.name in STAGE_MODULES and kept and same_stage(seeds, metadata, kept):
                 world.keep_stage(kept.world)
                 continue
-            rng = randomness.stream(_seed_of(module, origin), module.name)
+            rng = randomness.stream(_seed_of(module, seeds), module.name)
             module.step_batch(world, metadata.part(module.metadata_part), rng)
         return world
 
     def step_sample(self, batch: Batch, metadata: ModuleMetadata) -> None:
-        """Change a batch's world for its next sample."""
+        """Update the world of a batch for its next sample."""
         batch.world.sample_id = batch.sample_id + 1
         for module in self.all:
             rng = randomness.stream(batch.seed, module.name, batch.sample_id + 1)
             module.step_sample(batch.world, metadata.part(module.metadata_part), rng)
 
 
-def _seed_of(module: Module, origin: BatchSeeds) -> int:
+def _seed_of(module: Module, seeds: BatchSeeds) -> int:
     if module.name in STAGE_MODULES:
-        return origin.stage_seed
-    return origin.asset_seed if isinstance(module, AssetsModule) else origin.seed
+        return seeds.stage_seed
+    return seeds.asset_seed if isinstance(module, AssetsModule) else seeds.seed

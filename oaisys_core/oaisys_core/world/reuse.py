@@ -1,4 +1,4 @@
-"""What a batch is drawn from: its own seed, or in part those of a stage that is reused."""
+"""Which seeds a batch is drawn from: its own, and those of a stage that it reuses."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from oaisys_core.types import ModuleMetadata, merged
 from oaisys_core.world.batch import Batch
 
 STAGE_MODULES = ("stage", "materials")
-"""Modules whose part of the world stays with a stage; parts of ``ModuleMetadata.custom``."""
+"""Modules whose part of the world belongs to a stage; their metadata is in ``custom``."""
 
 NOTHING_SCATTERED = {"count_factor": 0.0}
-"""Metadata of assets with which nothing is scattered."""
+"""Asset metadata with which nothing is scattered."""
 
 
 @dataclass(frozen=True)
 class BatchSeeds:
-    """Seeds of a batch: of itself, of its ground and material, and of its things."""
+    """The seeds of a batch: its own, that of its ground and material, and that of its objects."""
 
     seed: int
     stage_seed: int
@@ -36,52 +36,54 @@ def batch_seeds(
     assets_sha256: str,
     metadata: ModuleMetadata,
     seed: int,
-    standing: Batch | None,
+    current: Batch | None,
     reuse_stage: bool,
 ) -> tuple[BatchSeeds, ModuleMetadata]:
-    """Return what a new batch is drawn from, and its metadata with that of what it keeps.
+    """Return the seeds of a new batch, and its metadata including that of what it keeps.
 
     Args:
-        stage: Knows what is kept.
-        assets_sha256: Of the present configuration of assets.
-        metadata: Of the batch, checked.
-        seed: Of the batch.
-        standing: The batch that stands now.
-        reuse_stage: Whether to stay on its stage, with everything else drawn anew.
+        stage: Finds the stages that were stored.
+        assets_sha256: Hash of the current asset configuration.
+        metadata: Checked metadata of the batch.
+        seed: Seed of the batch.
+        current: The current batch.
+        reuse_stage: Whether to keep its stage and draw everything else again.
 
     Raises:
-        InvalidInputError: There is no such stage, or its things cannot be drawn again.
+        InvalidInputError: There is no such stage, or its objects cannot be reproduced.
     """
     reuse = stage.reuse(metadata.part(stage.name))
-    if standing is not None and reuse_stage:
+    if current is not None and reuse_stage:
         _refuse_others(metadata, STAGE_MODULES)
-        return BatchSeeds(seed, standing.stage_seed, seed), _on_stage_of(standing, metadata)
+        return BatchSeeds(seed, current.stage_seed, seed), _on_stage_of(current, metadata)
     if reuse is None:
         return BatchSeeds(seed, seed, seed), metadata
-    if standing is not None and reuse.name == standing.world.stage_notes.get("hash"):
+    if current is not None and reuse.name == current.world.stage_notes.get("hash"):
         _refuse_others(metadata, STAGE_MODULES[1:])
-        metadata = _on_stage_of(standing, metadata)
-        kept = (standing.stage_seed, standing.asset_seed, standing.metadata.asset)
+        metadata = _on_stage_of(current, metadata)
+        kept = (current.stage_seed, current.asset_seed, current.metadata.asset)
     else:
         record = stage.record(reuse)
         if reuse.objects == "keep" and record.assets_sha256 != assets_sha256:
-            expected = "clear or redraw: its things were drawn from another configuration of assets"
+            expected = (
+                "clear or redraw, because its objects were drawn from another asset configuration"
+            )
             raise InvalidInputError("stage.reuse.objects", reuse.objects, expected)
         kept = (record.stage_seed, record.asset_seed, record.asset_metadata)
     return _with_objects(reuse, seed, *kept, metadata)
 
 
-def same_stage(origin: BatchSeeds, metadata: ModuleMetadata, standing: Batch | None) -> bool:
-    """Return whether a batch has the ground and material of the one that stands."""
+def same_stage(seeds: BatchSeeds, metadata: ModuleMetadata, current: Batch | None) -> bool:
+    """Return whether a new batch has the ground and material of the current one."""
     return (
-        standing is not None
-        and standing.stage_seed == origin.stage_seed
-        and all(standing.metadata.part(part) == metadata.part(part) for part in STAGE_MODULES)
+        current is not None
+        and current.stage_seed == seeds.stage_seed
+        and all(current.metadata.part(part) == metadata.part(part) for part in STAGE_MODULES)
     )
 
 
 def section_sha256(section: Section) -> str:
-    """Return the hash of a part of the configuration."""
+    """Return the hash of a section of the configuration."""
     text = json.dumps(section.model_dump(mode="json"), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -102,15 +104,15 @@ def _with_objects(
     return BatchSeeds(seed, stage_seed, seed), metadata
 
 
-def _on_stage_of(standing: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
-    """Return metadata with what the standing stage was drawn with."""
+def _on_stage_of(current: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
+    """Return metadata with the parts that the current stage was drawn with."""
     own = {name: part for name, part in metadata.custom.items() if name not in STAGE_MODULES}
-    kept = {name: part for name, part in standing.metadata.custom.items() if name in STAGE_MODULES}
+    kept = {name: part for name, part in current.metadata.custom.items() if name in STAGE_MODULES}
     return replace(metadata, custom=own | kept)
 
 
 def _refuse_others(metadata: ModuleMetadata, parts: tuple[str, ...]) -> None:
     for part in parts:
         if metadata.part(part):
-            expected = "none for a batch that stays on the stage that stands"
+            expected = "none for a batch that keeps the current stage"
             raise InvalidInputError(f"metadata.custom.{part}", metadata.part(part), expected)

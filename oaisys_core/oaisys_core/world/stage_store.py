@@ -1,7 +1,7 @@
-"""Stages that are kept in files, so that later batches and later runs stand on the same ground.
+"""Stages stored in files, so that later batches and runs can use the same ground.
 
-A file holds the ground itself and the seeds of what was drawn on it: material and scattered
-things are drawn again from them, which gives the same ones under the same configuration.
+A file contains the ground and the seeds of its material and objects. With the same configuration,
+drawing from these seeds again gives the same material and objects.
 """
 
 from __future__ import annotations
@@ -28,15 +28,15 @@ SUFFIX = ".npz"
 
 @dataclass(frozen=True)
 class StageRecord:
-    """A stage, and what stood on it.
+    """A stage and the seeds of what was drawn on it.
 
     Attributes:
-        stage_hash: Of the ground, see `content_hash`.
-        ground: As its module drew it, before materials displaced it.
-        stage_seed: What its material is drawn from.
-        asset_seed: What its things are drawn from.
-        assets_sha256: Of the configuration of assets, without which they would be others.
-        asset_metadata: What was set of assets when the batch began.
+        stage_hash: Hash of the ground, see `content_hash`.
+        ground: The ground before materials displace it.
+        stage_seed: Seed of its material.
+        asset_seed: Seed of its objects.
+        assets_sha256: Hash of the asset configuration that the objects were drawn with.
+        asset_metadata: Asset metadata at the start of the batch.
     """
 
     stage_hash: str
@@ -48,7 +48,7 @@ class StageRecord:
 
 
 def content_hash(ground: Ground) -> str:
-    """Return a hash that two grounds share only if they are the same surface."""
+    """Return a hash of the surface: only identical grounds have the same one."""
     if isinstance(ground, HeightField):
         arrays: tuple[NDArray[Any], ...] = (ground.elevation_m,)
         shape = repr((ground.elevation_m.shape, ground.origin_xy_m, ground.spacing_m))
@@ -63,16 +63,16 @@ def content_hash(ground: Ground) -> str:
 
 
 def save_stage(path: Path, record: StageRecord) -> None:
-    """Write a stage; another process never sees half of it. Inverse: `load_stage`.
+    """Write a stage atomically; inverse: `load_stage`.
 
     Raises:
-        InvalidInputError: It cannot be written there.
+        InvalidInputError: The file cannot be written.
     """
     text = json.dumps(
         {
             "format": FORMAT,
             "hash": record.stage_hash,
-            # JSON readers elsewhere may round whole numbers beyond 2**53.
+            # Some JSON readers round integers beyond 2**53.
             "stage_seed": str(record.stage_seed),
             "asset_seed": str(record.asset_seed),
             "assets_sha256": record.assets_sha256,
@@ -91,12 +91,12 @@ def save_stage(path: Path, record: StageRecord) -> None:
 
 
 def load_stage(path: Path, field: str = "stage.reuse.file") -> StageRecord:
-    """Return the stage in a file, checked against its hash.
+    """Return the stage in a file, after checking its hash.
 
     Raises:
-        InvalidInputError: It is not such a file, or is damaged.
+        InvalidInputError: The file is not a stored stage, or is damaged.
     """
-    expected = "a stage that stage.store kept"
+    expected = "a stage that stage.store wrote"
     try:
         with np.load(path, allow_pickle=False) as arrays:
             found = dict(arrays)
@@ -114,7 +114,7 @@ def load_stage(path: Path, field: str = "stage.reuse.file") -> StageRecord:
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
         raise InvalidInputError(field, str(path), f"{expected} ({error!r})") from error
     if content_hash(record.ground) != record.stage_hash:
-        raise InvalidInputError(field, str(path), f"{expected} (its hash is another)")
+        raise InvalidInputError(field, str(path), f"{expected} (its hash does not match)")
     return record
 
 

@@ -1,6 +1,6 @@
-"""What the ground is made of: texture sets, the layers they make up, and where each layer lies.
+"""The material of the ground: texture sets, layers made of them, and where each layer lies.
 
-Everything is in ``map`` (metres, z up). Nothing here draws random numbers or renders.
+All coordinates are in ``map`` (metres, z up).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from oaisys_core.types import FloatArray
 from oaisys_core.world.tiling import PlainTiling, Tiling
 
 BLOCK = 16384
-"""Points that are labelled at once: their intermediate arrays stay in the processor's cache."""
+"""Points that are labelled at once, so that intermediate arrays fit into the CPU cache."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class PbrMaps:
     """One tileable texture set, all maps square and of one size.
 
     Attributes:
-        name: For messages and caches.
+        name: Name in messages and cache keys.
         color_srgb: (N, N, 3) uint8, sRGB-encoded albedo; row 0 is the top of the image.
         height: (N, N) float32, 0 to 1.
         normal_gl: (N, N, 3) uint8, tangent-space normals in OpenGL's convention (green up).
@@ -42,7 +42,7 @@ class PbrMaps:
 
 @dataclass(frozen=True)
 class LabelImage:
-    """Labels by place on a texture's tile.
+    """Labels that vary within a texture tile.
 
     Attributes:
         semantic_ids: (levels, rows, columns) uint16; row 0 is the top of the image.
@@ -63,11 +63,11 @@ class LabelImage:
 
 @dataclass(frozen=True)
 class TerrainLayer:
-    """A texture set on the ground together with the labels its surface carries, by level.
+    """A texture set on the ground, with its labels by level.
 
     Attributes:
-        tiling: How its texture lies on the ground.
-        label_image: Labels that differ within a tile; None: ``semantic_ids`` everywhere.
+        tiling: How copies of the texture are laid on the ground.
+        label_image: Labels that vary within a tile; None if they are ``semantic_ids`` everywhere.
     """
 
     label: str
@@ -77,16 +77,16 @@ class TerrainLayer:
     label_image: LabelImage | None = None
 
     def ids_at(self, xy_m: FloatArray, level: int) -> NDArray[np.uint16]:
-        """Return the (N,) ids of the layer at (N, 2) points; a mixture shows its heaviest part."""
+        """Return (N,) ids of the layer at (N, 2) points, by the texture sample of most weight."""
         if self.label_image is None:
             return np.full(len(xy_m), id_of_level(self.semantic_ids, level), np.uint16)
         samples = self.tiling.samples(xy_m / self.maps.tile_m)
         heaviest = samples.weights.argmax(axis=0)
-        return self.label_image.ids_at(samples.places[heaviest, np.arange(len(xy_m))], level)
+        return self.label_image.ids_at(samples.uv_tiles[heaviest, np.arange(len(xy_m))], level)
 
     @property
     def all_semantic_ids(self) -> frozenset[int]:
-        """Every id that any level of it may show."""
+        """All ids that the layer has on any level."""
         image = self.label_image
         more = () if image is None else np.unique(image.semantic_ids).tolist()
         return frozenset((*self.semantic_ids, *more))
@@ -94,12 +94,12 @@ class TerrainLayer:
 
 @dataclass(frozen=True)
 class Variation:
-    """The slow change of the ground's colour; its pattern is the first layer's height map.
+    """Slow change of the ground's colour; its pattern is the height map of the first layer.
 
     Attributes:
-        brightness: Range of the brightness, around 1.
-        tint: Range of red, and against it of blue, around 1.
-        scale_m: Edge length of a tile of the pattern; None: chosen by the size of the tiles.
+        brightness: Range of the brightness factor around 1.
+        tint: Range of the factor on red around 1; blue changes in the opposite direction.
+        scale_m: Edge length of the pattern's tile; None derives it from the tiles of the layers.
     """
 
     brightness: float = 0.35
@@ -109,16 +109,17 @@ class Variation:
 
 @dataclass(frozen=True)
 class TerrainMaterial:
-    """Layers of the ground, blended by one weight mask per layer.
+    """Layers of the ground, blended with one weight mask per layer.
 
     Attributes:
         layers: At least one.
-        masks: (L, M, M) float32 weights over the extent, texels at the centres of an M x M grid;
-            row 0 at min_y, column 0 at min_x. They sum to 1.
-        extent_m: (min_x, min_y, max_x, max_y) the masks cover.
-        label_cell_m: Size of the grains of soft label borders; None: borders are hard.
-        variation: Change of colour from place to place.
-        projects_sides: Whether textures lie on steep slopes from the side instead of from above.
+        masks: (L, M, M) float32 weights at the cell centres of an M x M grid over the extent; row
+            0 at min_y, column 0 at min_x. The weights of all layers sum to 1.
+        extent_m: (min_x, min_y, max_x, max_y) that the masks cover.
+        label_cell_m: Cell size of soft label borders; None for hard borders.
+        variation: Slow change of colour over the ground.
+        projects_sides: Whether textures are projected onto steep slopes from the side instead of
+            from above.
     """
 
     layers: tuple[TerrainLayer, ...]
@@ -131,7 +132,7 @@ class TerrainMaterial:
     def weights_at(self, xy_m: ArrayLike) -> FloatArray:
         """Return (N, L) bilinearly interpolated weights at (N, 2) points.
 
-        Beyond the extent they are mirrored, as the picture shows them.
+        Outside the extent the masks are mirrored, as in the rendered image.
         """
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
         x0, y0, x1, y1 = self.extent_m
@@ -151,10 +152,11 @@ class TerrainMaterial:
         return np.ascontiguousarray(self.masks).reshape(len(self.masks), -1)
 
     def labelling_layer(self, xy_m: ArrayLike) -> NDArray[np.intp]:
-        """Return (N,) index of the layer whose label (N, 2) points carry.
+        """Return the (N,) indices of the layers that label (N, 2) points.
 
-        With hard borders that is the heaviest one, the first of them at a tie. With soft ones each
-        grain of the ground has a number of its own, which picks among the layers by weight.
+        With hard borders this is the layer with the largest weight, the first one at a tie. With
+        soft borders each small cell of the ground has a random number that picks a layer, with the
+        weights as probabilities.
         """
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
         if len(self.layers) == 1:
@@ -167,7 +169,7 @@ class TerrainMaterial:
         return np.asarray(below.sum(axis=1), dtype=np.intp)
 
     def semantic_ids_at(self, xy_m: ArrayLike, level: int = 0) -> NDArray[np.uint16]:
-        """Return (N,) uint16 label ids at (N, 2) points: the one definition of the ground's."""
+        """Return the (N,) uint16 semantic ids of the ground at (N, 2) points."""
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
         result = np.empty(len(xy), np.uint16)
         for first in range(0, len(xy), BLOCK):
@@ -189,7 +191,7 @@ class TerrainMaterial:
 def _texels(
     x_m: FloatArray, least_m: float, most_m: float, size: int
 ) -> tuple[NDArray[np.intp], FloatArray]:
-    """Return the (N,) lower texels of coordinates along an edge, and the shares of the next."""
+    """Return (N,) lower texels of coordinates along an axis, and (N,) weights of the next ones."""
     place = (x_m - least_m) / (most_m - least_m)
     outside = (place < 0) | (place > 1)
     if outside.any():
@@ -200,9 +202,9 @@ def _texels(
 
 
 def grain_numbers(xy_m: FloatArray, cell_m: float) -> FloatArray:
-    """Return an evenly distributed number from 0 to below 1 for the cell of each (N, 2) point.
+    """Return a uniformly distributed number in [0, 1) for the cell of each (N, 2) point.
 
-    It is a hash of the cell's place in ``map``: the same from every view.
+    It is a hash of the cell's position in ``map``, so it is the same in every view.
     """
     column, row = np.floor(xy_m / cell_m).astype(np.int64).astype(np.uint32).T
     mixed = column * np.uint32(0x9E3779B1) ^ (row * np.uint32(0x85EBCA77) + np.uint32(0x27220A95))
@@ -212,5 +214,5 @@ def grain_numbers(xy_m: FloatArray, cell_m: float) -> FloatArray:
 
 
 def id_of_level(semantic_ids: Sequence[int], level: int) -> int:
-    """Return the id of a level, 0 where the ids do not reach that far."""
+    """Return the id of a level, or 0 if there is none."""
     return semantic_ids[level] if level < len(semantic_ids) else 0

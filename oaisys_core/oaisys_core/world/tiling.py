@@ -1,8 +1,9 @@
-"""How a texture lies on the ground so that its repetition is not seen.
+"""Tilings: how a texture is laid on the ground so that its repetition is not visible.
 
-A tiling says of which places of the texture a point of the ground is mixed, and how. Points and
-places are in tiles: texture coordinates, u to the right and v up, of which whole numbers apart
-show the same. Backends and label images evaluate the same tables.
+For each point of the ground, a tiling returns texture coordinates and their weights; the colour is
+the weighted mean of the texture at these coordinates. Coordinates are in units of tiles, u to the
+right and v up; the texture repeats after every whole number. Backends and label images use the
+same tables.
 """
 
 from __future__ import annotations
@@ -18,50 +19,50 @@ from scipy.spatial import cKDTree
 from oaisys_core.types import FloatArray
 
 PERIOD_CELLS = 16
-"""Cells along each direction after which the Voronoi pattern repeats."""
+"""Number of cells along each axis after which the Voronoi pattern repeats."""
 
 CELL_PX = 32
-"""Texels along a Voronoi cell of its tables."""
+"""Texels per Voronoi cell in the tables."""
 
 SEAM = (0.03, 0.22)
-"""Distance from a cell's edge, in cells, at which its own texture begins and covers all."""
+"""Distances from a cell's edge, in cells, between which its own texture fades in."""
 
 SHIFTS = 64
-"""Lattice points along each direction after which the shifts of a stochastic tiling repeat."""
+"""Number of lattice points along each axis after which stochastic shifts repeat."""
 
 CRISPNESS = 3.0
-"""Power of the weights of a stochastic tiling; higher mixes less."""
+"""Exponent of the weights of a stochastic tiling; higher values blend less."""
 
 
 class TextureSamples(NamedTuple):
-    """Of what points are mixed: K places each.
+    """The K texture samples that are blended at each of N points.
 
     Attributes:
-        places: (K, N, 2) in tiles.
-        weights: (K, N), which sum to 1.
+        uv_tiles: (K, N, 2) texture coordinates.
+        weights: (K, N) weights, which sum to 1.
     """
 
-    places: FloatArray
+    uv_tiles: FloatArray
     weights: FloatArray
 
 
 @dataclass(frozen=True)
 class PlainTiling:
-    """The texture as it is."""
+    """The texture, repeated without changes."""
 
     def samples(self, xy_tiles: FloatArray) -> TextureSamples:
-        """Return of what (N, 2) points are mixed: of themselves."""
+        """Return the one texture sample of each of (N, 2) points."""
         return TextureSamples(xy_tiles[None], np.ones((1, len(xy_tiles))))
 
 
 @dataclass(frozen=True)
 class VoronoiTiling:
-    """Turned and shifted from cell to cell of a Voronoi diagram, plain along the cells' edges.
+    """The texture rotated and shifted in each cell of a Voronoi diagram, unchanged along the edges.
 
     Attributes:
         cell_tiles: Mean size of a cell.
-        moves: (R, R, 3) float32 turn in radians and shift in tiles of the cell at each texel; the
-            nearest one counts. Row 0 is at v = 0; the table repeats after `PERIOD_CELLS`.
+        moves: (R, R, 3) float32 rotation in radians and shift in tiles of the cell at each texel,
+            looked up at the nearest texel. Row 0 is at v = 0; it repeats after `PERIOD_CELLS`.
         weights: (R, R) float32 weight of the moved texture, interpolated bilinearly.
     """
 
@@ -71,11 +72,11 @@ class VoronoiTiling:
 
     @property
     def period_tiles(self) -> float:
-        """Edge length of the tables."""
+        """Edge length of the tables in tiles."""
         return self.cell_tiles * PERIOD_CELLS
 
     def samples(self, xy_tiles: FloatArray) -> TextureSamples:
-        """Return of what (N, 2) points are mixed: of the moved and the plain texture."""
+        """Return the moved and the unchanged texture sample of each of (N, 2) points."""
         size = len(self.moves)
         texel = xy_tiles / self.period_tiles * size
         column, row = (np.floor(texel).astype(np.int64) % size).T
@@ -89,13 +90,13 @@ class VoronoiTiling:
 
 @dataclass(frozen=True)
 class StochasticTiling:
-    """Shifted copies, one at each point of a triangular lattice, three of which are mixed.
+    """A shifted copy at each point of a triangular lattice, of which three are blended.
 
     After Heitz and Neyret, "High-Performance By-Example Noise using a Histogram-Preserving
     Blending Operator", 2018.
 
     Attributes:
-        cell_tiles: Distance of neighbouring lattice points.
+        cell_tiles: Distance between neighbouring lattice points.
         shifts: (`SHIFTS`, `SHIFTS`, 2) float32 shift in tiles by row and column of the lattice.
     """
 
@@ -103,7 +104,7 @@ class StochasticTiling:
     shifts: NDArray[np.float32]
 
     def samples(self, xy_tiles: FloatArray) -> TextureSamples:
-        """Return of what (N, 2) points are mixed: of the copies at a triangle's corners."""
+        """Return the texture samples of the copies at the corners of each point's triangle."""
         x, y = (xy_tiles / self.cell_tiles).T
         skewed = np.column_stack((x - y / np.sqrt(3), y * (2 / np.sqrt(3))))
         base = np.floor(skewed)
@@ -131,7 +132,7 @@ Tiling = PlainTiling | VoronoiTiling | StochasticTiling
 def voronoi_tiling(
     cell_tiles: float, rotation_rad: float, rng: np.random.Generator
 ) -> VoronoiTiling:
-    """Return a Voronoi tiling whose cells are turned by up to ``rotation_rad`` to either side."""
+    """Return a Voronoi tiling whose cells are rotated by up to ``rotation_rad`` to either side."""
     cells, weights = _voronoi_tables()
     count = PERIOD_CELLS**2
     moves = np.column_stack(
@@ -141,7 +142,7 @@ def voronoi_tiling(
 
 
 def stochastic_tiling(cell_tiles: float, rng: np.random.Generator) -> StochasticTiling:
-    """Return a stochastic tiling."""
+    """Return a stochastic tiling with random shifts."""
     return StochasticTiling(cell_tiles, rng.random((SHIFTS, SHIFTS, 2), dtype=np.float32))
 
 
@@ -149,7 +150,7 @@ def stochastic_tiling(cell_tiles: float, rng: np.random.Generator) -> Stochastic
 def _voronoi_tables() -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     """Return the cell at each texel of the tables, and the weight of its own texture.
 
-    Cells belong to the points of a jittered grid, always the same one: moves differ, cells do not.
+    The cells come from a jittered grid that never changes; only their moves are random.
     """
     rng = np.random.default_rng(0)
     rows, columns = np.mgrid[:PERIOD_CELLS, :PERIOD_CELLS]
@@ -172,12 +173,12 @@ def _voronoi_tables() -> tuple[NDArray[np.intp], NDArray[np.float32]]:
 
 
 def _wrapped(difference: FloatArray) -> FloatArray:
-    """Return differences of places on the repeating pattern by the shorter way."""
+    """Return the shortest differences between points of the repeating pattern."""
     return np.asarray(difference - PERIOD_CELLS * np.rint(difference / PERIOD_CELLS))
 
 
 def _bilinear_repeated(image: NDArray[Any], texel: FloatArray) -> FloatArray:
-    """Return (N,) values between the texels of a square image that repeats."""
+    """Return (N,) bilinearly interpolated values of a square image that repeats."""
     size = len(image)
     low = np.floor(texel)
     s, t = (texel - low).T

@@ -1,4 +1,4 @@
-"""What stands on the ground of a batch, before anything about it is changed."""
+"""Draws the objects of a batch, before metadata edits them."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from oaisys_core.scene import Ground, MeshPrototype, PbrMaps, Placement, Primiti
 from oaisys_core.types import FloatArray, Pose
 
 LARGE_ROCK_M = 1.3
-"""Rocks that may become larger than this have four times as many triangles."""
+"""Rocks of groups with larger sizes than this have four times as many triangles."""
 
 
 @dataclass(frozen=True)
 class AssetPlacement:
-    """Placements that belong together.
+    """A placement with the group it belongs to.
 
     Attributes:
-        group: Name of the group, or "" for all that is none.
-        hidden: Whether they are hidden as configured.
+        group: Name of the group, or "" if it belongs to none.
+        hidden: Whether the configuration hides it.
     """
 
     placement: Placement
@@ -45,11 +45,11 @@ class AssetPlacement:
 
 @dataclass(frozen=True)
 class Mover:
-    """What moves one of the placements.
+    """A placement that moves along a trajectory.
 
     Attributes:
-        index: Into `DrawnAssets.standing`.
-        foot_m: Radius of its foot where it stands on the ground, None where it does not.
+        index: Index into `DrawnAssets.placements`.
+        foot_m: Radius of its foot if it stands on the ground; None otherwise.
     """
 
     index: int
@@ -58,7 +58,7 @@ class Mover:
     foot_m: float | None
 
     def pose_at(self, sample_id: int, ground: Ground) -> FloatArray:
-        """Return its (4, 4) pose, scaled, at a sample."""
+        """Return the (4, 4) pose with scale at a sample."""
         T = self.trajectory(sample_id)
         if self.foot_m is not None:
             yaw_rad = float(np.arctan2(T[1, 0], T[0, 0]))
@@ -68,35 +68,35 @@ class Mover:
 
 @dataclass(frozen=True)
 class DrawnAssets:
-    """All that a batch has drawn.
+    """All objects that were drawn for a batch.
 
     Attributes:
-        first_prototype: Index of the first prototype of each group, object and mover by name.
+        first_prototype: By name of a group, object or mover, the index of its first prototype.
     """
 
     prototypes: tuple[MeshPrototype, ...]
-    standing: tuple[AssetPlacement, ...]
+    placements: tuple[AssetPlacement, ...]
     primitives: tuple[Primitive, ...]
     movers: tuple[Mover, ...]
     first_prototype: dict[str, int]
 
     @cached_property
     def instances(self) -> dict[int, int]:
-        """Index into ``standing`` by instance id."""
+        """Index into ``placements`` by instance id."""
         return {
             instance_id: index
-            for index, each in enumerate(self.standing)
+            for index, each in enumerate(self.placements)
             for instance_id in each.placement.instance_ids.tolist()
         }
 
     @property
     def primitive_ids(self) -> set[int]:
-        """Instance ids of the exact solids."""
+        """Instance ids of the primitives."""
         return {primitive.instance_id for primitive in self.primitives}
 
 
 class AssetGenerator:
-    """Draws the things of one batch, part by part."""
+    """Draws the objects of one batch: rocks, groups, objects and movers."""
 
     def __init__(
         self,
@@ -109,12 +109,12 @@ class AssetGenerator:
         self._config, self._library, self._plan = config, library, plan
         self._ground, self._rng = ground, rng
         self._prototypes: list[MeshPrototype] = []
-        self._standing: list[AssetPlacement] = []
+        self._placements: list[AssetPlacement] = []
         self._movers: list[Mover] = []
         self._first: dict[str, int] = {}
 
     def draw(self, metadata: AssetMetadata) -> DrawnAssets:
-        """Return everything that stands on the ground.
+        """Return everything on the ground.
 
         Raises:
             ConfigError: The image of a density cannot be read.
@@ -134,14 +134,14 @@ class AssetGenerator:
             self._add_mover(mover, FIRST_MOVER_ID + index)
         return DrawnAssets(
             tuple(self._prototypes),
-            tuple(self._standing),
+            tuple(self._placements),
             primitives,
             tuple(self._movers),
             self._first,
         )
 
     def _draw_rocks(self, factor: float) -> int:
-        """Draw the rocks, one after the other from one stream; return how many there are."""
+        """Draw all rocks from one random stream and return their number."""
         number = 0
         maps = self._library.rock_maps() if self._config.rocks else None
         for group in self._config.rocks:
@@ -174,26 +174,26 @@ class AssetGenerator:
         ids: NDArray[np.uint32],
         group: GroupConfig | None = None,
     ) -> None:
-        """Add things of several shapes, one placement for each shape."""
+        """Add instances of several shapes, one placement per shape."""
         for variant in range(len(shapes)):
             chosen = shape_of == variant
             placement = Placement(
                 len(self._prototypes) + variant, semantic_ids, T_map_object[chosen], ids[chosen]
             )
             hidden = group is not None and group.hidden
-            self._standing.append(AssetPlacement(placement, group.name if group else "", hidden))
+            self._placements.append(AssetPlacement(placement, group.name if group else "", hidden))
         self._prototypes.extend(shapes)
 
     def _add_object(self, thing: ObjectConfig, instance_id: int) -> None:
         rng = randomness.child(self._rng, f"object/{thing.name}")
-        T_map_object = standing_pose(thing, self._ground, f"assets.objects.{thing.name}")
+        T_map_object = fixed_pose(thing, self._ground, f"assets.objects.{thing.name}")
         self._add_single(self._library.prototype(thing, rng), thing, T_map_object, instance_id)
 
     def _add_mover(self, mover: MoverConfig, instance_id: int) -> None:
         rng = randomness.child(self._rng, f"mover/{mover.name}")
         look = self._library.prototype(mover, rng)
         foot_m = footprint_of(look).foot_m * mover.scale if mover.on_ground else None
-        moves = Mover(len(self._standing), make_trajectory(mover.trajectory), mover.scale, foot_m)
+        moves = Mover(len(self._placements), make_trajectory(mover.trajectory), mover.scale, foot_m)
         self._movers.append(moves)
         T_map_object = moves.pose_at(0, self._ground)
         self._add_single(look, mover, T_map_object, instance_id, is_moving=True)
@@ -210,7 +210,7 @@ class AssetGenerator:
         self._first.setdefault(config.name, index)
         self._prototypes.append(look)
         placement = single(index, config.semantic_ids, T_map_object, instance_id)
-        self._standing.append(
+        self._placements.append(
             AssetPlacement(replace(placement, is_moving=is_moving), hidden=config.hidden)
         )
 
@@ -218,36 +218,36 @@ class AssetGenerator:
 def single(
     prototype: int, semantic_ids: tuple[int, ...], T_map_object: FloatArray, instance_id: int
 ) -> Placement:
-    """Return the placement of one thing."""
+    """Return the placement of a single instance."""
     ids = np.array([instance_id], np.uint32)
     return Placement(prototype, semantic_ids, T_map_object[None], ids)
 
 
 def scaled(T_map_object: FloatArray, scale: float) -> FloatArray:
-    """Return a (4, 4) pose of something ``scale`` times as large."""
+    """Return a (4, 4) pose with its rotation multiplied by a scale."""
     T = T_map_object.copy()
     T[:3, :3] *= scale
     return T
 
 
-def standing_pose(config: PlacedObjectConfig, ground: Ground, field: str) -> FloatArray:
-    """Return the (4, 4) pose, scaled, of a thing at a fixed place; ``field`` is for errors.
+def fixed_pose(config: PlacedObjectConfig, ground: Ground, field: str) -> FloatArray:
+    """Return the (4, 4) pose with scale of an object at a fixed place; ``field`` is for errors.
 
     Raises:
-        InvalidInputError: It shall stand on the ground, but there is none.
+        InvalidInputError: It should stand on the ground, but is outside the stage.
     """
     T = geometry.pose_to_matrix(geometry.checked_pose(config.position_m, config.quat_xyzw))
     if config.on_ground:
         ground_m = float(ground.height_at([config.position_m[:2]])[0])
         if not np.isfinite(ground_m):
             path = f"{field}.position_m"
-            raise InvalidInputError(path, list(config.position_m), "a place on the stage")
+            raise InvalidInputError(path, list(config.position_m), "a position on the stage")
         T[2, 3] += ground_m
     return scaled(T, config.scale)
 
 
 def make_primitive(config: PrimitiveConfig, instance_id: int) -> Primitive:
-    """Return an exact solid."""
+    """Return the primitive of a configuration."""
     return Primitive(
         shape=config.shape,
         size_m=config.size_m,

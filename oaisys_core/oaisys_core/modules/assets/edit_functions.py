@@ -1,4 +1,4 @@
-"""What changes in metadata do to placements and solids, each as a function without state."""
+"""Functions that apply the edits in metadata to placements and primitives."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from oaisys_core.types import FloatArray
 def changed_placement(
     each: AssetPlacement, group: GroupEdit, edits: Sequence[tuple[int, ObjectEdit]]
 ) -> Placement:
-    """Return a placement after changes to its group and to single things of it."""
+    """Return a placement after edits of its group and of single instances."""
     placement = each.placement
     T_map_object = placement.T_map_object.copy()
     T_map_object[:, :3, :3] *= group.scale
@@ -34,7 +34,7 @@ def changed_placement(
 
 
 def edited_pose(T_map_object: FloatArray, edit: ObjectEdit) -> FloatArray:
-    """Return a (4, 4) pose, rotation times uniform scale, after a change to the thing."""
+    """Return a (4, 4) pose with uniform scale after an edit."""
     T = T_map_object.copy()
     if edit.position_m is not None:
         T[:3, 3] = edit.position_m
@@ -48,7 +48,7 @@ def edited_pose(T_map_object: FloatArray, edit: ObjectEdit) -> FloatArray:
 def changed_primitives(
     primitives: tuple[Primitive, ...], edits: Mapping[int, ObjectEdit]
 ) -> tuple[Primitive, ...]:
-    """Return exact solids after changes, the hidden ones left out; without any, as they were."""
+    """Return the primitives after edits, without hidden ones; the same tuple without edits."""
     if not any(primitive.instance_id in edits for primitive in primitives):
         return primitives
     result = []

@@ -1,4 +1,4 @@
-"""Things as they stand after what metadata has changed about them."""
+"""The objects of a batch after the edits in metadata."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.module import World, require
-from oaisys_core.modules.assets.drawing import AssetPlacement, DrawnAssets, single, standing_pose
+from oaisys_core.modules.assets.drawing import AssetPlacement, DrawnAssets, fixed_pose, single
 from oaisys_core.modules.assets.edit_functions import (
     changed_placement,
     changed_primitives,
@@ -35,26 +35,26 @@ from oaisys_core.scene import Ground, MeshPrototype, Placement
 T = TypeVar("T")
 
 LABELS = set(Labelled.model_fields)
-"""Keys of a thing that do not change what it looks like."""
+"""Keys that do not change what an object looks like."""
 
 Changed = tuple[Hashable, Placement, Placement]
-"""What was changed about a placement, the placement as drawn, and as changed."""
+"""The edits of a placement, the original placement, and the edited one."""
 
 
 @dataclass
 class EditCache:
-    """What was made of a batch's things so far, so that what stays as it is stays the same object.
+    """Results of earlier edits, so that what does not change stays the same Python object.
 
     Attributes:
-        standing: The placements, movers where they are now.
-        prototypes: The batch's own, and those of what was added.
-        shared: Index into ``prototypes`` by what added things look like.
-        changed: By index into ``standing``, or by an added thing's name.
-        own_labels: Ids in the world's labels for the sake of what was added.
-        edits: Those that the primitives have now.
+        placements: The placements, with movers at their current poses.
+        prototypes: Those of the batch, and those of added objects.
+        shared: Index into ``prototypes`` by the appearance of added objects.
+        changed: Edited placements, by index into ``placements`` or by the name of an added object.
+        own_labels: Semantic ids that were added to the world's labels with added objects.
+        edits: The current edits of the primitives.
     """
 
-    standing: list[AssetPlacement]
+    placements: list[AssetPlacement]
     prototypes: list[MeshPrototype]
     shared: dict[Hashable, int] = field(default_factory=dict)
     changed: dict[object, Changed] = field(default_factory=dict)
@@ -62,10 +62,10 @@ class EditCache:
     edits: dict[int, ObjectEdit] | None = None
 
     def copy(self) -> EditCache:
-        """Return an equal one that can be changed by itself."""
+        """Return a copy that can be changed independently."""
         return replace(
             self,
-            standing=list(self.standing),
+            placements=list(self.placements),
             prototypes=list(self.prototypes),
             shared=dict(self.shared),
             changed=dict(self.changed),
@@ -74,11 +74,11 @@ class EditCache:
 
 
 class EditedAssets:
-    """A batch's things, and what became of them; what nobody changed stays the same object.
+    """The objects of a batch with edits applied; unedited ones stay the same Python objects.
 
     Args:
-        world: The world that they stand in.
-        rng: Gives the form of what is added, each by its name.
+        world: The world of the objects.
+        rng: Seeds the shapes of added objects, each by its name.
     """
 
     def __init__(
@@ -90,14 +90,14 @@ class EditedAssets:
         cache: EditCache | None = None,
     ) -> None:
         self._drawn, self._world, self._library, self._rng = things, world, library, rng
-        self._cache = cache or EditCache(list(things.standing), list(things.prototypes))
+        self._cache = cache or EditCache(list(things.placements), list(things.prototypes))
 
     def in_world(self, world: World) -> EditedAssets:
-        """Return the same things in another world; what is changed there is not changed here."""
+        """Return an independent copy of the objects for another world."""
         return EditedAssets(self._drawn, world, self._library, self._rng, self._cache.copy())
 
     def check(self, metadata: AssetMetadata) -> None:
-        """Refuse changes to what is not there, and additions that do not fit in.
+        """Raise if an edited object does not exist, or an added object is not possible.
 
         Raises:
             InvalidInputError: Its path begins with ``metadata.asset``.
@@ -107,7 +107,7 @@ class EditedAssets:
         for key in metadata.objects:
             if int(key) not in known:
                 path = f"metadata.{PART}.objects.{key}"
-                raise InvalidInputError(path, key, "the id of an instance of this batch")
+                raise InvalidInputError(path, key, "the instance id of an object in this batch")
         labels = {
             semantic_id: label
             for semantic_id, label in self._world.semantic_labels.items()
@@ -115,15 +115,15 @@ class EditedAssets:
         }
         check_labels(metadata, labels)
         for name, spec in metadata.added.items():
-            standing_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
+            fixed_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
 
     @property
     def groups(self) -> list[str]:
-        """Name of each placement's group, or empty, in the order of the world's; none of added."""
-        return [each.group for each in self._cache.standing]
+        """Group name, or "", of each of the world's placements, without those of added objects."""
+        return [each.group for each in self._cache.placements]
 
     def _check_reach(self, metadata: AssetMetadata) -> None:
-        """Refuse places that are farther away than a camera may be."""
+        """Raise if a position is farther away than a camera may be."""
         x0, y0, x1, y1 = self._ground.extent_m
         reach_m = MOST_EXTENTS * max(x1 - x0, y1 - y0)
         centre_m = np.array(((x0 + x1) / 2, (y0 + y1) / 2, 0.0))
@@ -139,13 +139,13 @@ class EditedAssets:
                 raise InvalidInputError(path, list(position_m), expected)
 
     def apply(self, metadata: AssetMetadata) -> None:
-        """Put the things into the world as the metadata says, at the sample it is at."""
+        """Apply the edits in metadata to the world at its current sample."""
         world = self._world
         self._move(world.sample_id)
         edits = self._edits_by_placement(metadata)
         placements = [
             self._edited(index, each, metadata.group(each.group), edits.get(index, ()))
-            for index, each in enumerate(self._cache.standing)
+            for index, each in enumerate(self._cache.placements)
         ]
         placements += [self._added(name, spec) for name, spec in metadata.added.items()]
         world.placements = _kept(world.placements, placements)
@@ -161,18 +161,18 @@ class EditedAssets:
         return require(self._world.ground)
 
     def _move(self, sample_id: int) -> None:
-        """Put the movers where they are at a sample; one that rests stays the same object."""
+        """Move the movers to their poses at a sample; resting ones stay the same objects."""
         for mover in self._drawn.movers:
-            each = self._cache.standing[mover.index]
+            each = self._cache.placements[mover.index]
             T_map_object = mover.pose_at(sample_id, self._ground)[None]
             if not np.array_equal(T_map_object, each.placement.T_map_object):
                 moved = replace(each.placement, T_map_object=T_map_object)
-                self._cache.standing[mover.index] = replace(each, placement=moved)
+                self._cache.placements[mover.index] = replace(each, placement=moved)
 
     def _edits_by_placement(
         self, metadata: AssetMetadata
     ) -> dict[int, tuple[tuple[int, ObjectEdit], ...]]:
-        """Return the changes to single things, by the index of their placement."""
+        """Return the edits of single instances, by the index of their placement."""
         edits: dict[int, tuple[tuple[int, ObjectEdit], ...]] = {}
         for instance_id, edit in sorted(metadata.object_edits.items()):
             index = self._drawn.instances.get(instance_id)
@@ -200,14 +200,14 @@ class EditedAssets:
         known = self._cache.changed.get(name)
         if known is None or known[0] != spec:
             prototype = self._prototype_of(name, spec)
-            T_map_object = standing_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
+            T_map_object = fixed_pose(spec, self._ground, f"metadata.{PART}.add.{name}")
             placement = single(prototype, spec.semantic_ids, T_map_object, added_id(name))
             visible = shown(placement, np.array([not spec.hidden]))
             known = self._cache.changed[name] = (spec, placement, visible)
         return known[2]
 
     def _prototype_of(self, name: str, spec: AddedConfig) -> int:
-        """Return the index of what an added thing looks like; what is known is shared."""
+        """Return the index of an added object's prototype; equal ones are shared."""
         if spec.prototype is not None:
             return self._drawn.first_prototype[spec.prototype]
         look = spec.model_dump_json(include=set(ShapedConfig.model_fields) - LABELS)
@@ -220,7 +220,7 @@ class EditedAssets:
         return self._cache.shared[key]
 
     def _label(self, metadata: AssetMetadata) -> None:
-        """Name the ids of what is added; forget those of what is gone."""
+        """Add the labels of added objects, and remove those of objects that are gone."""
         labels = self._world.semantic_labels
         wanted = {k: v for spec in metadata.added.values() for k, v in spec.labels.items()}
         for semantic_id in self._cache.own_labels - wanted.keys():
@@ -233,7 +233,7 @@ class EditedAssets:
 
 
 def check_labels(metadata: AssetMetadata, labels: Mapping[int, str]) -> None:
-    """Refuse additions that call an id by another name than ``labels`` or each other.
+    """Raise if an added object gives an id another name than ``labels`` or another object does.
 
     Raises:
         InvalidInputError: Its path begins with ``metadata.asset.add``.
@@ -248,6 +248,6 @@ def check_labels(metadata: AssetMetadata, labels: Mapping[int, str]) -> None:
 
 
 def _kept(old: tuple[T, ...], new: Sequence[T]) -> tuple[T, ...]:
-    """Return ``old`` itself where it holds the very same objects as ``new``."""
+    """Return ``old`` itself if it contains the same objects as ``new``."""
     same = len(old) == len(new) and all(a is b for a, b in zip(old, new, strict=True))
     return old if same else tuple(new)

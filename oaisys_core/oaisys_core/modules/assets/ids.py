@@ -1,4 +1,4 @@
-"""Which instance ids a configuration may give."""
+"""The instance ids that a configuration may assign."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from oaisys_core.scatter.ids import (
 
 
 class InstanceIdPlan:
-    """Which instance ids a configuration gives to what, however many there will be."""
+    """Assigns instance ids to everything in a configuration, whatever the numbers drawn."""
 
     def __init__(self, config: AssetsConfig) -> None:
         most = sum(group.count[1] for group in config.rocks) + len(config.primitives)
@@ -31,6 +31,6 @@ class InstanceIdPlan:
         return "rock" if self.rocks.holds(instance_id) else "group"
 
     def knows(self, instance_id: int) -> bool:
-        """Return whether some batch may give this id to something."""
+        """Return whether a batch of this configuration may use this id."""
         in_blocks = any(block.holds(instance_id) for block in (self.rocks, *self.groups))
         return in_blocks or any(instance_id in ids for ids in self._fixed)

@@ -1,4 +1,4 @@
-"""What a caller can set about the things on the ground, at a batch and at each sample."""
+"""Metadata of assets: what a caller can change about objects, per batch and per sample."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ InstanceId = Annotated[str, Field(pattern=r"^[1-9][0-9]{0,9}$")]
 
 
 class GroupEdit(Section):
-    """A change to a whole group.
+    """An edit of a whole group.
 
     Attributes:
-        count_factor: Factor on the number of its things; at a batch only.
-        scale: Factor on their sizes.
-        hidden: Whether they are left out of the picture; None: as configured.
+        count_factor: Factor on its number of instances; for a batch only.
+        scale: Factor on the sizes.
+        hidden: Whether the group is hidden; None keeps the configured value.
     """
 
     count_factor: Factor = 1.0
@@ -37,12 +37,12 @@ class GroupEdit(Section):
 
 
 class ObjectEdit(Section):
-    """A change to one thing; what is None stays as it was drawn.
+    """An edit of one instance; fields that are None keep the drawn value.
 
     Attributes:
-        position_m, quat_xyzw: Its pose in ``map``; something that moves stays there then.
-        scale: Factor on its size.
-        hidden: Whether it is left out of the picture.
+        position_m, quat_xyzw: Pose in ``map``; a mover then stays at this pose.
+        scale: Factor on the size.
+        hidden: Whether it is hidden.
     """
 
     position_m: Position | None = None
@@ -57,10 +57,10 @@ class ObjectEdit(Section):
 
 
 class AddedConfig(PlacedObjectConfig):
-    """Something that is added to a world.
+    """An object that is added to the world.
 
     Attributes:
-        prototype: Name of a group, object or mover whose mesh it has, in place of a shape or file.
+        prototype: Name of a group, object or mover whose mesh it uses, instead of a shape or file.
     """
 
     prototype: Name | None = None
@@ -73,13 +73,13 @@ class AddedConfig(PlacedObjectConfig):
 
 
 class AssetMetadata(Section):
-    """All changes since a batch began; an entry that is null again changes nothing.
+    """All edits since the batch began; entries that were set back to null have no effect.
 
     Attributes:
-        count_factor: Factor on the number of rocks and things of every group; at a batch only.
-        groups: Changes by the group's name.
-        objects: Changes by instance id.
-        add: What is added, by a name of its own that gives it its instance id.
+        count_factor: Factor on the number of rocks and of instances of all groups; batch only.
+        groups: Edits by group name.
+        objects: Edits by instance id.
+        add: Added objects by a unique name, which determines the instance id.
     """
 
     count_factor: Factor = 1.0
@@ -88,25 +88,25 @@ class AssetMetadata(Section):
     add: dict[Name, AddedConfig | None] = Field(default_factory=dict)
 
     def group(self, name: str) -> GroupEdit:
-        """Return the change to a group."""
+        """Return the edit of a group."""
         return self.groups.get(name) or GroupEdit()
 
     @property
     def object_edits(self) -> dict[int, ObjectEdit]:
-        """Changes by instance id as a number."""
+        """Edits by instance id as a number."""
         return {int(key): edit for key, edit in self.objects.items() if edit is not None}
 
     @property
     def added(self) -> dict[str, AddedConfig]:
-        """What is there, by name, in the order of names."""
+        """The added objects, sorted by name."""
         return {name: spec for name, spec in sorted(self.add.items()) if spec is not None}
 
 
 def asset_metadata(earlier: Mapping[str, Any], metadata: Mapping[str, Any] | None) -> AssetMetadata:
-    """Return what holds after ``metadata`` was applied on top of ``earlier``.
+    """Return the edits after ``metadata`` was merged into ``earlier``.
 
     Raises:
-        InvalidInputError: A key is unknown or a value does not fit.
+        InvalidInputError: A key is unknown or a value is invalid.
     """
     data = merged(earlier, metadata)
     try:

@@ -1,4 +1,4 @@
-"""Things that stand on the ground: rocks, groups, objects, movers and calibration solids."""
+"""The module for objects on the ground: rocks, groups, objects, movers and primitives."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from oaisys_core.types import ObjectPage, ObjectQuery, merged
 
 
 class AssetsModule(Module):
-    """Puts things on the ground anew for each batch; samples may move, hide and add some."""
+    """Draws the objects of each batch; metadata may move, hide and add objects."""
 
     name = "assets"
     metadata_part = PART
@@ -52,12 +52,12 @@ class AssetsModule(Module):
         self._last: _PreviousDraw | None = None
 
     def setup(self) -> None:
-        """Load or make the rocks' texture set."""
+        """Load or make the texture set of the rocks."""
         if self._config.rocks:
             self._library.rock_maps()
 
     def check(self, metadata: Metadata) -> None:
-        """Refuse unknown keys, values out of range, and ids that no batch has."""
+        """Raise on unknown keys, invalid values, and ids that no batch can have."""
         checked = asset_metadata({}, metadata)
         self._check_groups(checked)
         self._check_added(checked)
@@ -69,7 +69,7 @@ class AssetsModule(Module):
                 raise InvalidInputError(path, key, "an instance id of this configuration")
 
     def check_sample(self, metadata: Metadata) -> None:
-        """Refuse unknown keys, values out of range, ids that this batch has not, and numbers."""
+        """Raise on unknown keys, invalid values, ids that this batch does not have, and counts."""
         if not metadata:
             return
         _refuse_counts(metadata)
@@ -79,7 +79,7 @@ class AssetsModule(Module):
         require(self._edited).check(checked)
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Replace all objects of the world; changes to ids that it has not are passed over."""
+        """Draw all objects of a new world; edits of ids that it does not have are ignored."""
         checked = asset_metadata({}, metadata)
         things = self._drawn(require(world.ground), checked, rng)
         world.primitives = things.primitives
@@ -90,17 +90,17 @@ class AssetsModule(Module):
         self._edited.apply(checked)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
-        """Move what moves by itself, and change what the metadata says from here on."""
+        """Move the movers, and apply the metadata to this and the following samples."""
         self._metadata = merged(self._metadata, metadata)
-        # A sample that fails brings the old module back, so what it holds must not change.
+        # If the sample fails, the old state is restored, so it must not be changed in place.
         self._edited = require(self._edited).in_world(world)
         self._edited.apply(asset_metadata({}, self._metadata))
 
     def listed(self, world: World, metadata: Metadata, query: ObjectQuery) -> ObjectPage:
-        """Return what stands in a world, as it will once ``metadata`` has been applied, too.
+        """Return the objects of a world after ``metadata`` is applied, without applying it.
 
         Raises:
-            InvalidInputError: The query cannot be answered, or the metadata applied.
+            InvalidInputError: The query or the metadata is invalid.
         """
         check_query(query)
         self.check_sample(metadata)
@@ -108,12 +108,12 @@ class AssetsModule(Module):
         edited = require(self._edited).in_world(later)
         checked = asset_metadata(self._metadata, metadata)
         edited.apply(checked)
-        return page_of(self._things(later, edited, checked), later.semantic_labels, query)
+        return page_of(self._instances(later, edited, checked), later.semantic_labels, query)
 
-    def _things(
+    def _instances(
         self, world: World, edited: EditedAssets, metadata: AssetMetadata
     ) -> Iterable[ObjectInstances]:
-        """Yield the things of a world, look by look."""
+        """Yield the objects of a world, prototype by prototype."""
         yield from map(solid, world.primitives)
         names = {FIRST_OBJECT_ID + i: each.name for i, each in enumerate(self._config.objects)}
         names |= {FIRST_MOVER_ID + i: each.name for i, each in enumerate(self._config.movers)}
@@ -140,7 +140,7 @@ class AssetsModule(Module):
     def _drawn(
         self, ground: Ground, metadata: AssetMetadata, rng: np.random.Generator
     ) -> DrawnAssets:
-        """Draw all things, or return those of the last batch where they would be the same."""
+        """Draw all objects, or return those of the last batch if they would be the same."""
         before = rng.bit_generator.state
         last = self._last
         if last and last.ground is ground and (last.metadata, last.before) == (metadata, before):
@@ -151,7 +151,7 @@ class AssetsModule(Module):
         return things
 
     def _faults(self) -> Iterable[InvalidInputError]:
-        """Yield what the configuration names and is not there."""
+        """Yield an error for each name in the configuration that does not exist."""
         for index, group in enumerate(self._config.rocks):
             if group.kind not in ROCK_KINDS:
                 path = f"assets.rocks.{index}.kind"
@@ -167,7 +167,7 @@ class AssetsModule(Module):
                 yield error
 
     def _shaped(self) -> Iterable[tuple[str, ShapedConfig]]:
-        """Yield everything that has a shape of its own, with its path."""
+        """Yield everything in the configuration that has a shape, with its path."""
         for part in ("groups", "objects", "movers"):
             for index, thing in enumerate(getattr(self._config, part)):
                 yield f"assets.{part}.{index}", thing
@@ -181,7 +181,7 @@ class AssetsModule(Module):
                 raise InvalidInputError(path, name, f"the name of a group ({known})")
             factor = metadata.count_factor * (edit.count_factor if edit else 1.0)
             if factor * counts[name] > MOST_INSTANCES:
-                expected = f"at most {MOST_INSTANCES} things in the group"
+                expected = f"at most {MOST_INSTANCES} instances in the group"
                 raise InvalidInputError(f"{path}.count_factor", factor, expected)
 
     def _check_added(self, metadata: AssetMetadata) -> None:
@@ -196,11 +196,13 @@ class AssetsModule(Module):
                 raise InvalidInputError(f"{path}.prototype", spec.prototype, expected)
             other = ids.setdefault(added_id(name), name)
             if other != name:
-                raise InvalidInputError(path, name, f"a name whose id is not that of {other!r}")
+                raise InvalidInputError(
+                    path, name, f"a name whose instance id differs from that of {other!r}"
+                )
 
 
 class _PreviousDraw(NamedTuple):
-    """What a batch has drawn, from what, and the generator's states before and after."""
+    """The inputs and the result of the last draw, with the generator's state before and after."""
 
     ground: Ground
     metadata: AssetMetadata
@@ -210,8 +212,8 @@ class _PreviousDraw(NamedTuple):
 
 
 def _refuse_counts(metadata: Mapping[str, Any]) -> None:
-    """Refuse numbers of things, which are drawn once a batch."""
-    expected = "none at a sample step: how many there are is drawn once a batch"
+    """Raise if metadata of a sample changes counts, which are drawn once per batch."""
+    expected = "none at a sample step, because counts are drawn once per batch"
     path = f"metadata.{PART}"
     if "count_factor" in metadata:
         raise InvalidInputError(f"{path}.count_factor", metadata["count_factor"], expected)

@@ -1,4 +1,4 @@
-"""What stands in a world, as a list that can be filtered and read a page at a time."""
+"""The list of a world's objects, which can be filtered and read page by page."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ from oaisys_core.scene import MeshPrototype, Primitive
 from oaisys_core.types import MAX_OBJECTS, FloatArray, ObjectPage, ObjectQuery, SceneObject
 
 KINDS = ("rock", "solid", "group", "object", "mover", "added")
-"""Of things: scattered rocks, exact solids, scattered groups, single things, moving ones, and what
-metadata has added."""
+"""Kinds of objects: scattered rocks, primitives, scattered groups, single objects, moving ones, and
+those that metadata added."""
 
 
 @dataclass(frozen=True)
 class ObjectInstances:
-    """Things of one look.
+    """Instances of one prototype, or one primitive.
 
     Attributes:
         kind: One of `KINDS`.
-        group: Kind of rock, name of the group, or shape of a solid; empty for all else.
-        semantic_id: On level 0.
-        T_map_object: (N, 4, 4) poses, rotation times uniform scale.
+        group: Kind of rock, name of the group, or shape of the primitive; otherwise "".
+        semantic_id: Id on level 0.
+        T_map_object: (N, 4, 4) poses with uniform scale.
         instance_ids: (N,).
-        low_m, high_m: (3,) corners of the box around one in its own frame.
-        names: Those that have a name of their own, by instance id.
+        low_m, high_m: (3,) corners of the bounding box in the object's frame.
+        names: Names by instance id, for objects that have one.
     """
 
     kind: str
@@ -42,18 +42,18 @@ class ObjectInstances:
     names: Mapping[int, str] = field(default_factory=dict)
 
     def name_of(self, instance_id: int) -> str:
-        """Return the name of one of them, which no other thing of the world has."""
+        """Return the unique name of an instance."""
         return self.names.get(instance_id) or f"{self.group or self.kind}_{instance_id}"
 
 
 def box_of(prototype: MeshPrototype) -> tuple[FloatArray, FloatArray]:
-    """Return the (3,) corners of the box around a mesh in its own frame."""
+    """Return the (3,) corners of the bounding box of a mesh in its own frame."""
     vertices = prototype.vertices_m.astype(np.float64)
     return vertices.min(axis=0), vertices.max(axis=0)
 
 
 def solid(primitive: Primitive) -> ObjectInstances:
-    """Return an exact solid."""
+    """Return a primitive as a list of one instance."""
     half_m = np.asarray(primitive.size_m) * (1.0 if primitive.shape == "sphere" else 0.5)
     return ObjectInstances(
         "solid",
@@ -67,10 +67,10 @@ def solid(primitive: Primitive) -> ObjectInstances:
 
 
 def check_query(query: ObjectQuery) -> None:
-    """Refuse a query that cannot be answered.
+    """Raise if a query is invalid.
 
     Raises:
-        InvalidInputError: A kind, a bound or the limit is none.
+        InvalidInputError: A kind, a bound or the limit is invalid.
     """
     for kind in query.kinds:
         if kind not in KINDS:
@@ -85,10 +85,10 @@ def check_query(query: ObjectQuery) -> None:
 def page_of(
     things: Iterable[ObjectInstances], labels: Mapping[int, str], query: ObjectQuery
 ) -> ObjectPage:
-    """Return those that the query asks for, in the order of their instance ids.
+    """Return the objects that the query selects, in the order of their instance ids.
 
     Args:
-        labels: Name by semantic id.
+        labels: Names by semantic id.
     """
     chosen = [(each, np.flatnonzero(_passes(each, query))) for each in things]
     chosen = [(each, rows) for each, rows in chosen if len(rows)]
@@ -106,7 +106,7 @@ def page_of(
 
 
 def _passes(each: ObjectInstances, query: ObjectQuery) -> NDArray[np.bool_]:
-    """Return which of the things a query lets through, (N,)."""
+    """Return (N,) which instances a query selects."""
     count = len(each.instance_ids)
     if (query.kinds and each.kind not in query.kinds) or (
         query.groups and each.group not in query.groups
@@ -117,16 +117,16 @@ def _passes(each: ObjectInstances, query: ObjectQuery) -> NDArray[np.bool_]:
         passes &= np.isin(each.instance_ids, np.array(query.instance_ids, np.int64))
     if query.names:
         passes &= np.isin(each.instance_ids, _ids_of_names(each, query.names))
-    place_m = each.T_map_object[:, :3, 3]
+    position_m = each.T_map_object[:, :3, 3]
     if query.low_m is not None:
-        passes &= (place_m >= np.asarray(query.low_m)).all(axis=1)
+        passes &= (position_m >= np.asarray(query.low_m)).all(axis=1)
     if query.high_m is not None:
-        passes &= (place_m <= np.asarray(query.high_m)).all(axis=1)
+        passes &= (position_m <= np.asarray(query.high_m)).all(axis=1)
     return passes
 
 
 def _ids_of_names(each: ObjectInstances, names: Iterable[str]) -> NDArray[np.int64]:
-    """Return the ids of those things that have one of the names."""
+    """Return the ids of the instances that have one of the names."""
     wanted = set(names)
     numbers = (name.rpartition("_")[2] for name in wanted)
     candidates = {int(number) for number in numbers if number.isdecimal() and len(number) < 12}
@@ -137,7 +137,7 @@ def _ids_of_names(each: ObjectInstances, names: Iterable[str]) -> NDArray[np.int
 def _object(each: ObjectInstances, row: int, labels: Mapping[int, str]) -> SceneObject:
     T = each.T_map_object[row]
     scale = float(np.linalg.norm(T[:3, 0]))
-    # The box of a box that is turned: half its edges, by the size of what they turn into.
+    # The bounding box of a rotated box: its half edges by the absolute rotation matrix.
     centre_m = T[:3, :3] @ ((each.low_m + each.high_m) / 2) + T[:3, 3]
     half_m = np.abs(T[:3, :3]) @ ((each.high_m - each.low_m) / 2)
     instance_id = int(each.instance_ids[row])

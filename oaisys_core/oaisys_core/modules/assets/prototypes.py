@@ -1,4 +1,4 @@
-"""What things look like: built-in shapes and users' files as prototypes."""
+"""Prototypes of objects, made from built-in shapes and users' files."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from oaisys_core.textures import TEXTURES, default_cache_dir, texture_set
 
 
 class PrototypeLibrary:
-    """Makes prototypes; files and textures are read once.
+    """Makes prototypes, and reads each file and texture only once.
 
     Args:
-        rock_texture: Texture set of rocks that name none.
-        tile_m: Edge length of its tile, and of any that has none of its own.
-        size_px, seed: Of built-in texture sets.
+        rock_texture: Texture set of rocks without their own.
+        tile_m: Edge length of its tile, and of other textures without ``tile_m``.
+        size_px, seed: Size and seed of built-in texture sets.
     """
 
     def __init__(self, rock_texture: str, tile_m: float, size_px: int, seed: int) -> None:
@@ -34,11 +34,11 @@ class PrototypeLibrary:
         self._files: dict[tuple[Path, str | None, str | None], MeshPrototype] = {}
 
     def check(self, config: ShapedConfig, field: str) -> None:
-        """Refuse shapes and textures that do not exist, and files that hold no mesh.
+        """Raise on shapes and textures that do not exist, and on files without a mesh.
 
         Raises:
             InvalidInputError: Its path begins with ``field``.
-            BackendUnavailableError: It is a .blend file and there is no Blender.
+            BackendUnavailableError: It is a .blend file and Blender is not installed.
         """
         if config.shape is not None:
             check_shape(config.shape, f"{field}.shape")
@@ -49,7 +49,7 @@ class PrototypeLibrary:
             self._from_file(config, f"{field}.file")
 
     def rock_maps(self) -> PbrMaps:
-        """Return the texture of rocks that name none."""
+        """Return the texture set of rocks without their own."""
         return self._textured(self._rock_texture, self._tile_m)
 
     def prototype(
@@ -59,10 +59,10 @@ class PrototypeLibrary:
         largest_m: float = 1.0,
         detail: int | None = None,
     ) -> MeshPrototype:
-        """Return what a thing looks like, in its own size.
+        """Return the prototype of an object at its own size.
 
         Args:
-            rng: Gives the form of built-in shapes.
+            rng: Draws built-in shapes.
             largest_m, detail: See `make_shape`.
         """
         if config.shape is not None:
@@ -72,7 +72,7 @@ class PrototypeLibrary:
         return self._coloured(look, config)
 
     def group_prototypes(self, group: GroupConfig, rng: np.random.Generator) -> list[MeshPrototype]:
-        """Return the variants of a group's things, each 1 m along its longest axis."""
+        """Return the variants of a group, each 1 m along its longest axis."""
         count = group.variants if group.shape is not None else 1
         looks = [self.prototype(group, rng, group.size_m[1], group.detail) for _ in range(count)]
         return [_of_size_1(look) for look in looks]
@@ -116,7 +116,7 @@ class PrototypeLibrary:
 def _upright(
     vertices_m: NDArray[np.float32], path: Path, up_axis: str | None
 ) -> NDArray[np.float32]:
-    """Return vertices turned so that the given axis of the file points up."""
+    """Return vertices rotated so that the given axis of the file points up."""
     was_turned = path.suffix.lower() in Y_UP_SUFFIXES
     if up_axis is None or was_turned == (up_axis == "y"):
         return vertices_m
@@ -125,7 +125,7 @@ def _upright(
 
 
 def _of_size_1(look: MeshPrototype) -> MeshPrototype:
-    """Return a mesh of any size with its longest axis 1 m and its base's centre at the origin."""
+    """Return a mesh scaled to 1 m along its longest axis, the centre of its base at the origin."""
     low, high = look.vertices_m.min(axis=0), look.vertices_m.max(axis=0)
     size_m = float((high - low).max())
     if abs(size_m - 1) < 1e-5 and abs(low[2]) < 0.2:
