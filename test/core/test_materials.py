@@ -144,7 +144,7 @@ def test_metadata_is_refused_by_its_path(metadata: dict[str, Any], field: str) -
 
 def test_an_id_has_one_name() -> None:
     twice = [{"label": "a", "semantic_id": 1}, {"label": "b", "semantic_id": 1}]
-    with pytest.raises(ConfigError, match="called 'a'"):
+    with pytest.raises(ConfigError, match="name 'a'"):
         MaterialsModule(config(layers=twice))
 
 

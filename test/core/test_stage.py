@@ -289,7 +289,7 @@ def test_stages_that_cannot_be_reused_are_refused(tmp_path: Path) -> None:
     assert ground_bytes(world) == ground, "the world that stands is kept"
 
     others = {"assets": {"rocks": [{"count": [5, 6], "label": "rock", "semantic_id": 2}]}}
-    with pytest.raises(InvalidInputError, match="another configuration of assets"):
+    with pytest.raises(InvalidInputError, match="another asset configuration"):
         simulation(stage, **others).step_batch(
             stage_metadata(reuse={"name": "hill", "objects": "keep"})
         )

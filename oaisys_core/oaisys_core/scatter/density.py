@@ -1,4 +1,4 @@
-"""How likely things are to stand at places: noise, cells, slopes, heights and images."""
+"""Densities of scattered objects: noise, Voronoi cells, slopes, heights and images."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ Density = Callable[[FloatArray], FloatArray]
 """Returns (N,) values from 0 to 1 at (N, 2) points in ``map``."""
 
 NOISE_ROUGH = 1.8
-"""Fall of a noise's amplitudes with frequency; lower tears the patches' borders more."""
+"""Exponent by which noise amplitudes fall with frequency; lower gives more ragged patches."""
 
 RELIEF_POINTS = 257
-"""Points along an edge of the ground at which its lowest and highest are looked for."""
+"""Points along an edge of the ground at which its height range is sampled."""
 
 
 def make_density(
@@ -41,7 +41,7 @@ def make_density(
     """Return the product of several densities over a ground.
 
     Args:
-        rng: Only seeds them: each has a stream of its own, by its place in the sequence.
+        rng: Seeds the densities; each has its own stream, by its index.
 
     Raises:
         ConfigError: An image cannot be read.
@@ -75,7 +75,7 @@ def _density(config: DensityConfig, ground: Ground, rng: np.random.Generator) ->
 
 
 def band(values: FloatArray, low: float, high: float, fade: float) -> FloatArray:
-    """Return 1 from ``low`` to ``high``, 0 outside, with linear fades centred on the two; 0 at NaN.
+    """Return 1 from ``low`` to ``high`` and 0 outside and at NaN, with linear fades at both bounds.
 
     >>> band(np.array([0.0, 1.0, 1.5, 4.0]), 1.0, 3.0, 1.0)
     array([0. , 0.5, 1. , 0. ])
@@ -86,7 +86,7 @@ def band(values: FloatArray, low: float, high: float, fade: float) -> FloatArray
 
 
 def bilinear(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:
-    """Return (N,) values of a field whose pixels tile the ground, row 0 at its smallest y."""
+    """Return (N,) interpolated values of a field over the ground, with row 0 at the smallest y."""
     x0, y0, x1, y1 = ground.extent_m
     rows, cols = field.shape
     place = (xy - (x0, y0)) / (x1 - x0, y1 - y0) * (cols, rows) - 0.5
@@ -112,7 +112,7 @@ def _noise_patches(config: NoiseDensity, ground: Ground, rng: np.random.Generato
 
 def _cells(config: VoronoiDensity, ground: Ground, rng: np.random.Generator) -> Density:
     x0, y0, x1, y1 = ground.extent_m
-    # Cells at the rim are as wide as elsewhere because points lie beyond it too.
+    # Points beyond the rim keep the cells at the rim as wide as the others.
     low, high = np.array((x0, y0)) - config.cell_m, np.array((x1, y1)) + config.cell_m
     count = max(2, round(float(np.prod(high - low)) / config.cell_m**2))
     tree = cKDTree(rng.uniform(low, high, (count, 2)))

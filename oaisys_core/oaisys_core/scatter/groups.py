@@ -1,4 +1,4 @@
-"""Where the things of a group stand."""
+"""Sizes and poses of the instances of a group."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.types import FloatArray
 
 ROUNDS = 24
-"""How often places that were refused are drawn anew before fewer are accepted."""
+"""Rounds of drawing positions before fewer instances are accepted."""
 
 MOST_DRAWN = 400_000
-"""Places drawn at once."""
+"""Largest number of positions drawn at once."""
 
 SPARE = 64
-"""Places drawn beyond those that are expected to do."""
+"""Positions drawn in addition to the expected number."""
 
 SPARSEST = 1 / 64
-"""Share of places accepted below which no more are drawn at once to make up for it."""
+"""Least acceptance rate that is compensated by drawing more positions at once."""
 
 CELLS = 512
-"""Cells along an edge of the ground: where the density is 0 in and around one, none is drawn."""
+"""Cells along an edge of the ground; none is used where the density is 0 in and around it."""
 
 FULL = 0.01
-"""Share of the missing that a round must place, or there is no more room."""
+"""Share of the missing instances that a round must place; below it, the ground is full."""
 
 
 def scatter_group(
@@ -51,11 +51,11 @@ def scatter_group(
     ground: Ground,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, NDArray[np.int64]]:
-    """Return poses of up to ``count`` things of a group, of sizes as it says, largest first.
+    """Return the poses of up to ``count`` instances of a group, largest first.
 
     Args:
-        shapes: What they look like, 1 m large each.
-        rng: Only seeds them: places, sizes and turns are drawn from streams of their own.
+        shapes: Its prototypes, each 1 m large.
+        rng: Seeds the separate streams of positions, sizes and rotations.
 
     Returns:
         (N, 4, 4) rotation times uniform scale with translation, and (N,) indices into ``shapes``.
@@ -69,9 +69,9 @@ def scatter_group(
     xy = _places(group, sizes_m, density, ground, randomness.child(rng, "places"))
     stands = np.isfinite(xy[:, 0])
     xy, sizes_m, shape_of = xy[stands], sizes_m[stands], shape_of[stands]
-    builds = np.array([footprint_of(shape) for shape in shapes])[shape_of]
+    footprints = np.array([footprint_of(shape) for shape in shapes])[shape_of]
     turns = randomness.child(rng, "turns")
-    rotations, depth_m = _stances(group, ground, xy, sizes_m, builds, turns)
+    rotations, depth_m = _stances(group, ground, xy, sizes_m, footprints, turns)
     T_map_object = np.tile(np.eye(4), (len(xy), 1, 1))
     T_map_object[:, :3, :3] = rotations * sizes_m[:, None, None]
     T_map_object[:, :2, 3] = xy
@@ -80,7 +80,7 @@ def scatter_group(
 
 
 def group_sizes_m(group: GroupConfig, count: int, rng: np.random.Generator) -> FloatArray:
-    """Return (count,) sizes of a group's things, within its range, largest first."""
+    """Return (count,) sizes of a group's instances, within its range, largest first."""
     low, high = group.size_m
     if low == high:
         return np.full(count, low)
@@ -103,17 +103,17 @@ def _places(
     ground: Ground,
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Return (N, 2) places for things of (N,) falling sizes, NaN where there was no room."""
+    """Return (N, 2) positions of instances with (N,) decreasing sizes; NaN if there was no room."""
     spacing = Spacing(group.spacing, group.spacing_m)
     taken = OccupiedPlaces(spacing)
     xy = np.full((len(sizes_m), 2), np.nan)
-    wanted = _PlaceSampler(group, density, ground, rng)
-    # By octaves of size, so that large ones find room, and few pairs need to be looked at.
+    sampler = _PlaceSampler(group, density, ground, rng)
+    # By octaves of size: large ones find room first, and fewer pairs are compared.
     octave = np.floor(np.log2(sizes_m[0] / sizes_m + 1e-9)) if len(sizes_m) else sizes_m
     for start, stop in _runs(octave):
         missing = np.arange(start, stop)
         for _ in range(ROUNDS):
-            drawn = wanted.draw(len(missing))
+            drawn = sampler.draw(len(missing))
             slots = missing[: len(drawn)]
             fits = taken.free(drawn, sizes_m[slots])
             drawn, slots = drawn[fits], slots[fits]
@@ -128,7 +128,7 @@ def _places(
 
 
 class _PlaceSampler:
-    """Draws places as likely as a group's densities say, on ground that is not too steep."""
+    """Draws positions according to a group's densities, on ground that is not too steep."""
 
     def __init__(
         self, group: GroupConfig, density: Density, ground: Ground, rng: np.random.Generator
@@ -143,7 +143,7 @@ class _PlaceSampler:
         self._share = 1.0
 
     def draw(self, count: int) -> FloatArray:
-        """Return (N, 2) places, ``count`` at most, and fewer where few of those drawn are kept."""
+        """Return (N, 2) positions: at most ``count``, fewer if many of those drawn are rejected."""
         number = min(MOST_DRAWN, int(np.ceil(count / max(self._share, SPARSEST))) + SPARE)
         drawn = self._anywhere(number)
         drawn = drawn[self._rng.uniform(size=len(drawn)) < self._density(drawn)]
@@ -152,7 +152,7 @@ class _PlaceSampler:
         return drawn[:count]
 
     def _anywhere(self, number: int) -> FloatArray:
-        """Return up to (number, 2) places in cells where something may stand."""
+        """Return up to (number, 2) positions in cells with a positive density."""
         if self._cells is None:
             span = self._cell * CELLS
             return np.asarray(self._low + self._rng.uniform(size=(number, 2)) * span)
@@ -163,7 +163,7 @@ class _PlaceSampler:
         return np.asarray(self._low + (chosen + within) * self._cell)
 
     def _possible_cells(self) -> NDArray[np.intp]:
-        """Return (C, 2) columns and rows of cells in or beside which the density is not 0."""
+        """Return (C, 2) columns and rows of cells with a positive density in or next to them."""
         index = np.arange(CELLS)
         columns, rows = np.meshgrid(index, index)
         cells = np.column_stack((columns.ravel(), rows.ravel()))
@@ -184,23 +184,23 @@ def _stances(
     ground: Ground,
     xy: FloatArray,
     sizes_m: FloatArray,
-    builds: FloatArray,
+    footprints: FloatArray,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (N, 3, 3) rotations, and (N,) depths of the bases under the ground."""
+    """Return (N, 3, 3) rotations, and (N,) depths of the bases below the ground."""
     count = len(xy)
     yaw_rad = np.radians(rng.uniform(*group.yaw_deg, count))
     tilt_rad = np.radians(group.tilt_deg) * rng.uniform(-1, 1, (count, 2))
     sink = rng.uniform(*group.sink, count)
     if not count:
         return np.zeros((0, 3, 3)), np.zeros(0)
-    height_m, foot_m = builds.T * sizes_m
+    height_m, foot_m = footprints.T * sizes_m
     slope, hollow_m = bedding(ground, xy, np.maximum(foot_m, ground.spacing_m / 2))
     rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
     rotation = leaning(slope, group.align) * rotation
-    # What leans out of the ground's normal lifts one side of its foot, so it goes deeper.
+    # Leaning away from the ground's normal lifts one side of the foot, so sink it deeper.
     lean = np.linalg.norm(tilt_rad, axis=1)
     lean += (1 - group.align) * np.arctan(np.linalg.norm(slope, axis=1))
     depth_m = sink * height_m + foot_m * np.tan(np.minimum(lean, 1.2)) + hollow_m
-    # A base below the ground all around: only what is level with it may stay at its full height.
+    # The whole base must be below the ground, unless it is level with the ground.
     return rotation.as_matrix(), np.minimum(depth_m, MOST_BURIED * height_m)

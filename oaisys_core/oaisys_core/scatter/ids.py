@@ -1,8 +1,9 @@
-"""Instance ids that stay when something is added elsewhere.
+"""Instance ids that do not change when something is added elsewhere.
 
-The rocks and primitives count from 1, each group from a block of its own, objects and movers from
-fixed ones; what metadata adds takes its id from its name. All of it is below 65536 in worlds of
-usual size, so that ids fit 16-bit images, and below 2**31 in any.
+Rocks and primitives count from 1; each group has its own block of ids; objects and movers count
+from fixed ids; an object that metadata adds gets its id from its name. In worlds of usual size the
+ids of configured objects are below 65536, so that they fit into 16-bit images; all ids are below
+2**31.
 """
 
 from __future__ import annotations
@@ -15,48 +16,48 @@ import numpy as np
 from numpy.typing import NDArray
 
 ROCKS = 10_000
-"""Ids kept for rocks and primitives, unless the configuration has more of them."""
+"""Number of ids reserved for rocks and primitives, unless the configuration has more."""
 
 FIRST_OBJECT_ID, FIRST_MOVER_ID = 60_001, 62_501
 AFTER_OBJECTS_ID = 65_536
-"""First id that is not kept for objects and movers."""
+"""First id after those reserved for objects and movers."""
 
 FAR = 2**20
-"""Size of the far blocks, one per group: for what does not fit below the first of them."""
+"""Size of the overflow blocks, one per group, for ids that do not fit elsewhere."""
 
 FIRST_ADDED_ID = 2**30
 
 
 class IdBlock(NamedTuple):
-    """Where the ids of a group begin, how many it holds, and where those beyond it begin."""
+    """The ids of a group: ``size`` ids from ``first``, and the overflow from ``far_first``."""
 
     first: int
     size: int
     far_first: int
 
     def ids(self, count: int) -> NDArray[np.uint32]:
-        """Return the ids of the first ``count`` things of the group."""
+        """Return the ids of the first ``count`` instances of the group."""
         index = np.arange(count)
         beyond = self.far_first + index - self.size
         return np.where(index < self.size, self.first + index, beyond).astype(np.uint32)
 
     def holds(self, instance_id: int) -> bool:
-        """Return whether an id may be one of the group's."""
+        """Return whether an id may belong to the group."""
         is_far = self.far_first <= instance_id < (self.far_first // FAR + 1) * FAR
         return self.first <= instance_id < self.first + self.size or is_far
 
 
 def rock_block(count: int) -> IdBlock:
-    """Return the block of rocks and primitives, of which the configuration has up to ``count``."""
+    """Return the block of rocks and primitives, given their largest number."""
     return IdBlock(1, min(max(ROCKS, count), FIRST_OBJECT_ID - 1), FAR)
 
 
 def group_blocks(rocks: IdBlock, counts: Sequence[int]) -> list[IdBlock]:
-    """Return the blocks of groups; one does not depend on those after it.
+    """Return the blocks of groups; a block does not depend on later groups.
 
     Args:
-        rocks: The block before them.
-        counts: How many things each group has at most, without metadata's factors.
+        rocks: The block of the rocks.
+        counts: Largest configured number of instances of each group.
     """
     blocks = []
     first = rocks.first + rocks.size
@@ -72,6 +73,6 @@ def group_blocks(rocks: IdBlock, counts: Sequence[int]) -> list[IdBlock]:
 
 
 def added_id(name: str) -> int:
-    """Return the id of a thing that metadata adds under a name."""
+    """Return the id of an object that metadata adds under a name."""
     digest = hashlib.sha256(name.encode()).digest()
     return FIRST_ADDED_ID + int.from_bytes(digest[:8], "big") % FIRST_ADDED_ID

@@ -1,4 +1,4 @@
-"""Meshes put together from coloured parts: strips, tubes, boxes, cylinders and domes."""
+"""Building meshes from coloured parts: strips, tubes, boxes and rods."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from oaisys_core.types import FloatArray
 
 
 class MeshBuilder:
-    """Collects parts of a mesh; every part has vertices of its own, so that edges stay sharp."""
+    """Collects the parts of a mesh; parts share no vertices, so that their edges stay sharp."""
 
     def __init__(self) -> None:
         self._vertices: list[FloatArray] = []
@@ -19,7 +19,7 @@ class MeshBuilder:
         self._count = 0
 
     def add(self, vertices_m: ArrayLike, triangles: ArrayLike, color_srgb: ArrayLike) -> None:
-        """Add (V, 3) vertices, (T, 3) triangles, and one (3,) colour or (V, 3) of them, 0 to 1."""
+        """Add (V, 3) vertices and (T, 3) triangles with a (3,) colour or (V, 3) colours, 0 to 1."""
         vertices = np.asarray(vertices_m, dtype=np.float64)
         self._vertices.append(vertices)
         self._triangles.append(np.asarray(triangles, np.int32) + np.int32(self._count))
@@ -29,10 +29,10 @@ class MeshBuilder:
     def strip(
         self, left_m: FloatArray, right_m: FloatArray, colors: ArrayLike, *, pointed: bool = True
     ) -> None:
-        """Add a leaf between two (K, 3) rims; colours are (3,) or (K, 3), from foot to tip.
+        """Add a strip between two (K, 3) edges, with (3,) or (K, 3) colours from foot to tip.
 
         Args:
-            pointed: Whether it ends in a point between the last two.
+            pointed: Whether it ends in a point midway between the last two.
         """
         count = len(left_m)
         colors = np.broadcast_to(np.asarray(colors, np.float64), (count, 3))
@@ -54,7 +54,7 @@ class MeshBuilder:
     def tube(
         self, points_m: ArrayLike, radii_m: ArrayLike, colors: ArrayLike, sides: int = 3
     ) -> None:
-        """Add a round limb through (K, 3) points with (K,) radii, open at its ends."""
+        """Add a tube through (K, 3) points with (K,) radii, open at both ends."""
         points = np.asarray(points_m, dtype=np.float64)
         count = len(points)
         radii = np.broadcast_to(np.asarray(radii_m, np.float64), count)
@@ -84,7 +84,7 @@ class MeshBuilder:
         color_srgb: ArrayLike,
         R: ArrayLike | None = None,
     ) -> None:
-        """Add a box with edges of (3,) lengths, turned by (3, 3) about its centre."""
+        """Add a box with (3,) edge lengths, rotated by a (3, 3) matrix about its centre."""
         corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
         faces = "0132 4675 0451 2376 0264 1573"
         vertices = np.array([corners[int(i)] for face in faces.split() for i in face])
@@ -103,7 +103,7 @@ class MeshBuilder:
         color_srgb: ArrayLike,
         sides: int = 12,
     ) -> None:
-        """Add a closed cylinder, or a cone cut off, between two points; sharp at its ends."""
+        """Add a closed cylinder or truncated cone between two points, with sharp ends."""
         start, end = np.asarray(start_m, np.float64), np.asarray(end_m, np.float64)
         radii = (radius_m, radius_m) if isinstance(radius_m, int | float) else radius_m
         along = (end - start) / np.linalg.norm(end - start)
@@ -123,7 +123,7 @@ class MeshBuilder:
         self.add(high, fan, color_srgb)
 
     def mesh(self, name: str) -> MeshPrototype:
-        """Return what was put together, as it is."""
+        """Return the mesh of all parts."""
         colors = np.clip(np.vstack(self._colors), 0, 1)
         mean = colors.mean(axis=0)
         return MeshPrototype(
@@ -135,7 +135,7 @@ class MeshBuilder:
         )
 
     def mesh_of_size_1(self, name: str) -> MeshPrototype:
-        """Return what was put together with its longest axis 1 m, its foot's centre at (0, 0)."""
+        """Return the mesh of all parts, scaled to 1 m along its longest axis."""
         mesh = self.mesh(name)
         vertices = mesh.vertices_m.astype(np.float64)
         vertices /= np.ptp(vertices, axis=0).max()
@@ -149,7 +149,7 @@ class MeshBuilder:
 
 
 def _across(along: FloatArray) -> FloatArray:
-    """Return (N, 3) unit vectors at right angles to (N, 3) unit vectors."""
+    """Return (N, 3) unit vectors perpendicular to (N, 3) unit vectors."""
     steep = np.abs(along[:, 2:]) > 0.9
     helper = np.where(steep, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
     across = np.cross(helper, along)

@@ -1,4 +1,4 @@
-"""Random places on the ground: spaced apart, not too steep, and sunk in so that nothing floats."""
+"""Random poses on the ground: spaced apart, not too steep, and sunk in so that nothing floats."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from oaisys_core.terrain.noise import Field, spectral
 from oaisys_core.types import FloatArray
 
 ROUNDS = 16
-"""How often places that were refused are drawn anew before fewer are accepted."""
+"""Rounds of drawing positions before fewer objects are accepted."""
 
 MOST_BURIED = 0.8
-"""Share of its height that is in the ground at most, so that all are seen."""
+"""Largest share of an object's height below the ground, so that every object is visible."""
 
 PATCH_M = 6.0
 PATCHES_PX = 128
-"""Width of the patches where things lie closer, and texels of the map of them."""
+"""Width of the patches of higher density, and size of the map of patches."""
 
 
 def power_law_sizes(
     count: int, size_range_m: tuple[float, float], exponent: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return (count,) sizes whose number above D goes as D**-exponent, within the range.
+    """Return (count,) sizes from a power law: the number above size D goes as D**-exponent.
 
-    Inverse transform of the truncated Pareto distribution; rock abundance on Mars and the Moon is
-    commonly described so (Golombek and Rapp, JGR 102(E2), 1997).
+    They are drawn by inverse transform from a truncated Pareto distribution, as commonly used for
+    rock abundance on Mars and the Moon (Golombek and Rapp, JGR 102(E2), 1997).
     """
     low, high = size_range_m
     u = rng.uniform(size=count)
@@ -49,21 +49,21 @@ def scatter_on(
     clumping: float = 0.7,
     height_share: float = 0.6,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return poses of up to ``count`` things on the ground.
+    """Return the poses of up to ``count`` objects on the ground.
 
     Args:
-        ground: Where they lie.
-        count: How many are wanted; fewer where there is no room for them.
-        size_range_m: Smallest and largest longest axis.
-        rng: Gives places, sizes and orientations.
-        size_exponent: Of the power law of sizes.
-        min_spacing: Least distance of two things, in units of their mean size.
-        sink: Least and most share of its height that a thing is in the ground; more where the
-            ground is hollow or the thing leans.
-        max_slope_deg: Steepest ground.
-        max_tilt_deg: Most that a thing leans out of the ground's normal, about either axis.
-        clumping: 0 spreads them evenly; with 1 some patches hold hardly any.
-        height_share: Height of the things relative to their longest axis.
+        ground: The ground.
+        count: Wanted number; fewer are returned if there is no room.
+        size_range_m: Smallest and largest size along the longest axis.
+        rng: Draws positions, sizes and orientations.
+        size_exponent: Exponent of the power law of sizes.
+        min_spacing: Least distance between two objects, in units of their mean size.
+        sink: Range of the share of an object's height below the ground; more if the ground is
+            hollow or the object leans.
+        max_slope_deg: Steepest ground that is used.
+        max_tilt_deg: Largest tilt away from the ground's normal, about either axis.
+        clumping: 0 for an even spread; with 1 some patches are almost empty.
+        height_share: Height of the objects relative to their longest axis.
 
     Returns:
         (N, 4, 4) rotation times uniform scale with translation, and (N,) sizes in metres, largest
@@ -85,13 +85,13 @@ def scatter_on(
 
 
 def _patches(ground: Ground, rng: np.random.Generator) -> Field:
-    """Return noise over the ground, its features about `PATCH_M` wide."""
+    """Return noise over the ground with features about `PATCH_M` wide."""
     x0, _, x1, _ = ground.extent_m
     return spectral(PATCHES_PX, max((x1 - x0) / (2 * PATCH_M), 1.0), rng, rough=2.0)
 
 
 def _nearest(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:
-    """Return (N,) values of a square field that spans the ground, at (N, 2) points on it."""
+    """Return (N,) nearest values of a square field over the ground at (N, 2) points."""
     x0, y0, x1, y1 = ground.extent_m
     share = (xy - (x0, y0)) / (x1 - x0, y1 - y0)
     column, row = np.minimum((share * len(field)).astype(np.intp), len(field) - 1).T
@@ -101,7 +101,7 @@ def _nearest(field: Field, ground: Ground, xy: FloatArray) -> FloatArray:
 def random_places(
     ground: Ground, count: int, margin_m: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Return (count, 2) places on the ground, ``margin_m`` off its rim where there is room."""
+    """Return (count, 2) positions on the ground, ``margin_m`` from its rim if there is room."""
     x0, y0, x1, y1 = ground.extent_m
     margin_m = min(margin_m, (x1 - x0) / 4, (y1 - y0) / 4)
     low = (x0 + margin_m, y0 + margin_m)
@@ -119,7 +119,7 @@ def slope_deg(ground: Ground, xy: FloatArray) -> FloatArray:
 
 
 def _spaced(xy: FloatArray, sizes_m: FloatArray, min_spacing: float) -> FloatArray:
-    """Return the places without those too near to an earlier one, in order."""
+    """Return the positions without those too close to an earlier one."""
     pairs = pairs_too_near(xy, sizes_m[: len(xy)], Spacing(min_spacing))
     return np.asarray(xy[first_come(len(xy), pairs)])
 
@@ -136,7 +136,7 @@ def _poses(
     count = len(xy)
     yaw_rad = rng.uniform(-np.pi, np.pi, count)
     tilt_rad = np.radians(max_tilt_deg) * rng.uniform(-1, 1, (count, 2))
-    # Something that leans lifts one side of its foot, so it goes deeper.
+    # Leaning lifts one side of the foot, so sink it deeper.
     depth_m = sizes_m * (
         height_share * rng.uniform(*sink, count) + 0.3 * np.linalg.norm(tilt_rad, axis=1)
     )
@@ -153,7 +153,7 @@ def _poses(
 
 
 def bedding(ground: Ground, xy: FloatArray, radius_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the plane that each thing lies on.
+    """Return the plane that each object lies on.
 
     Returns:
         (N, 2) slope of the ground along x and y over a circle of each radius, and (N,) depth of
@@ -165,18 +165,18 @@ def bedding(ground: Ground, xy: FloatArray, radius_m: FloatArray) -> tuple[Float
     centre_m = ground.height_at(xy)
     rise_m = ground.height_at(around.reshape(-1, 2)).reshape(len(xy), -1) - centre_m[:, None]
     rise_m = np.nan_to_num(rise_m)
-    # Least squares over directions spread evenly: the mean of each, as in a Fourier series.
+    # Least squares over evenly spaced directions reduces to means, as in a Fourier series.
     slope = 2 * (rise_m @ way) / (len(way) * radius_m[:, None])
     hollow_m = -(rise_m - (slope @ way.T) * radius_m[:, None]).min(axis=1)
     return slope, np.maximum(hollow_m, 0)
 
 
 def leaning(slope: FloatArray, share: float = 1.0) -> Rotation:
-    """Return (N,) rotations that tilt the z axis by ``share`` of the way to the ground's normal.
+    """Return (N,) rotations that tilt the z axis by a share of the angle to the ground's normal.
 
     Args:
-        slope: (N, 2) rise of the ground along x and y.
-        share: 1 brings the z axis onto the normal by the shortest rotation.
+        slope: (N, 2) slopes of the ground along x and y.
+        share: With 1 the z axis becomes the normal, by the shortest rotation.
     """
     steepness = np.linalg.norm(slope, axis=1)
     axis = np.column_stack((slope[:, 1], -slope[:, 0], np.zeros(len(slope))))

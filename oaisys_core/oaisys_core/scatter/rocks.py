@@ -1,4 +1,4 @@
-"""Rock meshes made from a sphere: facets cut by planes, squeezed, and roughened by noise."""
+"""Rock meshes: spheres cut by planes, squeezed, and roughened by noise."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from oaisys_core.types import FloatArray
 
 @dataclass(frozen=True)
 class RockStyle:
-    """What tells one kind of rock from another.
+    """The parameters of a kind of rock.
 
     Attributes:
-        facets: How many planes cut it.
-        cut: (least, most) distance of a plane from the centre, the sphere's radius being 1.
-        edge: Softness of the facets' edges; 0 is sharp.
+        facets: Number of planes that cut it.
+        cut: (least, most) distance of a plane from the centre of the unit sphere.
+        edge: Softness of the edges; 0 is sharp.
         axes: (least, most) length of the second and third axis relative to the first.
-        lumps: Height of the unevenness that the planes cut through.
-        grain: Height of the fine unevenness on all of it.
-        ledges: Depth of the layers that stand out around it.
+        lumps: Amplitude of the coarse noise, before the planes cut.
+        grain: Amplitude of the fine noise.
+        ledges: Depth of horizontal layers.
     """
 
     facets: int
@@ -44,18 +44,18 @@ STYLES = {
 }
 
 MOST_SUBDIVISIONS = {"pebble": 1}
-"""Kinds of which many thousands lie about, so that they must be simple."""
+"""Limits for kinds that are scattered by the thousand."""
 
 ROCK_KINDS = frozenset(STYLES)
 
 
 def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPrototype:
-    """Return a closed rock mesh whose longest axis is 1 m, its base's centre at the origin.
+    """Return a closed rock mesh, 1 m along its longest axis, the centre of its base at the origin.
 
     Args:
         kind: One of `ROCK_KINDS`.
-        rng: Gives its shape.
-        subdivisions: Of the icosahedron: 20 * 4**n triangles; pebbles have 80 at most.
+        rng: Draws its shape.
+        subdivisions: n of the icosahedron, for 20 * 4**n triangles; pebbles have at most 80.
 
     Raises:
         InvalidInputError: There is no such kind.
@@ -79,7 +79,7 @@ def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
 def icosphere(subdivisions: int) -> tuple[FloatArray, NDArray[np.int32]]:
     """Return unit vectors and outward triangles of an icosahedron subdivided n times."""
     g = (1 + 5**0.5) / 2
-    # The corners of three golden rectangles at right angles to one another.
+    # The corners of three perpendicular golden rectangles.
     corners = "-1 g 0|1 g 0|-1 -g 0|1 -g 0|0 -1 g|0 1 g|0 -1 -g|0 1 -g|g 0 -1|g 0 1|-g 0 -1|-g 0 1"
     value = {"0": 0.0, "1": 1.0, "-1": -1.0, "g": g, "-g": -g}
     points = np.array([[value[v] for v in corner.split()] for corner in corners.split("|")])
@@ -107,7 +107,7 @@ def _subdivided(
 def _cut_radius(
     directions: FloatArray, body: FloatArray, style: RockStyle, rng: np.random.Generator
 ) -> FloatArray:
-    """Return how far the body reaches in each direction after planes cut pieces off it."""
+    """Return the radius of the body in each direction after planes have cut it."""
     normals = rng.normal(size=(style.facets, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     distance = rng.uniform(*style.cut, style.facets)
@@ -122,7 +122,7 @@ def _cut_radius(
 
 
 def _layers(height: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Return how far each of some flat-lying layers stands out, -1 to 1, at heights of -1 to 1."""
+    """Return how far horizontal layers protrude, -1 to 1, at heights of -1 to 1."""
     borders = np.sort(rng.uniform(-1, 1, 10))
     levels = rng.uniform(-1, 1, 11)
     steps = 0.5 + 0.5 * np.tanh((height[:, None] - borders) / 0.03)
@@ -132,7 +132,7 @@ def _layers(height: FloatArray, rng: np.random.Generator) -> FloatArray:
 def _waves(
     directions: FloatArray, rng: np.random.Generator, frequency: float, octaves: int
 ) -> FloatArray:
-    """Return smooth noise of about -1 to 1 on the sphere: a sum of waves in random directions."""
+    """Return smooth noise of about -1 to 1 on the sphere, a sum of waves in random directions."""
     total = np.zeros(len(directions))
     for octave in range(octaves):
         wave = rng.normal(size=(12, 3)) * frequency * 2**octave

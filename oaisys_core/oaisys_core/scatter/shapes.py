@@ -1,4 +1,4 @@
-"""All built-in shapes by name."""
+"""Built-in and installed shapes by name."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ ROCK_DETAIL = ((1.3, 4), (0.3, 3), (0.1, 2), (0.0, 1))
 def make_shape(
     name: str, rng: np.random.Generator, largest_m: float = 1.0, detail: int | None = None
 ) -> MeshPrototype:
-    """Return a built-in shape; rocks and plants are 1 m along their longest axis.
+    """Return a shape; rocks and plants are 1 m along their longest axis.
 
     Args:
-        name: One of `SHAPES`.
-        rng: Gives its form.
-        largest_m: Size of the largest that is placed; large rocks have more triangles.
-        detail: Subdivisions of a rock; None: by ``largest_m``.
+        name: One of `SHAPES`, or of an installed scatterer.
+        rng: Draws its form.
+        largest_m: Size of the largest instance; larger rocks have more triangles.
+        detail: Subdivisions of a rock; None to derive them from ``largest_m``.
 
     Raises:
         InvalidInputError: There is no such shape.
@@ -47,7 +47,7 @@ def make_shape(
 
 
 def check_shape(name: str, field: str) -> None:
-    """Refuse a shape that is neither built in nor installed.
+    """Raise if a shape is neither built in nor installed.
 
     Raises:
         InvalidInputError: Its path is ``field``.

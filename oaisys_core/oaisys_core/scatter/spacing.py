@@ -1,4 +1,4 @@
-"""Things that keep their distance: which of many places can be held at the same time."""
+"""Least distances between scattered objects."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Sizes = FloatArray | float
 
 @dataclass(frozen=True)
 class Spacing:
-    """Least distance of two things.
+    """The least distance between two objects.
 
     Attributes:
-        of_size: In units of their mean size.
-        least_m: In metres; the larger of the two counts.
+        of_size: Distance in units of their mean size.
+        least_m: Distance in metres; the larger of both applies.
     """
 
     of_size: float
@@ -29,24 +29,24 @@ class Spacing:
     def between_m(
         self, sizes_m: FloatArray | float, other_sizes_m: FloatArray | float
     ) -> FloatArray:
-        """Return the least distances of pairs of things."""
+        """Return the least distances of pairs of objects."""
         return np.asarray(np.maximum(self.of_size * (sizes_m + other_sizes_m) / 2, self.least_m))
 
 
 class OccupiedPlaces:
-    """Places that are taken, kept by size so that few pairs need to be looked at."""
+    """Occupied positions, stored by size so that few pairs are compared."""
 
     def __init__(self, spacing: Spacing) -> None:
         self._spacing = spacing
         self._trees: list[tuple[cKDTree, FloatArray]] = []
 
     def add(self, xy: FloatArray, sizes_m: FloatArray) -> None:
-        """Take (N, 2) places for things of (N,) sizes, which should not differ much."""
+        """Occupy (N, 2) positions with objects of (N,) similar sizes."""
         if len(xy):
             self._trees.append((cKDTree(xy), sizes_m))
 
     def free(self, xy: FloatArray, sizes_m: FloatArray) -> NDArray[np.bool_]:
-        """Return which of (N, 2) places are far enough from all taken ones."""
+        """Return (N,) which of (N, 2) positions are far enough from all occupied ones."""
         is_free = np.ones(len(xy), bool)
         if not len(xy) or self._spacing == Spacing(0.0):
             return is_free
@@ -61,7 +61,7 @@ class OccupiedPlaces:
 
 
 def pairs_too_near(xy: FloatArray, sizes_m: FloatArray, spacing: Spacing) -> Pairs:
-    """Return (P, 2) indices, the lower first, of places that cannot both be held."""
+    """Return (P, 2) indices, the lower first, of positions that are too close to each other."""
     if len(xy) < 2 or spacing == Spacing(0.0):
         return np.zeros((0, 2), np.intp)
     reach_m = float(spacing.between_m(float(sizes_m.max()), float(sizes_m.max())))
@@ -73,15 +73,15 @@ def pairs_too_near(xy: FloatArray, sizes_m: FloatArray, spacing: Spacing) -> Pai
 
 
 def first_come(count: int, pairs: Pairs) -> NDArray[np.bool_]:
-    """Return which of ``count`` things stay when each, in order, yields to those that stay before.
+    """Return which of ``count`` objects remain if those in conflict with earlier ones are removed.
 
     Args:
-        pairs: (P, 2) indices, the lower first, of which only one can stay.
+        pairs: (P, 2) indices, the lower first, of objects in conflict.
     """
     undecided, stays = 0, 1
     state = np.zeros(count, np.int8)
     while (state == undecided).any():
-        # Who has no undecided predecessor left stays; all in conflict with those go.
+        # Keep all without an undecided predecessor, and drop those in conflict with them.
         waits = np.zeros(count, bool)
         waits[pairs[:, 1]] = True
         state[(state == undecided) & ~waits] = stays

@@ -1,4 +1,4 @@
-"""How a thing's foot meets the ground."""
+"""How an object stands on the ground."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.types import FloatArray
 
 FOOT = 0.1
-"""Share of its height up to which a thing's vertices belong to its foot."""
+"""Share of an object's height up to which its vertices belong to its foot."""
 
 
 class Footprint(NamedTuple):
-    """What counts of a shape when it is put on the ground.
+    """The dimensions of a shape that matter for placing it on the ground.
 
     Attributes:
-        height_m: Of its highest point over its origin.
+        height_m: Height of its highest point above its origin.
         foot_m: Radius of its foot.
     """
 
@@ -29,7 +29,7 @@ class Footprint(NamedTuple):
 
 
 def footprint_of(shape: MeshPrototype) -> Footprint:
-    """Return how high and how broad a shape is."""
+    """Return the height of a shape and the radius of its foot."""
     vertices_m = shape.vertices_m.astype(np.float64)
     height_m = float(vertices_m[:, 2].max())
     foot = vertices_m[vertices_m[:, 2] <= FOOT * height_m]
@@ -39,10 +39,10 @@ def footprint_of(shape: MeshPrototype) -> Footprint:
 def pose_on_ground(
     ground: Ground, xy: tuple[float, float], yaw_rad: float, foot_m: float
 ) -> FloatArray:
-    """Return the (4, 4) rigid pose of a thing that stands on the ground, its z axis on its normal.
+    """Return the (4, 4) rigid pose of an object on the ground, with its z axis along the normal.
 
-    It stands on the plane that fits the ground under its foot best; beyond the ground's rim it is
-    brought back to it.
+    It stands on the plane that best fits the ground below its foot. A position outside the ground
+    is moved to its rim.
     """
     x0, y0, x1, y1 = ground.extent_m
     centre = np.clip(np.array([xy]), (x0, y0), (x1, y1))

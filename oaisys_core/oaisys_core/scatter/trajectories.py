@@ -1,4 +1,4 @@
-"""Where something that moves is at each sample."""
+"""Trajectories of movers: the pose at each sample."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from oaisys_core.output.poses import read_poses
 from oaisys_core.types import FloatArray
 
 SMOOTH_STEPS = 64
-"""Straight pieces of a spline between two waypoints."""
+"""Number of straight pieces of a spline between two waypoints."""
 
 Trajectory = Callable[[int], FloatArray]
-"""Returns the (4, 4) pose at a sample id; 0 is the batch's own."""
+"""Returns the (4, 4) pose at a sample id; 0 is the start of the batch."""
 
 
 def make_trajectory(config: TrajectoryConfig) -> Trajectory:
     """Return the trajectory of a configuration.
 
     Raises:
-        InvalidInputError: The CSV file cannot be read, or holds something else than poses.
+        InvalidInputError: The CSV file cannot be read, or does not contain poses.
     """
     if config.csv is not None:
         poses = [pose_to_matrix(pose) for pose in read_poses(config.csv)]
-        return _Rows(np.array(poses), config.closed)
+        return _PoseList(np.array(poses), config.closed)
     points = np.array([(*point, 0.0)[:3] for point in config.waypoints_m])
     if config.closed:
         points = np.vstack((points, points[:1]))
     if config.smooth:
         points = _spline(points, config.closed)
-    return _Way(points, config.closed, config.start_m, config.step_m)
+    return _Path(points, config.closed, config.start_m, config.step_m)
 
 
 @dataclass(frozen=True)
-class _Rows:
-    """Poses that follow one another."""
+class _PoseList:
+    """A trajectory through a list of poses."""
 
     T_map_body: FloatArray
     closed: bool
@@ -52,8 +52,8 @@ class _Rows:
 
 
 @dataclass(frozen=True)
-class _Way:
-    """A way along (K, 3) points at a constant pace, the x axis ahead."""
+class _Path:
+    """A trajectory along (K, 3) points at constant speed, with the x axis forward."""
 
     points_m: FloatArray
     closed: bool
@@ -64,10 +64,10 @@ class _Way:
         pieces = np.diff(self.points_m, axis=0)
         lengths_m = np.linalg.norm(pieces, axis=1)
         ends_m = np.cumsum(lengths_m)
-        way_m = self.start_m + sample_id * self.step_m
-        way_m = way_m % ends_m[-1] if self.closed else min(way_m, ends_m[-1])
-        piece = min(int(np.searchsorted(ends_m, way_m, side="right")), len(pieces) - 1)
-        share = (way_m - (ends_m[piece] - lengths_m[piece])) / lengths_m[piece]
+        path_m = self.start_m + sample_id * self.step_m
+        path_m = path_m % ends_m[-1] if self.closed else min(path_m, ends_m[-1])
+        piece = min(int(np.searchsorted(ends_m, path_m, side="right")), len(pieces) - 1)
+        share = (path_m - (ends_m[piece] - lengths_m[piece])) / lengths_m[piece]
         position_m = self.points_m[piece] + share * pieces[piece]
         x, y, z = pieces[piece]
         angles = (np.arctan2(y, x), -np.arctan2(z, np.hypot(x, y)))
@@ -75,7 +75,7 @@ class _Way:
 
 
 def _spline(points_m: FloatArray, closed: bool) -> FloatArray:
-    """Return points on a curve through (K, 3) points, without corners."""
+    """Return points on a cubic spline through (K, 3) points."""
     chords_m = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
     knots = np.concatenate(([0.0], np.cumsum(chords_m)))
     curve = CubicSpline(knots, points_m, bc_type="periodic" if closed else "natural")

@@ -1,4 +1,4 @@
-"""Low plants made of leaves and twigs; 1 m along their longest axis, their foot at the origin."""
+"""Low plants made of leaves and twigs, 1 m along their longest axis, foot at the origin."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ def shrub(rng: np.random.Generator) -> MeshPrototype:
         for share in rng.uniform(0.15, 1.1, leaves):
             foot = start + share * (end - start)
             way = (end - start) / np.linalg.norm(end - start) + rng.normal(0, 0.8, 3)
-            # The outer and upper leaves get more light, the inner ones are older.
+            # Outer and upper leaves get more light; inner ones are older.
             outer = np.clip(np.linalg.norm(foot) / 0.9, 0, 1)
             color = _mix(_shade(LEAF, rng), LEAF_OLD, 0.5 * rng.uniform() ** 2)
             _blade(parts, foot, way, rng.uniform(0.05, 0.085), (0.6 + 0.6 * outer) * color, rng)
@@ -171,7 +171,7 @@ def _branches(
 def _arch(
     foot: FloatArray, azimuth: float, lean: float, bend: float, length: float, points: int
 ) -> FloatArray:
-    """Return (points, 3) of a line that leaves the vertical by ``lean`` and bends further."""
+    """Return (points, 3) of a curve that starts ``lean`` off the vertical and then bends."""
     share = np.linspace(0, 1, points)
     angle = lean + bend * share
     step = length / (points - 1)
@@ -183,7 +183,7 @@ def _arch(
 def _leaf(
     parts: MeshBuilder, spine: FloatArray, width: FloatArray, colors: FloatArray, twist: float
 ) -> None:
-    """Add a blade of (K,) half widths along a (K, 3) spine, turned about it by ``twist``."""
+    """Add a blade with (K,) half widths along a (K, 3) spine, rotated about it by ``twist``."""
     out = spine[-1] - spine[0]
     side = np.cross(out, UP)
     side /= max(float(np.linalg.norm(side)), 1e-9)
@@ -199,7 +199,7 @@ def _blade(
     color: FloatArray,
     rng: np.random.Generator,
 ) -> None:
-    """Add a small leaf of four corners."""
+    """Add a small leaf with four corners."""
     way = _unit(way)
     side = _unit(np.cross(way, rng.normal(size=3)))
     middle, tip = foot + 0.5 * length * way, foot + length * way

@@ -1,4 +1,4 @@
-"""A rover and a lander made of simple solids, in metres, x forward, the ground at z = 0."""
+"""A rover and a lander made of simple solids: metres, x forward, ground at z = 0."""
 
 from __future__ import annotations
 
@@ -185,7 +185,7 @@ def _prism(
     color: tuple[float, float, float],
     other: tuple[float, float, float],
 ) -> None:
-    """Add an eight-sided body, its sides in two colours by turns."""
+    """Add an octagonal body whose sides alternate between two colours."""
     angle = np.arange(8) * (np.pi / 4) + np.pi / 8
     way = np.column_stack((np.cos(angle), np.sin(angle)))
     low = np.column_stack((low_radius_m * way, np.full(8, low_m)))

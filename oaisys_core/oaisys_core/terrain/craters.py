@@ -1,4 +1,4 @@
-"""Fields of impact craters: how many of which size, and the shape of one.
+"""Fields of impact craters: their sizes, and the shape of a crater.
 
 Shapes of fresh craters after Pike, "Size-dependence in the shape of fresh impact craters on the
 Moon", in "Impact and Explosion Cratering", 1977: depth 0.196 D, rim height 0.036 D; ejecta thin
@@ -12,13 +12,13 @@ import numpy as np
 from oaisys_core.types import FloatArray
 
 DEPTH_SHARE = 0.196
-"""Of a fresh crater's diameter: from rim crest to floor."""
+"""Depth of a fresh crater, from rim crest to floor, relative to its diameter."""
 
 RIM_SHARE = 0.036
-"""Of the diameter: the rim's height over the plain."""
+"""Height of the rim above the plain, relative to the diameter."""
 
 REACH = 2.6
-"""Radii to which ejecta are laid."""
+"""Extent of the ejecta in crater radii."""
 
 
 def crater_field(
@@ -31,23 +31,23 @@ def crater_field(
     coverage: float = 0.05,
     exponent: float = 2.0,
 ) -> FloatArray:
-    """Return (size_px, size_px) elevations in metres of a plain under craters of all ages.
+    """Return (size_px, size_px) elevations in metres of a plain with craters of all ages.
 
     Args:
         size_px: Grid points along an edge.
         extent_m: Edge length.
-        rng: Gives places, sizes and ages.
-        largest_m, smallest_m: Diameters.
-        coverage: Share of the ground that the craters of one octave of sizes take up.
+        rng: Draws positions, sizes and ages.
+        largest_m, smallest_m: Range of diameters.
+        coverage: Share of the ground that the craters of one octave of sizes cover.
         exponent: The number of craters above a diameter D goes as D**-exponent; 2 is near
-            equilibrium, 3 is a young surface's small craters.
+            equilibrium, 3 is typical of small craters on a young surface.
     """
     diameter_m = crater_diameters(extent_m, rng, largest_m, smallest_m, coverage, exponent)
     count = len(diameter_m)
     margin_m = largest_m / 2
     center_m = rng.uniform(-margin_m, extent_m + margin_m, (count, 2))
     age = rng.uniform(size=count)
-    # Old craters first: the young ones cut into them.
+    # Old craters first, so that young ones cut into them.
     order = np.argsort(-age)
     spacing_m = extent_m / (size_px - 1)
     elevation_m = np.zeros((size_px, size_px))
@@ -67,7 +67,7 @@ def crater_diameters(
     coverage: float,
     exponent: float,
 ) -> FloatArray:
-    """Return (N,) diameters of a power law between two bounds, as many as the coverage asks for."""
+    """Return (N,) power-law diameters between two bounds, as many as the coverage requires."""
     # Expected area of one crater of the truncated Pareto law, over one octave at the large end.
     octaves = max(np.log2(largest_m / smallest_m), 1e-6)
     sizes = np.geomspace(smallest_m, largest_m, 256)
@@ -81,10 +81,10 @@ def crater_diameters(
 
 
 def crater_profile(radius: FloatArray, freshness: float | FloatArray = 1.0) -> FloatArray:
-    """Return elevations, in diameters, at distances from the centre in radii of the rim.
+    """Return elevations in crater diameters, at distances from the centre in crater radii.
 
-    A fresh crater has a parabolic bowl, a sharp rim and a blanket of ejecta; with age the bowl
-    fills and the rim wears down.
+    A fresh crater has a parabolic bowl, a sharp rim and an ejecta blanket; with age the bowl fills
+    and the rim wears down.
     """
     fresh = np.asarray(freshness)
     depth = (DEPTH_SHARE - RIM_SHARE) * (0.25 + 0.75 * fresh)
@@ -106,7 +106,7 @@ def _add_crater(
     age: float,
     lobes: FloatArray,
 ) -> None:
-    """Put one crater into a field: what was inside the rim is levelled, ejecta are laid on."""
+    """Add one crater to a field: the inside of the rim is levelled, ejecta are added outside."""
     size = len(elevation_m)
     reach_m = REACH * diameter_m / 2
     low = np.clip(np.floor((center_m - reach_m) / spacing_m), 0, size).astype(int)
@@ -124,7 +124,7 @@ def _add_crater(
     inside = np.clip((1.15 - radius) / 0.3, 0, 1)
     weight = inside.sum()
     level_m = float((old_m * inside).sum() / weight) if weight > 0 else 0.0
-    # An impact digs out what was there; farther out its ejecta drape over it.
+    # An impact excavates the old surface; farther out its ejecta cover it.
     buried = inside * (0.35 + 0.5 * (1 - age))
     elevation_m[window] = old_m + buried * (level_m - old_m)
     elevation_m[window] += diameter_m * crater_profile(radius, 1 - age)

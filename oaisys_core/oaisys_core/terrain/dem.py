@@ -1,4 +1,4 @@
-"""Real relief: digital elevation models from GeoTIFF, 16-bit PNG and EXR files."""
+"""Digital elevation models from GeoTIFF, 16-bit PNG and EXR files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ TIFF_SUFFIXES = (".tif", ".tiff")
 SUFFIXES = (*TIFF_SUFFIXES, ".png", ".exr")
 
 MOST_PX = 8193
-"""Points along an edge of a ground, as with presets."""
+"""Largest number of points along an edge of a ground, as for presets."""
 
 UNIT_M = {
     "": 1.0,
@@ -44,16 +44,16 @@ UNIT_M = {
     "feet": 0.3048,
     "us survey foot": 1200 / 3937,
 }
-"""Metres per unit of heights, as GeoTIFF files name them."""
+"""Metres per unit of height, by the names of units in GeoTIFF files."""
 
 
 @dataclass(frozen=True)
 class Dem:
-    """Heights as a file has them.
+    """The heights in a file.
 
     Attributes:
-        height_m: (rows, cols) float64, row 0 in the south; NaN where nothing was measured.
-        pixel_m: Width (x) and height (y) of its pixels; None where the file does not say.
+        height_m: (rows, cols) float64, row 0 in the south; NaN for missing values.
+        pixel_m: Width (x) and height (y) of a pixel; None if the file does not define them.
     """
 
     height_m: FloatArray
@@ -62,11 +62,11 @@ class Dem:
 
 @dataclass(frozen=True)
 class ImportedGround:
-    """A ground from a file, and what had to be made up.
+    """A ground from a file, and how many missing heights were filled.
 
     Attributes:
-        holes: Connected regions without heights that were filled.
-        filled_px: Pixels in them.
+        holes: Number of connected regions without heights, which were filled.
+        filled_px: Number of pixels in these regions.
     """
 
     ground: HeightField
@@ -84,25 +84,27 @@ def import_dem(
     band: int = 1,
     field: str = "stage.dem",
 ) -> ImportedGround:
-    """Return the ground that a file describes, centred on the origin, north along y.
+    """Return the ground of a file, centred on the origin, with north along +y.
 
     Args:
         path: GeoTIFF, PNG or EXR.
-        spacing_m: Distance of its pixels; None: its own.
-        scale: Factor on its heights.
-        offset_m: Added to them; None: the median comes to 0.
-        ground_spacing_m: Distance of the ground's points; None: the smaller edge of a pixel.
-        band: Which band of a GeoTIFF.
-        field: What it is called in an error.
+        spacing_m: Distance between pixels; None uses that of the file.
+        scale: Factor on the heights.
+        offset_m: Offset added to the heights; None moves the median to 0.
+        ground_spacing_m: Distance between grid points; None uses the smaller edge of a pixel.
+        band: Band of a GeoTIFF.
+        field: Name of the configuration field in errors.
 
     Raises:
-        InvalidInputError: The file cannot be read or used, or says nothing of its scale.
+        InvalidInputError: The file cannot be read or used, or does not define its pixel size.
     """
     dem = read_dem(path, band, field)
     pixel_m = dem.pixel_m if spacing_m is None else (spacing_m, spacing_m)
     if pixel_m is None:
         raise InvalidInputError(
-            f"{field}.spacing_m", None, f"the distance of pixels, as {path.name} has no scale"
+            f"{field}.spacing_m",
+            None,
+            f"the distance between pixels, because {path.name} does not define it",
         )
     missing = ~np.isfinite(dem.height_m)
     if missing.all():
@@ -122,10 +124,10 @@ def import_dem(
 
 
 def read_dem(path: Path, band: int = 1, field: str = "stage.dem") -> Dem:
-    """Return what a file says of heights.
+    """Return the heights in a file.
 
     Raises:
-        InvalidInputError: It cannot be read, or not as heights.
+        InvalidInputError: It cannot be read, or does not contain heights.
     """
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:
@@ -143,10 +145,10 @@ def read_dem(path: Path, band: int = 1, field: str = "stage.dem") -> Dem:
 
 
 def write_dem(path: Path, ground: HeightField) -> None:
-    """Write a ground as a GeoTIFF of 32-bit heights, which `import_dem` reads without loss.
+    """Write a ground as a GeoTIFF with 32-bit heights, which `import_dem` reads without loss.
 
     Raises:
-        InvalidInputError: It cannot be written there.
+        InvalidInputError: The file cannot be written.
     """
     rows, cols = ground.elevation_m.shape
     x0, _, _, y1 = ground.extent_m
@@ -223,12 +225,12 @@ def _from_dataset(file: Any, band: int, field: str) -> Dem:
 
 
 def _unit_m(file: Any, field: str) -> tuple[float, float]:
-    """Return the metres that one unit of a file's coordinates is, along x and y."""
+    """Return the length in metres of one unit of a file's coordinates, along x and y."""
     crs = file.crs
     if not crs:
         return (1.0, 1.0)
     if not crs.is_geographic:
-        # The unit of lengths stands last; before it come those of the angles it is derived from.
+        # The length unit comes last, after the angle units of the geographic system.
         units = re.findall(r'UNIT\["[^"]*",([\d.eE+-]+)', crs.to_wkt())
         factor = float(units[-1]) if units else 1.0
         return (factor, factor)
@@ -243,12 +245,12 @@ def _unit_m(file: Any, field: str) -> tuple[float, float]:
 def degree_m(
     latitude_deg: float, radius_m: float, inverse_flattening: float
 ) -> tuple[float, float]:
-    """Return the metres that one degree of longitude and of latitude is.
+    """Return the length in metres of one degree of longitude and of latitude.
 
     Args:
-        latitude_deg: Where.
-        radius_m: Of the ellipsoid's equator.
-        inverse_flattening: Of the ellipsoid; 0 for a sphere.
+        latitude_deg: Latitude of the place.
+        radius_m: Equatorial radius of the ellipsoid.
+        inverse_flattening: Inverse flattening of the ellipsoid; 0 for a sphere.
     """
     flattening = 1 / inverse_flattening if inverse_flattening else 0.0
     squared = flattening * (2 - flattening)
@@ -264,7 +266,7 @@ def _resampled(
 ) -> FloatArray:
     """Return heights at points ``step_m`` apart, from pixels ``pixel_m`` apart."""
     rows, cols = height_m.shape
-    # One part in a million is less than a GeoTIFF's own rounding.
+    # Tolerate one part in a million, more than the rounding in a GeoTIFF.
     counts = [
         int((n - 1) * m / step_m * (1 + 1e-6)) + 1
         for n, m in ((rows, pixel_m[1]), (cols, pixel_m[0]))
@@ -279,14 +281,14 @@ def _resampled(
         return height_m
     reduced = [max(1, ceil(step - 1e-6)) for step in steps]
     if max(reduced) > 1:
-        # What is finer than the ground's points would come back as false relief.
+        # Smooth first, because finer relief would alias.
         kernel = tuple(2 * (n // 2) + 1 for n in reduced)
         height_m = cv2.blur(height_m, kernel[::-1], borderType=cv2.BORDER_REFLECT_101)
     axes = [
         (np.arange(n) - (n - 1) / 2) * step + (size - 1) / 2
         for n, step, size in zip(counts, steps, height_m.shape, strict=True)
     ]
-    # Cubic where the file has the points for it: facets of a coarse file would show.
+    # Cubic if the file has enough points, so that a coarse file shows no facets.
     degrees = [min(3, size - 1) for size in height_m.shape]
     spline = RectBivariateSpline(
         np.arange(height_m.shape[0]),

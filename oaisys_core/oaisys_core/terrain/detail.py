@@ -1,9 +1,9 @@
-"""Finer ground around the cameras, as part of the one surface that all depth and labels see.
+"""Finer ground around the cameras, for depth, labels, colour and height queries alike.
 
-A square patch of the grid is replaced by a finer grid: the coarse surface made smooth, with
-noise too fine for the coarse grid on top. Towards the patch's rim both fade into the coarse
-triangles, and the triangles just outside are fanned out to the rim's points, so that there is no
-gap. Where the patch lies depends on where the cameras are now and on nothing before.
+A square patch of the grid is replaced by a finer grid: the smoothed coarse surface plus noise that
+is too fine for the coarse grid. Towards the rim of the patch both fade into the coarse triangles.
+The triangles just outside are split into fans that end at the rim's points, so that there is no
+gap. The position of the patch depends only on the current positions of the cameras.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FADE_SHARE = 0.35
 """Share of the patch's half edge over which it fades into the coarse ground."""
 
 MOST_FINE_PX = 2049
-"""Points along a patch's edge; with more, they stand further apart."""
+"""Largest number of points along an edge of the patch; larger patches have a wider spacing."""
 
 REACH = 2
 """Coarse points around a cell that its smooth surface takes into account."""
@@ -33,15 +33,15 @@ REACH = 2
 
 @dataclass(frozen=True)
 class Detail:
-    """How the ground is refined.
+    """The parameters of the refinement.
 
     Attributes:
-        seed: Of its noise, which is fixed to the world.
-        radius_m: Half the patch's edge.
-        spacing_m: Distance of its points, at most.
-        amplitude_m: Height of the noise.
-        gain: Height of each finer octave relative to the one before.
-        below_m: Height above the ground beyond which cameras have no use for it.
+        seed: Seed of the noise, which is fixed in ``map``.
+        radius_m: Half the edge of the patch.
+        spacing_m: Largest distance between its points.
+        amplitude_m: Amplitude of the noise.
+        gain: Amplitude of each octave relative to the coarser one.
+        below_m: Height of the cameras above the ground up to which it is refined.
     """
 
     seed: int
@@ -54,10 +54,10 @@ class Detail:
     def around(
         self, ground: Ground, near: DetailedGround | None, positions_m: FloatArray
     ) -> DetailedGround | None:
-        """Return the ground refined around (N, 3) cameras; None where they are too high.
+        """Return the ground refined around (N, 3) camera positions; None if they are too high.
 
-        It depends on nothing but ground and cameras; ``near``, the one that stands, is returned
-        where it is just that.
+        The result depends only on the ground and the positions. If ``near``, the current refined
+        ground, is the same, it is returned itself.
         """
         if not isinstance(ground, HeightField):
             return None
@@ -73,7 +73,7 @@ class Detail:
 
 @dataclass(frozen=True)
 class Patch:
-    """Which cells of a grid are refined: rows r0 to r1 and columns c0 to c1, ends not included."""
+    """The refined cells of a grid: rows r0 to r1 and columns c0 to c1, ends excluded."""
 
     r0: int
     r1: int
@@ -83,12 +83,12 @@ class Patch:
 
 @dataclass(frozen=True)
 class DetailedGround:
-    """A grid with a finer one in place of some of its cells.
+    """A grid in which a finer grid replaces some cells.
 
     Attributes:
         coarse: The grid.
-        fine: In place of the patch's cells, `factor` cells to each of them along an edge.
-        patch: Which cells those are.
+        fine: The finer grid, with `factor` cells along the edge of each coarse cell.
+        patch: The cells that it replaces.
     """
 
     coarse: HeightField
@@ -102,12 +102,12 @@ class DetailedGround:
 
     @property
     def spacing_m(self) -> float:
-        """Distance of the coarse grid's points."""
+        """Distance between points of the coarse grid."""
         return self.coarse.spacing_m
 
     @property
     def tag(self) -> str:
-        """What tells it from other refinements of the same ground."""
+        """A text that differs between refinements of the same ground."""
         p = self.patch
         return f"+{p.r0}:{p.r1},{p.c0}:{p.c1}"
 
@@ -117,7 +117,7 @@ class DetailedGround:
         return (self.fine.elevation_m.shape[0] - 1) // (self.patch.r1 - self.patch.r0)
 
     def vertices_m(self) -> NDArray[np.float32]:
-        """Return (V, 3) float32 vertices: the coarse ones that are left, then the fine ones."""
+        """Return (V, 3) float32 vertices: the remaining coarse ones, then the fine ones."""
         return self._mesh[0]
 
     def triangles(self) -> NDArray[np.int32]:
@@ -125,7 +125,7 @@ class DetailedGround:
         return self._mesh[1]
 
     def height_at(self, xy_m: ArrayLike) -> FloatArray:
-        """Return (N,) heights of the surface at (N, 2) points; NaN off it."""
+        """Return (N,) heights of the surface at (N, 2) points; NaN outside it."""
         fine_m = self.fine.height_at(xy_m)
         return np.where(np.isfinite(fine_m), fine_m, self.coarse.height_at(xy_m))
 
@@ -139,7 +139,7 @@ class DetailedGround:
         triangles = np.concatenate(
             (self._outside(coarse), _fans(coarse, fine, p, k), _cells(fine).reshape(-1, 3))
         )
-        # Coarse points on the rim are the fine grid's, and those inside are gone.
+        # Replace the coarse points on the rim by fine ones; those inside are not used.
         same = np.arange(rows * cols + height * width, dtype=np.int32)
         same[coarse[p.r0 : p.r1 + 1, p.c0 : p.c1 + 1]] = fine[::k, ::k]
         triangles = same[triangles]
@@ -149,11 +149,11 @@ class DetailedGround:
         return vertices, (np.cumsum(used, dtype=np.int32) - 1)[triangles]
 
     def _outside(self, coarse: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Return the coarse triangles that stay as they are."""
+        """Return the coarse triangles that do not change."""
         p = self.patch
         stays = np.ones((coarse.shape[0] - 1, coarse.shape[1] - 1, 2), np.bool_)
         stays[p.r0 : p.r1, p.c0 : p.c1] = False
-        # Index 0 is the triangle towards +x, with the lower edge; 1 the one with the upper edge.
+        # Index 0 is the triangle at the lower edge (towards +x), 1 the one at the upper edge.
         if p.r0:
             stays[p.r0 - 1, p.c0 : p.c1, 1] = False
         if p.c0:
@@ -164,9 +164,9 @@ class DetailedGround:
 
 
 def patch_at(ground: HeightField, detail: Detail, xy_m: ArrayLike) -> Patch:
-    """Return the patch for cameras around (2,) ``xy_m``, within the grid.
+    """Return the patch around (2,) ``xy_m``, within the grid.
 
-    Its centre moves in steps of half a radius, so that small movements change nothing.
+    Its centre moves in steps of half a radius, so that small motions do not change it.
     """
     rows, cols = ground.elevation_m.shape
     half = max(1, ceil(detail.radius_m / ground.spacing_m))
@@ -207,7 +207,7 @@ def detailed(ground: HeightField, detail: Detail, patch: Patch) -> DetailedGroun
 def _noise(
     x_m: FloatArray, y_m: FloatArray, detail: Detail, coarse_m: float, fine_m: float
 ) -> FloatArray:
-    """Return noise of waves from those that the coarse grid cannot carry to the finest."""
+    """Return noise with all wavelengths that the coarse grid cannot represent."""
     longest_m = max(4 * coarse_m, 8 * fine_m)
     octaves = max(1, round(log2(longest_m / (4 * fine_m))))
     rng = randomness.stream(detail.seed, "stage.detail")
@@ -238,7 +238,7 @@ def _smooth(ground: HeightField, row: FloatArray, column: FloatArray) -> FloatAr
 
 
 def _fade(at: FloatArray, first: int, last: int, end: int) -> FloatArray:
-    """Return 0 at a patch's ends, 1 inside; an end that is the grid's own does not fade."""
+    """Return weights of 0 at the ends of a patch and 1 inside; no fade at the edges of the grid."""
     width = FADE_SHARE * (last - first) / 2
     low = np.ones_like(at) if first == 0 else np.clip((at - first) / width, 0, 1)
     high = np.ones_like(at) if last == end else np.clip((last - at) / width, 0, 1)
@@ -255,7 +255,7 @@ def _cells(index: NDArray[np.int32]) -> NDArray[np.int32]:
 def _fans(
     coarse: NDArray[np.int32], fine: NDArray[np.int32], p: Patch, factor: int
 ) -> NDArray[np.int32]:
-    """Return triangles from the rim's fine edges to the far corners of the coarse ones there."""
+    """Return the triangles between the fine edges of the rim and the coarse points outside."""
     fans = [np.empty((0, 3), np.int32)]
 
     def add(tip: NDArray[np.int32], first: NDArray[np.int32], second: NDArray[np.int32]) -> None:

@@ -1,4 +1,4 @@
-"""Relief of textures as relief of the ground itself."""
+"""Displacement of the ground's vertices by the height maps of its textures."""
 
 from __future__ import annotations
 
@@ -14,23 +14,22 @@ from oaisys_core.types import FloatArray
 from oaisys_core.world.terrain_material import TerrainLayer, TerrainMaterial
 
 ROWS = 128
-"""Rows of the ground that are moved at once."""
+"""Rows of the ground that are processed at once."""
 
 
 def displaced(
     ground: HeightField, material: TerrainMaterial, reliefs_m: Sequence[float]
 ) -> HeightField:
-    """Return a ground whose vertices are moved up and down by its layers' height maps.
+    """Return the ground displaced by the height maps of its layers.
 
-    What is finer than the distance of vertices is left out, as it cannot be carried; the mean
-    height stays.
+    Relief finer than the vertex spacing is filtered out; the mean height does not change.
 
     Args:
-        ground: What to move.
-        material: Its layers, whose weights mix their relief.
-        reliefs_m: By layer, the height that the height map's full range stands for.
+        ground: The ground before displacement.
+        material: Its layers; their weights blend the relief.
+        reliefs_m: For each layer, the height of the full range of its height map.
     """
-    heights = [_carried(layer, ground.spacing_m) for layer in material.layers]
+    heights = [_filtered_height(layer, ground.spacing_m) for layer in material.layers]
     elevation_m = ground.elevation_m.astype(np.float64)
     vertices = ground.vertices_m().reshape(*elevation_m.shape, 3)
     for first in range(0, len(elevation_m), ROWS):
@@ -45,8 +44,8 @@ def displaced(
     return replace(ground, elevation_m=elevation_m.astype(np.float32))
 
 
-def _carried(layer: TerrainLayer, spacing_m: float) -> NDArray[np.float32]:
-    """Return a layer's height map around 0, as fine as the ground's vertices stand."""
+def _filtered_height(layer: TerrainLayer, spacing_m: float) -> NDArray[np.float32]:
+    """Return the height map of a layer, with mean 0, at the resolution of the vertices."""
     height = layer.maps.height
     size = max(round(layer.maps.tile_m / spacing_m), 1)
     if size < len(height):
@@ -56,18 +55,18 @@ def _carried(layer: TerrainLayer, spacing_m: float) -> NDArray[np.float32]:
 
 
 def _height_at(layer: TerrainLayer, height: NDArray[np.float32], xy_m: FloatArray) -> FloatArray:
-    """Return (N,) heights of a map that lies on the ground as the layer's tiling says."""
+    """Return (N,) heights of a map at points of the ground, with the layer's tiling."""
     samples = layer.tiling.samples(xy_m / layer.maps.tile_m)
     result = np.zeros(len(xy_m))
-    for places, weights in zip(samples.uv_tiles, samples.weights, strict=True):
-        result += weights * _bilinear(height, places)
+    for uv_tiles, weights in zip(samples.uv_tiles, samples.weights, strict=True):
+        result += weights * _bilinear(height, uv_tiles)
     return result
 
 
-def _bilinear(height: NDArray[np.float32], places: FloatArray) -> FloatArray:
-    """Return (N,) values of a map, row 0 at its top, at texture coordinates that repeat."""
+def _bilinear(height: NDArray[np.float32], uv_tiles: FloatArray) -> FloatArray:
+    """Return (N,) interpolated values of a repeating map, row 0 at its top."""
     size = len(height)
-    texel = places * size - 0.5
+    texel = uv_tiles * size - 0.5
     low = np.floor(texel)
     s, t = (texel - low).T
     column, row = low.astype(np.int64).T

@@ -1,6 +1,6 @@
-"""Erosion of height fields: by running water, by droplets, and by what slides down slopes.
+"""Erosion of height fields: by running water and by sliding slopes.
 
-Everything works on square float64 grids of elevations, in units of ``spacing_m``.
+All functions work on float64 grids of elevations with a spacing of ``spacing_m``.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from oaisys_core.terrain.noise import Field
 from oaisys_core.types import FloatArray
 
 NEIGHBOURS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
-"""(row, column) steps to the eight cells around one."""
+"""(row, column) offsets of the eight neighbours of a cell."""
 
 REPOSE_DEG = 34.0
-"""Angle at which dry sand and scree come to rest."""
+"""Angle of repose of dry sand and scree."""
 
 
 def streams(
@@ -30,21 +30,21 @@ def streams(
     creep: float = 0.05,
     repose_deg: float = 40.0,
 ) -> FloatArray:
-    """Return a field into which running water has cut valleys (detachment-limited stream power).
+    """Return the field after running water has cut valleys (detachment-limited stream power).
 
     Each step lowers a cell by ``strength * area**area_exponent * slope`` towards the lowest of its
-    neighbours, where ``area`` is what drains through it, in cells; then slopes above
+    neighbours, where ``area`` is the number of cells that drain through it. Then slopes above
     ``repose_deg`` slide, and soil creeps. Howard, "A detachment-limited model of drainage basin
     evolution", WRR 30(7), 1994.
 
     Args:
-        elevation_m: The field.
-        spacing_m: Of its grid.
-        rng: Makes the way of least slope uncertain, or valleys would follow the grid.
-        steps: How often.
-        strength, area_exponent: Of the water.
-        creep: Share of a cell's difference from its neighbours' mean that is evened out.
-        repose_deg: Steepest slope that holds.
+        elevation_m: The field before erosion.
+        spacing_m: Distance between grid points.
+        rng: Perturbs the flow directions, so that valleys do not follow the grid.
+        steps: Number of steps.
+        strength, area_exponent: Parameters of the erosion by water.
+        creep: Share by which a cell moves towards the mean of its neighbours in each step.
+        repose_deg: Steepest stable slope.
     """
     z = elevation_m.astype(np.float64)
     for _ in range(steps):
@@ -60,18 +60,18 @@ def streams(
 
 
 def drained_area(receiver: NDArray[np.int64]) -> FloatArray:
-    """Return the number of cells, itself included, that drain through each of (N,) cells.
+    """Return the number of cells, including itself, that drain through each of (N,) cells.
 
     Args:
-        receiver: (N,) cell that each one drains into; itself at a pit.
+        receiver: (N,) index of the cell that each one drains into; its own index at a pit.
     """
     count = len(receiver)
-    # Pits drain into a cell beyond the last, so that nothing goes round in circles.
+    # Pits drain into an extra cell, so that there are no cycles.
     jump = np.where(receiver == np.arange(count), count, receiver)
     jump = np.append(jump, count)
     area = np.ones(count + 1)
     area[count] = 0.0
-    # After k rounds a cell knows all that lie within 2**k cells upstream.
+    # After k rounds a cell has counted all cells within 2**k steps upstream.
     while (jump[:count] != count).any():
         area[:count] += np.bincount(jump, weights=area, minlength=count + 1)[:count]
         area[count] = 0.0
@@ -87,10 +87,10 @@ def slides(
     repose_deg: float = REPOSE_DEG,
     share: float = 0.8,
 ) -> FloatArray:
-    """Return a field whose slopes above the angle of repose have slid down (thermal erosion).
+    """Return the field after slopes above the angle of repose have slid down (thermal erosion).
 
     After Musgrave, Kolb and Mace, "The synthesis and rendering of eroded fractal terrains",
-    SIGGRAPH 1989. No material is lost but over the border's edge, where nothing moves.
+    SIGGRAPH 1989. The total mass does not change.
     """
     z = elevation_m.astype(np.float64)
     steepest = np.tan(np.radians(repose_deg)) * spacing_m
@@ -100,7 +100,7 @@ def slides(
             here, there = _pair(z.shape, row, col)
             fall = z[here] - z[there]
             least = steepest * float(np.hypot(row, col))
-            # Each of the eight neighbours takes its part.
+            # The material is shared between the neighbours.
             moved = np.clip(fall, -least, least)
             moved = (fall - moved) * (share / 4)
             change[here] -= moved
@@ -112,7 +112,7 @@ def slides(
 def _steepest(
     z: FloatArray, spacing_m: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return the (N,) neighbour that each cell drains into, itself at a pit, and slopes there."""
+    """Return the (N,) receivers of all cells (see `drained_area`), and the slopes towards them."""
     index = np.arange(z.size).reshape(z.shape)
     receiver, best, slope = index.copy(), np.zeros_like(z), np.zeros_like(z)
     for row, col in NEIGHBOURS:
@@ -140,7 +140,7 @@ def _with_filled_pits(z: FloatArray) -> FloatArray:
 def _pair(
     shape: tuple[int, ...], row: int, col: int
 ) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
-    """Return slices of the cells that have a neighbour at a step, and of these neighbours."""
+    """Return slices of the cells that have a neighbour at an offset, and of these neighbours."""
     rows, cols = shape
     here = (
         slice(max(-row, 0), rows - max(row, 0)),

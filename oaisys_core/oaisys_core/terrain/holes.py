@@ -1,4 +1,4 @@
-"""Holes in measured relief, filled by the smoothest surface that joins their rims."""
+"""Filling of holes in elevation models by solving Laplace's equation."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from oaisys_core.types import FloatArray
 
 MOST_ROUNDS = 500
 FINE_ROUNDS = 30
-"""Rounds of solving; few where a coarser image has given a good guess."""
+"""Iterations of the solver; fewer suffice with an initial guess from a coarser image."""
 
 LARGE_PX = 20_000
-"""Missing pixels from which a coarser image is filled first."""
+"""Number of missing pixels above which a coarser image is filled first."""
 
 COARSER = 4
-"""Edge, in pixels, of one of the coarser image."""
+"""Reduction factor of the coarser image."""
 
 
 def number_of_holes(missing: NDArray[np.bool_]) -> int:
-    """Return how many connected regions there are, diagonal neighbours connected."""
+    """Return the number of connected regions (8-connectivity)."""
     return int(label(missing, structure=np.ones((3, 3)))[1])
 
 
 def filled(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
-    """Return (rows, cols) heights where what is missing solves Laplace's equation.
+    """Return (rows, cols) heights in which the missing ones solve Laplace's equation.
 
-    The image's own rim is free (no slope across it), so that what was never measured at an edge
-    goes on level. A plane comes back as it was.
+    The boundary of the image has no slope across it, so that missing heights at an edge continue
+    level.
 
     Args:
-        height_m: Heights; anything where missing.
+        height_m: Heights, with any values at missing pixels.
         missing: (rows, cols), at least one of them False.
     """
     if not missing.any():
@@ -48,13 +48,13 @@ def filled(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
 
 
 def _nearest(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
-    """Return the heights with what is missing as at the nearest known pixel."""
+    """Return the heights with missing ones taken from the nearest known pixel."""
     nearest = distance_transform_edt(missing, return_distances=False, return_indices=True)
     return np.asarray(height_m[tuple(nearest)])
 
 
 def _from_coarser(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
-    """Return the heights with what is missing as the filled image at lower resolution has it."""
+    """Return the heights with missing ones interpolated from a filled image of lower resolution."""
     rows, cols = height_m.shape
     pad = ((0, -rows % COARSER), (0, -cols % COARSER))
     known = np.pad(~missing, pad)
@@ -71,7 +71,7 @@ def _from_coarser(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArra
 
 
 def _equations(height_m: FloatArray, missing: NDArray[np.bool_]) -> tuple[csr_matrix, FloatArray]:
-    """Return the matrix and right side: each unknown is the mean of its neighbours."""
+    """Return the matrix and right-hand side: each unknown is the mean of its neighbours."""
     count = int(missing.sum())
     number = np.full(missing.shape, -1)
     number[missing] = np.arange(count)

@@ -1,4 +1,4 @@
-"""What all kinds of terrain share: what is asked of them, unevenness, and scaling."""
+"""Tools for terrain presets: their parameters, fine unevenness, and scaling."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ Elevation = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class GroundSpec:
-    """What is asked of a preset.
+    """The parameters of a terrain preset.
 
     Attributes:
         extent_m: Edge length.
         resolution_px: Grid points along an edge.
         roughness: Factor on the fine unevenness.
-        relief_m: Height of the large forms; None: the preset's own.
+        relief_m: Height of the large forms; None for the default of the preset.
     """
 
     extent_m: float
@@ -33,11 +33,11 @@ class GroundSpec:
 
 
 Preset = Callable[[GroundSpec, np.random.Generator], Elevation]
-"""To (resolution_px, resolution_px) float32 metres."""
+"""Returns (resolution_px, resolution_px) float32 elevations in metres."""
 
 
 def unevenness(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
-    """Return what makes a ground rough underfoot: lumps of 2 m down to clods of 15 cm."""
+    """Return fine relief with features from 2 m lumps down to 15 cm clods."""
     x, y = grid(spec.extent_m, spec.resolution_px, cell=2.6)
     patchy = 0.55 + 0.45 * fractal(x / 4, y / 4, rng, octaves=2)
     lumps = fractal(*warped(x, y, rng, 0.3, octaves=2), rng, octaves=2, kind="billow")
@@ -47,23 +47,23 @@ def unevenness(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 
 
 def scaled(field: Elevation | FloatArray, relief_m: float) -> Elevation:
-    """Return the field from 0 to ``relief_m``."""
+    """Return the field scaled to 0 to ``relief_m``."""
     low, high = float(field.min()), float(field.max())
     return np.asarray((field - low) * np.float32(relief_m / max(high - low, 1e-9)), np.float32)
 
 
 def grounded(elevation_m: Elevation | FloatArray) -> Elevation:
-    """Return the field with its median height at z = 0."""
+    """Return the field shifted so that its median is 0."""
     return np.asarray(elevation_m - np.median(elevation_m), np.float32)
 
 
 def relief_or(spec: GroundSpec, default_m: float) -> float:
-    """Return the relief that is asked for, or the preset's own."""
+    """Return the requested relief, or the default of the preset."""
     return default_m if spec.relief_m is None else spec.relief_m
 
 
 def refined(coarse: FloatArray, size_px: int) -> FloatArray:
-    """Return a (size_px, size_px) field through the points of a square one, by cubic splines."""
+    """Return a square field resampled to (size_px, size_px) by cubic splines."""
     if len(coarse) == size_px:
         return coarse
     factor = size_px / len(coarse)

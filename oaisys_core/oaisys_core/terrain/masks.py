@@ -1,4 +1,4 @@
-"""Where each layer of the ground's material lies."""
+"""Weight masks of the ground's layers, and the relief that their conditions refer to."""
 
 from __future__ import annotations
 
@@ -16,34 +16,34 @@ from oaisys_core.terrain.noise import Field, gradient_noise, spectral
 from oaisys_core.types import FloatArray
 
 RAGGED = 1.8
-"""Fall of the noise's amplitudes with frequency; lower tears the patches' borders more."""
+"""Exponent by which noise amplitudes fall with frequency; lower gives more ragged patches."""
 
 RELUCTANCE = 0.5
-"""How much of a patch's score (whose deviation is 1) a condition that holds by 1/e takes away."""
+"""Reduction of a patch's score (standard deviation 1) where a condition holds by 1/e."""
 
 OFFSET_STEPS, OFFSET_GAIN, OFFSET_STRIDE = 60, 0.5, 4
-"""Search of the offsets that give layers their shares: steps, step size, texels left out."""
+"""Search for the offsets that give layers their shares: steps, step size, texel stride."""
 
 SLOPE_SCALE_M = 0.25
-"""Slopes are taken of the ground smoothed by this deviation: pebbles do not make it steep."""
+"""Standard deviation of the smoothing before slopes are computed, to ignore pebbles."""
 
 STEEP_DEG = 50.0
 STEEP_SHARE = 0.002
-"""A ground has steep parts where more than this share of it is steeper than the angle."""
+"""A ground has steep parts if more than this share of it is steeper than the angle."""
 
 COARSE_PX = 256
-"""Grid on which a ground is looked at for steep parts."""
+"""Grid size for the search for steep parts."""
 
 
 @dataclass(frozen=True)
 class LayerNoise:
-    """Noise that lays one layer over those before it.
+    """Noise that covers earlier layers with one layer.
 
     Attributes:
         scale: Cells along the ground's longer edge.
-        detail: Octaves beyond the first; a fraction counts in part.
-        roughness: Height of each octave relative to the one before.
-        distortion: How far the noise is warped by other noise, in cells.
+        detail: Number of octaves after the first; a fraction scales the last octave.
+        roughness: Amplitude of each octave relative to the one before.
+        distortion: Strength of the domain warp, in cells.
     """
 
     scale: float
@@ -65,20 +65,19 @@ def blend_masks(
 ) -> NDArray[np.float32]:
     """Return (n_layers, size_px, size_px) float32 weights that sum to 1.
 
-    Patches are about ``scale_m`` wide, their borders ragged down to single texels, with islands;
-    each layer has a fair share of the ground. ``sharpness`` 0 gives wide transitions, 1 hard
-    borders.
+    Patches are about ``scale_m`` wide, with ragged borders and islands; each layer has the same
+    share of the ground. ``sharpness`` 0 gives wide transitions, 1 hard borders.
 
     Args:
-        n_layers: How many.
+        n_layers: Number of layers.
         extent_m: Edge length of the ground.
         size_px: Edge length of the masks.
-        rng: Gives the patches.
+        rng: Draws the patches.
         scale_m: Size of a patch.
-        sharpness: Of the borders.
-        shares: Shares of the ground that the layers win before conditions; None: fair ones.
-        gates: (n_layers, size_px, size_px) how far each layer may lie there, 0 to 1; where none
-            may, the first one does.
+        sharpness: Sharpness of the borders.
+        shares: Shares of the layers before conditions apply; None for equal shares.
+        gates: (n_layers, size_px, size_px) weights of the layers' conditions, 0 to 1; where all
+            are 0, the first layer lies.
     """
     if n_layers == 1:
         return np.ones((1, size_px, size_px), np.float32)
@@ -106,15 +105,15 @@ def layered_masks(
     shares: Sequence[float] | None = None,
     gates: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
-    """Return (L, size_px, size_px) float32 weights that sum to 1: layers laid one over another.
+    """Return (L, size_px, size_px) float32 weights that sum to 1, each layer covering earlier ones.
 
     Args:
-        noises: One per layer; the first layer's is not used, as it lies everywhere.
+        noises: One per layer; that of the first layer, which lies everywhere, is not used.
         extent_m: Width and height of the ground.
         size_px: Edge length of the masks.
         rngs: One per layer, for its noise.
-        borders: Where noise (0 to 1) begins to show a layer, and where it shows nothing else.
-        shares: As in `blend_masks`: the noise's quantiles take the place of the borders' middle.
+        borders: Noise values (0 to 1) between which a layer fades in.
+        shares: As in `blend_masks`; quantiles of the noise replace the middle of ``borders``.
         gates: As in `blend_masks`.
     """
     weights = np.zeros((len(noises), size_px, size_px), np.float32)
@@ -136,7 +135,7 @@ def layered_masks(
 
 
 def gate(values: ArrayLike, bounds: tuple[float, float], soft: float) -> NDArray[np.float32]:
-    """Return 1 inside bounds and 0 outside, over a linear ramp ``soft`` wide at each of them."""
+    """Return 1 inside the bounds and 0 outside, with a linear ramp of width ``soft`` at each."""
     v = np.asarray(values, np.float64)
     width = max(soft, 1e-9)
     rising = np.clip((v - bounds[0]) / width + 0.5, 0, 1)
@@ -145,14 +144,14 @@ def gate(values: ArrayLike, bounds: tuple[float, float], soft: float) -> NDArray
 
 
 def _opened(gates: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return gates of which one is open everywhere: the first layer's where all are shut."""
+    """Return the gates, with that of the first layer set to 1 where all are 0."""
     opened = gates.copy()
     opened[0][gates.max(axis=0) <= 0] = 1
     return opened
 
 
 def _offsets(scores: NDArray[np.float32], shares: Sequence[float]) -> NDArray[np.float32]:
-    """Return (L,) what to add to scores so that each is the highest on its share of the ground."""
+    """Return (L,) offsets with which each score is the highest on its share of the ground."""
     wanted = np.log(np.asarray(shares) / sum(shares))
     few = scores[:, ::OFFSET_STRIDE, ::OFFSET_STRIDE].reshape(len(scores), -1)
     offsets = np.zeros(len(scores), np.float32)
@@ -164,7 +163,7 @@ def _offsets(scores: NDArray[np.float32], shares: Sequence[float]) -> NDArray[np
 
 
 def _patches(size_px: int, waves: float, rng: np.random.Generator) -> Field:
-    """Return noise that is above 0 on half of the ground, so that no layer is left out."""
+    """Return noise with median 0, so that every layer covers some ground."""
     field = spectral(size_px, waves, rng, RAGGED)
     return np.asarray(field - np.median(field), np.float32)
 
@@ -172,7 +171,7 @@ def _patches(size_px: int, waves: float, rng: np.random.Generator) -> Field:
 def _unit_noise(
     noise: LayerNoise, extent_m: tuple[float, float], size_px: int, rng: np.random.Generator
 ) -> Field:
-    """Return (size_px, size_px) noise of 0 to 1, most of it near 0.5, turned at random."""
+    """Return (size_px, size_px) noise of 0 to 1, mostly near 0.5, randomly rotated."""
     centres = (np.arange(size_px) + 0.5) / size_px
     x, y = np.meshgrid(*(centres * edge / max(extent_m) * noise.scale for edge in extent_m))
     angle = rng.uniform(0, 2 * np.pi)
@@ -198,7 +197,7 @@ class Relief(NamedTuple):
 
 
 def relief_of(ground: Ground, size_px: int) -> Relief:
-    """Return a ground's relief at the centres of a size_px x size_px grid over its extent."""
+    """Return the relief at the cell centres of a size_px x size_px grid over the ground."""
     x0, y0, x1, y1 = ground.extent_m
     step_x, step_y = (x1 - x0) / size_px, (y1 - y0) / size_px
     centres = np.arange(size_px) + 0.5
@@ -213,6 +212,6 @@ def relief_of(ground: Ground, size_px: int) -> Relief:
 
 
 def has_steep_parts(ground: Ground) -> bool:
-    """Return whether textures laid on the ground from above would be drawn out visibly."""
+    """Return whether the ground is steep enough to stretch textures projected from above."""
     slope_rad = relief_of(ground, COARSE_PX).slope_rad
     return bool((slope_rad > np.radians(STEEP_DEG)).mean() > STEEP_SHARE)

@@ -1,4 +1,4 @@
-"""The ground as a mesh of a user's own."""
+"""Ground made from a user's mesh."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from oaisys_core.meshes.files import LoadedMesh
 from oaisys_core.types import FloatArray, TriangleMesh
 
 AXES = {"x": (1, 2, 0), "y": (2, 0, 1), "z": (0, 1, 2)}
-"""By the axis that points up: which axes of a file become x, y and z (a rotation)."""
+"""By the axis that points up, the axes of the file that become x, y and z (a rotation)."""
 
 
 @dataclass(frozen=True)
 class MeshGround:
-    """A ground of any triangles, overhangs included; its height is that of the topmost.
+    """A ground of arbitrary triangles; where it overhangs, its height is that of the top.
 
     Attributes:
         points_m: (V, 3) float32 in ``map``.
@@ -39,7 +39,7 @@ class MeshGround:
 
     @cached_property
     def spacing_m(self) -> float:
-        """Edge of a square of twice the mean triangle's area, seen from above."""
+        """Edge of a square with twice the mean triangle area, seen from above."""
         a, b, c = (self.points_m[self.corners[:, i], :2].astype(np.float64) for i in range(3))
         u, v = b - a, c - a
         doubled = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
@@ -54,7 +54,7 @@ class MeshGround:
         return self.corners
 
     def height_at(self, xy_m: ArrayLike) -> FloatArray:
-        """Return (N,) heights of the topmost triangle at (N, 2) points; NaN off it."""
+        """Return (N,) heights of the topmost triangle at (N, 2) points; NaN outside it."""
         return self._caster.surface_height_m(xy_m)
 
     @cached_property
@@ -68,13 +68,13 @@ def mesh_ground(
     """Return a loaded mesh as ground.
 
     Args:
-        mesh: As its file has it.
+        mesh: The mesh as it is in its file.
         scale: Metres per unit.
         up: Axis that points up: ``x``, ``y`` or ``z``.
-        position_m: Where the mesh's origin comes to lie.
+        position_m: Position of the mesh's origin.
 
     Raises:
-        InvalidInputError: It would reach too far.
+        InvalidInputError: It would be too large.
     """
     turned = mesh.vertices_m[:, AXES[up]].astype(np.float64)
     exact_m = turned * scale + np.asarray(position_m)
@@ -88,7 +88,7 @@ def mesh_ground(
 
 
 def _facing_up(points_m: NDArray[np.float32], triangles: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Return the triangles, turned over as a whole if most of their area faces down."""
+    """Return the triangles, all flipped if most of their area faces down."""
     a, b, c = (points_m[triangles[:, i]].astype(np.float64) for i in range(3))
     upward = np.cross(b - a, c - a)[:, 2].sum()
     return triangles if upward >= 0 else np.ascontiguousarray(triangles[:, ::-1])

@@ -1,4 +1,4 @@
-"""Mountains and wide landscapes: ridged noise into which water has cut valleys."""
+"""Mountains and wide landscapes: ridged noise with valleys cut by erosion."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from oaisys_core.terrain.noise import LATTICE, Field, fractal, gradient_noise, g
 from oaisys_core.types import FloatArray
 
 ERODED_PX = 257
-"""Grid on which water erodes, whatever the ground's own: so that one seed gives one landscape."""
+"""Grid size for erosion at any resolution, so that a seed always gives the same landscape."""
 
 
 def mountain_1(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -53,7 +53,7 @@ def mountain_2(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 
 
 def large_terrain(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
-    """A wide landscape in small: hill country, a mountain side and valleys with level floors."""
+    """A wide landscape at reduced scale: hills, a mountain side and valleys with level floors."""
     height_m = relief_or(spec, 0.14 * spec.extent_m)
     spacing_m = spec.extent_m / (ERODED_PX - 1)
     x, y = grid(spec.extent_m, ERODED_PX, cell=spec.extent_m / 2.2)
@@ -66,7 +66,7 @@ def large_terrain(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     raw = scaled(0.45 * land + share * (0.25 + crests), height_m)
     cut = streams(raw, spacing_m, rng, steps=40, strength=0.03)
     low_m, high_m = np.quantile(cut, (0.02, 0.22))
-    # What the water took from the heights lies in the valleys and levels them.
+    # Sediment from the heights levels the valley floors.
     silt_m = (high_m - low_m) * 0.6
     floor_m = low_m + silt_m
     cut = np.where(cut < floor_m + silt_m, _softly_above(cut, floor_m, silt_m), cut)
@@ -74,10 +74,10 @@ def large_terrain(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 
 
 def another_noise(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
-    """Hybrid multifractal: level in the hollows, broken and stony on the heights.
+    """Hybrid multifractal noise: smooth in the hollows, rough on the heights.
 
     After Musgrave, in "Texturing and Modeling: A Procedural Approach", 2003, chapter 16: each
-    octave is weighted by the height that the coarser ones have reached.
+    octave is weighted by the height of the coarser ones.
     """
     height_m = relief_or(spec, 0.12 * spec.extent_m)
     x, y = grid(spec.extent_m, spec.resolution_px, cell=spec.extent_m / 4.0)
@@ -97,7 +97,7 @@ def another_noise(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 def _finished(
     spec: GroundSpec, eroded_m: FloatArray, height_m: float, rng: np.random.Generator
 ) -> Elevation:
-    """Return an eroded landscape at the ground's resolution, rocky where it is high."""
+    """Return an eroded landscape at the resolution of the ground, with crags where it is high."""
     spacing_m = spec.extent_m / (ERODED_PX - 1)
     settled = slides(eroded_m, spacing_m, steps=12, repose_deg=48.0)
     large_m = scaled(refined(settled, spec.resolution_px), height_m)
@@ -109,7 +109,7 @@ def _finished(
 
 
 def _softly_above(height_m: FloatArray, floor_m: float, soft_m: float) -> FloatArray:
-    """Return heights bent so that they never fall below a floor (a soft maximum)."""
+    """Return the soft maximum of heights and a floor."""
     return np.asarray(
         floor_m + soft_m / 3 * np.logaddexp(0.0, 3 * (height_m - floor_m) / soft_m) - 0.016 * soft_m
     )

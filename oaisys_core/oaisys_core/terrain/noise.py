@@ -1,4 +1,4 @@
-"""Noise fields on square grids, drawn from a generator that is passed in.
+"""Noise fields: gradient noise, fractal sums of it, and spectral noise.
 
 Gradient noise is after Perlin, "Improving noise", SIGGRAPH 2002: random gradients on an integer
 lattice, blended with the quintic 6t^5 - 15t^4 + 10t^3. Spectral noise is after Saupe, in "The
@@ -22,10 +22,10 @@ Field = NDArray[np.float32]
 Coordinates = FloatArray | Field
 
 LATTICE = 256
-"""Cells after which noise repeats that need not tile: more than any ground has."""
+"""Period, in cells, of noise that need not tile; larger than any ground."""
 
 BLOCK = 32768
-"""Points that are worked on at once, by one thread: their arrays stay in the processor's cache."""
+"""Points that a thread processes at once, so that intermediate arrays fit into the CPU cache."""
 
 
 def gradient_noise(
@@ -33,13 +33,13 @@ def gradient_noise(
 ) -> Field:
     """Return noise of about -1 to 1 at lattice coordinates; it repeats after ``period`` cells.
 
-    A regular grid is best given as a (1, C) row and an (R, 1) column, see `grid`: what depends on
-    one of them alone is then computed once, which takes a fifth of the time and gives the same.
+    A regular grid should be given as a (1, C) row and an (R, 1) column, see `grid`. The result is
+    the same, but terms that depend on one axis only are computed once.
 
     Args:
-        x, y: Coordinates whose shapes broadcast; one lattice cell is 1 wide.
-        rng: Gives the gradients.
-        period: Lattice size; a field over 0..period is tileable.
+        x, y: Coordinates with broadcastable shapes, in lattice cells.
+        rng: Draws the gradients.
+        period: Size of the lattice; a field over 0 to ``period`` tiles.
     """
     angle = rng.uniform(0, 2 * np.pi, period * period)
     gradients = np.cos(angle).astype(np.float32), np.sin(angle).astype(np.float32)
@@ -57,7 +57,7 @@ def gradient_noise(
 
 
 def _in_blocks(fill: Callable[[slice], None], count: int, step: int) -> None:
-    """Fill blocks of ``step`` out of ``count`` with all processors."""
+    """Call ``fill`` for blocks of ``step`` out of ``count``, on all processors."""
     blocks = [slice(first, first + step) for first in range(0, count, step)]
     if len(blocks) == 1:
         fill(blocks[0])
@@ -67,11 +67,11 @@ def _in_blocks(fill: Callable[[slice], None], count: int, step: int) -> None:
 
 
 class _Places(NamedTuple):
-    """Coordinates along one axis: cells of the lattice and how far into them.
+    """Lattice coordinates along one axis: the cell, and the position within it.
 
     Attributes:
-        cell, next_cell: (N,) int64, within the lattice.
-        share, share_left: (N,) float32 coordinate from the cell's lower corner, and upper one.
+        cell, next_cell: (N,) int64 indices of the cell and the next one.
+        share, share_left: (N,) float32 distance from the lower corner, and from the upper one.
         fade: (N,) float32 weight of the upper corner.
     """
 
@@ -89,7 +89,7 @@ def _places(x: Coordinates, period: int) -> _Places:
     if period & (period - 1):
         cell %= period
     else:
-        # The same for a power of two, in a tenth of the time.
+        # The same for a power of two, but faster.
         cell &= period - 1
     after = cell + 1
     after[after == period] = 0
@@ -130,7 +130,7 @@ def _noise_of_grid(
     total = np.empty((len(y), len(x)), np.float32)
 
     def fill(block: slice) -> None:
-        # Rows of the lattice that the block meets, and their gradients at the grid's columns.
+        # The lattice rows in this block, and their gradients at the columns of the grid.
         used, place = np.unique((v.cell[block], v.next_cell[block]), return_inverse=True)
         row, next_row = place.reshape(2, -1)
         a, b = across[used], upward[used]
@@ -157,7 +157,7 @@ def _noise_of_grid(
 
 
 def _blended(low: Field, high: Field, share: Field) -> Field:
-    """Return ``low`` at a share of 0 to ``high`` at 1, in the place of the first two."""
+    """Return ``low + (high - low) * share``; overwrites ``low`` and ``high``."""
     high -= low
     high *= share
     low += high
@@ -178,15 +178,15 @@ def fractal(
     kind: str = "fbm",
     period: int | None = None,
 ) -> Field:
-    """Return the sum of octaves of noise, each of twice the frequency and ``gain`` the height.
+    """Return the sum of octaves of noise, each with twice the frequency and ``gain`` the amplitude.
 
     Args:
         x, y: Lattice coordinates of the first octave.
-        rng: Gives the gradients of every octave.
-        octaves: How many.
-        gain: Height of each octave relative to the one before.
+        rng: Draws the gradients of every octave.
+        octaves: Number of octaves.
+        gain: Amplitude of each octave relative to the one before.
         kind: ``fbm`` (-1 to 1), ``billow`` (rounded lumps, 0 to 1) or ``ridged`` (crests, 0 to 1).
-        period: Cells of the first octave after which the field repeats; None: it need not.
+        period: Period of the field in cells of the first octave; None if it need not tile.
     """
     total = np.zeros(np.broadcast(x, y).shape, np.float32)
     amplitude, norm = 1.0, 0.0
@@ -217,7 +217,7 @@ def warped(
 
 
 def grid(extent: float, size: int, cell: float) -> tuple[FloatArray, FloatArray]:
-    """Return lattice coordinates of a square of ``extent``, cells ``cell`` wide.
+    """Return lattice coordinates of a square with edge ``extent`` and cells ``cell`` wide.
 
     They are a (1, size) row x and a (size, 1) column y, which broadcast to the square.
     """
@@ -226,12 +226,12 @@ def grid(extent: float, size: int, cell: float) -> tuple[FloatArray, FloatArray]
 
 
 def spectral(size: int, lowest: float, rng: np.random.Generator, rough: float) -> Field:
-    """Return (size, size) fractal noise that tiles, of standard deviation 1.
+    """Return (size, size) tileable fractal noise with standard deviation 1.
 
     Args:
         size: Edge length.
-        lowest: Frequency of its largest features, in waves per edge.
-        rng: Gives the white noise that is filtered.
+        lowest: Frequency of the largest features, in waves per edge.
+        rng: Draws the white noise that is filtered.
         rough: Exponent by which amplitudes fall with frequency: 1.4 is crumbly, 2.5 smooth.
     """
     white = rng.standard_normal((size, size), dtype=np.float32)
@@ -239,7 +239,7 @@ def spectral(size: int, lowest: float, rng: np.random.Generator, rough: float) -
         scipy.fft.fftfreq(size, 1 / size)[:, None], scipy.fft.rfftfreq(size, 1 / size)[None, :]
     ).astype(np.float32)
     relative = frequency / np.float32(lowest)
-    # Below the lowest frequency it fades out, because a sudden end would ring.
+    # Fade out below the lowest frequency, because a sharp cut-off would cause ringing.
     gain = np.where(relative >= 1, np.maximum(relative, 1) ** np.float32(-rough), relative**4)
     gain[0, 0] = 0
     field = scipy.fft.irfft2(scipy.fft.rfft2(white) * gain, s=white.shape)

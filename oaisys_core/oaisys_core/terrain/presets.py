@@ -1,21 +1,16 @@
-"""Kinds of terrain by name."""
+"""Terrain presets by name."""
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 
 from oaisys_core import extensions
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.scene import HeightField
-from oaisys_core.terrain.landform import Elevation, GroundSpec, grounded, scaled, unevenness
+from oaisys_core.terrain.landform import Elevation, GroundSpec, Preset, grounded, scaled, unevenness
 from oaisys_core.terrain.mountains import another_noise, large_terrain, mountain_1, mountain_2
 from oaisys_core.terrain.noise import fractal, grid, warped
 from oaisys_core.terrain.sculpted import canyon, craters, dunes, mesa
-
-Preset = Callable[[GroundSpec, np.random.Generator], Elevation]
-"""To (resolution_px, resolution_px) float32 metres."""
 
 
 def make_ground(
@@ -32,10 +27,9 @@ def make_ground(
         preset: A name in `PRESETS`.
         extent_m: Edge length.
         resolution_px: Grid points along an edge.
-        rng: Gives its shape.
+        rng: Draws its shape.
         roughness: Factor on the fine unevenness.
-        relief_m: Difference between lowest and highest point of the large forms; None: the
-            preset's own.
+        relief_m: Height difference of the large forms; None for the default of the preset.
 
     Raises:
         InvalidInputError: There is no preset of that name.
@@ -52,7 +46,7 @@ def make_ground(
 
 
 def check_preset(preset: str) -> None:
-    """Refuse a preset that is neither built in nor installed.
+    """Raise if a preset is neither built in nor installed.
 
     Raises:
         InvalidInputError: There is no preset of that name.
@@ -68,7 +62,7 @@ def plane(spec: GroundSpec, _rng: np.random.Generator) -> Elevation:
 
 
 def mounds(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
-    """Rolling, uneven ground: mounds and hollows some metres wide, lumps and ruts on them."""
+    """Rolling ground: mounds and hollows some metres wide, with lumps and ruts."""
     x, y = grid(spec.extent_m, spec.resolution_px, cell=22.0)
     x, y = warped(x, y, rng, strength=0.35)
     rolling = fractal(x, y, rng, octaves=3, gain=0.45)

@@ -1,4 +1,4 @@
-"""Landforms that wind, water and impacts sculpt: dunes, mesas, canyons, cratered plains."""
+"""Landforms shaped by wind, water and impacts: dunes, mesas, canyons, cratered plains."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from oaisys_core.terrain.noise import fractal, grid, warped
 from oaisys_core.types import FloatArray
 
 SAND_PX = 385
-"""Grid on which sand slides, whatever the ground's own."""
+"""Grid size for sliding sand, at any resolution of the ground."""
 
 LEE_SHARE = 0.22
-"""Of a dune's length along the wind: its slip face."""
+"""Length of the slip face relative to the length of a dune along the wind."""
 
 RIPPLE_M = 0.32
 RIPPLE_HEIGHT_M = 0.012
-"""Wind ripples; only where the grid has four points to each."""
+"""Wind ripples, used if the grid has at least four points per ripple."""
 
 
 def dunes(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -46,7 +46,7 @@ def dunes(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 
 
 def _dune(phase: FloatArray) -> FloatArray:
-    """Return a dune's outline, 0 to 1, over a phase of 1: a slow rise and a steep fall."""
+    """Return the profile of a dune, 0 to 1, with period 1: a slow rise and a steep fall."""
     t = phase - np.floor(phase)
     rise = 0.5 - 0.5 * np.cos(np.pi * np.clip(t / (1 - LEE_SHARE), 0, 1))
     fall = 0.5 + 0.5 * np.cos(np.pi * np.clip((t - 1 + LEE_SHARE) / LEE_SHARE, 0, 1))
@@ -71,7 +71,7 @@ def mesa(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     shape = fractal(wx, wy, rng, octaves=4, gain=0.42)
     flutes = fractal(9 * x, 9 * y, rng, octaves=2, kind="billow")
     inside = _equalised(shape) + 0.035 * (flutes - 0.3)
-    # Shares of the ground up to which each part of the profile reaches, and heights there.
+    # The profile: cumulative shares of the ground, and heights.
     at = (0.0, 0.52, 0.60, 0.612, 0.650, 0.660, 0.700, 0.708, 1.0)
     up = (0.0, 0.030, 0.20, 0.46, 0.56, 0.76, 0.82, 0.975, 1.0)
     outline = np.interp(inside, at, up)
@@ -98,9 +98,9 @@ def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 
 
 def _strata(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return the profile of a canyon's wall: distances from the axis and heights, both 0 to 1.
+    """Return the profile of a canyon wall: distances from the axis and heights, both 0 to 1.
 
-    Hard layers stand as cliffs, soft ones lie at a slope between them; the floor is level.
+    Hard layers form cliffs, soft ones slopes between them; the floor is level.
     """
     layers = 5
     thickness = rng.uniform(0.6, 1.4, 2 * layers)
@@ -129,7 +129,7 @@ def craters(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
 def _turned_grid(
     extent_m: float, size_px: int, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Return (size_px, size_px) coordinates in metres from the centre, along a random heading."""
+    """Return (size_px, size_px) coordinates in metres from the centre, randomly rotated."""
     heading = rng.uniform(0, 2 * np.pi)
     axis = np.linspace(-extent_m / 2, extent_m / 2, size_px)
     x, y = np.meshgrid(axis, axis)
@@ -138,7 +138,7 @@ def _turned_grid(
 
 
 def _equalised(field: Elevation) -> FloatArray:
-    """Return the share of the field, 0 to 1, that lies lower, at each point."""
+    """Return the share of the field, 0 to 1, that is lower than each point."""
     values = np.sort(field[:: max(len(field) // 256, 1), :: max(len(field) // 256, 1)], axis=None)
     levels = np.linspace(0, len(values) - 1, 512).astype(np.intp)
     return np.interp(field, values[levels], levels / (len(values) - 1))
