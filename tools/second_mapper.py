@@ -1,13 +1,13 @@
-"""A second mapper that knows nothing of ours: it reads the bag alone, and compares the meshes.
+"""An independent mapper: it reads a survey's bag alone and compares its meshes with the survey's.
 
     python -m tools.second_mapper out/survey/bag --mesh out/survey/mesh.ply
 
-``rosbags`` decodes the messages; poses are multiplied out of /tf and /tf_static by scipy; the
-surface is made twice: by dense volumes of Open3D's legacy pipelines, tile by tile (older, separate
-code: distances along rays, samples at voxels' centres), and by the plain
-``VoxelBlockGrid``, called as Open3D's tutorial does. Prints the Chamfer distances between all three
-meshes as JSON; exits with 1 where one exceeds half a voxel. (``vdbfusion`` has no wheels for Python
-3.11 or later; the legacy ``ScalableTSDFVolume`` of Open3D 0.20 stays empty.)
+``rosbags`` decodes the messages, and scipy composes the poses from /tf and /tf_static. The surface
+is reconstructed twice: by dense volumes of Open3D's legacy pipelines, tile by tile (independent
+code: distances along rays, samples at voxel centres), and by ``VoxelBlockGrid`` as in Open3D's
+tutorial. Prints the Chamfer distances between all three meshes as JSON; exits with 1 if one exceeds
+half a voxel. (``vdbfusion`` has no wheels for Python 3.11 or later; the legacy
+``ScalableTSDFVolume`` of Open3D 0.20 stays empty.)
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ TRUNCATION_VOXELS = 3.0
 TILE_VOXELS = 128
 SAMPLES = 300_000
 
-View = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]
-"""Depth in metres, colour, K and the camera's pose in the map."""
+BagView = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.float64], NDArray[np.float64]]
+"""Depth in metres, colour, K and ``T_map_camera``."""
 
 
-def views(bag: Path, camera: str) -> Iterator[View]:
-    """Yield the views in a bag, by their stamps."""
+def views(bag: Path, camera: str) -> Iterator[BagView]:
+    """Yield the views in a bag, ordered by stamp."""
     messages: dict[str, dict[int, Any]] = {"depth": {}, "color": {}, "info": {}}
     edges: dict[str, tuple[str, dict[int | None, NDArray[np.float64]]]] = {}
     topics = {
@@ -87,10 +87,10 @@ def _pose(frame: str, stamp: int, edges: Any) -> NDArray[np.float64]:
     return T
 
 
-def tiled_mesh(seen: list[View], voxel_size_m: float, max_range_m: float) -> Any:
-    """Return the mesh of Open3D's legacy dense volumes, one for each tile that holds points."""
+def tiled_mesh(seen: list[BagView], voxel_size_m: float, max_range_m: float) -> Any:
+    """Return the mesh of Open3D's legacy dense volumes, one for each tile with points."""
     pipelines = o3d.pipelines.integration
-    # Cubes lie between samples: tiles that share one layer of these leave no gap.
+    # Neighbouring tiles share one layer of samples, so that their meshes meet.
     step_m = (TILE_VOXELS - 1) * voxel_size_m
     rows = [_legacy_view(view, max_range_m) for view in seen]
     whole = o3d.geometry.TriangleMesh()
@@ -103,15 +103,15 @@ def tiled_mesh(seen: list[View], voxel_size_m: float, max_range_m: float) -> Any
             color_type=pipelines.TSDFVolumeColorType.RGB8,
             origin=tile * step_m,
         )
-        for (image, camera, seen_from, _), own in zip(rows, tiles, strict=True):
+        for (image, camera, T_camera_map, _), own in zip(rows, tiles, strict=True):
             if (np.abs(own - tile).max(axis=1) <= 1).any():
-                volume.integrate(image, camera, seen_from)
+                volume.integrate(image, camera, T_camera_map)
         whole += volume.extract_triangle_mesh()
     return whole
 
 
-def _legacy_view(view: View, max_range_m: float) -> tuple[Any, Any, Any, NDArray[np.float64]]:
-    """Return a view as Open3D's legacy pipelines take it, and its points in the map."""
+def _legacy_view(view: BagView, max_range_m: float) -> tuple[Any, Any, Any, NDArray[np.float64]]:
+    """Return a view in the types of Open3D's legacy pipelines, and its points in the map."""
     depth_m, rgb, K, T = view
     near = np.where(np.isfinite(depth_m) & (depth_m < max_range_m), depth_m, 0)
     image = o3d.geometry.RGBDImage.create_from_color_and_depth(
@@ -123,14 +123,14 @@ def _legacy_view(view: View, max_range_m: float) -> tuple[Any, Any, Any, NDArray
     )
     height, width = depth_m.shape
     camera = o3d.camera.PinholeCameraIntrinsic(width, height, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
-    seen_from = np.linalg.inv(T)
+    T_camera_map = np.linalg.inv(T)
     cloud = o3d.geometry.PointCloud.create_from_depth_image(
-        image.depth, camera, seen_from, 1.0, max_range_m, 4
+        image.depth, camera, T_camera_map, 1.0, max_range_m, 4
     )
-    return image, camera, seen_from, np.asarray(cloud.points)
+    return image, camera, T_camera_map, np.asarray(cloud.points)
 
 
-def plain_mesh(seen: list[View], voxel_size_m: float, max_range_m: float) -> Any:
+def plain_mesh(seen: list[BagView], voxel_size_m: float, max_range_m: float) -> Any:
     """Return the mesh of Open3D's ``VoxelBlockGrid``."""
     kind = o3d.core.float32
     grid = o3d.t.geometry.VoxelBlockGrid(
@@ -140,18 +140,18 @@ def plain_mesh(seen: list[View], voxel_size_m: float, max_range_m: float) -> Any
         near = np.where(np.isfinite(depth_m) & (depth_m < max_range_m), depth_m, 0)
         depth = o3d.t.geometry.Image(near.astype(np.float32))
         color = o3d.t.geometry.Image(rgb.astype(np.float32) / 255)
-        seen_from = o3d.core.Tensor(np.linalg.inv(T))
-        # The search for blocks unprojects pixels' centres; integration cuts fractions off.
+        T_camera_map = o3d.core.Tensor(np.linalg.inv(T))
+        # Block search unprojects pixel centres; integration truncates coordinates to pixels.
         half_px = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
         search, cut = o3d.core.Tensor(K), o3d.core.Tensor(K + half_px)
         far = (1.0, max_range_m, TRUNCATION_VOXELS)
-        blocks = grid.compute_unique_block_coordinates(depth, search, seen_from, *far)
-        grid.integrate(blocks, depth, color, cut, cut, seen_from, *far)
+        blocks = grid.compute_unique_block_coordinates(depth, search, T_camera_map, *far)
+        grid.integrate(blocks, depth, color, cut, cut, T_camera_map, *far)
     return grid.extract_triangle_mesh(0.5).to_legacy()
 
 
 def chamfer_m(one: Any, other: Any) -> float:
-    """Return the mean distance from points on each mesh to the other, both ways' mean."""
+    """Return the mean of the mean distances from points on each mesh to the other."""
     o3d.utility.random.seed(0)
     ways = []
     for mesh, target in ((one, other), (other, one)):
@@ -163,7 +163,7 @@ def chamfer_m(one: Any, other: Any) -> float:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Compare; return the exit code."""
+    """Compare the meshes; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("bag", type=Path, help="folder of the bag")
     parser.add_argument("--mesh", type=Path, required=True, help="our mesh")

@@ -1,4 +1,4 @@
-"""Pure conversions of clouds and meshes to ROS messages and back."""
+"""Conversions of point clouds and meshes to ROS messages and back; no node needed."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from oaisys_core.types import FloatArray, PinholeIntrinsics
 from oaisys_ros_bridge.conversions import buffer_of, checked_type
 
 CLOUD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
-"""A point of a cloud; the colour is declared float32, as PCL does, and holds 0x00RRGGBB."""
+"""A point of a cloud; its colour is 0x00RRGGBB in a field that is declared float32, as in PCL."""
 
 
 def cloud_to_msg(
     points_m: NDArray[np.float32], rgb: NDArray[np.uint8] | None, header: Header
 ) -> PointCloud2:
-    """Return an organised cloud; inverse: `cloud_from_msg`.
+    """Return an organised point cloud; inverse: `cloud_from_msg`.
 
     Args:
         points_m: (H, W, 3) in ``header``'s frame; a point that is not finite becomes NaN.
-        rgb: (H, W, 3), or None for black.
+        rgb: (H, W, 3), or None: black.
         header: Stamp and frame.
     """
     checked_type(points_m, np.ndarray, "cloud.points_m")
@@ -37,7 +37,7 @@ def cloud_to_msg(
     if rgb is not None and rgb.shape != points_m.shape:
         raise InvalidInputError("cloud.rgb", rgb.shape, f"{points_m.shape}, as the points")
     height, width = points_m.shape[:2]
-    # Four floats a point, written plane by plane: a third of the time of a structured array.
+    # Written plane by plane: three times as fast as a structured array.
     cloud = np.empty((height, width, 4), dtype=np.float32)
     cloud[..., :3] = points_m
     with np.errstate(invalid="ignore"):
@@ -50,14 +50,14 @@ def cloud_to_msg(
 
 @dataclass(frozen=True)
 class CloudOptions:
-    """Which points of a depth image become points of a cloud.
+    """Selects the pixels of a depth image that become points of a cloud.
 
     Attributes:
-        stride: Every so many columns and rows.
-        min_depth_m: What is nearer, along the optical axis, is no point.
-        max_depth_m: What is farther is no point; 0: no limit.
-        drop_sky: False: the cloud is organised as the image, NaN where there is no point; true:
-            it is one row of those that there are.
+        stride: Distance between used columns, and rows, in pixels.
+        min_depth_m: Least planar depth of a point.
+        max_depth_m: Largest planar depth of a point; 0: no limit.
+        drop_sky: False: the cloud is organised like the image, with NaN where there is no point;
+            true: it is one row of the points.
     """
 
     stride: int = 1
@@ -75,7 +75,7 @@ def depth_to_cloud_msg(
 ) -> PointCloud2:
     """Return the cloud of an (H, W) planar depth image, in the optical frame.
 
-    Products are of double precision, rounded once. The message's memory is written in place.
+    Coordinates are computed in double precision and rounded once.
     """
     every = (slice(None, None, options.stride),) * 2
     z = _kept(depth_m[every], options)
@@ -87,7 +87,7 @@ def depth_to_cloud_msg(
     np.multiply(z, y, out=cloud[..., 1], casting="same_kind")
     cloud[..., 2] = z
     if rgb is not None:
-        # Three bytes to their places: less work than to make numbers of them.
+        # Bytewise: faster than packing them into integers first.
         packed = np.frombuffer(data, dtype=np.uint8).reshape(height, width, CLOUD_POINT.itemsize)
         for place, channel in ((12, 2), (13, 1), (14, 0)):
             packed[..., place] = rgb[every][..., channel]
@@ -98,7 +98,7 @@ def depth_to_cloud_msg(
 
 
 def _kept(depth_m: NDArray[np.float32], options: CloudOptions) -> NDArray[np.float32]:
-    """Return depths with NaN for all that is no point."""
+    """Return the depths of points, NaN elsewhere."""
     is_point = np.isfinite(depth_m)
     if options.min_depth_m > 0:
         is_point &= depth_m >= options.min_depth_m
@@ -108,7 +108,7 @@ def _kept(depth_m: NDArray[np.float32], options: CloudOptions) -> NDArray[np.flo
 
 
 def _slopes(intrinsics: PinholeIntrinsics, stride: int) -> tuple[FloatArray, FloatArray]:
-    """Return x / z and y / z of every so many pixels, in shapes that spread over the image."""
+    """Return x / z and y / z of every ``stride``-th pixel, as arrays that broadcast to (H, W)."""
     if any(intrinsics.distortion):
         rays = pixel_rays(intrinsics)[::stride, ::stride]
         return rays[..., 0], rays[..., 1]
@@ -140,8 +140,8 @@ def cloud_from_msg(msg: PointCloud2) -> tuple[NDArray[np.float32], NDArray[np.ui
     """Return points (H, W, 3) float32 and colours (H, W, 3) uint8 of `cloud_to_msg`'s clouds.
 
     Raises:
-        TypeError: ``msg`` is no ``sensor_msgs/PointCloud2``.
-        InvalidInputError: Another layout.
+        TypeError: ``msg`` is not a ``sensor_msgs/PointCloud2``.
+        InvalidInputError: The fields are not those of `cloud_to_msg`.
     """
     checked_type(msg, PointCloud2, "cloud")
     layout = [(f.name, f.offset, f.datatype, f.count) for f in msg.fields]

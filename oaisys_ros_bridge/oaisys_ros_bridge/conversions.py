@@ -1,8 +1,8 @@
-"""Pure conversions between the simulator's data and ROS messages, in pairs of inverses.
+"""Conversions between the simulator's data and ROS messages, in pairs of inverses; no node needed.
 
-Large arrays enter messages as `array.array` straight from memory, by assignment and with
-``check_fields``: anything else is taken element by element, a constructor's argument is copied
-twice, and a message that does not check its fields copies what it is given.
+Large arrays are assigned to messages as `array.array`, with ``check_fields``. rclpy copies other
+sequences element by element, a constructor's argument twice, and without ``check_fields`` it makes
+another copy.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PLUMB_BOB = "plumb_bob"
 
 
 class Pixels(NamedTuple):
-    """What the pixels of an encoding are."""
+    """Type and number of channels of an encoding's pixels."""
 
     dtype: np.dtype[Any]
     channels: int
@@ -51,7 +51,7 @@ PLAIN_TYPES: dict[str, np.dtype[Any]] = {
     "32F": np.dtype(np.float32),
     "64F": np.dtype(np.float64),
 }
-"""OpenCV's names of pixels that are just numbers."""
+"""OpenCV's names of pixel types without a meaning of their channels."""
 MOST_CHANNELS = 4
 
 PIXELS_BY_ENCODING: dict[str, Pixels] = {
@@ -66,7 +66,7 @@ PIXELS_BY_ENCODING: dict[str, Pixels] = {
         for channels in range(1, MOST_CHANNELS + 1)
     },
 }
-"""Encodings of images that are published, and some of other cameras'."""
+"""Encodings of the published images, and common ones of other cameras."""
 
 COLOR_ORDERS = {
     "rgb8": [0, 1, 2],
@@ -75,17 +75,17 @@ COLOR_ORDERS = {
     "bgra8": [2, 1, 0],
     "mono8": [0, 0, 0],
 }
-"""Which channels of a colour image are red, green and blue."""
+"""Indices of red, green and blue among the channels of a colour image."""
 
 UNKNOWN_VARIANCE = 1e6
-"""Of a velocity that is not known, (m/s)^2 or (rad/s)^2."""
+"""Variance of an unknown velocity, (m/s)^2 or (rad/s)^2."""
 
 
 def plain_encoding(data: NDArray[Any]) -> str:
     """Return the encoding, such as ``8UC1``, of an (H, W) or (H, W, channels) image.
 
     Raises:
-        InvalidInputError: There is none for such pixels.
+        InvalidInputError: No encoding has such pixels.
     """
     channels = 1 if data.ndim == 2 else data.shape[-1]
     dtype = np.dtype(np.int32) if data.dtype == np.uint32 else data.dtype
@@ -97,14 +97,14 @@ def plain_encoding(data: NDArray[Any]) -> str:
 
 
 def checked_type(value: object, expected: type[T], field: str) -> T:
-    """Return ``value``; `TypeError` naming ``field`` where it is something else."""
+    """Return ``value``; raise `TypeError` naming ``field`` if it is of another type."""
     if not isinstance(value, expected):
         raise TypeError(f"{field}: received {type(value).__name__}, expected {expected.__name__}")
     return value
 
 
 def buffer_of(data: NDArray[Any]) -> array.array[int]:
-    """Return the bytes of ``data`` (any shape) as rclpy takes them without looking at each."""
+    """Return the bytes of ``data`` (any shape) in the type that rclpy does not check bytewise."""
     buffer = array.array("B")
     buffer.frombytes(np.ascontiguousarray(data).ravel().view(np.uint8).data)
     return buffer
@@ -121,7 +121,7 @@ def pose_from_msg(msg: PoseMsg, field: str = "pose") -> Pose:
     """Return the pose in a message, its quaternion normalised.
 
     Raises:
-        TypeError: ``msg`` is no ``geometry_msgs/Pose``.
+        TypeError: ``msg`` is not a ``geometry_msgs/Pose``.
         InvalidInputError: A number is not finite, or the quaternion is not of unit length.
     """
     checked_type(msg, PoseMsg, field)
@@ -154,17 +154,17 @@ def transform_from_msg(msg: TransformStamped) -> FloatArray:
 def odometry_to_msg(
     pose: Pose, header: Header, child_frame: str, covariance: ArrayLike | None = None
 ) -> Odometry:
-    """Return the odometry of a body at ``pose``, of unknown twist; inverse: `odometry_from_msg`.
+    """Return the odometry of a body at ``pose`` with unknown twist; inverse: `odometry_from_msg`.
 
-    Nothing in ``geometry_msgs/TwistWithCovariance`` says "unknown". Its variances are
-    `UNKNOWN_VARIANCE` therefore, which filters take as no information; to ``robot_localization``
-    a variance of 0 is certainty, and the -1 of ``sensor_msgs/Imu`` a variance of 1.
+    ``geometry_msgs/TwistWithCovariance`` has no value for "unknown", so the twist's variances are
+    `UNKNOWN_VARIANCE`, which gives it no weight in a filter. ``robot_localization`` would take a
+    variance of 0 for certainty, and the -1 of ``sensor_msgs/Imu`` for a variance of 1.
 
     Args:
         pose: In ``header``'s frame.
         header: Stamp and frame.
         child_frame: Of the body.
-        covariance: (36,) row-major, of x, y, z and turns about x, y, z; None: the pose is exact.
+        covariance: (36,) row-major, of x, y, z and rotations about x, y, z; None: exact.
     """
     msg = Odometry(header=header, child_frame_id=child_frame)
     msg.pose.pose = pose_to_msg(pose)
@@ -184,8 +184,8 @@ def intrinsics_to_msg(
 ) -> CameraInfo:
     """Return the camera info of a camera; inverse: `intrinsics_from_msg`.
 
-    P is that of the image without distortion, of the same K; for the right camera of a stereo
-    pair it leads from the left one's frame, ``baseline_m`` away, as REP-104 has it.
+    P projects to the rectified image, which has the same K. For the right camera of a stereo pair,
+    ``baseline_m`` from the left one, P projects from the left camera's frame (REP-104).
     """
     checked_type(intrinsics, PinholeIntrinsics, "intrinsics")
     K = intrinsics.K
@@ -206,9 +206,9 @@ def intrinsics_from_msg(msg: CameraInfo) -> PinholeIntrinsics:
     """Return the camera of a message.
 
     Raises:
-        TypeError: ``msg`` is no ``sensor_msgs/CameraInfo``.
-        InvalidInputError: The camera is skewed, not calibrated, or distorted in a way that
-            plumb_bob does not describe, or that no pixel could be traced back through.
+        TypeError: ``msg`` is not a ``sensor_msgs/CameraInfo``.
+        InvalidInputError: The camera is skewed or not calibrated, or its distortion is not of the
+            model plumb_bob or not invertible.
     """
     checked_type(msg, CameraInfo, "camera_info")
     K = np.asarray(msg.k).reshape(3, 3)
@@ -230,12 +230,12 @@ def image_to_msg(data: NDArray[Any], encoding: str, header: Header) -> Image:
     """Return the message of an image; inverse: `image_from_msg`.
 
     Args:
-        data: As `PIXELS_BY_ENCODING` says. ``32SC1`` also takes uint32, whose values must fit.
+        data: Of the shape and type in `PIXELS_BY_ENCODING`; for ``32SC1`` also uint32 that fit.
         encoding: One of `PIXELS_BY_ENCODING`.
         header: Stamp and frame.
 
     Raises:
-        TypeError: ``data`` is no array.
+        TypeError: ``data`` is not an array.
         InvalidInputError: Unknown encoding, or data of another shape, type or range.
     """
     checked_type(data, np.ndarray, "image.data")
@@ -266,7 +266,7 @@ def image_from_msg(msg: Image) -> NDArray[Any]:
     """Return the (H, W, channels) or (H, W) array of an image; it shares the message's memory.
 
     Raises:
-        TypeError: ``msg`` is no ``sensor_msgs/Image``.
+        TypeError: ``msg`` is not a ``sensor_msgs/Image``.
         InvalidInputError: Unknown encoding, or sizes that do not agree with each other.
     """
     checked_type(msg, Image, "image")
@@ -285,7 +285,7 @@ def image_from_msg(msg: Image) -> NDArray[Any]:
 def depth_from_msg(msg: Image) -> NDArray[np.float32]:
     """Return (H, W) float32 metres of a depth image: ``32FC1``, or ``16UC1`` in millimetres.
 
-    NaN where an image in millimetres holds 0: nothing was measured (REP-118).
+    A 0 in millimetres, which means that nothing was measured (REP-118), becomes NaN.
 
     Raises:
         InvalidInputError: Another encoding.

@@ -1,4 +1,4 @@
-"""Makes room for images in the middleware's shared memory."""
+"""Configures Fast DDS for large images in shared memory."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ OVERRIDES = (
     "FASTDDS_DEFAULT_PROFILES_FILE",
     "FASTDDS_BUILTIN_TRANSPORTS",
 )
-"""Settings of the user's that win over ours."""
+"""Environment variables by which a user configures Fast DDS."""
 
 
 def prepare_transport() -> None:
-    """Choose ``fastdds.xml`` for this process and its children; to be called before rclpy starts.
+    """Use ``fastdds.xml`` in this process and its children; call it before `rclpy.init`.
 
-    Does nothing where the user has chosen transports, or where shared memory is as small as a
-    container's 64 MB.
+    Does nothing if the user has configured Fast DDS, or if there is too little shared memory, such
+    as a container's 64 MB.
     """
     if any(name in os.environ for name in OVERRIDES) or not SHARED_MEMORY.is_dir():
         return

@@ -1,1 +1,1 @@
-"""Thousands of samples through all processes at once, to see whether anything grows."""
+"""Renders thousands of samples with all processes running, to find what grows."""

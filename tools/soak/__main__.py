@@ -1,4 +1,4 @@
-"""Runs the soak: ``python -m tools.soak --samples 5000``; exit 1 where something has grown."""
+"""The soak test: ``python -m tools.soak --samples 5000``; exit 1 if something has grown."""
 
 from __future__ import annotations
 
@@ -24,40 +24,43 @@ from tools.soak.counts import busy_loops, missing_in_bag
 from tools.soak.gauges import Gauge, read_gauges
 
 PLACES = 40
-"""Where it looks from in turn: after one round the map does not grow any more."""
+"""Positions that are visited in turn: after one round the map does not grow any more."""
 JITTER_M = 0.05
-"""No view comes twice: nothing is answered from memory."""
+"""Added to positions, so that no pose is repeated and answered from the pose cache."""
 ALTITUDE_M = 8.0
 VIEW_TIMEOUT_S = 120.0
 POSE_CACHE_MB = 8
-"""Full long before the first reading, as everything that has a bound should be."""
+"""So small that the cache is full long before the first reading."""
 FIRST_READING = 50
 GROWTH_RATIO = 0.05
 GROWTH_MB = 12.0
-"""What allocators do by themselves: a process has grown that holds more than either of these above
-its first reading."""
+"""A process may exceed its first reading by the larger of both, which allocators account for."""
 
 POOL_THREADS = 8
-"""What pools may still start: an executor makes its threads one by one, as they are needed."""
+"""Threads that may still be added: executors start theirs when they are needed."""
 
 Readings = dict[int, Mapping[str, Gauge]]
 """Gauges by number of samples and process."""
 
 
 def main(
-    samples: Annotated[int, typer.Option(min=1, help="Views to take.")] = 5000,
-    out: Annotated[Path, typer.Option(help="Folder of bag, logs, soak.json.")] = Path("out/soak"),
-    size: Annotated[str, typer.Option(help="Of images, WIDTHxHEIGHT.")] = "160x120",
-    record: Annotated[bool, typer.Option(help="Whether a recorder takes part.")] = True,
+    samples: Annotated[int, typer.Option(min=1, help="Number of samples.")] = 5000,
+    out: Annotated[Path, typer.Option(help="Folder of bag, logs and soak.json.")] = Path(
+        "out/soak"
+    ),
+    size: Annotated[str, typer.Option(help="Size of the images, WIDTHxHEIGHT.")] = "160x120",
+    record: Annotated[bool, typer.Option(help="Record the samples to a bag.")] = True,
     backend: Annotated[str, typer.Option(help="analytic or blender.")] = "analytic",
     sweep: Annotated[
-        bool, typer.Option(help="One sweep, as fast as it goes, instead of view by view.")
+        bool, typer.Option(help="Render all poses in one sweep instead of one call each.")
     ] = False,
-    busy: Annotated[int, typer.Option(min=0, help="Endless loops that run beside it.")] = 0,
+    busy: Annotated[
+        int, typer.Option(min=0, help="Number of busy loops that load the machine.")
+    ] = 0,
 ) -> None:
-    """Take thousands of samples, and tell what memory, descriptors and segments do meanwhile.
+    """Render thousands of samples and print memory, descriptors, threads and shared segments.
 
-    Exit 1 where something has grown, or where map or bag lack a message of a sample.
+    Exit 1 if something has grown, or if map or bag have lost a message of a sample.
     """
     interrupt_on_signals()
     options = ExperimentOptions(
@@ -96,7 +99,7 @@ def main(
 def run(
     options: ExperimentOptions, samples: int, reporter: Reporter, *, sweep: bool
 ) -> tuple[Readings, list[str]]:
-    """Take the samples; return what was read on the way, and what the map lacks.
+    """Render the samples; return the readings, and what the map has lost.
 
     Raises:
         OaisysError: A process failed, or did not answer in time.
@@ -127,19 +130,19 @@ def run(
 
 
 def take(stack: SimulatorStack[PlannerClient], pose: Pose) -> None:
-    """Take one view, with all that is published of it."""
+    """Render one view and wait for its images."""
     stack.client.view(pose, stack.posed_sensor, "map", VIEW_TIMEOUT_S)
 
 
 def reading_points(samples: int) -> set[int]:
-    """Return after how many samples the gauges are read: first, at five in between, last."""
+    """Return the numbers of samples after which the gauges are read."""
     first = min(FIRST_READING, max(1, samples // 2))
     steps = {round(samples * share) for share in (0.1, 0.2, 0.4, 0.5, 0.6, 0.8)}
     return {first, samples} | {step for step in steps if step > first}
 
 
 def viewpoints(samples: int) -> Iterator[Pose]:
-    """Yield poses that look down at the middle of the world, all of them different."""
+    """Yield different poses that look down at the middle of the world."""
     rng = np.random.default_rng(0)
     places_m = rng.uniform(-6.0, 6.0, size=(PLACES, 2))
     for number in range(samples):
@@ -162,7 +165,7 @@ def table(readings: Readings) -> Sequence[str]:
 
 
 def grown(readings: Readings) -> Sequence[str]:
-    """Return a sentence for each gauge that is higher at the end than it may be."""
+    """Return a sentence for each gauge that has grown by more than it may."""
     first, last = (readings[number] for number in (min(readings), max(readings)))
     faults = []
     for name, end in last.items():

@@ -1,4 +1,4 @@
-"""Counts whether all of the samples are in the map and in the bag."""
+"""Checks that a bag holds every message of every sample."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SAMPLE_INFO = "/sample_info"
 
 @contextmanager
 def busy_loops(count: int) -> Iterator[None]:
-    """Run endless loops beside the block, which take their share of the machine's cores."""
+    """Run busy loops during the block, to load the machine's cores."""
     loops = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
     try:
         yield
@@ -33,9 +33,9 @@ def busy_loops(count: int) -> Iterator[None]:
 
 
 def missing_in_bag(bag: Path, samples: int) -> Sequence[str]:
-    """Return a sentence for each topic that a bag does not have of all samples.
+    """Return a sentence for each topic of which a bag has not the messages of all samples.
 
-    It is read without what its recorder says of it, which is compared at the end.
+    The messages are counted independently of the recorder, whose own count is compared with it.
     """
     stamps, announced = stamps_of(bag)
     faults = []
@@ -50,14 +50,14 @@ def missing_in_bag(bag: Path, samples: int) -> Sequence[str]:
         if missing or len(wanted) != samples:
             faults.append(f"bag: {len(wanted) - missing} of {samples} samples on {topic}")
     losses = losses_of(bag)
-    told = None if losses is None else sum(losses.lost.values())
-    if told != lacking:
-        faults.append(f"bag: it says that {told} messages are missing, not {lacking}")
+    counted = None if losses is None else sum(losses.lost.values())
+    if counted != lacking:
+        faults.append(f"bag: its recorder counted {counted} lost messages, not {lacking}")
     return faults
 
 
 def stamps_of(bag: Path) -> tuple[dict[str, set[int]], dict[int, SampleInfo]]:
-    """Return the stamps of each topic, and what announced the samples, by stamp."""
+    """Return the stamps of each topic's messages, and the ``sample_info`` messages by stamp."""
     stamps: dict[str, set[int]] = {}
     announced: dict[int, SampleInfo] = {}
     with mcap_file(bag).open("rb") as stream:

@@ -1,4 +1,4 @@
-"""What the processes of a running system hold: memory, file descriptors, shared memory."""
+"""Reads memory, file descriptors, threads and shared memory of the running processes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NAMES = {
     "oaisys_ros_bridge.nodes.mapper": "mapper",
     "oaisys_ros_bridge.nodes.recorder": "recorder",
 }
-"""How the modules that processes run are called in the table."""
+"""Names of processes in the table, by the module that they run."""
 
 _SHARED = re.compile(r"(\S+ \d+) +(?:/dev/shm/|/memfd:)")
 """Device and inode of shared memory in a line of ``/proc/PID/maps``."""
@@ -25,14 +25,14 @@ _SHARED = re.compile(r"(\S+ \d+) +(?:/dev/shm/|/memfd:)")
 
 @dataclass(frozen=True)
 class Gauge:
-    """One process at one moment.
+    """Resources of a process at one time.
 
     Attributes:
-        pss_mb: Proportional set size: memory that it shares is divided among those who do.
-        private_mb: Memory that is its own.
+        pss_mb: Proportional set size: shared memory is divided among its users.
+        private_mb: Memory that is not shared.
         descriptors: Open file descriptors.
         threads: Running threads.
-        shared_segments: Shared-memory files that it maps.
+        shared_segments: Mapped files in shared memory.
     """
 
     pss_mb: float
@@ -43,7 +43,7 @@ class Gauge:
 
 
 def read_gauges(root: psutil.Process) -> Mapping[str, Gauge]:
-    """Return the gauges of all of our processes below one, by name."""
+    """Return the gauges of the known processes below ``root``, by name."""
     gauges = {}
     for process in root.children(recursive=True):
         with contextlib.suppress(psutil.Error, OSError):
@@ -53,7 +53,7 @@ def read_gauges(root: psutil.Process) -> Mapping[str, Gauge]:
 
 
 def _name_of(command: list[str]) -> str:
-    """Return what a process is called in the table; empty: it is none of ours."""
+    """Return a process's name in the table; empty: it is not a known process."""
     return next((name for module, name in NAMES.items() if module in command), "")
 
 
