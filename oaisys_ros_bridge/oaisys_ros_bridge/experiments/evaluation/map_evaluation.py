@@ -52,12 +52,16 @@ class MapEvaluation:
 
     Attributes:
         evaluation: Of the map against the true surface.
+        thresholds: That the map must meet.
+        cameras: Of the map's views.
         mesh: The map's surface, as it was saved.
         faults: The verdicts on maps of the same frames with deliberate faults.
         certificate: As it was written.
     """
 
     evaluation: Evaluation
+    thresholds: Thresholds
+    cameras: Sequence[PosedCamera]
     mesh: ColoredMesh
     faults: Sequence[PerturbationResult]
     certificate: dict[str, Any]
@@ -109,7 +113,7 @@ def evaluate_and_certify(
         faults = run_perturbations(frames, surface, thresholds, config, info.seed, reporter)
     statement = _statement(options, info, views, evaluation, thresholds, faults, world_seed)
     certificate = write_certificate(options.out / CERTIFICATE_FILE, statement, key)
-    return MapEvaluation(evaluation, mesh, faults, certificate)
+    return MapEvaluation(evaluation, thresholds, views, mesh, faults, certificate)
 
 
 def _volume(options: ExperimentOptions, mesh: ColoredMesh) -> TsdfVolume | None:

@@ -9,40 +9,47 @@ from __future__ import annotations
 
 import statistics
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from math import ceil, sqrt
+from typing import Any
 
 import numpy as np
 
 from oaisys_core.errors import OaisysError
+from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import DEPTH, FloatArray, Pose, TriangleMesh
 from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_mapping.evaluation.thresholds import exploration_thresholds
+from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
-from oaisys_mapping.exploration.coverage_record import CoverageRecord
+from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle
 from oaisys_mapping.exploration.planners import make_planner
-from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.mesh_io import read_ply
 from oaisys_mapping.rectification import rectified_camera
+from oaisys_mapping.report.report import COVERAGE_GOAL
 from oaisys_ros_bridge.experiments.bringup import (
     MAP_TIMEOUT_S,
     START_TIMEOUT_S,
     SimulatorStack,
     bring_up,
 )
-from oaisys_ros_bridge.experiments.evaluation.map_evaluation import MESH_FILE
+from oaisys_ros_bridge.experiments.evaluation.map_evaluation import (
+    MESH_FILE,
+    evaluate_and_certify,
+)
 from oaisys_ros_bridge.experiments.explore.exploration import (
     Exploration,
     ExplorationLimits,
     explore,
 )
 from oaisys_ros_bridge.experiments.explore.plan import ExploreOptions, flight_box, start_pose
-from oaisys_ros_bridge.experiments.explore.report import MappedExploration, write_explore_report
 from oaisys_ros_bridge.experiments.explore.trajectory_client import TrajectoryClient, poses_along
 from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
 from oaisys_ros_bridge.experiments.planner_client import ReceivedView
 from oaisys_ros_bridge.experiments.progress import Reporter
+from oaisys_ros_bridge.experiments.report import ExperimentRun, write_experiment_report
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 
 VIEW_TIMEOUT_S = 300.0
@@ -80,30 +87,64 @@ def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
     started_s = time.monotonic()
     for name in options.planners:
         make_planner(name)
-    records: list[CoverageRecord] = []
-    mapped: MappedExploration | None = None
     with bring_up(options, TrajectoryClient, reporter) as stack:
-        for seed in options.seeds:
-            area: FlightArea | None = None
-            for name in options.planners:
-                reporter.say(f"world {seed}: building it for {name}")
-                stack.client.step_batch(seed, START_TIMEOUT_S)
-                area = area or _flight_area(options, stack, seed)
-                area.coverage.forget()
-                # Images are wanted of the evaluated map; planners need depth alone.
-                if mapped is not None:
-                    stack.client.request_only((DEPTH,))
-                found, coverage = _explore_world(options, stack, area, name, seed, reporter)
-                records.append(_record(name, seed, found, coverage, stack))
-                if mapped is None:
-                    _add_map_times(found, stack)
-                    mesh = _save_map(options, stack)
-                    mapped = MappedExploration(found, area.vehicle, mesh, area.truth)
+        records, mapped, area = _explore_all(options, stack, reporter)
         losses = stack.client.shortfalls(MAP_TIMEOUT_S)
         info = stack.simulator.info()
-    assert mapped is not None
     seconds = time.monotonic() - started_s
-    return write_explore_report(options, info, records, mapped, seconds, reporter, losses)
+    result = evaluate_and_certify(
+        options,
+        info,
+        area.truth,
+        [PosedCamera(area.vehicle.intrinsics, _camera_pose(area, pose)) for pose in mapped.poses],
+        [],
+        exploration_thresholds(options.voxel_size_m),
+        options.key,
+        reporter,
+        world_seed=records[0].seed,
+    )
+    return write_experiment_report(
+        options,
+        ExperimentRun(info, mapped.views, losses),
+        result,
+        reporter,
+        title="Exploration of a rendered terrain",
+        columns=ceil(sqrt(len(mapped.views) * 6 / 5)),
+        facts=_facts(records),
+        seconds_total=seconds,
+        coverage=records,
+    )
+
+
+def _explore_all(
+    options: ExploreOptions, stack: Stack, reporter: Reporter
+) -> tuple[list[CoverageRecord], Exploration, FlightArea]:
+    """Return the records of all explorations, and the first one, whose map is saved."""
+    records: list[CoverageRecord] = []
+    first: tuple[Exploration, FlightArea] | None = None
+    for seed in options.seeds:
+        area: FlightArea | None = None
+        for name in options.planners:
+            reporter.say(f"world {seed}: building it for {name}")
+            stack.client.step_batch(seed, START_TIMEOUT_S)
+            area = area or _flight_area(options, stack, seed)
+            area.coverage.forget()
+            found, coverage = _explore_world(options, stack, area, name, seed, reporter)
+            records.append(_record(name, seed, found, coverage, stack))
+            if first is None:
+                first = found, area
+                _add_map_times(found, stack)
+                path = str((options.out / MESH_FILE).resolve())
+                stack.client.save_mesh(path, MAP_TIMEOUT_S)
+                # Images are wanted of the evaluated map; planners need depth alone.
+                stack.client.request_only((DEPTH,))
+    assert first is not None
+    return records, *first
+
+
+def _camera_pose(area: FlightArea, pose: Pose) -> FloatArray:
+    """Return ``T_map_camera`` of a vehicle's pose."""
+    return pose_to_matrix(pose) @ area.vehicle.T_base_camera
 
 
 def _flight_area(options: ExploreOptions, stack: Stack, seed: int) -> FlightArea:
@@ -178,12 +219,6 @@ def _explore_world(
     return found, coverage
 
 
-def _save_map(options: ExploreOptions, stack: Stack) -> ColoredMesh:
-    path = options.out / MESH_FILE
-    stack.client.save_mesh(str(path.resolve()), MAP_TIMEOUT_S)
-    return read_ply(path)
-
-
 def _most_views(options: ExploreOptions, name: str) -> int:
     return options.views if name == options.planners[0] else options.baseline_views
 
@@ -212,3 +247,20 @@ def _record(
         refused=found.refused,
         least_clearance_m=float(np.nanmin(clearance_m)),
     )
+
+
+def _facts(records: Sequence[CoverageRecord]) -> dict[str, Any]:
+    """Return the entries of ``report.json`` on explorations."""
+    first = records[0]
+    return {
+        "planner": first.planner,
+        "coverage": list(first.coverage),
+        "path_length_m": first.path_m[-1],
+        "seconds_to_plan": first.plan_s,
+        "explorations": [
+            asdict(record) | {"views_to_90": record.views_to(COVERAGE_GOAL)} for record in records
+        ],
+        "planners": {
+            result.planner: asdict(result) for result in planner_results(records, COVERAGE_GOAL)
+        },
+    }

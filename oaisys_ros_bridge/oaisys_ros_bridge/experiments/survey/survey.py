@@ -20,7 +20,6 @@ from oaisys_mapping.certificate.perturbations import PosedDepth
 from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.rectification import rectified_camera
-from oaisys_mapping.report.report import write_report
 from oaisys_ros_bridge.experiments.bringup import MAP_TIMEOUT_S, SimulatorStack, bring_up
 from oaisys_ros_bridge.experiments.evaluation.map_evaluation import (
     MESH_FILE,
@@ -30,13 +29,14 @@ from oaisys_ros_bridge.experiments.evaluation.map_evaluation import (
 from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
 from oaisys_ros_bridge.experiments.planner_client import PlannerClient, ReceivedView
 from oaisys_ros_bridge.experiments.progress import Reporter
+from oaisys_ros_bridge.experiments.report import ExperimentRun, write_experiment_report
 from oaisys_ros_bridge.experiments.survey.plan import (
     NORTH_UP_YAW_RAD,
     SurveyOptions,
     SurveyPlan,
     plan_survey,
+    survey_columns,
 )
-from oaisys_ros_bridge.experiments.survey.report import say_result, survey_report
 
 VIEW_TIMEOUT_S = 300.0
 MAP_FRAME = "map"
@@ -70,11 +70,16 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
         options.key,
         reporter,
     )
-    seconds = time.monotonic() - started_s
-    report = survey_report(options, info, result, views, received, seconds, losses)
-    write_report(report, options.out)
-    say_result(report, options, reporter)
-    return not report.missed
+    return write_experiment_report(
+        options,
+        ExperimentRun(info, received, losses),
+        result,
+        reporter,
+        title="Survey of a rendered terrain",
+        columns=survey_columns(options.views),
+        facts={"altitude_m": options.altitude_m, "overlap": options.overlap},
+        seconds_total=time.monotonic() - started_s,
+    )
 
 
 def _plan(options: SurveyOptions, stack: SimulatorStack[PlannerClient]) -> SurveyPlan:

@@ -17,13 +17,13 @@ NOT_MEASURED = "–"
 def tables_of(result: MapEvaluation) -> list[ReportTable]:
     """Return the tables for which there are figures."""
     metrics = result.evaluation.metrics
-    sections = [_fault_section(result.faults)] if result.faults else []
+    tables = [_fault_table(result.faults)] if result.faults else []
     if metrics.classes is not None and metrics.classes.iou:
-        sections.append(_class_section(metrics))
-    return [*sections, _completeness_section(metrics), _certificate_section(result.certificate)]
+        tables.append(_class_table(metrics))
+    return [*tables, _completeness_table(metrics), _certificate_table(result.certificate)]
 
 
-def _fault_section(faults: Sequence[PerturbationResult]) -> ReportTable:
+def _fault_table(faults: Sequence[PerturbationResult]) -> ReportTable:
     header = ("the same frames with", "RMSE", "median", "beside the truth", "completion")
     rows = [
         (
@@ -47,7 +47,7 @@ def _fault_section(faults: Sequence[PerturbationResult]) -> ReportTable:
     )
 
 
-def _class_section(metrics: ReconstructionMetrics) -> ReportTable:
+def _class_table(metrics: ReconstructionMetrics) -> ReportTable:
     assert metrics.classes is not None
     rows = [
         (name, _percent(metrics.classes.share[name]), f"{iou:.3f}")
@@ -57,7 +57,7 @@ def _class_section(metrics: ReconstructionMetrics) -> ReportTable:
     return ReportTable("Classes", note, ("class", "share of the surface", "IoU"), rows)
 
 
-def _completeness_section(metrics: ReconstructionMetrics) -> ReportTable:
+def _completeness_table(metrics: ReconstructionMetrics) -> ReportTable:
     tsdf = metrics.tsdf
     rows = [
         ("share of the truth", _percent(metrics.visible_share), "100 %"),
@@ -87,7 +87,7 @@ def _completeness_section(metrics: ReconstructionMetrics) -> ReportTable:
     )
 
 
-def _certificate_section(certificate: Mapping[str, Any]) -> ReportTable:
+def _certificate_table(certificate: Mapping[str, Any]) -> ReportTable:
     content, signature = certificate["content"], certificate["signature"]
     rows = [
         ("verdict", content["verdict"]),
