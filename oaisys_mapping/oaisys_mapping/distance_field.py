@@ -1,9 +1,9 @@
-"""Distances to the nearest surface, for planners: a Euclidean distance field of a box.
+"""Euclidean distance fields of boxes, for planners.
 
-The truncated field knows distances only near the surface, and along rays. Here every known voxel
-gets its distance to the nearest ones at the surface (an exact distance transform; Felzenszwalb and
-Huttenlocher, Theory of Computing 8, 2012), corrected by these ones' own, so that the surface lies
-between voxels and not on them, as voxblox seeds its field (Oleynikova et al., IROS 2017).
+A TSDF holds distances only near the surface, and along rays. Here every known voxel gets its
+Euclidean distance to the surface by an exact distance transform (Felzenszwalb and Huttenlocher,
+Theory of Computing 8, 2012), corrected by the signed distances of voxels at the surface, as voxblox
+seeds its field (Oleynikova et al., IROS 2017), so that the surface lies between voxels.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ class DistanceField(ShortRepr):
     """Distances in a box of voxels.
 
     Attributes:
-        origin_m: (3,) place of the first voxel's sample, in ``map``.
-        voxel_size_m: Between samples.
-        distance_m: (X, Y, Z) float32 to the nearest surface, below 0 inside; NaN where nothing is
-            known. Positive infinity: there is no surface in the box.
+        origin_m: (3,) position of the first voxel's sample in ``map``.
+        voxel_size_m: Distance between samples.
+        distance_m: (X, Y, Z) float32 distance to the nearest surface, negative inside; NaN where
+            nothing is known, ``+inf`` if there is no surface in the box.
     """
 
     origin_m: FloatArray
@@ -36,13 +36,13 @@ class DistanceField(ShortRepr):
     distance_m: NDArray[np.float32]
 
     def at(self, points_m: ArrayLike) -> FloatArray:
-        """Return the (N,) distances at (N, 3) points: the trilinear mean of the voxels around.
+        """Return the (N,) trilinearly interpolated distances at (N, 3) points.
 
-        NaN outside the box, and where one of these voxels is unknown.
+        They are NaN outside the box and beside unknown voxels.
         """
         points = np.asarray(points_m, np.float64).reshape(-1, 3)
         places = ((points - self.origin_m) / self.voxel_size_m).T
-        # A sample on a voxel asks for its neighbours, too, with weight 0: NaN times 0 is NaN.
+        # Rounding keeps unknown neighbours out of the mean at points on a voxel's sample.
         places = np.where(np.abs(places - np.rint(places)) < 1e-6, np.rint(places), places)
         last = np.array(self.distance_m.shape)[:, None] - 1
         is_inside = ((places >= 0) & (places <= last)).all(axis=0)
@@ -57,7 +57,7 @@ class DistanceField(ShortRepr):
         return np.where(is_inside, found, np.nan)
 
     def slice_at(self, height_m: float) -> FloatArray:
-        """Return the (X, Y) distances at a height; row i, column j is at ``origin_m + (i, j)``.
+        """Return the (X, Y) distances at a height, on the grid of the box's voxels.
 
         Raises:
             InvalidInputError: The height lies outside the box.
@@ -79,39 +79,38 @@ def distance_field(
     *,
     unknown_is_occupied: bool = False,
 ) -> DistanceField:
-    """Return the distances in a box, from the surface in it.
+    """Return the distances in a box to the surface in that box.
 
-    Surfaces outside the box are not seen: make it larger, by the greatest distance that matters,
-    than the points that are asked for.
+    Surfaces outside the box are ignored, so enlarge it by the greatest distance that matters.
 
     Args:
-        volume: What was mapped; with ``record_free_space``, the open counts as known, too.
+        volume: The map; with ``record_free_space`` open space is known too.
         low_m, high_m: (3,) corners of the box.
-        unknown_is_occupied: Whether to keep away from what nobody has seen as from a surface:
-            known free voxels get the distance to the nearest unknown one where that is less.
+        unknown_is_occupied: Whether unknown space counts as an obstacle: free voxels get the
+            distance to the nearest unknown one if it is smaller.
 
     Raises:
         InvalidInputError: The box is empty or too large.
     """
     size_m = volume.config.voxel_size_m
-    # A box whose faces lie on voxels has these voxels in it, however its numbers are rounded.
+    # The margin includes voxels on the box's faces in spite of rounding.
     low = np.ceil(np.asarray(low_m, np.float64) / size_m - 1e-6).astype(np.int64)
     high = np.floor(np.asarray(high_m, np.float64) / size_m + 1e-6).astype(np.int64) + 1
-    seen = volume.observed(low, high)
-    distance_m = _signed(seen, size_m)
-    if unknown_is_occupied and not seen.is_known.all():
-        away_m = distance_transform_edt(seen.is_known, sampling=size_m)
+    observed = volume.observed(low, high)
+    distance_m = _signed(observed, size_m)
+    if unknown_is_occupied and not observed.is_known.all():
+        away_m = distance_transform_edt(observed.is_known, sampling=size_m)
         is_free = distance_m > 0
         distance_m[is_free] = np.minimum(distance_m, away_m)[is_free]
-    distance_m[~seen.is_known] = np.nan
+    distance_m[~observed.is_known] = np.nan
     return DistanceField(low * size_m, size_m, distance_m.astype(np.float32))
 
 
-def _signed(seen: ObservedVoxels, size_m: float) -> FloatArray:
-    """Return distances, above 0 in front of the surface and below 0 behind it."""
-    is_inside = seen.is_known & (seen.distance_m < 0)
-    is_outside = seen.is_known & ~is_inside
-    own_m = np.minimum(np.abs(seen.distance_m), size_m)
+def _signed(observed: ObservedVoxels, size_m: float) -> FloatArray:
+    """Return distances, positive in front of the surface and negative behind it."""
+    is_inside = observed.is_known & (observed.distance_m < 0)
+    is_outside = observed.is_known & ~is_inside
+    own_m = np.minimum(np.abs(observed.distance_m), size_m)
     outside_m = _to_surface(is_outside, is_inside, own_m, size_m)
     inside_m = _to_surface(is_inside, is_outside, own_m, size_m)
     return np.where(is_inside, -inside_m, outside_m)
@@ -123,10 +122,10 @@ def _to_surface(
     own_m: NDArray[np.float32],
     size_m: float,
 ) -> FloatArray:
-    """Return how far it is from one side to the surface that lies before the other.
+    """Return the distance of voxels on one side to the surface between the two sides.
 
-    Either to the nearest voxel beyond, less how deep that lies, or to the nearest voxel on this
-    side of the border, and on from there: whichever is less.
+    It is the smaller of two: the distance to the nearest voxel beyond the surface minus that
+    voxel's own distance, or to the nearest voxel before it plus that voxel's own.
     """
     if not is_beyond.any():
         return np.full(is_here.shape, np.inf)

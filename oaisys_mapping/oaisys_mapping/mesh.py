@@ -1,4 +1,4 @@
-"""Triangle meshes with colour, and operations that metrics need of them."""
+"""Triangle meshes with colour, and points sampled on them."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, ShortRepr
 
-FEWEST_POINTS = 20_000
-"""Points spread over even the smallest surface, so that shares come out to a percent."""
+MIN_POINTS = 20_000
+"""Least number of points on a surface, so that shares are accurate to a percent."""
 
 
 @dataclass(frozen=True, repr=False)
 class ColoredMesh(ShortRepr):
-    """Triangles in ``map`` with a colour per vertex.
+    """A triangle mesh in ``map`` with a colour per vertex.
 
     Attributes:
         vertices_m: (V, 3) float64.
         triangles: (T, 3) int32 vertex indices.
         colors_rgb: (V, 3) uint8.
         class_ids: (V,) uint16 semantic ids, 0 for none; None where none were fused.
-        class_probabilities: (V,) float32 of those classes, or None.
+        class_probabilities: (V,) float32 probabilities of those classes, or None.
     """
 
     vertices_m: FloatArray
@@ -35,13 +35,13 @@ class ColoredMesh(ShortRepr):
 
 @dataclass(frozen=True, repr=False)
 class SurfacePoints(ShortRepr):
-    """Points spread evenly over a mesh.
+    """Points sampled evenly on a mesh.
 
     Attributes:
         points_m: (N, 3) float64.
         normals: (N, 3) float64 unit normals of their triangles.
-        area_m2: How much of the surface each point stands for.
-        triangle_ids: (N,) the triangle that each lies on.
+        area_m2: Surface area that each point represents.
+        triangle_ids: (N,) the triangle that each point lies on.
     """
 
     points_m: FloatArray
@@ -50,7 +50,7 @@ class SurfacePoints(ShortRepr):
     triangle_ids: NDArray[np.intp]
 
     def only(self, chosen: NDArray[np.bool_]) -> SurfacePoints:
-        """Return the points where ``chosen`` (N,) holds."""
+        """Return the points for which ``chosen`` (N,) is true."""
         return SurfacePoints(
             self.points_m[chosen], self.normals[chosen], self.area_m2, self.triangle_ids[chosen]
         )
@@ -65,37 +65,36 @@ def sample_surface(
     vertices_m: FloatArray,
     triangles: NDArray[np.int32],
     spacing_m: float,
-    most: int,
+    max_points: int,
     rng: np.random.Generator,
 ) -> SurfacePoints:
-    """Return points spread evenly by area: one at a random place of each equal share.
+    """Return points distributed evenly by area.
 
-    Stratified sampling along the cumulated area, which no regular grid of triangles falls in step
-    with; within its triangle a point is uniform (Osada et al., "Shape distributions", ACM TOG
-    21(4), 2002, eq. 1).
+    The cumulative area is sampled with stratification; within its triangle a point is uniform
+    (Osada et al., "Shape distributions", ACM TOG 21(4), 2002, eq. 1).
 
     Args:
-        vertices_m: (V, 3).
-        triangles: (T, 3).
-        spacing_m: A point stands for the square of this.
-        most: Where that would give more points, each stands for more.
-        rng: Gives the places.
+        vertices_m: (V, 3) vertices.
+        triangles: (T, 3) vertex indices.
+        spacing_m: A point represents an area of this squared.
+        max_points: Limit of the number of points; beyond it each represents a larger area.
+        rng: Draws the points.
 
     Raises:
         InvalidInputError: The triangles have no area.
     """
-    cumulated = np.cumsum(triangle_areas_m2(vertices_m, triangles))
-    if not (len(cumulated) and 0 < cumulated[-1] < np.inf):
-        raise InvalidInputError("mesh", f"{len(cumulated)} triangles", "a surface with an area")
-    count = int(np.clip(cumulated[-1] / spacing_m**2, FEWEST_POINTS, most))
-    place = (np.arange(count) + rng.uniform(size=count)) * (cumulated[-1] / count)
-    ids = np.minimum(np.searchsorted(cumulated, place, side="right"), len(triangles) - 1)
+    cumulative = np.cumsum(triangle_areas_m2(vertices_m, triangles))
+    if not (len(cumulative) and 0 < cumulative[-1] < np.inf):
+        raise InvalidInputError("mesh", f"{len(cumulative)} triangles", "a surface with an area")
+    count = int(np.clip(cumulative[-1] / spacing_m**2, MIN_POINTS, max_points))
+    place = (np.arange(count) + rng.uniform(size=count)) * (cumulative[-1] / count)
+    ids = np.minimum(np.searchsorted(cumulative, place, side="right"), len(triangles) - 1)
     a, b, c = (vertices_m[triangles[ids, corner]] for corner in range(3))
     root, along = np.sqrt(rng.uniform(size=count))[:, None], rng.uniform(size=count)[:, None]
     points_m = (1 - root) * a + root * (1 - along) * b + root * along * c
     normals = _cross(vertices_m, triangles[ids])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
-    return SurfacePoints(points_m, normals, float(cumulated[-1]) / count, ids)
+    return SurfacePoints(points_m, normals, float(cumulative[-1]) / count, ids)
 
 
 def _cross(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> FloatArray:

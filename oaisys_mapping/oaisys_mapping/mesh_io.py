@@ -12,21 +12,20 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import TriangleMesh
 from oaisys_mapping.mesh import ColoredMesh
 
 HEADER_BYTES = 65_536
-"""How far into a file its header is looked for."""
+"""Bytes at the start of a file in which its header is searched."""
 
 PLY_TYPES = {"<f4": "float", "u1": "uchar", "<u2": "ushort"}
-"""What PLY calls numpy's types that `write_ply` writes."""
+"""PLY names of the numpy types that `write_ply` writes."""
 
 
 def write_ply(path: Path, mesh: ColoredMesh, class_names: Mapping[int, str] | None = None) -> None:
     """Write a mesh as binary PLY with a colour per vertex; inverse: `read_ply`.
 
-    Coordinates are stored as float32. Where the mesh has classes, vertices get the properties
-    ``class_id`` (ushort) and ``class_probability`` (float), and comments ``class ID NAME`` tell
+    Coordinates are stored as float32. If the mesh has classes, vertices have the properties
+    ``class_id`` (ushort) and ``class_probability`` (float), and comments ``class ID NAME`` give
     the classes' names.
     """
     columns = dict(zip("xyz", mesh.vertices_m.T, strict=True))
@@ -58,16 +57,16 @@ def write_ply(path: Path, mesh: ColoredMesh, class_names: Mapping[int, str] | No
 
 
 def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
-    """Return the mesh in a PLY file, or in any mesh file that Open3D reads; grey without colours.
+    """Return the mesh in a PLY file, or in any mesh file that Open3D reads.
 
-    Classes come from the properties that `write_ply` gives vertices.
+    Meshes without colours are grey. Classes are read from the vertex properties of `write_ply`.
 
     Args:
         path: The file.
-        field: What an error calls it.
+        field: Name of the file in error messages.
 
     Raises:
-        InvalidInputError: It cannot be read, is cut off, or holds no valid triangles.
+        InvalidInputError: The file cannot be read, is truncated, or holds no valid triangles.
     """
     if not path.is_file():
         raise InvalidInputError(field, str(path), "an existing file")
@@ -77,7 +76,7 @@ def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
     triangles = np.asarray(mesh.triangles, np.int32)
     if not len(triangles):
         raise InvalidInputError(field, str(path), "a mesh file with triangles")
-    if len(vertices_m) < _promised(path, b"vertex") or len(triangles) < _promised(path, b"face"):
+    if len(vertices_m) < _announced(path, b"vertex") or len(triangles) < _announced(path, b"face"):
         raise InvalidInputError(field, str(path), "a whole file; this one ends too early")
     if not np.isfinite(vertices_m).all():
         raise InvalidInputError(field, str(path), "a mesh with finite coordinates")
@@ -93,15 +92,15 @@ def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
 
 
 def read_class_names(path: Path) -> dict[int, str]:
-    """Return the names of classes that a PLY file tells; see `write_ply`."""
+    """Return the names of classes by id in a PLY file; see `write_ply`."""
     found = re.findall(rb"\ncomment class (\d+) ([^\n]*)", _header(path))
     return {int(number): name.decode("utf-8") for number, name in found}
 
 
 def _vertex_properties(path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-    """Return those of some properties that vertices of a binary PLY file have.
+    """Return those of the named vertex properties that a binary PLY file has.
 
-    Open3D leaves out what it does not know.
+    Open3D ignores properties that it does not know.
     """
     header = _header(path)
     element = re.search(rb"\nelement vertex (\d+)\n((?:property \w+ \w+\n)*)", header)
@@ -122,34 +121,18 @@ def _vertex_properties(path: Path, names: Sequence[str]) -> dict[str, NDArray[An
 
 
 def _header(path: Path) -> bytes:
-    """Return a file's header, its last line included."""
+    """Return a file's header including its last line."""
     with path.open("rb") as file:
         content = file.read(HEADER_BYTES)
     end = b"end_header\n"
     return content[: content.find(end) + len(end)] if end in content else b""
 
 
-def _promised(path: Path, element: bytes) -> int:
-    """Return how many of an element a PLY file's header announces; 0 for other files.
+def _announced(path: Path, element: bytes) -> int:
+    """Return the number of an element that a PLY file's header announces; 0 for other files.
 
-    Open3D returns what it found of a file that is cut off.
+    Open3D returns a part of a truncated file without an error.
     """
     header = _header(path)
     found = re.search(rb"\belement " + element + rb" (\d+)", header)
     return int(found[1]) if header.startswith(b"ply") and found else 0
-
-
-def write_truth(path: Path, truth: TriangleMesh) -> None:
-    """Write a true mesh, without ids, as binary PLY."""
-    grey = np.full((len(truth.vertices_m), 3), 128, np.uint8)
-    write_ply(path, ColoredMesh(truth.vertices_m, truth.triangles, grey))
-
-
-def read_truth(path: Path) -> TriangleMesh:
-    """Return the true mesh in a file.
-
-    Raises:
-        InvalidInputError: It cannot be read or holds no triangles.
-    """
-    mesh = read_ply(path, "truth")
-    return TriangleMesh(mesh.vertices_m, mesh.triangles)

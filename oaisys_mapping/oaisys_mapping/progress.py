@@ -1,4 +1,4 @@
-"""What a long computation is at: told to a listener, shown to a person."""
+"""Progress of long computations: reported to a callback, displayed on a terminal."""
 
 from __future__ import annotations
 
@@ -11,40 +11,44 @@ from rich.console import Console
 from rich.status import Status
 
 ProgressCallback = Callable[[str], None]
-"""Called with what is done now, such as ``views 3 of 30``."""
+"""Called with the current step, such as ``view 3 of 30``."""
 
-LINE_EVERY_S = 5.0
+LINE_INTERVAL_S = 5.0
+"""Least time between two plain lines."""
 
 
-def ignore_progress(stage: str) -> None:
-    """Do nothing with it."""
+def ignore_progress(step: str) -> None:
+    """Ignore a step."""
 
 
 class ProgressDisplay:
-    """Shows stages on standard error: on a terminal in one line that moves, else as plain lines.
+    """Shows steps on standard error: as one changing line on a terminal, else as plain lines.
 
-    Use it in a ``with`` block and call it with each stage. A plain line is printed for the first
-    stage, and for the newest one where the last line is `LINE_EVERY_S` old.
+    Use it in a ``with`` block and call it with each step. Without a terminal, a line is printed for
+    the first step and then at most every `LINE_INTERVAL_S`.
     """
 
     def __init__(
-        self, what: str, say: Callable[[str], None] | None = None, console: Console | None = None
+        self,
+        what: str,
+        print_line: Callable[[str], None] | None = None,
+        console: Console | None = None,
     ) -> None:
-        """Prepare.
+        """Prepare the display.
 
         Args:
-            what: What is done, such as ``measuring``.
-            say: Prints a plain line; None: on the console.
-            console: Of standard error, unless another one is given.
+            what: The task, such as ``measuring``.
+            print_line: Prints a plain line; None: on the console.
+            console: The console; None: standard error.
         """
         self._what = what
         self._console = console or Console(stderr=True, highlight=False)
-        self._say = say or self._print
+        self._print_line = print_line or self._print
         self._status = Status(what, console=self._console)
-        self._said_s: float | None = None
+        self._printed_s: float | None = None
 
     def __enter__(self) -> Self:
-        """Begin to show."""
+        """Start the display."""
         if self._console.is_terminal:
             self._status.start()
         return self
@@ -55,19 +59,19 @@ class ProgressDisplay:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Take the moving line away."""
+        """Remove the changing line."""
         self._status.stop()
 
-    def __call__(self, stage: str) -> None:
-        """Show a stage."""
-        text = f"{self._what}: {stage}"
+    def __call__(self, step: str) -> None:
+        """Show a step."""
+        text = f"{self._what}: {step}"
         if self._console.is_terminal:
             self._status.update(text)
             return
         now_s = time.monotonic()
-        if self._said_s is None or now_s - self._said_s >= LINE_EVERY_S:
-            self._said_s = now_s
-            self._say(text)
+        if self._printed_s is None or now_s - self._printed_s >= LINE_INTERVAL_S:
+            self._printed_s = now_s
+            self._print_line(text)
 
     def _print(self, text: str) -> None:
         self._console.print(text, markup=False, soft_wrap=True)

@@ -1,6 +1,6 @@
-"""Images of a lens that distorts, made into those of a pinhole camera.
+"""Rectification: images of a lens with distortion, resampled for a pinhole camera.
 
-The volume and the question what was visible know pinhole cameras only; both refuse distortion.
+Integration and visibility assume pinhole cameras and refuse distortion.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from oaisys_core.geometry import pixel_rays, project, undistorted
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
 SAME_SURFACE = 0.05
-"""Greatest difference of neighbouring depths, as a share, between which depth is interpolated."""
+"""Largest relative difference of neighbouring depths between which depth is interpolated."""
 
 BORDER_POINTS = 256
-"""Points on each edge of an image at which its field of view is measured."""
+"""Points on each edge of an image that determine its field of view."""
 
 
 def rectified_camera(camera: PinholeIntrinsics) -> PinholeIntrinsics:
-    """Return the pinhole camera of the same size that sees nothing which ``camera`` does not.
+    """Return the pinhole camera of the same size whose field of view lies within ``camera``'s.
 
-    Its image is the largest upright rectangle between the bent edges.
+    Its image is the largest upright rectangle between the curved edges.
     """
     if not any(camera.distortion):
         return camera
     right, bottom = camera.width_px - 1, camera.height_px - 1
     u, v = np.linspace(0, right, BORDER_POINTS), np.linspace(0, bottom, BORDER_POINTS)
-    x0 = _seen_from(camera, np.zeros_like(v), v)[:, 0].max()
-    x1 = _seen_from(camera, np.full_like(v, right), v)[:, 0].min()
-    y0 = _seen_from(camera, u, np.zeros_like(u))[:, 1].max()
-    y1 = _seen_from(camera, u, np.full_like(u, bottom))[:, 1].min()
+    x0 = _undistorted_pixels(camera, np.zeros_like(v), v)[:, 0].max()
+    x1 = _undistorted_pixels(camera, np.full_like(v, right), v)[:, 0].min()
+    y0 = _undistorted_pixels(camera, u, np.zeros_like(u))[:, 1].max()
+    y1 = _undistorted_pixels(camera, u, np.full_like(u, bottom))[:, 1].min()
     fx, fy = float(right / (x1 - x0)), float(bottom / (y1 - y0))
     return PinholeIntrinsics(
         camera.width_px, camera.height_px, fx, fy, float(-x0 * fx), float(-y0 * fy)
@@ -42,13 +42,13 @@ def rectified_camera(camera: PinholeIntrinsics) -> PinholeIntrinsics:
 def rectified(
     depth_m: NDArray[np.float32], rgb: NDArray[np.uint8] | None, camera: PinholeIntrinsics
 ) -> tuple[NDArray[np.float32], NDArray[np.uint8] | None]:
-    """Return what `rectified_camera` sees: (H, W) depth and (H, W, 3) colour.
+    """Return the images of `rectified_camera`: (H, W) depth and (H, W, 3) colour.
 
-    Depth is interpolated on one surface only (its inverse, which is linear on a plane); where
-    neighbours differ by more than `SAME_SURFACE`, or one is not finite, the nearest is taken.
+    Inverse depth, which is linear on a plane, is interpolated within one surface; where neighbours
+    differ by more than `SAME_SURFACE` or are not finite, the nearest pixel is used.
 
     Raises:
-        InvalidInputError: The camera distorts, and the images' sizes do not fit it.
+        InvalidInputError: The images' sizes do not fit a camera with distortion.
     """
     if not any(camera.distortion):
         return depth_m, rgb
@@ -56,53 +56,53 @@ def rectified(
     for name, image in (("depth_m", depth_m), ("rgb", rgb)):
         if image is not None and image.shape[:2] != size:
             raise InvalidInputError(name, image.shape, f"an image of shape {size}")
-    v_u = _places(camera)
+    v_u = _source_positions(camera)
     with np.errstate(divide="ignore"):
         inverse = 1 / depth_m.astype(np.float64)
-    least, most = _of_neighbours(inverse, v_u)
+    least, most = _neighbour_extremes(inverse, v_u)
     smooth = map_coordinates(inverse, v_u, order=1, mode="nearest")
     nearest = map_coordinates(inverse, v_u, order=0, mode="nearest")
-    on_one = (least > 0) & (most <= least * (1 + SAME_SURFACE))
+    is_same_surface = (least > 0) & (most <= least * (1 + SAME_SURFACE))
     with np.errstate(divide="ignore"):
-        flat_m = (1 / np.where(on_one, smooth, nearest)).astype(np.float32)
+        rectified_m = (1 / np.where(is_same_surface, smooth, nearest)).astype(np.float32)
     if rgb is None:
-        return flat_m, None
+        return rectified_m, None
     channels = [
         map_coordinates(rgb[..., i].astype(np.float32), v_u, order=1, mode="nearest")
         for i in range(3)
     ]
-    return flat_m, np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
+    return rectified_m, np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
 
 
 def rectified_labels(labels: NDArray[np.uint16], camera: PinholeIntrinsics) -> NDArray[np.uint16]:
-    """Return the (H, W) labels that `rectified_camera` sees: those of the nearest pixels.
+    """Return the (H, W) labels of `rectified_camera`, each from the nearest pixel.
 
     Raises:
-        InvalidInputError: The camera distorts, and the image's size does not fit it.
+        InvalidInputError: The image's size does not fit a camera with distortion.
     """
     if not any(camera.distortion):
         return labels
     size = (camera.height_px, camera.width_px)
     if labels.shape != size:
         raise InvalidInputError("labels", labels.shape, f"an image of shape {size}")
-    found = map_coordinates(labels, _places(camera), order=0, mode="nearest")
+    found = map_coordinates(labels, _source_positions(camera), order=0, mode="nearest")
     return np.asarray(found, np.uint16)
 
 
-def _places(camera: PinholeIntrinsics) -> FloatArray:
-    """Return (2, H, W) where, v first, the pixels of `rectified_camera` lie in the image."""
+def _source_positions(camera: PinholeIntrinsics) -> FloatArray:
+    """Return (2, H, W) positions (v, u) of the rectified pixels in the original image."""
     rays = pixel_rays(rectified_camera(camera)).reshape(-1, 3)
     v_u = project(rays, camera)[:, ::-1].T
     return np.asarray(v_u.reshape(2, camera.height_px, camera.width_px))
 
 
-def _seen_from(camera: PinholeIntrinsics, u: FloatArray, v: FloatArray) -> FloatArray:
+def _undistorted_pixels(camera: PinholeIntrinsics, u: FloatArray, v: FloatArray) -> FloatArray:
     pixels = np.column_stack(((u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px))
     return undistorted(pixels, camera.distortion)
 
 
-def _of_neighbours(image: FloatArray, v_u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the least and the greatest of the four pixels around each of (2, H, W) places."""
+def _neighbour_extremes(image: FloatArray, v_u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the minimum and maximum of the four pixels around each of (2, H, W) positions."""
     rows, columns = image.shape
     v = np.clip(np.floor(v_u[0]).astype(np.intp), 0, rows - 1)
     u = np.clip(np.floor(v_u[1]).astype(np.intp), 0, columns - 1)

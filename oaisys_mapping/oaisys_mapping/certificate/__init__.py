@@ -1,1 +1,1 @@
-"""Signed certificates of reconstructions, and the deliberate faults that they must reject."""
+"""Signed certificates of reconstructions, and perturbation tests of their thresholds."""

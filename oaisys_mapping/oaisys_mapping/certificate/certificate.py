@@ -1,8 +1,8 @@
-"""The closure certificate: what world was seen from where, and that its map agrees with it.
+"""The closure certificate of a world: its views, and how well its map agrees with the truth.
 
-A JSON file that a world can ship. It says how to make the world and the views again, holds the
-figures with the limits they were held against, and names the files they were taken from by hash.
-A hash over all of it shows that it was changed; a signature, who vouches for it.
+It is a JSON file that can be shipped with a world. It holds all that is needed to render the views
+again, the figures with their limits, and the hashes of the files that were measured. A hash over
+the content reveals changes; a signature identifies who issued it.
 """
 
 from __future__ import annotations
@@ -30,28 +30,28 @@ CLOSED, OPEN = "closed", "open"
 LENGTH_TOLERANCE_M = 1e-4
 RATIO_TOLERANCE = 1e-3
 RELATIVE_TOLERANCE = 1e-2
-"""Figures that are measured again may differ by so much, lengths and areas by the relative
-tolerance too: other machines round otherwise."""
+"""Allowed differences of figures measured again, because machines round differently; lengths and
+areas may differ by the relative tolerance too."""
 
-BLOCK_BYTES = 1 << 20
+CHUNK_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
 class CertificateContent:
-    """What a certificate says.
+    """What a certificate states.
 
     Attributes:
-        facts: Of the run: seed, hash of the configuration, backend, versions, quality.
+        facts: Facts of the run: seed, hash of the configuration, backend, versions, quality.
         config: The whole configuration.
-        views: Cameras and their poses, as the mapper took them.
+        views: Cameras and poses of the mapped images.
         max_range_m: Depth beyond which nothing counts as visible.
-        sampling_seed: Draws the points that were measured.
+        sampling_seed: Seed of the measured points.
         metrics: The figures.
-        thresholds: What they were held against.
-        faults: Maps with deliberate faults, told beside it.
+        thresholds: Their limits.
+        perturbations: Results of the perturbation tests.
         labels: Names of semantic ids.
-        files: By what they are (``mesh``, ``truth``).
-        versions: Of what rendered, mapped and measured.
+        files: Measured files by kind (``mesh``, ``truth``).
+        versions: Versions of the software that rendered, mapped and measured.
     """
 
     facts: Mapping[str, Any]
@@ -61,41 +61,41 @@ class CertificateContent:
     sampling_seed: int
     metrics: ReconstructionMetrics
     thresholds: Thresholds
-    faults: Sequence[PerturbationResult]
+    perturbations: Sequence[PerturbationResult]
     labels: Mapping[int, str]
     files: Mapping[str, Path]
     versions: Mapping[str, str]
 
     @property
     def criteria(self) -> list[Criterion]:
-        """The figures against their limits."""
+        """The figures with their limits."""
         return self.thresholds.applied_to(self.metrics)
 
 
 def write_certificate(
-    path: Path, statement: CertificateContent, key: PrivateKey | None = None
+    path: Path, content: CertificateContent, key: PrivateKey | None = None
 ) -> dict[str, Any]:
-    """Write a certificate, signed where a key is given, and return it."""
-    content = _content(statement)
+    """Write a certificate, signed if a key is given, and return it as JSON values."""
+    values = _json_content(content)
     certificate = {
         "format": FORMAT,
-        "sha256": content_sha256(content),
-        "signature": signed(canonical(content), key) if key is not None else None,
-        "content": content,
+        "sha256": content_sha256(values),
+        "signature": signed(canonical(values), key) if key is not None else None,
+        "content": values,
     }
     _write(path, certificate)
     return certificate
 
 
 def sign_certificate(path: Path, certificate: Mapping[str, Any], key: PrivateKey) -> None:
-    """Write a certificate anew, signed.
+    """Sign a certificate and write it again.
 
     Raises:
-        InvalidInputError: Its content is not the one that its hash is of.
+        InvalidInputError: Its content does not match its hash.
     """
-    said, found = certificate.get("sha256"), content_sha256(certificate["content"])
-    if said != found:
-        raise InvalidInputError("FILE: sha256", said, f"{found}: the content was changed")
+    stated, actual = certificate.get("sha256"), content_sha256(certificate["content"])
+    if stated != actual:
+        raise InvalidInputError("FILE: sha256", stated, f"{actual}: the content was changed")
     _write(path, {**certificate, "signature": signed(canonical(certificate["content"]), key)})
 
 
@@ -104,10 +104,10 @@ def _write(path: Path, certificate: Mapping[str, Any]) -> None:
 
 
 def read_certificate(path: Path) -> dict[str, Any]:
-    """Return a certificate as it is in its file, true or not.
+    """Return a certificate from its file, unverified.
 
     Raises:
-        InvalidInputError: The file cannot be read, or is no certificate.
+        InvalidInputError: The file cannot be read, or is not a certificate.
     """
     try:
         certificate = json.loads(path.read_text(encoding="utf-8"))
@@ -122,49 +122,49 @@ def read_certificate(path: Path) -> dict[str, Any]:
 
 
 def canonical(content: Mapping[str, Any]) -> bytes:
-    """Return the one form of a content that is hashed and signed."""
+    """Return the canonical JSON of a content, which is hashed and signed."""
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return text.encode("utf-8")
 
 
 def content_sha256(content: Mapping[str, Any]) -> str:
-    """Return the hash of a content."""
+    """Return the SHA-256 of a content as hexadecimal digits."""
     return hashlib.sha256(canonical(content)).hexdigest()
 
 
 def file_sha256(path: Path) -> str:
-    """Return the hash of a file."""
+    """Return the SHA-256 of a file as hexadecimal digits."""
     found = hashlib.sha256()
     with path.open("rb") as file:
-        while block := file.read(BLOCK_BYTES):
+        while block := file.read(CHUNK_BYTES):
             found.update(block)
     return found.hexdigest()
 
 
-def _content(statement: CertificateContent) -> dict[str, Any]:
-    criteria = statement.criteria
-    content = {
+def _json_content(content: CertificateContent) -> dict[str, Any]:
+    criteria = content.criteria
+    values = {
         "issued": datetime.now(UTC).isoformat(timespec="seconds"),
         "verdict": CLOSED if all(one.holds for one in criteria) else OPEN,
         "criteria": [{**asdict(one), "holds": one.holds} for one in criteria],
-        "figures": statement.metrics.to_dict(),
-        "faults": [record.to_dict() for record in statement.faults],
-        "facts": dict(statement.facts),
-        "config": statement.config,
-        "views": views_to_json(statement.views),
-        "max_range_m": statement.max_range_m,
-        "sampling_seed": statement.sampling_seed,
-        "labels": {str(number): name for number, name in sorted(statement.labels.items())},
+        "figures": content.metrics.to_dict(),
+        "faults": [result.to_dict() for result in content.perturbations],
+        "facts": dict(content.facts),
+        "config": content.config,
+        "views": views_to_json(content.views),
+        "max_range_m": content.max_range_m,
+        "sampling_seed": content.sampling_seed,
+        "labels": {str(number): name for number, name in sorted(content.labels.items())},
         "files": {
             what: {"name": path.name, "bytes": path.stat().st_size, "sha256": file_sha256(path)}
-            for what, path in statement.files.items()
+            for what, path in content.files.items()
         },
         "tolerances": {
             "length_m": LENGTH_TOLERANCE_M,
             "ratio": RATIO_TOLERANCE,
             "relative": RELATIVE_TOLERANCE,
         },
-        "versions": dict(statement.versions),
+        "versions": dict(content.versions),
     }
-    found: dict[str, Any] = json.loads(json.dumps(content, allow_nan=False))
+    found: dict[str, Any] = json.loads(json.dumps(values, allow_nan=False))
     return found

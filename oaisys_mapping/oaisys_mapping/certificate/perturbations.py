@@ -1,7 +1,7 @@
-"""Deliberate faults: what a certificate must reject, made from frames that are right.
+"""Perturbation tests: maps of deliberately wrong frames, which the thresholds must reject.
 
-Each is a mistake that real systems made: a focal length with a fudge factor, a camera that is
-mounted two centimetres from where the model has it, ray length sold as depth.
+Each perturbation is a mistake that real systems made: a wrong focal length, a camera mounted two
+centimetres away from its modelled pose, range taken for depth.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 
 FOCAL_FACTOR = 1.0855
-"""By which the original's depth had to be divided for its maps to close."""
+"""Factor by which depth of the original OAISYS had to be divided for its maps to close."""
 
 POSE_ERROR_M = 0.02
 SCATTER_SEED = 0
@@ -41,16 +41,16 @@ REPORTED_FIGURES = (
     "hole_ratio",
     "overlap_hole_count",
 )
-"""Figures that are told of a map with a perturbation."""
+"""Figures that are reported for each perturbation."""
 
 
 @dataclass(frozen=True, repr=False)
 class PosedDepth(ShortRepr):
-    """A depth image and where it was taken.
+    """A depth image with its camera and pose.
 
     Attributes:
         depth_m: (H, W) float32 planar depth.
-        intrinsics: The camera; images of one that distorts are rectified before they are fused.
+        intrinsics: The camera; images with distortion are rectified before they are integrated.
         T_map_camera: (4, 4) pose of its optical frame.
     """
 
@@ -61,12 +61,12 @@ class PosedDepth(ShortRepr):
 
 @dataclass(frozen=True)
 class Perturbation:
-    """A mistake.
+    """A deliberate error in the frames.
 
     Attributes:
-        name: For programs.
-        what: In words.
-        applied: Makes it: given a right frame and which one it is.
+        name: Identifier in JSON.
+        what: Description.
+        applied: Returns the perturbed frame for a correct one and its index.
     """
 
     name: str
@@ -76,11 +76,12 @@ class Perturbation:
 
 @dataclass(frozen=True)
 class PerturbationResult:
-    """A map that was made with a perturbation, or, as the first of several, with none.
+    """The evaluation of a map of perturbed frames; the first one is unperturbed.
 
     Attributes:
-        figures: Those of `REPORTED_FIGURES`.
-        missed: One sentence for each threshold it misses.
+        name, what: See `Perturbation`.
+        figures: The `REPORTED_FIGURES`.
+        missed: One sentence for each missed threshold.
     """
 
     name: str
@@ -90,11 +91,11 @@ class PerturbationResult:
 
     @property
     def rejected(self) -> bool:
-        """Whether it misses a threshold."""
+        """Whether the map misses a threshold."""
         return bool(self.missed)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return it as JSON has it."""
+        """Return the result as JSON values."""
         return {
             "name": self.name,
             "what": self.what,
@@ -156,7 +157,7 @@ PERTURBATIONS = (
 def mesh_of(
     frames: Sequence[PosedDepth], perturbation: Perturbation, config: TsdfConfig
 ) -> ColoredMesh:
-    """Return the surface of frames with a perturbation, made as a mapper makes it."""
+    """Return the surface that a mapper makes of perturbed frames."""
     volume = TsdfVolume(config)
     for index, right in enumerate(frames):
         frame = perturbation.applied(right, index)
@@ -172,14 +173,14 @@ def run_perturbation_tests(
     config: TsdfConfig,
     seed: int,
 ) -> Iterator[PerturbationResult]:
-    """Yield what becomes of the map without a perturbation and then with each of `PERTURBATIONS`.
+    """Yield the results of the unperturbed frames and of each of `PERTURBATIONS`.
 
     Args:
-        frames: As they were recorded.
-        surface: What the poses could truly see.
-        thresholds: Must hold without a perturbation and be missed with each.
-        config: Of the map.
-        seed: Of the points that are measured.
+        frames: The recorded frames.
+        surface: The truth visible from their true poses.
+        thresholds: Thresholds that only the unperturbed map should meet.
+        config: Configuration of the map.
+        seed: Seed of the measured points.
     """
     for perturbation in (UNPERTURBED, *PERTURBATIONS):
         mesh = mesh_of(frames, perturbation, config)
@@ -197,5 +198,5 @@ def run_perturbation_tests(
 
 
 def reported_figures(metrics: ReconstructionMetrics) -> dict[str, float]:
-    """Return the figures that are told of a map with a perturbation."""
+    """Return the figures that are reported for a perturbation."""
     return {name: getattr(metrics, name) for name in REPORTED_FIGURES}

@@ -16,10 +16,10 @@ PrivateKey = Ed25519PrivateKey
 
 
 def read_private_key(path: Path) -> PrivateKey:
-    """Return the key in a PEM file (``openssl genpkey -algorithm ed25519``), not encrypted.
+    """Return the unencrypted key in a PEM file (``openssl genpkey -algorithm ed25519``).
 
     Raises:
-        InvalidInputError: There is no such key.
+        InvalidInputError: The file does not contain such a key.
     """
     try:
         key = serialization.load_pem_private_key(path.read_bytes(), password=None)
@@ -32,10 +32,10 @@ def read_private_key(path: Path) -> PrivateKey:
 
 
 def read_public_key(path: Path) -> str:
-    """Return as hexadecimal digits the public key in a PEM file, or that of the private key there.
+    """Return the public key in a PEM file, or that of its private key, as hexadecimal digits.
 
     Raises:
-        InvalidInputError: There is no such key.
+        InvalidInputError: The file does not contain such a key.
     """
     try:
         data = path.read_bytes()
@@ -50,12 +50,12 @@ def read_public_key(path: Path) -> str:
 
 
 def public_key_of(key: PrivateKey) -> str:
-    """Return a private key's public half as hexadecimal digits."""
+    """Return the public key of a private key as hexadecimal digits."""
     return key.public_key().public_bytes_raw().hex()
 
 
 def signed(message: bytes, key: PrivateKey) -> dict[str, str]:
-    """Return the signature of a message as JSON has it; inverse: `is_signature_of`."""
+    """Return the signature of a message as JSON values; verified by `is_signature_of`."""
     return {
         "algorithm": ALGORITHM,
         "public_key": public_key_of(key),
@@ -64,7 +64,7 @@ def signed(message: bytes, key: PrivateKey) -> dict[str, str]:
 
 
 def is_signature_of(signature: object, message: bytes) -> bool:
-    """Return whether a signature, as `signed` gives it, is the one of the message by its key."""
+    """Return whether a signature from `signed` is valid for a message."""
     try:
         assert isinstance(signature, dict)
         key = Ed25519PublicKey.from_public_bytes(bytes.fromhex(signature["public_key"]))

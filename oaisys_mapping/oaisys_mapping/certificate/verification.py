@@ -1,4 +1,4 @@
-"""Checks a closure certificate again: its hash, its signature, its files and its figures."""
+"""Verifies a closure certificate: its hash, its signature, its files and its figures."""
 
 from __future__ import annotations
 
@@ -40,28 +40,27 @@ COMPARED = (
     *("precision_2", "f_score", "f_score_2", "hole_ratio", "gap_ratio", "overlap_hole_ratio"),
     *("completion_ratio_all", "f_score_all", "visible_share", "surveyed_area_m2"),
 )
-"""Figures that are measured again; counts of holes may differ by a point at their edge."""
+"""Figures that are measured again; hole counts are left out, as one point can change them."""
 
-NEEDED = ("rmse_m", "completion_ratio", "f_score")
-"""Figures without a limit on which a verdict says nothing."""
-
+REQUIRED = ("rmse_m", "completion_ratio", "f_score")
+"""Figures that must have a limit for the verdict to mean anything."""
 
 SURVEY, EXPLORATION = "a survey", "an exploration"
 
-USUAL: Mapping[str, Callable[[float], Thresholds]] = {
+USUAL_THRESHOLDS: Mapping[str, Callable[[float], Thresholds]] = {
     SURVEY: survey_thresholds,
     EXPLORATION: exploration_thresholds,
 }
-"""The limits of each kind of experiment, for a voxel's size."""
+"""The usual thresholds of each kind of experiment, as functions of the voxel size."""
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """One thing that was checked.
+    """The result of one check.
 
     Attributes:
-        what: In words.
-        holds: None where it could not be checked.
+        what: What was checked, in words.
+        holds: Whether it holds; None if it could not be checked.
     """
 
     what: str
@@ -75,25 +74,25 @@ class CheckResult:
 def check_content(
     certificate: Mapping[str, Any], public_key: str | None = None
 ) -> list[CheckResult]:
-    """Check what a certificate says of itself.
+    """Check a certificate's hashes, signature and verdict.
 
     Args:
-        certificate: As `read_certificate` returns it.
-        public_key: Who must have signed it, as hexadecimal digits; None: anybody or nobody.
+        certificate: A certificate from `read_certificate`.
+        public_key: Key that must have signed it, as hexadecimal digits; None: any or none.
 
     Raises:
-        InvalidInputError: Something is missing from it.
+        InvalidInputError: The certificate is incomplete.
     """
     content = certificate["content"]
     is_whole = certificate.get("sha256") == content_sha256(content)
-    findings = [
+    results = [
         CheckResult("the hash over the content", is_whole),
         _signature(certificate, public_key),
     ]
     config = hashlib.sha256(canonical(_part(content, "config"))).hexdigest()
     agrees = config == _part(content, "facts").get("config_sha256")
-    findings.append(CheckResult("the hash of the configuration", agrees))
-    return [*findings, *_verdict(content)]
+    results.append(CheckResult("the hash of the configuration", agrees))
+    return [*results, *_verdict(content)]
 
 
 def _signature(certificate: Mapping[str, Any], public_key: str | None) -> CheckResult:
@@ -104,27 +103,29 @@ def _signature(certificate: Mapping[str, Any], public_key: str | None) -> CheckR
         return CheckResult("the signature", False)
     signer = signature["public_key"]
     if public_key is None:
-        return CheckResult(f"the signature of {signer}; whether to trust it is yours to say", True)
+        return CheckResult(
+            f"the signature of {signer}; decide yourself whether to trust this key", True
+        )
     return CheckResult(f"signed by {signer}, expected {public_key}", signer == public_key)
 
 
 def _verdict(content: Mapping[str, Any]) -> list[CheckResult]:
-    """Check that criteria are of the figures, and the verdict of the criteria."""
+    """Check that the criteria match the figures, and the verdict the criteria."""
     figures = _part(content, "figures")
     criteria = _criteria(content)
-    missing = set(NEEDED) - {one.name for one in criteria}
-    findings = [CheckResult(f"a limit on {name}", False) for name in sorted(missing)]
+    missing = set(REQUIRED) - {one.name for one in criteria}
+    results = [CheckResult(f"a limit on {name}", False) for name in sorted(missing)]
     for one in criteria:
         is_same = figures.get(one.name) == one.value
-        findings.append(CheckResult(f"{one}", is_same and one.holds))
+        results.append(CheckResult(f"{one}", is_same and one.holds))
     said = content.get("verdict")
     follows = CLOSED if all(one.holds for one in criteria) else OPEN
-    findings.append(CheckResult(f"the verdict, {said}, follows from the criteria", said == follows))
+    results.append(CheckResult(f"the verdict, {said}, follows from the criteria", said == follows))
     for record in content.get("faults", []):
         is_right = bool(record["rejected"]) == (record["name"] != "none")
         word = "rejected" if record["rejected"] else "not rejected"
-        findings.append(CheckResult(f"fault {record['name']}: {word}", is_right))
-    return findings
+        results.append(CheckResult(f"fault {record['name']}: {word}", is_right))
+    return results
 
 
 def _criteria(content: Mapping[str, Any]) -> list[Criterion]:
@@ -138,52 +139,52 @@ def _criteria(content: Mapping[str, Any]) -> list[Criterion]:
 
 
 def check_limits(content: Mapping[str, Any], *, allow_loosened: bool = False) -> list[CheckResult]:
-    """Compare a certificate's limits with those that `oaisys` asks for.
+    """Compare a certificate's limits with the usual ones.
 
-    A limit that is missing, as in certificates from before it was asked for, is one that was
-    loosened only where the figure does not keep the usual one.
+    A missing limit, as in older certificates, counts as loosened only if the figure does not meet
+    the usual limit.
 
     Args:
-        content: Of the certificate.
-        allow_loosened: Show what was loosened, but do not hold it against the certificate.
+        content: The certificate's content.
+        allow_loosened: Report loosened limits without failing the check.
 
     Raises:
-        InvalidInputError: Something is missing from it.
+        InvalidInputError: The certificate is incomplete.
     """
     figures = _part(content, "figures")
     experiment = _experiment(content)
     try:
-        usual = USUAL[experiment](float(figures["voxel_size_m"])).asked_of(figures)
+        usual = USUAL_THRESHOLDS[experiment](float(figures["voxel_size_m"])).applied_to_figures(
+            figures
+        )
     except (KeyError, TypeError, ValueError) as error:
         raise InvalidInputError("FILE: figures", str(error), "figures and voxel_size_m") from error
     given = {one.name: one for one in _criteria(content)}
-    findings = []
+    results = []
     for one in usual:
         own = given.get(one.name)
         if own is not None and own.is_looser_than(one):
-            what = (
-                f"LOOSENED: {own.asked} is asked of {one.name}; usual for {experiment}: {one.asked}"
-            )
+            what = f"LOOSENED: {one.name} must be {own.bound}; usual for {experiment}: {one.bound}"
         elif own is None and not one.holds:
-            what = f"LOOSENED: nothing is asked of {one.name}; usual for {experiment}: {one}"
+            what = f"LOOSENED: {one.name} has no limit; usual for {experiment}: {one}"
         else:
             continue
-        findings.append(CheckResult(what, None if allow_loosened else False))
-    if not findings:
-        findings.append(
+        results.append(CheckResult(what, None if allow_loosened else False))
+    if not results:
+        results.append(
             CheckResult(f"the limits are at least as tight as usual for {experiment}", True)
         )
-    return findings
+    return results
 
 
 def _experiment(content: Mapping[str, Any]) -> str:
-    """Return which of `USUAL` a certificate is of, by the command that it says it came from."""
+    """Return the kind of experiment that a certificate is of, by the command that it names."""
     words = str(_part(content, "facts").get("command", "")).split()[:2]
     return EXPLORATION if "explore" in words else SURVEY
 
 
 def check_file(content: Mapping[str, Any], what: str, path: Path) -> CheckResult:
-    """Check that a file is the one that a certificate names as its ``mesh`` or ``truth``."""
+    """Check that a file has the hash that a certificate gives for its ``mesh`` or ``truth``."""
     said = _part(_part(content, "files"), what)
     return CheckResult(f"the hash of {what} {path}", file_sha256(path) == said.get("sha256"))
 
@@ -194,16 +195,16 @@ def measure_again(
     truth: TriangleMesh,
     classes: ClassField | None = None,
 ) -> list[CheckResult]:
-    """Measure a map against a truth as the certificate says it was, and compare the figures.
+    """Measure a map again as the certificate was measured, and compare the figures.
 
     Args:
-        content: Of the certificate.
+        content: The certificate's content.
         mesh: The map's surface.
         truth: The true surface.
-        classes: The map's classes; without them the IoU cannot be compared.
+        classes: The map's classes; without them the IoU is not compared.
 
     Raises:
-        InvalidInputError: The certificate lacks something, or the meshes are empty.
+        InvalidInputError: The certificate is incomplete, or a mesh is empty.
     """
     figures = _part(content, "figures")
     try:

@@ -1,4 +1,4 @@
-"""Cameras and their poses as JSON, so that a reconstruction can be measured again."""
+"""Cameras and poses as JSON, for later evaluations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from oaisys_mapping.evaluation.visibility import PosedCamera
 
 
 def write_views(path: Path, views: Sequence[PosedCamera]) -> None:
-    """Write cameras and their poses; inverse: `read_views`."""
+    """Write cameras and poses to a JSON file; inverse: `read_views`."""
     path.write_text(json.dumps({"views": views_to_json(views)}, indent=1), encoding="utf-8")
 
 
@@ -23,7 +23,7 @@ def read_views(path: Path) -> list[PosedCamera]:
     """Return the views in a JSON file.
 
     Raises:
-        InvalidInputError: It cannot be read, or a view lacks a field or has one of another shape.
+        InvalidInputError: The file cannot be read, or a view is incomplete or invalid.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -35,7 +35,7 @@ def read_views(path: Path) -> list[PosedCamera]:
 
 
 def views_to_json(views: Sequence[PosedCamera]) -> list[dict[str, Any]]:
-    """Return views as JSON has them; inverse: `views_from_json`."""
+    """Return views as JSON values; inverse: `views_from_json`."""
     return [
         {
             "width_px": view.intrinsics.width_px,
@@ -48,11 +48,14 @@ def views_to_json(views: Sequence[PosedCamera]) -> list[dict[str, Any]]:
 
 
 def views_from_json(items: Sequence[Any], field: str) -> list[PosedCamera]:
-    """Return views from JSON.
+    """Return views from JSON values; inverse: `views_to_json`.
+
+    Args:
+        items: The JSON values.
+        field: Name of the list in error messages.
 
     Raises:
-        InvalidInputError: One, called by its number after ``field``, lacks a value or has one of
-            another shape.
+        InvalidInputError: A view is incomplete or invalid.
     """
     return [_view(item, f"{field}.{index}") for index, item in enumerate(items)]
 

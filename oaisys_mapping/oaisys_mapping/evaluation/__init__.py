@@ -1,1 +1,1 @@
-"""How true a reconstruction is, measured against the true surface."""
+"""Evaluation of a reconstruction against the true surface."""

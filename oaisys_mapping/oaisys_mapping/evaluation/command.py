@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 LengthOption = Annotated[float | None, typer.Option(help="Metres.", min=0)]
 MedianOption = Annotated[
-    float | None, typer.Option(help="Metres; half of the map is no further off.", min=0)
+    float | None, typer.Option(help="Metres; limit of the median error.", min=0)
 ]
 OffsetOption = Annotated[
-    float | None, typer.Option(help="Metres that the map lies beside the truth.", min=0)
+    float | None, typer.Option(help="Metres; limit of the shift between map and truth.", min=0)
 ]
 CompletionOption = Annotated[
     float | None, typer.Option(help="Share of visible truth within a voxel.", min=0, max=1)
@@ -29,16 +29,17 @@ HolesOption = Annotated[
     float | None, typer.Option(help="Share of the surveyed surface.", min=0, max=1)
 ]
 OverlapHolesOption = Annotated[
-    int | None, typer.Option(help="Number of holes where two views or more see.", min=0)
+    int | None, typer.Option(help="Number of holes where at least two views see.", min=0)
 ]
 IouOption = Annotated[
-    float | None, typer.Option(help="Of each class with 1 % of the surface.", min=0, max=1)
+    float | None, typer.Option(help="Of each class with at least 1 % of the surface.", min=0, max=1)
 ]
 TausOption = Annotated[
-    list[float] | None, typer.Option("--tau", help="Metres; an F-score at it too, repeatable.")
+    list[float] | None,
+    typer.Option("--tau", help="Metres; tolerance of a further F-score, repeatable."),
 ]
 VolumeOption = Annotated[
-    Path | None, typer.Option(help="The mapper's volume (.npz): its distances at the truth, too.")
+    Path | None, typer.Option(help="The mapper's volume (.npz), to evaluate its distances too.")
 ]
 
 
@@ -47,7 +48,7 @@ def evaluate(
     truth: Annotated[Path, typer.Option(help="True mesh, in the same frame and in metres.")],
     poses: Annotated[
         Path | None,
-        typer.Option(help="poses.json of a survey: only truth that these views saw counts."),
+        typer.Option(help="poses.json of a survey: only truth visible from these poses counts."),
     ] = None,
     volume: VolumeOption = None,
     voxel_size: Annotated[float, typer.Option(help="Metres; the tolerance.", min=1e-6)] = 0.10,
@@ -61,16 +62,16 @@ def evaluate(
     max_holes: HolesOption = None,
     max_overlap_holes: OverlapHolesOption = None,
     min_iou: IouOption = None,
-    seed: Annotated[int, typer.Option(help="Of the points that are measured.", min=0)] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the sampled points.", min=0)] = 0,
     json_path: Annotated[
-        Path | None, typer.Option("--json", help="Write the figures here too.")
+        Path | None, typer.Option("--json", help="Also write the figures to this file.")
     ] = None,
 ) -> None:
-    """Measure a reconstruction against the truth: figures as JSON, exit 1 if a threshold is missed.
+    """Measure a reconstruction against the truth: JSON figures, exit 1 if a threshold is missed.
 
     Without --poses all of the truth counts as visible.
     """
-    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    # `oaisys --help` imports this module, so slow imports wait until the command runs.
     import numpy as np
 
     from oaisys_mapping.certificate.view_files import read_views

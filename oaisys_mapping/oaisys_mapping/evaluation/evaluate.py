@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, ShortRepr, TriangleMesh
-from oaisys_mapping.evaluation.holes import Holes, find_holes, gaps, off_the_rim
+from oaisys_mapping.evaluation.holes import Holes, find_holes, gaps, inside_the_rim
 from oaisys_mapping.evaluation.metrics import (
     Completeness,
     ReconstructionMetrics,
@@ -27,7 +27,12 @@ from oaisys_mapping.evaluation.semantics import (
     field_labels_at,
     labels_at,
 )
-from oaisys_mapping.evaluation.true_surface import MOST_POINTS, OVERLAP, TrueSurface, true_surface
+from oaisys_mapping.evaluation.true_surface import (
+    MAX_POINTS,
+    OVERLAP_VIEWS,
+    TrueSurface,
+    true_surface,
+)
 from oaisys_mapping.evaluation.tsdf_metrics import SignedDistanceMap, tsdf_metrics
 from oaisys_mapping.evaluation.visibility import PosedCamera, raycasting_scene
 from oaisys_mapping.mesh import ColoredMesh, SurfacePoints, sample_surface
@@ -116,7 +121,7 @@ def evaluate_against(
     extras = extras or Extras()
     extras.on_progress("distances from the map to the truth")
     mesh_scene = raycasting_scene(mesh.vertices_m, mesh.triangles)
-    points = sample_surface(mesh.vertices_m, mesh.triangles, voxel_size_m, MOST_POINTS, rng)
+    points = sample_surface(mesh.vertices_m, mesh.triangles, voxel_size_m, MAX_POINTS, rng)
     is_past = surface.past_the_rim(points.points_m)
     if not is_past.all():
         points = points.only(~is_past)
@@ -152,8 +157,8 @@ def _hole_figures(
 ) -> dict[str, Any]:
     visible = surface.visible
     is_gap = gaps(visible, mesh_scene, voxel_size_m)
-    inside = off_the_rim(visible, voxel_size_m)
-    overlap = inside & (surface.times_seen >= OVERLAP)
+    inside = inside_the_rim(visible, voxel_size_m)
+    overlap = inside & (surface.times_seen >= OVERLAP_VIEWS)
 
     def holes_in(part: NDArray[np.bool_]) -> Holes:
         return find_holes(visible.only(part), is_gap[part], to_mesh_m[part], voxel_size_m)

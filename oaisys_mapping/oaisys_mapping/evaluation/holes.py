@@ -1,8 +1,8 @@
-"""Where a reconstruction has no surface although some view saw the truth there.
+"""Holes: places where a view saw the truth but the reconstruction has no surface.
 
-A line along the truth's normal finds the border of a hole where it is; distances alone would
-shrink a hole by their tolerance all around. A gap is a hole if any of its truth is further than
-`FAR_VOXELS` from all of the reconstruction; what is that far is a hole, whatever the line meets.
+A gap is where a line along the truth's normal meets no surface; its border is exact, while
+distances would shrink a hole by their tolerance. A gap counts as a hole if any of its truth is
+further than `FAR_VOXELS` from the whole reconstruction. Truth that far always counts as a hole.
 """
 
 from __future__ import annotations
@@ -22,22 +22,21 @@ from oaisys_core.types import FloatArray
 from oaisys_mapping.mesh import SurfacePoints
 
 HOLE_VOXELS = 2
-"""How far from the truth, along its normal, a surface may lie and still close a hole; and the width
-of the surveyed area's rim, where a missing surface is none."""
+"""Distance along the truth's normal within which a surface closes a hole; also the width of the rim
+of the surveyed area, where holes do not count."""
 
 FAR_VOXELS = 1
-"""Truth that is further than this from all of the reconstruction lies in a hole."""
+"""Truth further than this from the whole reconstruction lies in a hole."""
 
 
 @dataclass(frozen=True)
 class Holes:
-    """Holes in some part of the visible truth.
+    """Holes in a part of the visible truth.
 
     Attributes:
-        count: Connected gaps in which some truth is further than `FAR_VOXELS` from the
-            reconstruction.
-        area_m2, largest_m2: Of the truth in all of them, and in the largest.
-        ratio: That area as a share of the part.
+        count: Number of connected holes.
+        area_m2, largest_m2: Area of the truth in all of them, and in the largest.
+        ratio: Their area as a share of the part's area.
     """
 
     count: int
@@ -47,17 +46,17 @@ class Holes:
 
 
 def gaps(points: SurfacePoints, mesh_scene: Any, voxel_size_m: float) -> NDArray[np.bool_]:
-    """Return (N,) at which points nothing lies within `HOLE_VOXELS` along the normal, both ways.
+    """Return (N,) which points have no surface within `HOLE_VOXELS` along the normal, both ways.
 
     Args:
-        points: On the truth.
-        mesh_scene: The reconstruction, as `raycasting_scene` makes it.
+        points: Points on the truth.
+        mesh_scene: `raycasting_scene` of the reconstruction.
         voxel_size_m: Size of a voxel.
     """
     reach_m = HOLE_VOXELS * voxel_size_m
     normals = points.normals
     rays = np.column_stack((points.points_m - reach_m * normals, 2 * reach_m * normals))
-    # The rays are as long as the line, so what lies on it is met before 1.
+    # The rays are as long as the line, so hits on it are at or before 1.
     met = mesh_scene.cast_rays(o3d.core.Tensor(rays.astype(np.float32)))["t_hit"].numpy()
     return np.asarray(met > 1)
 
@@ -68,12 +67,12 @@ def find_holes(
     to_mesh_m: FloatArray,
     voxel_size_m: float,
 ) -> Holes:
-    """Join gaps, and what is further than `FAR_VOXELS` away, to holes.
+    """Group gaps, and points further than `FAR_VOXELS` away, into holes.
 
     Args:
-        points: All (N) points of the part.
-        is_gap: (N,) of `gaps`.
-        to_mesh_m: (N,) distance to the reconstruction.
+        points: The (N) points of the part.
+        is_gap: (N,) from `gaps`.
+        to_mesh_m: (N,) distances to the reconstruction.
         voxel_size_m: Size of a voxel.
     """
     is_far = to_mesh_m > FAR_VOXELS * voxel_size_m
@@ -90,23 +89,23 @@ def find_holes(
 
 
 def _groups(points_m: FloatArray, cell_m: float) -> NDArray[np.intp]:
-    """Return (N,) the number of the connected group of each point.
+    """Return the (N,) index of each point's connected group.
 
-    Points are connected that fall into the same or neighbouring cells.
+    Points in the same or in neighbouring cells are connected.
     """
     cells, index = np.unique(np.floor(points_m / cell_m), axis=0, return_inverse=True)
-    # Neighbours over a cell's corner are the square root of 3 apart.
+    # Diagonal neighbours are the square root of 3 apart.
     pairs = cKDTree(cells).query_pairs(1.8, output_type="ndarray")
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(cells), len(cells)))
     _, group = connected_components(graph, directed=False)
     return np.asarray(group[index.ravel()], np.intp)
 
 
-def off_the_rim(visible: SurfacePoints, voxel_size_m: float) -> NDArray[np.bool_]:
+def inside_the_rim(visible: SurfacePoints, voxel_size_m: float) -> NDArray[np.bool_]:
     """Return (N,) which points lie further than `HOLE_VOXELS` inside the surveyed area.
 
-    The area is made of square cells with visible points in them, from above; gaps inside it (the
-    blind side of a rock) do not make a rim. Where it is all rim, all of it counts.
+    The area consists of the square cells that contain visible points as seen from above. Gaps
+    inside it, as behind a rock, have no rim. If the whole area is rim, all points count as inside.
     """
     cell_m = max(voxel_size_m, 2 * float(np.sqrt(visible.area_m2)))
     rim = int(np.ceil(HOLE_VOXELS * voxel_size_m / cell_m))

@@ -1,4 +1,4 @@
-"""What a reconstruction must reach to count as closed."""
+"""Thresholds that a reconstruction must meet to count as closed."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 ROUNDING = 1e-9
-"""Share of a limit by which an equal one may differ."""
+"""Relative difference up to which limits count as equal."""
 
 
 @dataclass(frozen=True)
@@ -16,8 +16,8 @@ class Criterion:
     """A figure against its limit.
 
     Attributes:
-        name: Of the figure among those of a `ReconstructionMetrics`.
-        is_upper: Whether the figure may be at most the limit, not at least.
+        name: Name of the figure in `ReconstructionMetrics`.
+        is_upper: Whether the limit is an upper limit, else it is a lower one.
     """
 
     name: str
@@ -27,36 +27,37 @@ class Criterion:
 
     @property
     def holds(self) -> bool:
-        """Whether the limit is kept; a figure that is no number keeps none."""
+        """Whether the limit is met; NaN meets none."""
         return self.value <= self.limit if self.is_upper else self.value >= self.limit
 
     @property
-    def asked(self) -> str:
-        """The limit in words."""
+    def bound(self) -> str:
+        """The limit in words, such as ``at most 0.03``."""
         return f"at {'most' if self.is_upper else 'least'} {self.limit:g}"
 
     def is_looser_than(self, other: Criterion) -> bool:
-        """Whether this limit lets a figure pass that another one does not."""
+        """Whether this limit accepts figures that another one rejects."""
         if self.is_upper != other.is_upper:
             return True
         beyond = self.limit - other.limit if self.is_upper else other.limit - self.limit
         return not beyond <= ROUNDING * abs(other.limit)
 
     def __str__(self) -> str:
-        return f"{self.name} is {self.value:.4g}, expected {self.asked}"
+        return f"{self.name} is {self.value:.4g}, expected {self.bound}"
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """Limits of figures; None: not asked for.
+    """Limits of figures; None where there is no limit.
 
     Attributes:
-        max_rmse_m, min_completion, min_f_score, max_holes: Of ``rmse_m``, ``completion_ratio``,
-            ``f_score`` and ``hole_ratio``.
-        max_median_m: Of ``accuracy_median_m``, which rocks' edges do not hide a bias from.
-        max_offset_m: Of ``offset_m``, the shift that would lay the map on the truth.
-        max_overlap_holes: Of ``overlap_hole_count``.
-        min_iou: Of ``least_iou``; asked only of maps that have labels.
+        max_rmse_m, min_completion, min_f_score, max_holes: Limits of ``rmse_m``,
+            ``completion_ratio``, ``f_score`` and ``hole_ratio``.
+        max_median_m: Limit of ``accuracy_median_m``, in which errors at rocks' edges do not hide
+            a bias.
+        max_offset_m: Limit of ``offset_m``.
+        max_overlap_holes: Limit of ``overlap_hole_count``.
+        min_iou: Limit of ``least_iou``; applied only to maps with labels.
     """
 
     max_rmse_m: float | None = None
@@ -69,8 +70,8 @@ class Thresholds:
     min_iou: float | None = None
 
     @property
-    def _wanted(self) -> tuple[tuple[str, float | None, bool], ...]:
-        """Each figure's name and limit, and whether that is an upper one."""
+    def _limits(self) -> tuple[tuple[str, float | None, bool], ...]:
+        """Each figure's name and limit, and whether it is an upper limit."""
         return (
             ("rmse_m", self.max_rmse_m, True),
             ("completion_ratio", self.min_completion, False),
@@ -83,16 +84,16 @@ class Thresholds:
         )
 
     def applied_to(self, metrics: Any) -> list[Criterion]:
-        """Return what was asked for of a `ReconstructionMetrics`, and whether it is reached."""
+        """Return the figures of a `ReconstructionMetrics` that have a limit, with these limits."""
         return [
             Criterion(name, float(getattr(metrics, name)), limit, is_upper)
-            for name, limit, is_upper in self._wanted
+            for name, limit, is_upper in self._limits
             if limit is not None and getattr(metrics, name) is not None
         ]
 
-    def asked_of(self, figures: Mapping[str, Any]) -> list[Criterion]:
-        """Return the same as `applied_to`, of figures by name; those not measured may be absent."""
-        known = dict.fromkeys((name for name, *_ in self._wanted))
+    def applied_to_figures(self, figures: Mapping[str, Any]) -> list[Criterion]:
+        """Return what `applied_to` does, for figures by name; those not measured may be absent."""
+        known = dict.fromkeys((name for name, *_ in self._limits))
         return self.applied_to(SimpleNamespace(**known | dict(figures)))
 
     def missed_by(self, metrics: Any) -> list[str]:
@@ -101,11 +102,10 @@ class Thresholds:
 
 
 def survey_thresholds(voxel_size_m: float) -> Thresholds:
-    """Return what counts as closed: nearly nothing missing, no bias, errors of a third of a voxel.
+    """Return the thresholds of a survey: hardly any holes, no bias, errors of a third of a voxel.
 
-    Median and offset are held ten times tighter than 2 cm at 10 cm voxels would need: with right
-    intrinsics and poses they are below 2 mm and 0.5 mm. Of maps with labels each class with 1 % of
-    the surface is asked for, too.
+    Correct intrinsics and poses give medians below 2 mm and offsets below 0.5 mm at 10 cm voxels,
+    so these limits are tight. In maps with labels, each class with 1 % of the surface has a limit.
     """
     return Thresholds(
         max_rmse_m=0.3 * voxel_size_m,
@@ -120,9 +120,9 @@ def survey_thresholds(voxel_size_m: float) -> Thresholds:
 
 
 def exploration_thresholds(voxel_size_m: float) -> Thresholds:
-    """Return what counts as closed where a camera looks ahead.
+    """Return the thresholds of an exploration, whose camera looks ahead.
 
-    It sees ground far away at grazing angles, a few pixels to a voxel: what it saw of that may
-    miss, but what is there must be right.
+    It sees distant ground at grazing angles, a few pixels per voxel. Some of that may be missing,
+    but what was mapped must be accurate.
     """
     return Thresholds(max_rmse_m=voxel_size_m / 2, min_completion=0.9, min_f_score=0.9)

@@ -1,4 +1,4 @@
-"""The true surface as points: what the poses could see of it, how often, and the rest."""
+"""Points on the true surface: visible ones, by how many views, and the rest."""
 
 from __future__ import annotations
 
@@ -23,32 +23,31 @@ from oaisys_mapping.mesh import SurfacePoints, sample_surface, triangle_areas_m2
 from oaisys_mapping.progress import ProgressCallback, ignore_progress
 
 SPACING_VOXELS = 0.5
-"""Edge of the square of truth that a point stands for: so dense that no hole falls between."""
+"""Spacing of points on the truth, dense enough for any hole to contain some."""
 
-MOST_POINTS = 2_000_000
-"""Points spread over a surface; where it is larger, each stands for more of it."""
+MAX_POINTS = 2_000_000
+"""Points on a surface; on larger surfaces their spacing grows."""
 
-MOST_POINTS_BEYOND = 200_000
-"""Points spread over the part of the truth that no view can reach."""
+MAX_POINTS_OUT_OF_REACH = 200_000
+"""Points on the part of the truth that no view can reach."""
 
 ON_EDGE = 1e-4
-"""Weight of a triangle's corner below which a place lies on the edge that is opposite."""
+"""Barycentric coordinate of a corner below which a point lies on the opposite edge."""
 
-OVERLAP = 2
-"""Views that must see a place for it to be in the overlap area."""
+OVERLAP_VIEWS = 2
+"""Views that must see a point for it to be in the overlap."""
 
 
 @dataclass(frozen=True, repr=False)
 class TrueSurface(ShortRepr):
-    """A true mesh made ready to measure reconstructions against; made by `true_surface`.
+    """A true mesh prepared by `true_surface` for the evaluation of reconstructions.
 
     Attributes:
         mesh: The truth.
         scene: `raycasting_scene` of it.
-        visible: Points that some view sees.
-        times_seen: (N,) by how many views each of them is seen, counted up to `OVERLAP`.
-        unseen: Points that no view sees: near what they see, and far from it.
-        visible_share: Visible part of all of the truth's area.
+        visible: The (N) points that some view sees.
+        times_seen: (N,) how many views see each of them, counted up to `OVERLAP_VIEWS`.
+        unseen: Points that no view sees, within reach and out of reach.
     """
 
     mesh: TriangleMesh
@@ -59,16 +58,16 @@ class TrueSurface(ShortRepr):
 
     @property
     def visible_share(self) -> float:
-        """Visible part of all of the truth's area."""
+        """Share of the truth's area that is visible."""
         visible_m2 = _area_m2(self.visible)
         return visible_m2 / (visible_m2 + sum(map(_area_m2, self.unseen)))
 
     def past_the_rim(self, points_m: FloatArray) -> NDArray[np.bool_]:
-        """Return (N,) which points lie beyond the outer rim of an open truth.
+        """Return (N,) which of (N, 3) points lie beyond the outer rim of an open truth.
 
-        The ground goes on beyond the stage, and is mapped there, but the true mesh ends: nothing
-        is known of it. Those are points outside of the truth as seen from above whose nearest
-        place on it is an edge of only one triangle.
+        The rendered ground continues beyond the true mesh and is mapped there. Such points lie
+        outside the truth's bounding box as seen from above, and an edge of only one triangle is
+        nearest to them.
         """
         low_m, high_m = self.mesh.vertices_m.min(axis=0), self.mesh.vertices_m.max(axis=0)
         past = ((points_m < low_m) | (points_m > high_m))[:, :2].any(axis=1)
@@ -80,9 +79,9 @@ class TrueSurface(ShortRepr):
         s, t = found["primitive_uvs"].numpy().T
         ids = found["primitive_ids"].numpy()
         is_open = self._is_open[ids]
-        # The edges from corner 0 to 1, 1 to 2 and 2 to 0, where one weight is none.
+        # The edges from corner 0 to 1, 1 to 2 and 2 to 0, where one coordinate is 0.
         on_edge = np.column_stack((t, 1 - s - t, s)) < ON_EDGE
-        # A corner of the rim belongs to triangles, too, of which no edge is part of it.
+        # A vertex on the rim also belongs to triangles without an edge on it.
         at_corner = np.column_stack((1 - s - t, s, t)) > 1 - ON_EDGE
         on_rim = self._is_rim[self.mesh.triangles[ids]]
         past[rows] = (on_edge & is_open | at_corner & on_rim).any(axis=1)
@@ -90,7 +89,7 @@ class TrueSurface(ShortRepr):
 
     @cached_property
     def _is_rim(self) -> NDArray[np.bool_]:
-        """(V,) which vertices are ends of open edges."""
+        """(V,) which vertices lie on open edges."""
         triangles = self.mesh.triangles
         is_rim = np.zeros(len(self.mesh.vertices_m), bool)
         for first, second in ((0, 1), (1, 2), (2, 0)):
@@ -99,7 +98,7 @@ class TrueSurface(ShortRepr):
 
     @cached_property
     def _is_open(self) -> NDArray[np.bool_]:
-        """(T, 3) which edges of triangles belong to no other; none where no vertex is shared."""
+        """(T, 3) which edges belong to one triangle only; none if no vertex is shared."""
         triangles = self.mesh.triangles.astype(np.int64)
         if len(self.mesh.vertices_m) >= 3 * len(triangles):
             return np.zeros((len(triangles), 3), bool)
@@ -121,15 +120,15 @@ def true_surface(
     rng: np.random.Generator,
     on_progress: ProgressCallback = ignore_progress,
 ) -> TrueSurface:
-    """Spread points over the truth and decide which of them the views see.
+    """Sample points on the truth and determine which of them the views see.
 
     Args:
-        truth: Its triangles wound counter-clockwise from outside.
-        views: The cameras; None: everything is visible, from everywhere.
-        voxel_size_m: A point stands for the square of `SPACING_VOXELS` of them.
-        max_range_m: Depth beyond which nothing is seen.
-        rng: Gives the points.
-        on_progress: Told what is being done.
+        truth: The true mesh, its triangles counter-clockwise as seen from outside.
+        views: The cameras; None: everything is visible.
+        voxel_size_m: Size of a voxel; points are `SPACING_VOXELS` apart.
+        max_range_m: Depth beyond which nothing is visible.
+        rng: Draws the points.
+        on_progress: Called with what is being done.
 
     Raises:
         InvalidInputError: The truth has no surface, or the views see nothing of it.
@@ -140,33 +139,33 @@ def true_surface(
     spacing_m = SPACING_VOXELS * voxel_size_m
     scene = raycasting_scene(truth.vertices_m, truth.triangles)
     if views is None:
-        points = _spread(truth, np.arange(len(truth.triangles)), spacing_m, MOST_POINTS, rng)
-        often = np.full(len(points.points_m), OVERLAP, np.uint8)
-        return TrueSurface(truth, scene, points, often, ())
+        points = _sample(truth, np.arange(len(truth.triangles)), spacing_m, MAX_POINTS, rng)
+        times_seen = np.full(len(points.points_m), OVERLAP_VIEWS, np.uint8)
+        return TrueSurface(truth, scene, points, times_seen, ())
     is_near = within_reach(truth, views, max_range_m)
     if not is_near.any():
         raise _nothing_seen(views)
-    near = _spread(truth, np.flatnonzero(is_near), spacing_m, MOST_POINTS, rng)
-    times_seen = views_seeing(near, views, scene, max_range_m, OVERLAP, on_progress)
+    near = _sample(truth, np.flatnonzero(is_near), spacing_m, MAX_POINTS, rng)
+    times_seen = views_seeing(near, views, scene, max_range_m, OVERLAP_VIEWS, on_progress)
     seen = times_seen > 0
     if not seen.any():
         raise _nothing_seen(views)
     unseen = [near.only(~seen)]
     far_ids = np.flatnonzero(~is_near)
     if triangle_areas_m2(truth.vertices_m, truth.triangles[far_ids]).sum() > 0:
-        unseen.append(_spread(truth, far_ids, spacing_m, MOST_POINTS_BEYOND, rng))
+        unseen.append(_sample(truth, far_ids, spacing_m, MAX_POINTS_OUT_OF_REACH, rng))
     return TrueSurface(truth, scene, near.only(seen), times_seen[seen], tuple(unseen))
 
 
-def _spread(
+def _sample(
     truth: TriangleMesh,
     ids: NDArray[np.intp],
     spacing_m: float,
-    most: int,
+    max_points: int,
     rng: np.random.Generator,
 ) -> SurfacePoints:
-    """Return points on the triangles ``ids`` of the truth, which they know by those ids."""
-    points = sample_surface(truth.vertices_m, truth.triangles[ids], spacing_m, most, rng)
+    """Return points on the triangles ``ids`` of the truth, with triangle ids of the whole truth."""
+    points = sample_surface(truth.vertices_m, truth.triangles[ids], spacing_m, max_points, rng)
     return SurfacePoints(points.points_m, points.normals, points.area_m2, ids[points.triangle_ids])
 
 

@@ -1,4 +1,4 @@
-"""True meshes as PLY files, with the labels of their triangles."""
+"""True meshes as PLY files with labels per triangle."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from oaisys_core.types import TriangleMesh
 from oaisys_mapping.mesh_io import read_ply
 
 HEADER_BYTES = 4096
-"""How far into a file its header is looked for."""
+"""Bytes at the start of a file in which its header is searched."""
 
 VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4")])
 FACE = np.dtype(
@@ -21,7 +21,7 @@ FACE = np.dtype(
 
 
 def header_of(vertices: int, faces: int) -> bytes:
-    """Return the header of a file of so many elements."""
+    """Return the header of a file with these numbers of elements."""
     return (
         "ply\nformat binary_little_endian 1.0\ncomment oaisys true surface, metres in map\n"
         f"element vertex {vertices}\nproperty float x\nproperty float y\nproperty float z\n"
@@ -31,13 +31,13 @@ def header_of(vertices: int, faces: int) -> bytes:
 
 
 def as_stored(truth: TriangleMesh) -> TriangleMesh:
-    """Return a true mesh with the coordinates that it will have in a file: float32."""
+    """Return a true mesh with its coordinates rounded to float32, as in a file."""
     rounded_m = truth.vertices_m.astype(np.float32).astype(np.float64)
     return TriangleMesh(rounded_m, truth.triangles, truth.semantic_ids, truth.instance_ids)
 
 
 def write_truth(path: Path, truth: TriangleMesh) -> None:
-    """Write a true mesh as binary PLY, ids as properties of faces; inverse: `read_truth`."""
+    """Write a true mesh as binary PLY, with ids as face properties; inverse: `read_truth`."""
     vertex = np.empty(len(truth.vertices_m), VERTEX)
     for axis, name in enumerate("xyz"):
         vertex[name] = truth.vertices_m[:, axis]
@@ -52,10 +52,10 @@ def write_truth(path: Path, truth: TriangleMesh) -> None:
 
 
 def read_truth(path: Path) -> TriangleMesh:
-    """Return the true mesh in a file; one that others wrote has no ids.
+    """Return the true mesh in a file; files of other programs have no ids.
 
     Raises:
-        InvalidInputError: It cannot be read, is cut off or holds no valid triangles.
+        InvalidInputError: The file cannot be read, is truncated or holds no valid triangles.
     """
     if not path.is_file():
         raise InvalidInputError("truth", str(path), "an existing file")

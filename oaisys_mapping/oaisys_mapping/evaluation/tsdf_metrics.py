@@ -1,8 +1,8 @@
-"""How true a map's distances are at the true surface, where they should be 0.
+"""Errors of a map's signed distances at the true surface, where they should be 0.
 
-As voxblox's evaluation does it (Oleynikova et al., "Voxblox", IROS 2017): the error at a point of
-the true surface is the absolute value of the interpolated distance, clipped; points at which the
-map knows none are counted apart.
+As in voxblox (Oleynikova et al., IROS 2017), the error at a point of the true surface is the
+absolute value of the interpolated distance, clipped. Points without a distance are counted
+separately.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ from oaisys_core.types import FloatArray
 from oaisys_mapping.evaluation.true_surface import TrueSurface
 
 CLIP_VOXELS = 3
-"""Errors count as at most this."""
+"""Errors are clipped at this many voxels."""
 
 
 class SignedDistanceMap(Protocol):
-    """A map that knows signed distances to the surface where it was observed."""
+    """A map with signed distances to the surface where it was observed."""
 
     def distance_at(self, points_m: FloatArray) -> FloatArray:
-        """Return (N,) signed distances in metres at (N, 3) points, NaN where it knows none."""
+        """Return (N,) signed distances in metres at (N, 3) points, NaN where unknown."""
         ...
 
     @property
     def observed_volume_m3(self) -> float:
-        """How much space was observed."""
+        """Volume of observed space."""
         ...
 
 
 @dataclass(frozen=True)
 class TsdfMetrics:
-    """Figures of a distance field.
+    """Figures of signed distances.
 
     Attributes:
-        tsdf_rmse_m: Root mean square of distances at visible truth, each clipped at three voxels;
-            None where the map knows none.
-        unknown_share, unknown_share_all: Share of the visible, and of all the truth at which the
-            map knows no distance.
-        observed_volume_m3: Space in which it knows one.
+        tsdf_rmse_m: Root mean square of the distances at visible truth, each clipped at three
+            voxels; None if all are unknown.
+        unknown_share, unknown_share_all: Share of the visible truth, and of all of it, at which
+            the distance is unknown.
+        observed_volume_m3: Volume of observed space.
     """
 
     tsdf_rmse_m: float | None
@@ -53,7 +53,7 @@ class TsdfMetrics:
 def tsdf_metrics(
     surface: TrueSurface, volume: SignedDistanceMap, voxel_size_m: float
 ) -> TsdfMetrics:
-    """Return the figures of a map of a true surface."""
+    """Return the figures of a map's distances at a true surface."""
     at_truth_m = volume.distance_at(surface.visible.points_m)
     known_m = at_truth_m[np.isfinite(at_truth_m)]
     error_m = np.minimum(np.abs(known_m), CLIP_VOXELS * voxel_size_m)

@@ -1,7 +1,7 @@
-"""Which part of a surface some camera could see.
+"""Visibility of a surface from cameras.
 
-Visibility is decided for points spread evenly over the surface, not for pixels: pixels are dense
-where a surface is near and faces the camera, so that counting them would weigh its parts unevenly.
+Visibility is computed for points spread evenly over the surface, not for pixels, which are denser
+where a surface is near and faces the camera.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from oaisys_mapping.mesh import SurfacePoints
 from oaisys_mapping.progress import ProgressCallback, ignore_progress
 
 OCCLUSION_TOLERANCE = 1e-4
-"""Share of the distance that a point may lie behind the first hit and still count as that hit."""
+"""Share of the distance by which a point may lie behind the first hit and still be visible."""
 
 
 @dataclass(frozen=True, repr=False)
 class PosedCamera(ShortRepr):
-    """A camera without distortion and where it was.
+    """A camera without distortion, and its pose.
 
     Attributes:
-        T_map_camera: (4, 4) pose of its optical frame.
+        T_map_camera: (4, 4) pose of the optical frame.
     """
 
     intrinsics: PinholeIntrinsics
     T_map_camera: FloatArray
 
     def __post_init__(self) -> None:
-        """Refuse distortion: see `rectified_camera`."""
+        """Refuse distortion; see `rectified_camera`."""
         if any(self.intrinsics.distortion):
             raise InvalidInputError("intrinsics.distortion", self.intrinsics.distortion, "none")
 
@@ -44,10 +44,10 @@ class PosedCamera(ShortRepr):
 def within_reach(
     truth: TriangleMesh, views: Sequence[PosedCamera], max_range_m: float
 ) -> NDArray[np.bool_]:
-    """Return (T,) which triangles touch the box around everything that some view could see.
+    """Return (T,) which triangles may touch the bounding box of everything that the views can see.
 
-    None that a view sees is left out, however large it is; it spares samples on a truth that is
-    much larger than what was surveyed.
+    It saves samples on a truth that is much larger than what was surveyed; no visible triangle is
+    left out.
     """
     heights_m = truth.vertices_m[:, 2]
     slab_m = (float(heights_m.min()), float(heights_m.max()))
@@ -66,7 +66,7 @@ def within_reach(
 def _frustum_in_slab(
     view: PosedCamera, max_range_m: float, slab_m: tuple[float, float]
 ) -> FloatArray:
-    """Return the (N, 3) corners of a view's pyramid, cut off below and above two heights."""
+    """Return the (N, 3) corners of a view's frustum, clipped to a range of heights."""
     camera = view.intrinsics
     pixels = [(u, v) for v in (0, camera.height_px - 1) for u in (0, camera.width_px - 1)]
     far_m = unproject(pixels, [max_range_m] * 4, camera)
@@ -96,7 +96,7 @@ def raycasting_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> An
 def visible_from_any(
     points: SurfacePoints, views: Sequence[PosedCamera], scene: Any, max_range_m: float
 ) -> NDArray[np.bool_]:
-    """Return (N,) whether a point of a surface is seen by at least one of the views.
+    """Return (N,) whether at least one view sees each point of a surface.
 
     For the arguments see `views_seeing`.
     """
@@ -108,26 +108,26 @@ def views_seeing(
     views: Sequence[PosedCamera],
     scene: Any,
     max_range_m: float,
-    enough: int,
+    max_count: int,
     on_progress: ProgressCallback = ignore_progress,
 ) -> NDArray[np.uint8]:
-    """Return (N,) how many of the views see a point of a surface, counted up to ``enough``.
+    """Return (N,) how many views see each point of a surface, counted up to ``max_count``.
 
-    A point is seen where it projects into the image, faces the camera, lies within
-    ``max_range_m`` along z, and the straight line to it meets no other part of the surface.
+    A view sees a point that projects into its image, faces the camera, lies within ``max_range_m``
+    along z, and is not occluded.
 
     Args:
-        points: On the surface.
+        points: Points on the surface.
         views: The cameras.
         scene: `raycasting_scene` of the whole surface.
-        max_range_m: Depth beyond which nothing is seen.
-        enough: From 1 to 255.
-        on_progress: Told of each view.
+        max_range_m: Depth beyond which nothing is visible.
+        max_count: From 1 to 255.
+        on_progress: Called for each view.
     """
     times = np.zeros(len(points.points_m), np.uint8)
     for number, view in enumerate(views, start=1):
         on_progress(f"what view {number} of {len(views)} sees of the truth")
-        candidates = np.flatnonzero(times < enough)
+        candidates = np.flatnonzero(times < max_count)
         candidates = candidates[_in_image(points, candidates, view, max_range_m)]
         times[candidates[_unoccluded(points.points_m[candidates], view, scene)]] += 1
     return times
@@ -153,6 +153,6 @@ def _unoccluded(points_m: FloatArray, view: PosedCamera, scene: Any) -> NDArray[
     rays = np.empty((len(points_m), 6), np.float32)
     rays[:, :3] = origin_m
     rays[:, 3:] = points_m - origin_m
-    # The rays' length is the way to the point, so the first hit of a visible one is at 1.
+    # A ray is as long as the distance to its point, so a visible point is hit at 1.
     first = scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
     return np.asarray(first >= 1 - OCCLUSION_TOLERANCE)

@@ -1,4 +1,4 @@
-"""How much of what can be seen at all some views have seen."""
+"""Coverage: the share of the reachable surface that views have seen."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle, level_pose
 from oaisys_mapping.mesh import SurfacePoints, sample_surface
 
-MOST_POINTS = 60_000
-"""Points that stand for the true surface."""
+MAX_POINTS = 60_000
+"""Points on the true surface at most."""
 
-TRIES_PER_POSE = 200
-"""Random places per pose that is wanted, after which a world counts as full."""
+MAX_DRAWS = 200
+"""Draws of random poses after which a box counts as having no room."""
 
 Clearance = Callable[[FloatArray], FloatArray]
-"""To the (N,) metres that (N, 3) points are above the true surface."""
+"""Returns the (N,) heights in metres of (N, 3) points above the true surface."""
 
 
 def random_poses(
     bounds: Bounds, vehicle: Vehicle, clearance_m: Clearance, count: int, rng: np.random.Generator
 ) -> list[Pose]:
-    """Return level poses, all over a box, at which a vehicle truly may be.
+    """Return ``count`` random level poses in a box at which a vehicle is truly free.
 
     Raises:
         InvalidInputError: There is hardly any room in the box.
@@ -36,7 +36,7 @@ def random_poses(
     low_m = np.asarray(bounds.low_m) + vehicle.radius_m
     high_m = np.asarray(bounds.high_m) - vehicle.radius_m
     poses: list[Pose] = []
-    for _ in range(TRIES_PER_POSE):
+    for _ in range(MAX_DRAWS):
         if (low_m >= high_m).any():
             break
         points_m = rng.uniform(low_m, high_m, (count, 3))
@@ -49,10 +49,10 @@ def random_poses(
 
 
 class SurfaceCoverage:
-    """Counts a true surface's reachable points that views have seen.
+    """Tracks which reachable points of the true surface views have seen.
 
     Attributes:
-        reachable: Points that are seen from at least one of the poses that it was given.
+        reachable: Points visible from at least one of the poses given at the start.
         reachable_share: Their share of all points.
         seen: (N,) which of them some view has seen so far.
     """
@@ -61,30 +61,30 @@ class SurfaceCoverage:
         self,
         truth: TriangleMesh,
         vehicle: Vehicle,
-        anywhere: Sequence[Pose],
+        poses: Sequence[Pose],
         spacing_m: float,
         rng: np.random.Generator,
     ) -> None:
-        """Spread points over the truth and keep those that can be seen from ``anywhere``."""
+        """Sample points on the truth and keep those visible from any of ``poses``."""
         self._vehicle = vehicle
         self._scene = raycasting_scene(truth.vertices_m, truth.triangles)
-        points = sample_surface(truth.vertices_m, truth.triangles, spacing_m, MOST_POINTS, rng)
-        reachable = self._visible(points, anywhere)
+        points = sample_surface(truth.vertices_m, truth.triangles, spacing_m, MAX_POINTS, rng)
+        reachable = self._visible(points, poses)
         if not reachable.any():
-            raise InvalidInputError("anywhere", f"{len(anywhere)} poses", "some that see the truth")
+            raise InvalidInputError("poses", f"{len(poses)} poses", "poses that see the truth")
         self.reachable: SurfacePoints = points.only(reachable)
         self.reachable_share = float(reachable.mean())
         self.seen = np.zeros(len(self.reachable.points_m), bool)
 
     def add(self, pose: Pose) -> float:
-        """Count what a view from a pose of the vehicle sees; return the share seen so far."""
+        """Add the view from a pose of the vehicle; return the share seen so far."""
         left = np.flatnonzero(~self.seen)
         found = self._visible(self.reachable.only(~self.seen), [pose])
         self.seen[left[found]] = True
         return float(self.seen.mean())
 
     def forget(self) -> None:
-        """Count from the beginning."""
+        """Forget all views."""
         self.seen[:] = False
 
     def _visible(self, points: SurfacePoints, poses: Sequence[Pose]) -> NDArray[np.bool_]:

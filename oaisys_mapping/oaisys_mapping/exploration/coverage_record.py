@@ -1,4 +1,4 @@
-"""How planners came on, and what each of them needed over all worlds."""
+"""Records of explorations, and the comparison of planners over several worlds."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CoverageRecord:
-    """How one planner came on in one world.
+    """The exploration of one world by one planner.
 
     Attributes:
-        planner: Its name.
-        seed: Of the world.
-        coverage: Share of the reachable surface that was seen, after each view.
-        path_m: Length flown until each view.
-        plan_s: Median time to find the next view.
-        refused: Poses that the simulator refused.
-        least_clearance_m: The least height above the true surface of any pose; NaN: not known.
+        planner: Name of the planner.
+        seed: Seed of the world.
+        coverage: Share of the reachable surface seen after each view.
+        path_m: Length flown up to each view.
+        plan_s: Median time to choose the next view.
+        refused: Number of poses that the simulator refused.
+        least_clearance_m: Least height of any pose above the true surface; NaN if unknown.
     """
 
     planner: str
@@ -31,28 +31,29 @@ class CoverageRecord:
     least_clearance_m: float = float("nan")
 
     def views_to(self, share: float) -> int | None:
-        """Return how many views it took to see so much; None: it never did."""
+        """Return the number of views after which coverage reached a share; None if it never did."""
         reached = np.flatnonzero(np.asarray(self.coverage) >= share)
         return int(reached[0]) + 1 if len(reached) else None
 
 
 @dataclass(frozen=True)
 class PlannerResult:
-    """What a planner needed to see a share of what can be reached, over all worlds.
+    """What a planner needed to reach a given coverage, over all worlds.
 
     Attributes:
-        planner: Its name.
-        worlds: How many it explored.
-        reached: In how many it got there.
-        views: Median of the views it took; None: it got there in less than half of the worlds.
-        fewest_views, most_views: Over the worlds where it got there.
-        more_than_views: Where there is no median: the median of the views after which it gave up,
-            or had to; it needs more.
-        path_m: Median length flown until then.
-        final_coverage: Median of what it saw in the end.
-        plan_s: Median time to find a view.
-        refused: Poses that the simulator refused, in all worlds.
-        least_clearance_m: The least height above the true surface of any pose.
+        planner: Name of the planner.
+        worlds: Number of worlds explored.
+        reached: Number of worlds in which it reached the coverage.
+        views: Median number of views needed; None if it reached the coverage in less than half of
+            the worlds.
+        fewest_views, most_views: Range over the worlds in which it reached the coverage.
+        more_than_views: Lower bound if there is no median: the median number of views after
+            which it stopped.
+        path_m: Median length flown up to the coverage.
+        final_coverage: Median coverage at the end.
+        plan_s: Median time to choose a view.
+        refused: Number of poses that the simulator refused, in all worlds.
+        least_clearance_m: Least height of any pose above the true surface.
     """
 
     planner: str
@@ -77,21 +78,21 @@ def planner_results(records: Sequence[CoverageRecord], share: float) -> list[Pla
 
 def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
     views = [record.views_to(share) for record in records]
-    there = [count for count in views if count is not None]
+    successes = [count for count in views if count is not None]
     paths_m = [
         np.inf if count is None else record.path_m[count - 1]
         for record, count in zip(records, views, strict=True)
     ]
     median_views = _median([np.inf if count is None else count for count in views])
-    given_up = float(np.median([len(record.coverage) for record in records]))
+    stopped_after = float(np.median([len(record.coverage) for record in records]))
     return PlannerResult(
         planner=records[0].planner,
         worlds=len(records),
-        reached=len(there),
+        reached=len(successes),
         views=median_views,
-        fewest_views=min(there, default=None),
-        most_views=max(there, default=None),
-        more_than_views=given_up if median_views is None else None,
+        fewest_views=min(successes, default=None),
+        most_views=max(successes, default=None),
+        more_than_views=stopped_after if median_views is None else None,
         path_m=_median(paths_m),
         final_coverage=float(np.median([record.coverage[-1] for record in records])),
         plan_s=float(np.median([record.plan_s for record in records])),
@@ -101,7 +102,7 @@ def _result(records: Sequence[CoverageRecord], share: float) -> PlannerResult:
 
 
 def _median(values: Sequence[float]) -> float | None:
-    """Return the median; None where it is infinite."""
+    """Return the median; None if it is infinite."""
     middle = sorted(values)[(len(values) - 1) // 2 : len(values) // 2 + 1]
     mean = sum(middle) / len(middle)
     return float(mean) if np.isfinite(mean) else None

@@ -1,10 +1,9 @@
-"""What a view would add to a map, by casting rays through its voxels.
+"""Information gain of views, by casting rays through the voxels of a map.
 
-Views are scored as in Bircher et al., "Receding horizon next-best-view planner for 3D exploration",
-ICRA 2016, by the unknown volume that they would see; here that volume counts most where a seen
-surface goes on, and surfaces seen badly so far count by how much better they would be seen
-(Schmid et al., "An efficient sampling-based method for online informative path planning in unknown
-environments", RA-L 2020).
+As in Bircher et al., "Receding horizon next-best-view planner for 3D exploration", ICRA 2016, views
+are scored by the unknown volume that they would see. Volume at surface frontiers counts most, and
+known surfaces count by the quality that they would gain (Schmid et al., "An efficient
+sampling-based method for online informative path planning in unknown environments", RA-L 2020).
 """
 
 from __future__ import annotations
@@ -23,17 +22,17 @@ from oaisys_mapping.exploration.occupancy_map import (
 )
 
 RAYS_ACROSS, RAYS_DOWN = 24, 18
-"""Rays of one view; each stands for its part of the image."""
+"""Rays of a view; each represents its part of the image."""
 
 
 @dataclass(frozen=True)
 class GainWeights:
-    """What counts how much, per cubic or square metre.
+    """Weights of the gain, per cubic or square metre.
 
     Attributes:
-        frontier: Unknown volume where a seen surface goes on.
-        unknown: Any other unknown volume.
-        surface: Area of known surface, times the quality that it would gain.
+        frontier: Unknown volume at a surface frontier.
+        unknown: Other unknown volume.
+        surface: Area of known surface times the quality that it would gain.
     """
 
     frontier: float = 1.0
@@ -42,7 +41,7 @@ class GainWeights:
 
 
 class ViewScorer:
-    """Scores views against a map as it is now; make a new one once the map has changed."""
+    """Scores views by a map's present state; it must be made again when the map changes."""
 
     def __init__(
         self,
@@ -63,7 +62,7 @@ class ViewScorer:
         self._occupied = (voxels.state == OCCUPIED).reshape(-1)
 
     def scores(self, T_map_camera: FloatArray) -> FloatArray:
-        """Return the (N,) gains of views with their optical frames at (N, 4, 4)."""
+        """Return the (N,) gains of views with optical frames at (N, 4, 4) poses."""
         return np.array([self._score(pose) for pose in T_map_camera])
 
     def _score(self, T_map_camera: FloatArray) -> float:
@@ -75,18 +74,18 @@ class ViewScorer:
         steps = self._depths_m / np.float32(voxels.voxel_size_m)
         # (D, R) voxel coordinates, axis by axis: a point list would take three times the memory.
         flat = np.zeros((len(steps), len(directions)), np.int32)
-        inside = np.ones(flat.shape, bool)
+        is_inside = np.ones(flat.shape, bool)
         for axis, size in enumerate(voxels.state.shape):
             along = start[axis] + steps[:, None] * directions[None, :, axis]
-            inside &= (along >= 0) & (along < size)
+            is_inside &= (along >= 0) & (along < size)
             np.clip(along, 0, size - 1, out=along)
             flat *= size
             flat += along.astype(np.int32)
-        blocked = self._occupied[flat] & inside
-        hit = blocked.any(axis=0)
-        first = np.where(hit, blocked.argmax(axis=0), len(steps))
-        seen = inside & (np.arange(len(steps))[:, None] < first)
-        # What a ray stands for grows with the square of the depth.
+        is_blocked = self._occupied[flat] & is_inside
+        hit = is_blocked.any(axis=0)
+        first = np.where(hit, is_blocked.argmax(axis=0), len(steps))
+        seen = is_inside & (np.arange(len(steps))[:, None] < first)
+        # The cross-section that a ray represents grows with the square of the depth.
         volume_m3 = self._ray_share * self._depths_m**2 * voxels.voxel_size_m
         gain = float((np.where(seen, self._value[flat], 0).sum(axis=1) * volume_m3).sum())
         return gain + self._surface_gain(
@@ -98,20 +97,20 @@ class ViewScorer:
     ) -> float:
         normals = self._voxels.normals.reshape(-1, 3)[cells]
         lengths = np.linalg.norm(normals, axis=1)
-        known = lengths > 0
-        directions, cells = directions[known], cells[known]
-        normals = normals[known] / lengths[known, None]
-        long = np.linalg.norm(directions, axis=1)
-        cosines = -(normals * directions).sum(axis=1) / long
-        depths_m = self._depths_m[depth_steps[known]]
-        better = surface_quality(depths_m * long, cosines)
-        better = np.maximum(better - self._voxels.quality.reshape(-1)[cells], 0)
+        is_known = lengths > 0
+        directions, cells = directions[is_known], cells[is_known]
+        normals = normals[is_known] / lengths[is_known, None]
+        ray_lengths = np.linalg.norm(directions, axis=1)
+        cosines = -(normals * directions).sum(axis=1) / ray_lengths
+        depths_m = self._depths_m[depth_steps[is_known]]
+        improvement = surface_quality(depths_m * ray_lengths, cosines)
+        improvement = np.maximum(improvement - self._voxels.quality.reshape(-1)[cells], 0)
         area_m2 = self._ray_share * depths_m**2 / np.clip(cosines, 0.2, 1.0)
-        return float(self._weights.surface * (better * area_m2).sum())
+        return float(self._weights.surface * (improvement * area_m2).sum())
 
 
 def _image_rays(intrinsics: PinholeIntrinsics) -> tuple[FloatArray, float]:
-    """Return (R, 3) rays of z = 1 through an even grid of pixels, and each one's area at z = 1."""
+    """Return (R, 3) rays with z = 1 through a grid of pixels, and the area of each at z = 1."""
     u = (np.arange(RAYS_ACROSS) + 0.5) / RAYS_ACROSS * intrinsics.width_px - 0.5
     v = (np.arange(RAYS_DOWN) + 0.5) / RAYS_DOWN * intrinsics.height_px - 0.5
     across, down = np.meshgrid(

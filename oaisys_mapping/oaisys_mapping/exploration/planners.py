@@ -1,4 +1,4 @@
-"""The planners that come with it: next best view, and what it is measured against."""
+"""The built-in planners: next best view and its baselines."""
 
 from __future__ import annotations
 
@@ -18,36 +18,37 @@ from oaisys_mapping.exploration.planner import (
 )
 
 ENTRY_POINTS = "oaisys.planners"
-"""Group under which other packages offer planners by name."""
+"""Entry point group under which other packages offer planners by name."""
 
 CANDIDATES = 200
 """Views that are scored each time."""
 
-DRAWS = 3
-"""So often candidates are drawn before there is nothing to gain."""
+MAX_DRAWS = 3
+"""Draws of candidates without any gain after which exploration ends."""
 
 POSITIONS = 1000
-"""Places among which vantage points are looked for."""
+"""Random positions among which vantage points are searched."""
 
-NEAREST_M = 2.0
-VANTAGE_SHARE = 0.6
-"""A frontier is looked at from this far, and from within this share of the camera's range."""
+MIN_VANTAGE_M = 2.0
+MAX_VANTAGE_SHARE = 0.6
+"""Distances from which a frontier is viewed: at least so many metres, and at most this share of the
+camera's range."""
 
 REGION_M = 3.0
-REGION_VOXELS = 5
-"""A frontier is a cube of this size with at least so many voxels of it."""
+MIN_REGION_VOXELS = 5
+"""A frontier region is a cube of this size with at least so many frontier voxels."""
 
-LEAST_GAIN = 0.5
-"""A view that adds less counts as one that adds nothing."""
+MIN_GAIN = 0.5
+"""Views with a smaller gain count as having none."""
 
 
 class RandomPlanner(Planner):
-    """Looks anywhere from anywhere that is known to be free."""
+    """Chooses random poses in known free space."""
 
     name = "random"
 
     def next_pose(self, situation: Situation) -> Pose | None:
-        """Return a place that can be reached, with any heading."""
+        """Return a random reachable position with a random heading."""
         positions_m = situation.random_positions(CANDIDATES)
         reachable = np.isfinite(situation.roadmap(positions_m).lengths_m)
         if not reachable.any():
@@ -56,30 +57,30 @@ class RandomPlanner(Planner):
 
 
 class GridPlanner(Planner):
-    """Goes to and fro over the box, looking to four sides, as high as the way is known to be free.
+    """Flies a lawnmower pattern over the box with four headings at each position.
 
     Attributes:
-        spacing_m: Between the places of the grid.
+        spacing_m: Distance between the positions of the grid.
     """
 
     name = "grid"
 
     def __init__(self, spacing_m: float = 8.0) -> None:
         self.spacing_m = spacing_m
-        self._left: list[tuple[float, float, float]] | None = None
+        self._remaining: list[tuple[float, float, float]] | None = None
 
     def next_pose(self, situation: Situation) -> Pose | None:
-        """Return the next of the grid's views that can be reached by now."""
-        if self._left is None:
-            self._left = self._grid(situation)
+        """Return the next of the grid's views that is reachable by now."""
+        if self._remaining is None:
+            self._remaining = self._grid(situation)
         positions_m = situation.random_positions(POSITIONS)
         lengths_m = situation.roadmap(positions_m).lengths_m
         positions_m = positions_m[np.isfinite(lengths_m)]
-        for index, (x_m, y_m, yaw_rad) in enumerate(self._left):
+        for index, (x_m, y_m, yaw_rad) in enumerate(self._remaining):
             away_m = np.hypot(positions_m[:, 0] - x_m, positions_m[:, 1] - y_m)
             near = np.flatnonzero(away_m < self.spacing_m / 3)
             if len(near):
-                del self._left[index]
+                del self._remaining[index]
                 return level_pose(positions_m[near[away_m[near].argmin()]], yaw_rad)
         return None
 
@@ -98,7 +99,7 @@ class GridPlanner(Planner):
 
 
 class FrontierPlanner(Planner):
-    """Looks at the nearest border between what is known and what is not.
+    """Chooses a view of the nearest frontier between known and unknown space.
 
     Yamauchi, "A frontier-based approach for autonomous exploration", CIRA 1997.
     """
@@ -106,7 +107,7 @@ class FrontierPlanner(Planner):
     name = "frontier"
 
     def next_pose(self, situation: Situation) -> Pose | None:
-        """Return a reachable place from which the nearest frontier is seen, turned to it."""
+        """Return a reachable pose that views the nearest frontier."""
         positions_m = situation.random_positions(POSITIONS)
         positions_m = positions_m[np.isfinite(situation.roadmap(positions_m).lengths_m)]
         if not len(positions_m):
@@ -118,26 +119,26 @@ class FrontierPlanner(Planner):
         poses = level_poses_towards(positions_m[chosen], targets_m[found])
         for start in range(0, len(poses), CANDIDATES):
             some = poses[start : start + CANDIDATES]
-            sees = np.flatnonzero(situation.gains(some) >= LEAST_GAIN)
+            sees = np.flatnonzero(situation.gains(some) >= MIN_GAIN)
             if len(sees):
                 return some[int(sees[0])]
         return None
 
 
 def _frontier_regions(frontier_m: FloatArray) -> FloatArray:
-    """Return (K, 3) middles of cubes that hold several of (N, 3) frontier voxels."""
+    """Return the (K, 3) centroids of regions among (N, 3) frontier voxels."""
     cubes = np.floor(frontier_m / REGION_M).astype(np.intp)
     _, region, counts = np.unique(cubes, axis=0, return_inverse=True, return_counts=True)
     sums = [np.bincount(region.reshape(-1), frontier_m[:, i], len(counts)) for i in range(3)]
-    middles_m = np.column_stack(sums) / counts[:, None]
-    return np.asarray(middles_m[counts >= REGION_VOXELS])
+    centroids_m = np.column_stack(sums) / counts[:, None]
+    return np.asarray(centroids_m[counts >= MIN_REGION_VOXELS])
 
 
 class NextBestViewPlanner(Planner):
-    """Looks from where most is gained for the way there.
+    """Chooses the view with the highest gain, discounted by the length of the path to it.
 
     Attributes:
-        discount_length_m: After a way of this length a gain counts 1/e.
+        discount_length_m: Path length after which a gain counts 1/e.
     """
 
     name = "next_best_view"
@@ -146,11 +147,11 @@ class NextBestViewPlanner(Planner):
         self.discount_length_m = discount_length_m
 
     def next_pose(self, situation: Situation) -> Pose | None:
-        """Return the best of many reachable views, most of them turned towards frontiers.
+        """Return the best of many reachable views, most of them directed at frontiers.
 
-        None only where several draws found nothing to gain.
+        None only if several draws of candidates have no gain.
         """
-        for _ in range(DRAWS):
+        for _ in range(MAX_DRAWS):
             poses = self._candidates(situation)
             if not poses:
                 return None
@@ -158,7 +159,7 @@ class NextBestViewPlanner(Planner):
             lengths_m = situation.roadmap(positions_m).lengths_m
             reachable = np.flatnonzero(np.isfinite(lengths_m))
             gains = situation.gains([poses[index] for index in reachable])
-            if len(gains) and gains.max() >= LEAST_GAIN:
+            if len(gains) and gains.max() >= MIN_GAIN:
                 utility = gains * np.exp(-lengths_m[reachable] / self.discount_length_m)
                 return poses[int(reachable[utility.argmax()])]
         return None
@@ -181,21 +182,21 @@ class NextBestViewPlanner(Planner):
 def vantage_points(
     positions_m: FloatArray, targets_m: FloatArray, vehicle: Vehicle, rng: np.random.Generator
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Find for (K, 3) targets one of (N, 3) positions each that has it in the image, turned to it.
+    """Choose for each of (K, 3) targets one of (N, 3) positions from which it is in the image.
 
     Returns:
-        (M,) indices of positions, and (M,) of the targets that have one.
+        (M,) indices of positions, and (M,) indices of the targets that have one.
     """
-    ways_m = targets_m[:, None] - positions_m[None]
-    across_m = np.hypot(ways_m[..., 0], ways_m[..., 1])
+    to_target_m = targets_m[:, None] - positions_m[None]
+    across_m = np.hypot(to_target_m[..., 0], to_target_m[..., 1])
     ahead, camera = vehicle.T_base_camera[:3, 2], vehicle.intrinsics
     up_rad, down_rad = (
         np.arctan2(ahead[2], ahead[0]) + np.arctan(edge_px / camera.fy_px)
         for edge_px in (camera.cy_px, camera.cy_px - camera.height_px)
     )
-    elevation_rad = np.arctan2(ways_m[..., 2], across_m)
+    elevation_rad = np.arctan2(to_target_m[..., 2], across_m)
     fits = (elevation_rad > down_rad) & (elevation_rad < up_rad)
-    fits &= (across_m > NEAREST_M) & (across_m < VANTAGE_SHARE * vehicle.max_range_m)
+    fits &= (across_m > MIN_VANTAGE_M) & (across_m < MAX_VANTAGE_SHARE * vehicle.max_range_m)
     found = np.flatnonzero(fits.any(axis=1))
     chosen = np.where(fits, rng.random(fits.shape), -1.0).argmax(axis=1)
     return chosen[found], found
@@ -207,10 +208,10 @@ BUILT_IN_PLANNERS: dict[str, type[Planner]] = {
 
 
 def make_planner(name: str) -> Planner:
-    """Return one of ours, or one that an installed package offers under `ENTRY_POINTS`.
+    """Return a built-in planner, or one that an installed package offers under `ENTRY_POINTS`.
 
     Raises:
-        InvalidInputError: There is none of that name, or it is no planner.
+        InvalidInputError: There is no planner of that name.
     """
     kinds: dict[str, object] = dict(BUILT_IN_PLANNERS)
     for found in entry_points(group=ENTRY_POINTS, name=name):

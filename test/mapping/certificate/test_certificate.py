@@ -63,7 +63,7 @@ def write_all(folder: Path, max_rmse_m: float = 0.02) -> dict[str, Any]:
         sampling_seed=SEED,
         metrics=found.metrics,
         thresholds=Thresholds(max_rmse_m, min_completion=0.98, min_f_score=0.98),
-        faults=FAULTS,
+        perturbations=FAULTS,
         labels={1: "sand", 2: "gravel"},
         files={what: folder / f"{what}.ply" for what in ("mesh", "truth")},
         versions={"numpy": np.__version__},
@@ -205,10 +205,12 @@ def test_an_exploration_has_limits_of_its_own() -> None:
 
 def test_a_map_that_confuses_classes_does_not_close() -> None:
     figures = {"rmse_m": 0.005, "completion_ratio": 1.0, "least_iou": 0.89}
-    missed = [one.name for one in survey_thresholds(0.1).asked_of(figures) if not one.holds]
+    missed = [
+        one.name for one in survey_thresholds(0.1).applied_to_figures(figures) if not one.holds
+    ]
     assert missed == ["least_iou"]
     unlabelled = {**figures, "least_iou": None}
-    assert all(one.holds for one in survey_thresholds(0.1).asked_of(unlabelled))
+    assert all(one.holds for one in survey_thresholds(0.1).applied_to_figures(unlabelled))
 
 
 def test_signatures_are_those_of_openssl(issued: Path, tmp_path: Path) -> None:

@@ -19,10 +19,10 @@ from oaisys_core.types import PinholeIntrinsics, TriangleMesh
 from oaisys_mapping import progress
 from oaisys_mapping.certificate.view_files import read_views, write_views
 from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
-from oaisys_mapping.evaluation.truth_io import read_truth
+from oaisys_mapping.evaluation.truth_io import read_truth, write_truth
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.mesh_io import read_ply, write_ply, write_truth
+from oaisys_mapping.mesh_io import read_ply, write_ply
 
 
 def square(z_m: float) -> tuple[np.ndarray, np.ndarray]:

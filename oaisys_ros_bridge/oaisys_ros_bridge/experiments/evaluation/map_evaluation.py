@@ -162,7 +162,7 @@ def _statement(
         sampling_seed=info.seed,
         metrics=evaluation.metrics,
         thresholds=thresholds,
-        faults=faults,
+        perturbations=faults,
         labels=info.semantic_labels,
         files={"mesh": out / MESH_FILE, "truth": out / TRUTH_FILE},
         versions=_versions(info),
