@@ -14,8 +14,8 @@ try:
     import bpy as _bpy  # noqa: F401
 except ImportError as error:
     hint = (
-        "open3d was imported before oaisys_core and before bpy in this process, and brought an "
-        "older library of the same name (libtbb): import oaisys_core, or bpy, before open3d"
+        "open3d was imported before oaisys_core and bpy, and loaded an older library of the same "
+        "name (libtbb): import oaisys_core, or bpy, before open3d"
         if "open3d" in sys.modules
         else "install bpy 4.5 (Python 3.11) or 5.2 (Python 3.13), or name an interpreter that has "
         "it (--worker-python), or choose the analytic backend"

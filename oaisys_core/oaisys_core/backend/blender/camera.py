@@ -1,4 +1,4 @@
-"""A pinhole camera in Blender's terms."""
+"""Blender's camera: pose, intrinsics, aperture, motion blur and lens distortion."""
 
 from __future__ import annotations
 
@@ -23,11 +23,17 @@ CLIP_END_M = 1e6
 
 
 PREVIOUS_FRAME, FRAME = 1, 2
-"""Blender's frames of the pose before and the pose now, where a camera is seen moving."""
+"""Blender's animation frames of the previous and of the current pose, for motion blur."""
+
+MARGIN_PX = 3
+"""Border of a pinhole image that is rendered for a lens, for interpolation."""
+
+MAX_PIXEL_RATIO = 4.0
+"""A pinhole image rendered for a lens has at most so many times the lens image's pixels."""
 
 
 def new_camera() -> Any:
-    """Return a camera in the scene, and make it the one that renders."""
+    """Add a camera to the scene and make it the active one."""
     data = bpy.data.cameras.new("camera")
     data.sensor_fit = "HORIZONTAL"
     data.sensor_width = SENSOR_WIDTH_MM
@@ -41,14 +47,14 @@ def new_camera() -> Any:
 
 
 def place(camera: Any, T_map_camera: FloatArray) -> None:
-    """Move a camera to the (4, 4) pose of its optical frame."""
+    """Move a camera's optical frame to a (4, 4) pose."""
     camera.matrix_world = Matrix(T_map_camera @ T_OPTICAL_BLENDER)
 
 
 def set_lens(camera: Any, lens: Lens | None) -> None:
-    """Give a camera an aperture, or none.
+    """Set a camera's aperture; None: a pinhole.
 
-    Focal length and aperture are those of a film `SENSOR_WIDTH_MM` wide.
+    The f-number refers to a sensor `SENSOR_WIDTH_MM` wide.
     """
     dof = camera.data.dof
     dof.use_dof = lens is not None
@@ -65,9 +71,9 @@ def set_lens(camera: Any, lens: Lens | None) -> None:
 def motion_blur(
     camera: Any, T_map_previous: FloatArray | None, shutter_share: float
 ) -> Iterator[None]:
-    """Have renders show a camera on its way from a previous pose to that where it stands.
+    """Blur renders by a camera's motion from a previous pose to its current one.
 
-    The shutter closes as it arrives, and opens that share of the way before. Objects stand still.
+    The shutter is open during the last ``shutter_share`` of the way. Objects do not move.
     """
     if T_map_previous is None or shutter_share == 0.0:
         yield
@@ -75,7 +81,7 @@ def motion_blur(
     scene = bpy.context.scene
     T_map_camera = camera.matrix_world.copy()
     frames = ((PREVIOUS_FRAME, Matrix(T_map_previous @ T_OPTICAL_BLENDER)), (FRAME, T_map_camera))
-    # The way to have straight interpolation that both versions of Blender understand.
+    # Linear interpolation, set in the one way that both versions of Blender understand.
     edit = bpy.context.preferences.edit
     edit.keyframe_new_interpolation_type = "LINEAR"
     last = None
@@ -99,11 +105,11 @@ def motion_blur(
 
 
 def set_intrinsics(camera: Any, intrinsics: PinholeIntrinsics) -> None:
-    """Make a camera, and the render's size, so that pixel centres see what ``intrinsics`` say.
+    """Set a camera's lens and the render's size to the given intrinsics.
 
     Blender measures in widths of the image: with pixels of aspect a = fx / fy (height over
-    width), the film is ``width`` wide and ``a * height`` high, and the optical axis meets it
-    ``shift`` beside its centre. Its pixel centres are at +0.5, OpenCV's at integers.
+    width), the sensor is ``width`` wide and ``a * height`` high, and the principal point is
+    ``shift`` beside its centre. Blender's pixel centres are at +0.5, OpenCV's at integers.
     """
     render = bpy.context.scene.render
     aspect = intrinsics.fx_px / intrinsics.fy_px
@@ -123,30 +129,23 @@ def set_intrinsics(camera: Any, intrinsics: PinholeIntrinsics) -> None:
 
 
 def _set(owner: Any, **values: float) -> None:
-    """Set what differs: else the scene counts as changed, and Cycles looks at all of it again."""
+    """Set only what differs, because any assignment has Cycles update the whole scene."""
     for name, value in values.items():
         if not isclose(getattr(owner, name), value, rel_tol=1e-7):
             setattr(owner, name, value)
 
 
-MARGIN_PX = 3
-"""Pixels around what the lens sees, for the interpolation's sake."""
-
-MOST_PIXELS = 4.0
-"""Pixels of the pinhole image, at most, in those of the lens's; beyond, it is coarser."""
-
-
 def covering_pinhole(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
-    """Return a pinhole camera of the same optical frame that sees all that a lens does.
+    """Return a pinhole camera in the same optical frame that sees everything a lens sees.
 
-    Its pixels are at least as fine as the lens's, within `MOST_PIXELS`.
+    Its resolution is at least the lens's, as far as `MAX_PIXEL_RATIO` allows.
     """
     rays = pixel_rays(intrinsics)[..., :2]
     low, high = rays.min(axis=(0, 1)), rays.max(axis=(0, 1))
     finest = (np.diff(rays[..., 0], axis=1).min(), np.diff(rays[..., 1], axis=0).min())
     focal_px = 1.0 / np.array(finest)
     size_px = (high - low) * focal_px + 1 + 2 * MARGIN_PX
-    surplus = size_px.prod() / (MOST_PIXELS * intrinsics.width_px * intrinsics.height_px)
+    surplus = size_px.prod() / (MAX_PIXEL_RATIO * intrinsics.width_px * intrinsics.height_px)
     if surplus > 1:
         focal_px /= sqrt(surplus)
         size_px = (high - low) * focal_px + 1 + 2 * MARGIN_PX
@@ -157,7 +156,7 @@ def covering_pinhole(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
 
 
 def scaled_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsics:
-    """Return a camera that sees the same with ``scale`` times as many pixels along each side."""
+    """Return a camera with the same field of view and ``scale`` times the pixels per side."""
     if scale == 1.0:
         return pinhole
     width_px = max(1, round(pinhole.width_px * scale))
@@ -168,7 +167,7 @@ def scaled_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsic
         height_px,
         pinhole.fx_px * across,
         pinhole.fy_px * down,
-        # Pixel centres are at integers: the image's edge is at -0.5.
+        # Pixel centres are at integers, so the image's edge is at -0.5.
         (pinhole.cx_px + 0.5) * across - 0.5,
         (pinhole.cy_px + 0.5) * down - 0.5,
     )
@@ -177,7 +176,7 @@ def scaled_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsic
 def distorted_image(
     image: NDArray[Any], pinhole: PinholeIntrinsics, intrinsics: PinholeIntrinsics
 ) -> NDArray[Any]:
-    """Return, of an image by `covering_pinhole`, the one that the lens makes."""
+    """Return the image of a lens, resampled from one by its `covering_pinhole`."""
     rays = pixel_rays(intrinsics)
     u = (rays[..., 0] * pinhole.fx_px + pinhole.cx_px).astype(np.float32)
     v = (rays[..., 1] * pinhole.fy_px + pinhole.cy_px).astype(np.float32)

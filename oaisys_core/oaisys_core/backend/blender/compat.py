@@ -1,4 +1,4 @@
-"""What differs between Blender 4.5 LTS and 5.2 LTS."""
+"""Differences between Blender 4.5 LTS and 5.2 LTS."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from oaisys_core.sky import Sky
 IS_BLENDER_5 = bpy.app.version >= (5, 0, 0)
 
 SKY_SCALE = 0.05 if IS_BLENDER_5 else 0.075
-"""Factor on the sky model's radiance that gives level ground about 0.65 W/m² from the sky when
-the sun stands at 38 degrees: a fifth of what comes from a sun of 4 W/m², and neutral with it."""
+"""Factor on the sky model's radiance: level ground then receives about 0.65 W/m² from the sky at a
+sun elevation of 38 degrees, a fifth of what it receives from a sun of 4 W/m²."""
 
 
 def node_tree_of(owner: Any) -> Any:
-    """Return the emptied node tree of a material or world (4.5 makes it on demand)."""
+    """Return the node tree of a material or world, without nodes (4.5 creates it on demand)."""
     if owner.node_tree is None:
         owner.use_nodes = True
     owner.node_tree.nodes.clear()
@@ -25,11 +25,11 @@ def node_tree_of(owner: Any) -> Any:
 
 
 def set_up_sky_node(node: Any, sky: Sky) -> None:
-    """Choose the physical sky model and its parameters, without the sun's disc."""
+    """Set the physical sky model and its parameters, without the sun's disc."""
     node.sky_type = "MULTIPLE_SCATTERING" if IS_BLENDER_5 else "NISHITA"
     node.sun_disc = False
     node.sun_elevation = sky.sun_elevation_rad
-    # From +y clockwise.
+    # Blender measures clockwise from +y.
     node.sun_rotation = pi / 2 - sky.sun_azimuth_rad
     node.altitude = sky.altitude_m
     node.air_density = sky.air
@@ -38,4 +38,4 @@ def set_up_sky_node(node: Any, sky: Sky) -> None:
 
 
 DIFFUSE_COLOR = "Diffuse Color" if IS_BLENDER_5 else "DiffCol"
-"""Name of the pass that holds reflectance."""
+"""Name of the albedo pass."""

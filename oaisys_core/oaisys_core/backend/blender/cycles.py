@@ -1,4 +1,4 @@
-"""Cycles: how colour is rendered, and the pixels."""
+"""Colour images by Cycles: render settings, denoising, tone mapping."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ COMBINED = "Combined"
 GUIDES = ("Denoising Albedo", "Denoising Normal")
 
 BASE_EXPOSURE_EV = 0.6
-"""Exposure at a setting of 0: dry ground in full sun comes out in the middle of the range."""
+"""Added to the configured exposure, so that 0 EV shows dry ground in full sun as mid-grey."""
+
+VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
+"""Blender's names of the view transforms; all of them give sRGB, except raw, which is linear."""
 
 
 class Cycles:
-    """Renders colour, keeping the scene between views.
-
-    Colours go through one of Blender's view transforms; AgX rolls bright parts off as film does.
-    """
+    """Renders colour, and keeps Cycles' copy of the scene between views."""
 
     def __init__(self) -> None:
         self._wanted: Device | None = None
@@ -54,31 +54,30 @@ class Cycles:
         render.threads_mode = "AUTO"
         cycles = scene.cycles
         cycles.use_adaptive_sampling = False
-        # To choose between a sun and nothing else takes no tree.
+        # There is one lamp to sample.
         cycles.use_light_tree = False
-        # A tenth less per ray, and no longer to build.
         cycles.debug_use_spatial_splits = True
-        # Automatic patterns keep the length of an earlier render: pictures would depend on it.
+        # The automatic pattern depends on the number of samples of an earlier render.
         cycles.sampling_pattern = "TABULATED_SOBOL"
         cycles.sample_clamp_indirect = 10.0
         cycles.caustics_reflective = cycles.caustics_refractive = False
-        # For GPUs, which denoise faster themselves.
+        # Only used on GPUs, which denoise faster themselves.
         cycles.denoiser = "OPENIMAGEDENOISE"
         cycles.denoising_input_passes = "RGB_ALBEDO_NORMAL"
         cycles.denoising_prefilter = cycles.denoising_quality = "FAST"
 
     def free_persistent_data(self) -> None:
-        """Free what is kept between views: some of a world that went would stay there forever."""
+        """Free what Cycles keeps between views, which includes parts of removed worlds."""
         render = bpy.context.scene.render
         render.use_persistent_data = False
         render.use_persistent_data = True
 
-    def render_light(self, settings: RenderSettings, seconds: float = 0.0) -> RenderResult:
-        """Return the light that the scene's camera sees.
+    def render_radiance(self, settings: RenderSettings, seconds: float = 0.0) -> RenderResult:
+        """Render the radiance that the scene's camera sees.
 
         Args:
             settings: Quality, exposure and seed.
-            seconds: Light samples are taken for that long, but one at least; 0: all of them.
+            seconds: Time limit of sampling, after at least one sample per pixel; 0: none.
 
         Raises:
             RenderError: Blender failed.
@@ -89,23 +88,23 @@ class Cycles:
     def denoise_and_tonemap(
         self, rendered: RenderResult, settings: RenderSettings, denoising: DenoisingQuality
     ) -> NDArray[np.uint8]:
-        """Return the (H, W, 3) sRGB image of what `sample` gave with the same settings.
+        """Return the (H, W, 3) sRGB image of what `render_radiance` gave with the same settings.
 
         Raises:
-            RenderError: There is no such light, or it could not be denoised.
+            RenderError: The passes are missing, or denoising failed.
         """
-        light = _pass(rendered, COMBINED)
+        radiance = _pass(rendered, COMBINED)
         if settings.denoise:
-            if denoiser := self._own_denoiser():
-                light = denoiser.denoise(light, *_guides(rendered, denoising), denoising)
-            light = filter_denoised(light[..., :3], rendered.samples or settings.samples)
-        return to_pixels(light, settings.view_transform, _exposure_ev(settings))
+            if denoiser := self._denoiser():
+                radiance = denoiser.denoise(radiance, *_guides(rendered, denoising), denoising)
+            radiance = filter_denoised(radiance[..., :3], rendered.samples or settings.samples)
+        return to_pixels(radiance, settings.view_transform, _exposure_ev(settings))
 
     def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:
-        """Return the (H, W, 3) sRGB-encoded reflectance that the scene's camera sees.
+        """Return the (H, W, 3) sRGB-encoded albedo that the scene's camera sees.
 
         Raises:
-            RenderError: See `sample`.
+            RenderError: See `render_radiance`.
         """
         layer = bpy.context.view_layer
         layer.use_pass_diffuse_color = True
@@ -116,7 +115,7 @@ class Cycles:
         return encoded(np.ascontiguousarray(_pass(rendered, DIFFUSE_COLOR)))
 
     def _show_as(self, settings: RenderSettings) -> None:
-        """Have a saved scene look as our images do."""
+        """Set Blender's view transform, so that a saved scene looks like the images."""
         exposure_ev = _exposure_ev(settings)
         view = bpy.context.scene.view_settings
         view_transform = VIEW_TRANSFORMS[settings.view_transform]
@@ -128,17 +127,17 @@ class Cycles:
     def _render(self, settings: RenderSettings, seconds: float, denoise: bool) -> RenderResult:
         if settings.device != self._wanted:
             self._wanted, self.device = settings.device, use_device(settings.device)
-        is_own = denoise and self._own_denoiser() is not None
+        denoise_after = denoise and self._denoiser() is not None
         layer = bpy.context.view_layer.cycles
-        # Whatever is set marks the whole scene as changed.
-        if layer.denoising_store_passes != is_own:
-            layer.denoising_store_passes = is_own
+        # Assigning even the same value marks the whole scene as changed.
+        if layer.denoising_store_passes != denoise_after:
+            layer.denoising_store_passes = denoise_after
         wanted: dict[str, Any] = {
             "samples": settings.samples,
             "time_limit": seconds,
             "seed": settings.seed,
-            "use_denoising": denoise and not is_own,
-            # Reflectance comes through the filter of its colours: to change it marks the scene.
+            "use_denoising": denoise and not denoise_after,
+            # The same for albedo and colour, because a change marks the whole scene as changed.
             "filter_width": SAMPLED_WIDTH_PX if settings.denoise else CYCLES_WIDTH_PX,
         }
         for kind in ("max", "diffuse", "glossy", "transmission", "transparent_max"):
@@ -148,7 +147,8 @@ class Cycles:
         except RuntimeError as error:
             raise RenderError(f"Blender could not render: {error}") from error
 
-    def _own_denoiser(self) -> Denoiser | None:
+    def _denoiser(self) -> Denoiser | None:
+        """Return the denoiser that runs after Cycles; None on a GPU, where Cycles denoises."""
         return blenders_denoiser() if self.device == "cpu" else None
 
 
@@ -159,7 +159,7 @@ def _exposure_ev(settings: RenderSettings) -> float:
 def _guides(
     rendered: RenderResult, denoising: DenoisingQuality
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return what guides the denoiser, which makes them smooth itself where it is thorough."""
+    """Return the albedo and normals that guide the denoiser; it filters them if thorough."""
     albedo, normal = (_pass(rendered, name) for name in GUIDES)
     if denoising == "thorough":
         return albedo, normal
@@ -172,29 +172,25 @@ def _pass(rendered: RenderResult, name: str) -> NDArray[np.float32]:
     return rendered.passes[name]
 
 
-VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
-"""Blender's names of ours. All end in sRGB, but for raw, whose values are linear."""
-
-
 def to_pixels(
-    light: NDArray[np.float32], view_transform: ViewTransform, exposure_ev: float
+    radiance: NDArray[np.float32], view_transform: ViewTransform, exposure_ev: float
 ) -> NDArray[np.uint8]:
-    """Return the (H, W, 3) image of (H, W, 3 or 4) light: the values that Blender would write."""
-    image = np.ascontiguousarray(light[..., :3])
+    """Return the (H, W, 3) image that Blender would write of (H, W, 3 or 4) radiance."""
+    image = np.ascontiguousarray(radiance[..., :3])
     if exposure_ev:
         image = image * np.float32(2.0**exposure_ev)
     processor = _processor(view_transform)
-    # OpenColorIO takes one thread for each part that it is given.
+    # OpenColorIO itself uses one thread per call.
     with ThreadPoolExecutor(CORES) as pool:
         list(pool.map(processor.applyRGB, np.array_split(image, CORES)))
     np.clip(image, 0.0, 1.0, out=image)
-    # As Blender rounds.
+    # Rounds as Blender does.
     return np.asarray(image * np.float32(255) + np.float32(0.5), dtype=np.uint8)
 
 
 @cache
 def _processor(view_transform: ViewTransform) -> Any:
-    """Return what applies one of the view transforms that come with Blender."""
+    """Return OpenColorIO's processor of one of Blender's view transforms."""
     folder = bpy.utils.system_resource("DATAFILES", path="colormanagement")
     config = PyOpenColorIO.Config.CreateFromFile(str(Path(folder) / "config.ocio"))
     transform = PyOpenColorIO.DisplayViewTransform(

@@ -1,7 +1,12 @@
-"""Open Image Denoise, called in the library that comes with Blender.
+"""Denoising by the Open Image Denoise library that comes with Blender, and the pixel filter.
 
-Cycles calls the same library, but within its last light sample, whose time then says nothing, and
-it gives guides the same denoising as the picture.
+Cycles can call this library itself, but counts its time as part of the last sample, which time
+budgets could not use, and always denoises guides with the quality of the image.
+
+The pixel filter of denoised images has two steps. Cycles filters by the position of samples in a
+pixel and puts the first one at the centre, so that each sample serves one pixel only. Filters that
+share samples between pixels leave less noise (Pharr, Jakob and Humphreys, Physically Based
+Rendering, 3rd edition, 7.8): Cycles samples with a narrow filter, and the rest is a convolution.
 """
 
 from __future__ import annotations
@@ -22,7 +27,7 @@ from oaisys_core.errors import RenderError
 Image = NDArray[np.float32]
 
 LIBRARY = "libOpenImageDenoise.so.2"
-"""By this name alone it is the one that is loaded already, with Blender."""
+"""Blender has loaded it already, so the dynamic linker finds it without a path."""
 
 CPU_DEVICE, FLOAT3 = 1, 3
 QUALITY_FAST, QUALITY_BALANCED = 4, 5
@@ -31,8 +36,8 @@ QUALITY_FAST, QUALITY_BALANCED = 4, 5
 OUTPUT = b"output"
 """Name of a filter's result."""
 
-MOST_KEPT_PIXELS = 1920 * 1080
-"""Of pictures whose filters are kept for the next one: the memory grows with the picture."""
+MAX_KEPT_PIXELS = 1920 * 1080
+"""Filters of larger images are not kept for the next one, because of their memory."""
 
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oidnNewDevice": (c_void_p, [c_int]),
@@ -51,9 +56,26 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oidnReleaseFilter": (None, [c_void_p]),
 }
 
+CYCLES_WIDTH_PX = 1.5
+"""Blender's default filter width, for images that are not denoised; the Blackman-Harris window is
+twice as wide."""
+
+SAMPLED_WIDTH_PX = 0.75
+"""Filter width of Cycles for images that are denoised."""
+
+MANY_SHARE = 0.065
+"""Weight of each neighbour in the convolution, for many samples per pixel: the two steps together
+are then as wide as Cycles' own filter."""
+
+FEW_SHARE, FEW_SAMPLES = 0.095, 8
+"""The same weight for up to so many samples per pixel."""
+
+GUIDE_SHARE = 0.06
+"""The same weight for the denoiser's guides."""
+
 
 class Denoiser:
-    """Takes noise out of pictures, on the processor."""
+    """Denoises images on the CPU."""
 
     def __init__(self, library: CDLL) -> None:
         self._library = library
@@ -61,7 +83,7 @@ class Denoiser:
             function = getattr(library, name)
             function.restype, function.argtypes = result, arguments
         self._device = library.oidnNewDevice(CPU_DEVICE)
-        # Else it binds this process's threads to cores, and Cycles' are among them.
+        # Else it would bind this process's threads to cores, including those of Cycles.
         library.oidnSetDeviceBool(self._device, b"setAffinity", False)
         library.oidnCommitDevice(self._device)
         self._check()
@@ -71,17 +93,17 @@ class Denoiser:
     def denoise(
         self, color: Image, albedo: Image, normal: Image, denoising: DenoisingQuality
     ) -> Image:
-        """Return a picture without its noise.
+        """Return the (H, W, 3) denoised radiance.
 
         Args:
-            color: (H, W, 3) or (H, W, 4) radiance, of which the first three channels count.
-            albedo, normal: (H, W, 3), as noisy as they come with it.
-            denoising: ``fast`` takes a smaller network than ``balanced``, in half the time;
-                ``thorough`` takes noise out of the guides first, and lets the picture follow them.
+            color: (H, W, 3) or (H, W, 4) radiance; a fourth channel is ignored.
+            albedo, normal: (H, W, 3) guides, with the noise of the same samples.
+            denoising: ``fast`` uses a smaller network than ``balanced``, in half the time;
+                ``thorough`` denoises the guides first and then relies on them.
 
         Raises:
             RenderError: The library failed.
-            ValueError: A guide is of another size.
+            ValueError: A guide has another size.
         """
         for name, image in (("albedo", albedo), ("normal", normal)):
             if image.shape != (*color.shape[:2], 3):
@@ -91,7 +113,6 @@ class Denoiser:
         if thorough:
             for guide in (b"albedo", b"normal"):
                 images[guide] = self._filtered({guide: images[guide]}, QUALITY_FAST)
-        # The highest quality is worth a tenth of a decibel more, and half a second.
         quality = QUALITY_FAST if denoising == "fast" else QUALITY_BALANCED
         return self._filtered(images, quality, hdr=True, cleanAux=thorough)
 
@@ -105,7 +126,7 @@ class Denoiser:
         if made is None:
             made = _Filter(self._library, self._device, (*images, OUTPUT), size, quality, flags)
             self._check()
-            if height * width <= MOST_KEPT_PIXELS:
+            if height * width <= MAX_KEPT_PIXELS:
                 self._filters[wanted] = made
         result = made.run(images)
         self._check()
@@ -119,10 +140,9 @@ class Denoiser:
 
 
 class _Filter:
-    """One of the library's filters with its images.
+    """One of the library's filters with its image buffers.
 
-    It keeps the memory that it works in: to have 100 to 180 MB cleared for each picture of 640x480
-    takes the system a fifth as long as the denoising itself.
+    Its working memory is kept between images, because the system would clear it anew for each.
     """
 
     def __init__(
@@ -134,7 +154,7 @@ class _Filter:
         quality: int,
         flags: Mapping[str, bool],
     ) -> None:
-        """Set one up for images of (H, W) ``size``, the last one its result."""
+        """Set up a filter of (H, W) images; the last name is its result."""
         self._library = library
         self._handle = handle = library.oidnNewFilter(device, b"RT")
         weakref.finalize(self, library.oidnReleaseFilter, handle).atexit = False
@@ -150,7 +170,7 @@ class _Filter:
         library.oidnCommitFilter(handle)
 
     def run(self, images: Mapping[bytes, Image]) -> Image:
-        """Return the result of images with three channels or more."""
+        """Return the (H, W, 3) result of images with at least three channels."""
         for name, image in images.items():
             self._images[name][...] = image[..., :3]
         self._library.oidnExecuteFilter(self._handle)
@@ -159,48 +179,28 @@ class _Filter:
 
 @cache
 def blenders_denoiser() -> Denoiser | None:
-    """Return the denoiser of the library that Blender has loaded; None where it has another."""
+    """Return the denoiser that Blender has loaded; None if it is another version."""
     try:
         return Denoiser(CDLL(LIBRARY))
     except OSError:
         return None
 
 
-CYCLES_WIDTH_PX = 1.5
-"""Of the filter that noisy pictures go through, as Blender counts and by its default: the
-Blackman-Harris window is twice as wide."""
+def filter_denoised(radiance: NDArray[np.float32], samples: int) -> NDArray[np.float32]:
+    """Return a denoised (H, W, 3) image after the second step of the pixel filter.
 
-SAMPLED_WIDTH_PX = 0.75
-"""Of the filter that samples of denoised pictures are taken by."""
-
-MANY_SHARE = 0.065
-"""Part of its light that a pixel gives to each neighbour where samples are many: with it, the two
-steps filter as widely as Cycles alone does at its own width."""
-
-FEW_SHARE, FEW_SAMPLES = 0.095, 8
-"""Part that it gives up to so many samples: the best one, against pictures of 512."""
-
-GUIDE_SHARE = 0.06
-"""Part of what guides the denoiser. It is worth a tenth of a decibel, and more does harm."""
-
-
-def filter_denoised(light: NDArray[np.float32], samples: int) -> NDArray[np.float32]:
-    """Return a picture in which neighbours share their light.
-
-    Args:
-        light: (H, W, 3) radiance, without noise.
-        samples: Per pixel, that it was made of.
+    ``samples`` are those per pixel that it was rendered with.
     """
     few = min(1.0, FEW_SAMPLES / max(samples, 1))
-    return _mixed(light, MANY_SHARE + (FEW_SHARE - MANY_SHARE) * few)
+    return _convolved(radiance, MANY_SHARE + (FEW_SHARE - MANY_SHARE) * few)
 
 
 def filter_guide(guide: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the (H, W, 3) albedo or normals of few samples, as neighbours share them."""
-    return _mixed(guide, GUIDE_SHARE)
+    """Return (H, W, 3) albedo or normals after the second step of the pixel filter."""
+    return _convolved(guide, GUIDE_SHARE)
 
 
-def _mixed(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
+def _convolved(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
     kernel = np.array([share, 1 - 2 * share, share], np.float32)
     whole = np.ascontiguousarray(image)
     filtered = cv2.sepFilter2D(whole, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)

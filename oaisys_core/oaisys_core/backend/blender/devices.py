@@ -1,4 +1,4 @@
-"""What Cycles renders on."""
+"""Choice of the device that Cycles renders on."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from oaisys_core.backend.base import Device
 _LOG = logging.getLogger(__name__)
 
 GPU_KINDS: tuple[Device, ...] = ("optix", "cuda", "hip", "oneapi", "metal")
-"""Ways to render on a GPU, the one that ``auto`` prefers first."""
+"""GPU interfaces, in the order in which ``auto`` prefers them."""
 
 
 def use_device(wanted: Device) -> Device:
-    """Have Cycles render, and denoise, on a device of a kind; return the kind that it got.
+    """Have Cycles render and denoise on a kind of device, and return the kind in use.
 
-    ``auto`` takes a GPU where there is one. A kind that is not there is replaced by the CPU, with a
-    warning.
+    ``auto`` takes a GPU if there is one. A kind that is not available is replaced by the CPU, with
+    a warning.
     """
     kind = _available(wanted)
     cycles: Any = bpy.context.scene.cycles
@@ -56,7 +56,7 @@ def _gpus(kind: Device) -> list[str]:
 
 
 def _choose_gpus(kind: Device) -> None:
-    """Use all GPUs of a kind, and not the CPU beside them: it denoises and casts our own rays."""
+    """Use all GPUs of a kind and no CPU, which casts the rays of depth and labels meanwhile."""
     preferences: Any = bpy.context.preferences.addons["cycles"].preferences
     preferences.compute_device_type = kind.upper()
     for device in preferences.get_devices_for_type(kind.upper()):

@@ -1,9 +1,9 @@
-"""Depth and labels from passes of Cycles: the slow, independent path that proves the fast one.
+"""Depth and labels from passes of Cycles, as a reference for the faster ray casting.
 
-Tests and measurements compare `oaisys_core.backend.surface` with it; samples never need it. Cycles
-renders the very objects that colour is rendered from, under one material that only writes down
-what is there: each object's id, and the weights of the ground's layers, which Cycles interpolates
-itself. A pixel filter of no width puts every ray within 0.005 px of its pixel's centre.
+Tests and benchmarks compare `oaisys_core.backend.surface` with it. Cycles renders the same objects
+as for colour, under a material that only writes the id of each object and the weights of the
+ground's layers, which Cycles interpolates itself. A minimal pixel filter keeps each ray within
+0.005 px of its pixel's centre.
 """
 
 from __future__ import annotations
@@ -28,30 +28,30 @@ from oaisys_core.types import DEPTH, INSTANCE, SEMANTIC_0, FloatArray, semantic_
 from oaisys_core.world.terrain_material import grain_numbers
 
 FILTER_WIDTH_PX = 0.01
-"""Least width of the pixel filter."""
+"""Least width that Blender allows."""
 
 BACKGROUND_M = 1e9
-"""Depths beyond it are Cycles' way to say that nothing was hit."""
+"""Cycles gives a larger depth where nothing was hit."""
 
 PER_IMAGE = 3
-"""Weights that one colour holds."""
+"""Weights per colour image."""
 
 
 def reference_images(
     scene: Scene, camera: PlacedCamera, modalities: Sequence[str] = (DEPTH, SEMANTIC_0, INSTANCE)
 ) -> dict[str, NDArray[Any]]:
-    """Return (H, W) images as Cycles sees the scene that stands in Blender, by modality.
+    """Return (H, W) images of the scene in Blender as Cycles sees it, by modality.
 
-    Spheres and boxes are seen as they are tessellated. What is kept between colour renders is
-    lost: the next sample takes as long as the first.
+    Spheres and boxes are tessellated. Cycles' data kept between colour renders are lost, so that
+    the next sample takes as long as the first.
 
     Args:
-        scene: What the backend was last given.
+        scene: The scene that the backend was last given.
         camera: Without distortion.
-        modalities: Any of depth, instance and levels of semantic.
+        modalities: Any of depth, instance and the levels of semantic.
 
     Raises:
-        RenderError: The camera's lens bends light, or Blender failed.
+        RenderError: The camera has distortion, or Blender failed.
     """
     if any(camera.intrinsics.distortion):
         raise RenderError(f"{camera.name}: there is no reference for distorted images")
@@ -70,7 +70,7 @@ def reference_images(
 
 
 def _passes(scene: Scene, camera: PlacedCamera) -> dict[str, NDArray[np.float32]]:
-    """Return Cycles' passes, with ids and weights among them, by name."""
+    """Return Cycles' passes, including ids and weights, by name."""
     blender, layer = bpy.context.scene, bpy.context.view_layer
     names = [ID, *_weight_names(scene.material)]
     material, images = _material(scene.material)
@@ -104,7 +104,7 @@ def _passes(scene: Scene, camera: PlacedCamera) -> dict[str, NDArray[np.float32]
 
 @contextmanager
 def _temporarily(owner: Any, values: dict[str, Any]) -> Iterator[None]:
-    """Give properties other values for a while."""
+    """Set properties of a Blender object for the duration of a block."""
     before = {name: getattr(owner, name) for name in values}
     for name, value in values.items():
         setattr(owner, name, value)
@@ -116,7 +116,7 @@ def _temporarily(owner: Any, values: dict[str, Any]) -> Iterator[None]:
 
 
 def _material(ground: TerrainMaterial) -> tuple[Any, list[Any]]:
-    """Return a material that writes down ids and weights, and the images it reads."""
+    """Return a material that writes ids and weights, and the images it reads."""
     material = bpy.data.materials.new("reference")
     nodes = node_tree_of(material)
     tree = NodeTree(nodes)
@@ -139,7 +139,7 @@ def _weight_names(ground: TerrainMaterial) -> list[str]:
 
 
 def _image(masks: NDArray[np.float32]) -> Any:
-    """Return up to three (M, M) masks as an image of 32-bit floats."""
+    """Return a float image of up to three (M, M) masks."""
     size = masks.shape[1]
     image = bpy.data.images.new("masks", size, size, float_buffer=True, is_data=True)
     pixels = np.zeros((size, size, 4), np.float32)
@@ -158,7 +158,7 @@ def _labels(
     instance_ids: NDArray[np.uint32],
     level: int,
 ) -> NDArray[np.uint16]:
-    """Return the (H, W) labels of objects by their ids, of the ground by weights, of the sky."""
+    """Return the (H, W) semantic ids of objects by id, of the ground by weights, and of the sky."""
     labels = np.zeros(instance_ids.shape, np.uint16)
     seen = passes["Depth"][..., 0] <= BACKGROUND_M
     for placement in scene.placements:
@@ -181,7 +181,7 @@ def _labels(
 def _ground_labels(
     material: TerrainMaterial, weights: NDArray[np.float32], xy_m: FloatArray, level: int
 ) -> NDArray[np.uint16]:
-    """Return the (N,) labels where Cycles found (N, L) weights at (N, 2) points."""
+    """Return the (N,) semantic ids of (N, L) weights that Cycles found at (N, 2) points."""
     chosen = weights.argmax(axis=1)
     if material.label_cell_m is not None:
         share = np.cumsum(weights, axis=1, dtype=np.float64)

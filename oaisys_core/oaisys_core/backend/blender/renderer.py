@@ -214,7 +214,7 @@ class BlenderBackend(Backend):
         self._aim(camera, rendered, camera.lens)
         started_s = time.perf_counter()
         with motion_blur(self._camera, camera.T_map_previous, camera.shutter_share):
-            light = self._cycles.render_light(settings, plan.sampling_s)
+            light = self._cycles.render_radiance(settings, plan.sampling_s)
         denoising = denoising_quality_for(settings.samples)
         if settings.time_budget_s is not None:
             left_s = began_s + seconds - time.perf_counter()

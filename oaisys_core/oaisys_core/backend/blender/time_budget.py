@@ -1,4 +1,4 @@
-"""What colour costs here, and how much of it fits into a sample's time."""
+"""How many samples per pixel, and which denoising, fit into a view's time budget."""
 
 from __future__ import annotations
 
@@ -9,39 +9,37 @@ from statistics import median
 from typing import Literal, NamedTuple
 
 REMEMBERED = 8
-"""Views whose cost is remembered."""
+"""Number of recent views whose cost is kept."""
 
 TRUSTED = 3
-"""Views from which on what an denoising took is believed: the first one loads what it needs."""
+"""Number of views after which a denoising quality's own times are trusted: the first is slower."""
 
-MOST_TIMES = 2.0
-"""How many times what the others let expect an denoising is believed to take, at most."""
+MAX_TIMES = 2.0
+"""Upper bound on the time of a denoising quality, as a multiple of what others let expect."""
 
 COMPARABLE = 0.25
-"""Share of a picture's pixels that another had at least, whose denoising tells of it: what does not
-grow with the picture is most of what a small one takes."""
+"""Only views with at least this share of the pixels are compared, because of the fixed costs."""
 
 OVER = 0.12
-"""Share of its time by which a view may be late, so as not to be early by a whole light sample."""
+"""Share of its budget by which a view may be late, rather than early by a whole sample."""
 
 EARLY = 0.05
-"""Share of its time by which a view of one light sample aims to be early, as fewer pixels allow:
-what takes longer than expected is late by more than what takes less is early."""
+"""Share of its budget by which a view at reduced resolution aims to be early."""
 
 SLOW = 1.1
-"""Times of what denoising is expected to take that are kept for it, once nothing can follow it."""
+"""Safety factor on the expected time of denoising, which comes last."""
 
 DenoisingQuality = Literal["fast", "balanced", "thorough"]
-"""How a picture is denoised, see `Denoiser.denoised`."""
+"""See `Denoiser.denoise`."""
 
 
 class DenoisingCost(NamedTuple):
-    """When an denoising pays.
+    """When a denoising quality is worth its time.
 
     Attributes:
-        least_samples: Light samples from which on it is worth more than those it takes the time of.
-        least_spare: From how many on it does good where it takes the time of nothing else.
-        times: What it takes, in times of the fast one, as long as that is not known.
+        least_samples: Samples per pixel from which on it is worth more than further samples.
+        least_spare: Samples per pixel from which on it improves the image, if time is left.
+        times: Its time as a multiple of ``fast``'s, until it was measured.
     """
 
     least_samples: int
@@ -54,23 +52,23 @@ DENOISING_COSTS: dict[DenoisingQuality, DenoisingCost] = {
     "balanced": DenoisingCost(3, 1, 1.8),
     "thorough": DenoisingCost(8, 8, 5.0),
 }
-"""From the least on."""
+"""In ascending order."""
 
-LEAST_AREA = 1 / 16
-"""Of an image: it is not rendered any smaller, however little time there is."""
+MIN_AREA = 1 / 16
+"""Least share of an image's pixels that is rendered, however little time there is."""
 
-AT_ONCE_S = 1e-3
-"""Time for light samples that ends with the first of them."""
+ONE_SAMPLE_S = 1e-3
+"""A time limit that ends sampling after one sample per pixel."""
 
 
 @dataclass(frozen=True)
 class ViewPlan:
-    """How a view is rendered so that it fits.
+    """How a view is rendered to fit into its time.
 
     Attributes:
-        scale: Factor on the image's sides; below 1 where one sample of each pixel takes too long.
-        sampling_s: Light samples are begun for that long, the last one ends later; 0: no limit.
-        denoising: Of denoising, that time is kept for.
+        scale: Factor on the image's sides; below 1 if one sample per pixel takes too long.
+        sampling_s: Time limit for beginning another sample per pixel; 0: none.
+        denoising: Quality that time is reserved for.
     """
 
     scale: float
@@ -80,16 +78,16 @@ class ViewPlan:
 
 @dataclass(frozen=True)
 class ViewCost:
-    """What a view took.
+    """What a view cost.
 
     Attributes:
-        pixels: That were rendered.
-        samples: Light samples of each.
-        preparing_s: Until the first light sample began.
-        sampling_s: Until the last one ended.
-        beside_s: By how much that was longer because something else was computed beside it.
-        finishing_s: What came after that: denoising, mostly.
-        denoising: How it was denoised.
+        pixels: Number of pixels rendered.
+        samples: Samples per pixel.
+        preparing_s: Time before the first sample.
+        sampling_s: Time of sampling.
+        beside_s: Part of ``sampling_s`` due to work in other threads.
+        finishing_s: Time after the last sample, mostly denoising.
+        denoising: Quality of the denoising.
     """
 
     pixels: int
@@ -102,12 +100,11 @@ class ViewCost:
 
 
 class TimeBudget:
-    """Knows what recent views took.
+    """Plans views by the cost of recent ones.
 
-    A view is prepared (whatever its size; long where the world has changed), sampled, and finished.
-    Cycles takes its light samples by the clock, so that how dear this view is need not be known;
-    what comes before and after them is the median of recent views, which one slow view of them
-    does not move.
+    A view is prepared (longer if the world has changed), sampled, and denoised. Cycles samples
+    until a time limit, so that the cost of a sample need not be known in advance. The time before
+    and after is expected to be the median of recent views.
     """
 
     def __init__(self) -> None:
@@ -118,11 +115,11 @@ class TimeBudget:
         self._has_changed = True
 
     def world_changed(self) -> None:
-        """Expect that the next view takes longer to prepare."""
+        """Expect the next view to take longer to prepare."""
         self._has_changed = True
 
     def learn(self, cost: ViewCost) -> None:
-        """Remember what a view took."""
+        """Remember the cost of a view."""
         self._preparing_s[self._has_changed].append(cost.preparing_s)
         self._has_changed = False
         self._beside_s.append(cost.beside_s)
@@ -131,15 +128,15 @@ class TimeBudget:
         self._finished[cost.denoising].append(cost)
 
     def plan(self, pixels: int, seconds: float) -> ViewPlan:
-        """Return how a view of so many pixels fits into the time: one sample if none was timed.
+        """Return how to render a view of so many pixels within a time, which may be ``inf``.
 
-        All the time there is (``inf``) is no limit.
+        Before the first view was timed, it is one sample per pixel.
         """
         if seconds == inf:
             return ViewPlan(1.0, 0.0, "thorough")
         if not self._pixel_sample_s:
-            return ViewPlan(1.0, AT_ONCE_S)
-        # A world that stays takes next to nothing, also before one was seen to.
+            return ViewPlan(1.0, ONE_SAMPLE_S)
+        # An unchanged world takes next to nothing, so 0 is a fair guess.
         beside_s = median(self._beside_s)
         left_s = seconds - median(self._preparing_s[self._has_changed] or (0.0,)) - beside_s
         sample_s = median(self._pixel_sample_s) * pixels
@@ -152,23 +149,23 @@ class TimeBudget:
         denoising: DenoisingQuality = pay[-1] if pay else "fast"
         area = (left_s - EARLY * seconds) / (sample_s + finish_s[denoising])
         if area < 1:
-            return ViewPlan(sqrt(max(area, LEAST_AREA)), AT_ONCE_S)
-        # A sample that begins in time may end one sample late, and what comes after it may be what
-        # takes least or most of what `denoising` will choose from: both ends are to be equally far.
+            return ViewPlan(sqrt(max(area, MIN_AREA)), ONE_SAMPLE_S)
+        # The end varies by one sample and by the denoising that `denoising_quality` will choose:
+        # aim at the middle of that range.
         least_s, most_s = finish_s[denoising], finish_s[denoising]
         if denoising != "thorough":
             least_s, most_s = finish_s["fast"], max(finish_s["fast"], finish_s["balanced"])
         begun_s = left_s - (sample_s + least_s + most_s) / 2
         latest_s = left_s - sample_s - least_s + OVER * seconds
-        return ViewPlan(1.0, max(min(begun_s, latest_s) + beside_s, AT_ONCE_S), denoising)
+        return ViewPlan(1.0, max(min(begun_s, latest_s) + beside_s, ONE_SAMPLE_S), denoising)
 
     def denoising_quality(
         self, pixels: int, samples: int, left_s: float, seconds: float
     ) -> DenoisingQuality:
-        """Return how a view of so many pixels is denoised, now that its light samples are taken.
+        """Return how to denoise a view of so many pixels after it was sampled.
 
-        Of all that do good it is the one that takes nearest to the time left of its ``seconds``:
-        what light samples, of which one may be a third of them, leave too early or too late.
+        Of the qualities that improve the image, it is the one whose time is nearest to the time
+        left of ``seconds``.
         """
         if not self._pixel_sample_s:
             return "fast"
@@ -193,24 +190,24 @@ class TimeBudget:
         ]
         if not of_others:
             return median(own) * pixels
-        # Not much more than the others let expect: it would not be tried again.
-        most = median(of_others) * (MOST_TIMES if len(own) >= TRUSTED else 1.0)
+        # Bounded, because a quality that once took too long would never be tried again.
+        most = median(of_others) * (MAX_TIMES if len(own) >= TRUSTED else 1.0)
         return min(median(own or (inf,)), most) * pixels
 
     def _pixel_finish_s(self, pixels: int, denoising: DenoisingQuality) -> list[float]:
-        """Return what an denoising took per pixel of comparable pictures, or else of any."""
+        """Return the times per pixel of a denoising quality, of comparable or else all images."""
         costs = self._finished[denoising]
         comparable = [each for each in costs if each.pixels >= COMPARABLE * pixels]
         return [each.finishing_s / each.pixels for each in comparable or costs]
 
 
 def denoising_quality_for(samples: int) -> DenoisingQuality:
-    """Return how a picture of so many light samples is denoised where time has no limit."""
+    """Return how to denoise an image of so many samples per pixel without a time limit."""
     return [each for each, cost in DENOISING_COSTS.items() if cost.least_samples <= samples][-1]
 
 
 def lowest_quality(*efforts: DenoisingQuality) -> DenoisingQuality:
-    """Return the least of some."""
+    """Return the lowest of some qualities."""
     return min(efforts, key=list(DENOISING_COSTS).index)
 
 

@@ -17,6 +17,12 @@ from oaisys_core.types import FloatArray
 
 __all__ = ["Palette", "encoded", "linear", "mean_color", "shaded"]
 
+LEAST_UP = 1e-4
+"""Least upward component of a ray, which bounds its way through the haze layer."""
+
+SKY_IRRADIANCE_W_M2 = 1.0
+"""Irradiance of the sky, without the sun, on level ground at a sky strength of 1."""
+
 
 class Palette:
     """Linear mean colours of a scene's ground layers and objects."""
@@ -90,13 +96,6 @@ def _mean_of_bytes(srgb: NDArray[np.uint8]) -> FloatArray:
     channels = srgb.reshape(-1, 3).T
     counts = [np.bincount(channel, minlength=256) for channel in channels]
     return np.array(counts) @ levels / len(srgb.reshape(-1, 3))
-
-
-LEAST_UP = 1e-4
-"""Least upward component of a ray, which bounds its way through the haze layer."""
-
-SKY_IRRADIANCE_W_M2 = 1.0
-"""Irradiance of the sky, without the sun, on level ground at a sky strength of 1."""
 
 
 def sky_radiance(sky: Sky, directions: FloatArray) -> FloatArray:

@@ -25,6 +25,21 @@ ROCK_BUMP_M = 0.02
 ROCK_BRIGHTNESS = (0.85, 0.3)
 """Least brightness of a rock, and how much more it may have at random."""
 
+PAINT = "paint"
+"""Name of a mesh's colour attribute or texture coordinates."""
+
+ROUGHNESS = 0.5
+
+IOR = 1.33
+"""Refractive index of water; ice has 1.31."""
+
+SHINY, DULL = 0.25, 0.6
+"""Roughness up to which a film of water or ice is whole, and from which there is none."""
+
+SHINY_SHARE = 0.01
+"""Share of a texture that must be shinier than dull for the ground to have gloss at all: on dry
+ground, gloss costs noise and shows nothing."""
+
 
 def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     """Return a material that projects a texture from three sides.
@@ -115,12 +130,6 @@ def show(tree: NodeTree, surface: Socket, veil: Socket) -> None:
     tree.add("OutputMaterial", {"Surface": both})
 
 
-PAINT = "paint"
-"""Name of a mesh's colour attribute or texture coordinates."""
-
-ROUGHNESS = 0.5
-
-
 def painted_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
     """Return the material of a mesh's own colours, which are put into it; None without any."""
     if prototype.color_image_srgb is not None and prototype.uv is not None:
@@ -155,17 +164,6 @@ def _from_vertices(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socke
     layer = mesh.color_attributes.new(PAINT, "BYTE_COLOR", "POINT")
     layer.data.foreach_set("color_srgb", rgba.ravel())
     return tree.add("Attribute", attribute_name=PAINT).outputs["Color"]
-
-
-IOR = 1.33
-"""Refractive index of water; ice has 1.31."""
-
-SHINY, DULL = 0.25, 0.6
-"""Roughness up to which a film of water or ice is whole, and from which there is none."""
-
-SHINY_SHARE = 0.01
-"""Share of a texture that must be shinier than dull for the ground to have gloss at all: on dry
-ground, gloss costs noise and shows nothing."""
 
 
 def is_glossy(maps: PbrMaps) -> bool:

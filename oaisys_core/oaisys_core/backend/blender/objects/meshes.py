@@ -12,6 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.types import FloatArray, TriangleMesh
 
+NAME = "ground"
+
+Corners = NDArray[np.int32]
+
 
 def new_mesh(name: str, vertices_m: ArrayLike, triangles: ArrayLike, *, smooth: bool) -> Any:
     """Return a Blender mesh of (V, 3) vertices and (T, 3) triangles."""
@@ -49,11 +53,6 @@ def evaluated_mesh(thing: Any) -> TriangleMesh:
     corners = np.empty(len(mesh.polygons) * 3, dtype=np.int32)
     mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
     return TriangleMesh(vertices.reshape(-1, 3).astype(np.float64), corners.reshape(-1, 3))
-
-
-NAME = "ground"
-
-Corners = NDArray[np.int32]
 
 
 class GroundMeshes:

@@ -20,6 +20,9 @@ from oaisys_core.backend.raycast.far_plain import LEVEL, SLOPE, rings, stage_of
 from oaisys_core.scene import Scene, stands_on
 from oaisys_core.types import TriangleMesh
 
+PLAIN = "plain"
+"""Name of the object and its mesh."""
+
 
 class SceneGeometry:
     """Everything solid in Blender's scene."""
@@ -99,10 +102,6 @@ class SceneGeometry:
     def _purge(self) -> None:
         bpy.data.orphans_purge(do_recursive=True)
         self._images.remove_unused()
-
-
-PLAIN = "plain"
-"""Name of the object and its mesh."""
 
 
 class FarPlainObject:
