@@ -1,7 +1,7 @@
-"""How much of a surface a pixel covers, in materials: which level of a texture is to be seen.
+"""Levels of detail in materials, chosen by the footprint of a pixel on the surface.
 
-Cycles has no mip maps on the processor. A mixture of surfaces, of which one alone shows at each
-point, stands in for them: only that one is evaluated.
+Cycles has no mip maps on the CPU. Instead, a material mixes one surface per level with weights of
+0 and 1, of which Cycles evaluates only one.
 """
 
 from __future__ import annotations
@@ -15,22 +15,20 @@ import bpy
 from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
 
 GROUP = "footprint"
-"""Node group that all materials share, so that another camera rebuilds none of them."""
+"""Node group that all materials share, so that a change of camera rebuilds none of them."""
 
 ANGLE = "angle"
-"""Its node that multiplies by the angle of a pixel."""
+"""Name of its node that multiplies by the angle of a pixel."""
 
 STEPS = 4
-"""Angles are told apart by this share of an octave: similar cameras are one to the materials."""
+"""Steps per octave that angles are rounded to, so that similar cameras change nothing."""
 
 PIXELS = 2.0
-"""Of the camera's, that count as one here: texels are then one to two pixels large. Smaller ones
-(Nyquist) a light sample per pixel sees by chance, which is two decibels of noise on sunlit gravel.
-"""
+"""Pixels per footprint, so that a texel is one to two pixels large (Nyquist)."""
 
 
 def set_pixel_angle(angle_rad: float) -> None:
-    """Set the angle that a pixel of the camera spans; nothing happens for a similar one."""
+    """Set the angle that a pixel of the camera spans, unless it is similar to the current one."""
     angle = _group().nodes[ANGLE].inputs[1]
     wanted = PIXELS * 2.0 ** (floor(STEPS * log2(angle_rad) + 1e-6) / STEPS)
     if abs(angle.default_value - wanted) > 1e-6 * wanted:
@@ -38,11 +36,11 @@ def set_pixel_angle(angle_rad: float) -> None:
 
 
 def by_footprint(tree: NodeTree, bounds_m: Sequence[float], surfaces: Sequence[Socket]) -> Socket:
-    """Return the first surface below the first bound, and from each bound on the next one.
+    """Return a surface that switches from one to the next at footprints of a pixel.
 
     Args:
-        tree: Of the material.
-        bounds_m: Footprints of a pixel, from the smallest on.
+        tree: The material's.
+        bounds_m: Footprints in ascending order.
         surfaces: One more than bounds.
     """
     result = surfaces[-1]
@@ -59,7 +57,7 @@ def _group() -> Any:
     if group is not None:
         return group
     group = bpy.data.node_groups.new(GROUP, "ShaderNodeTree")
-    # Outlives a purge between two worlds.
+    # Keeps it through a purge between two worlds.
     group.use_fake_user = True
     group.interface.new_socket("Metres", in_out="OUTPUT", socket_type="NodeSocketFloat")
     tree = NodeTree(group)

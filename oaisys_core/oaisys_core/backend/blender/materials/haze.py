@@ -1,7 +1,7 @@
-"""Haze in materials: what is far is dimmed and veiled, in linear light, as the camera sees it.
+"""Haze in materials: attenuation and air light by distance from the camera (Koschmieder's law).
 
-A volume would make Cycles march through the air of every ray, at many times the noise and time;
-in homogeneous air its single-scattered light is this closed form (Koschmieder).
+It is the closed form of single scattering in homogeneous air, without the noise and the time of a
+volume shader.
 """
 
 from __future__ import annotations
@@ -16,17 +16,16 @@ from oaisys_core.environment.light import veil_radiance
 from oaisys_core.sky import Color, Haze, Sky
 
 GROUP = "haze"
-"""Node group that all materials share, so that a change of the air rebuilds none of them."""
+"""Node group that all materials share, so that a change of haze rebuilds none of them."""
 
 COLOR, VEIL = 0, 1
 """Outputs of the group."""
 
 
 def through_haze(tree: NodeTree, color: Any) -> tuple[Socket, Socket]:
-    """Return a surface's colour as the camera sees it through the air, and the air's radiance.
+    """Return a colour attenuated by haze, and the air light that the surface must emit in addition.
 
-    The second is what the surface must emit in addition. Other rays than the camera's see the
-    surface as it is. Give the material to `without_light_sampling` as well.
+    Only camera rays see haze. Call `without_light_sampling` for the material as well.
     """
     node = tree.add("Group", node_tree=_group())
     tree.connect(color, node.inputs[0])
@@ -34,12 +33,12 @@ def through_haze(tree: NodeTree, color: Any) -> tuple[Socket, Socket]:
 
 
 def without_light_sampling(material: Any) -> None:
-    """Keep Cycles from treating every triangle of a veiled material as a lamp."""
+    """Keep Cycles from sampling every triangle of a material with air light as a lamp."""
     material.cycles.emission_sampling = "NONE"
 
 
 def set_haze(sky: Sky) -> None:
-    """Make the air so in all materials."""
+    """Set the haze of all materials."""
     group = _group()
     group.nodes.clear()
     tree = NodeTree(group)
@@ -54,9 +53,9 @@ def set_haze(sky: Sky) -> None:
 
 
 def clear_share(tree: NodeTree, haze: Haze, distance_m: Socket) -> Socket:
-    """Return the share of light, by colour, that is left after a distance."""
+    """Return the transmittance of the air, by colour, over a distance."""
     factor = -np.array(haze.extinction_per_m) / np.log(2.0)
-    # Powers of two: there is a vector operation for powers, but none for exponentials.
+    # As a power of two, because there is no vector operation for exponentials.
     return tree.vector("POWER", 2.0, tree.scaled(tuple(factor.tolist()), distance_m))
 
 
@@ -75,7 +74,7 @@ def _group() -> Any:
     if group is not None:
         return group
     group = bpy.data.node_groups.new(GROUP, "ShaderNodeTree")
-    # Outlives a purge between two worlds.
+    # Keeps it through a purge between two worlds.
     group.use_fake_user = True
     for name, direction in (("Color", "INPUT"), ("Color", "OUTPUT"), ("Veil", "OUTPUT")):
         socket = group.interface.new_socket(name, in_out=direction, socket_type="NodeSocketColor")

@@ -1,4 +1,4 @@
-"""Images in Blender from numpy arrays, without files."""
+"""Blender images from numpy arrays, without files."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from oaisys_core.scene import PbrMaps
 from oaisys_core.textures.levels import levels_of
 
 BYTE = np.float32(1 / 255)
-"""What one step of a byte is to Blender, which takes all pixels as floats."""
+"""Factor from bytes to the floats that Blender takes."""
 
 OPAQUE = np.full((1, 1), 255, dtype=np.uint8)
 
 
 class ImageStore:
-    """Blender's images of texture sets; a map is converted when it is first asked for."""
+    """Blender's images of texture sets; each map is converted on first use."""
 
     def __init__(self) -> None:
         self._images: dict[tuple[int, str], tuple[PbrMaps, Any]] = {}
         self._levels: dict[int, tuple[PbrMaps, ...]] = {}
 
     def levels(self, maps: PbrMaps) -> tuple[PbrMaps, ...]:
-        """Return a texture set and the smaller ones that stand for it, see `levels_of`."""
+        """Return the levels of detail of a texture set, finest first, see `levels_of`."""
         if id(maps) not in self._levels:
             self._levels[id(maps)] = levels_of(maps)
         return self._levels[id(maps)]
@@ -35,7 +35,7 @@ class ImageStore:
         return self._stored(maps, "color", maps.color_srgb, is_color=True)
 
     def normal_roughness(self, maps: PbrMaps) -> Any:
-        """Return the normal with the roughness in alpha: one lookup for both."""
+        """Return the normal with roughness in alpha, so that one lookup gives both."""
         return self._stored(maps, "normal", maps.normal_gl, maps.roughness)
 
     def height(self, maps: PbrMaps) -> Any:
@@ -43,7 +43,7 @@ class ImageStore:
         return self._stored(maps, "height", maps.height[..., None] * 255)
 
     def remove_unused(self) -> None:
-        """Remove what no material uses any more."""
+        """Remove images that no material uses any more."""
         unused = [key for key, (_, image) in self._images.items() if image.users <= 1]
         bpy.data.batch_remove([self._images.pop(key)[1] for key in unused])
         used = {key for key, _ in self._images}
@@ -66,14 +66,14 @@ class ImageStore:
             np.multiply(rgb[::-1], BYTE, out=pixels[..., :3])
             np.multiply(alpha[::-1], BYTE, out=pixels[..., 3])
             image = new_image(f"{maps.name}_{kind}", pixels, is_float=False, is_color=is_color)
-            # Its only user beside materials, so that purging leaves it to this store.
+            # A user beside the materials, so that only `remove_unused` removes it.
             image.use_fake_user = True
             self._images[key] = (maps, image)
         return self._images[key][1]
 
 
 def new_image(name: str, pixels: NDArray[np.float32], *, is_float: bool, is_color: bool) -> Any:
-    """Return an image of (rows, cols, 4) float32 pixels, whose first row is the bottom one."""
+    """Return an image of (rows, cols, 4) float32 pixels, bottom row first."""
     rows, cols, _ = pixels.shape
     image = bpy.data.images.new(name, cols, rows, alpha=True, float_buffer=is_float)
     image.colorspace_settings.name = "sRGB" if is_color else "Non-Color"

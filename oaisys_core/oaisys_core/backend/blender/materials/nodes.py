@@ -1,4 +1,4 @@
-"""Short notation for Blender's shader node trees."""
+"""Concise construction of Blender's shader node trees."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MIX_FIRST, MIX_SECOND, MIX_RESULT = 6, 7, 2
 
 
 class NodeTree:
-    """Adds nodes to a tree and connects them in the same breath."""
+    """Adds nodes to a tree and connects them."""
 
     def __init__(self, tree: Any) -> None:
         self._tree = tree
@@ -37,7 +37,7 @@ class NodeTree:
         return node
 
     def connect(self, value: Any, target: Any) -> None:
-        """Give an input socket an output socket to read from, or a value."""
+        """Connect an input socket to an output socket, or set it to a value."""
         if hasattr(value, "is_output"):
             self._tree.links.new(value, target)
         else:
@@ -48,7 +48,7 @@ class NodeTree:
         return self.add("Math", dict(enumerate(operands)), operation=operation).outputs[0]
 
     def vector(self, operation: str, *operands: Any) -> Socket:
-        """Return the vector that a vector operation gives; scalars among the operands spread."""
+        """Return the vector result of a vector operation; scalar operands become vectors."""
         inputs: dict[str | int, Any] = {
             index: (value,) * 3 if isinstance(value, float | int) else value
             for index, value in enumerate(operands)
@@ -56,9 +56,9 @@ class NodeTree:
         return self.add("VectorMath", inputs, operation=operation).outputs[0]
 
     def color_mix(self, factor: Any, first: Any, second: Any) -> Any:
-        """Return a node that goes from the first colour at factor 0 to the second at 1.
+        """Return a node that interpolates from the first colour (factor 0) to the second (1).
 
-        Its colour sockets share their names with those for numbers: use `MIX_RESULT`.
+        Its result is the socket of index `MIX_RESULT`, because the names of sockets are ambiguous.
         """
         inputs: dict[str | int, Any] = {"Factor": factor, MIX_FIRST: first, MIX_SECOND: second}
         return self.add("Mix", inputs, data_type="RGBA")
@@ -69,7 +69,7 @@ class NodeTree:
         return node.outputs[0]
 
     def clamped(self, operation: str, *operands: Any) -> Socket:
-        """Return the result of a scalar operation, clamped to 0 to 1."""
+        """Return the result of a scalar operation, clamped to [0, 1]."""
         node = self.add("Math", dict(enumerate(operands)), operation=operation, use_clamp=True)
         return node.outputs[0]
 
@@ -78,14 +78,14 @@ class NodeTree:
         return self.add("CombineXYZ", {0: x, 1: y, 2: z}).outputs[0]
 
     def mixed(self, factor: Any, first: Socket, second: Socket) -> Socket:
-        """Return a surface that goes from the first one at factor 0 to the second at 1."""
+        """Return a surface that blends from the first (factor 0) to the second (1)."""
         return self.add("MixShader", {0: factor, 1: first, 2: second}).outputs[0]
 
 
 def in_group(tree: NodeTree, name: str, make: Callable[[NodeTree], Socket]) -> Socket:
-    """Return the surface that ``make`` adds to a tree of its own, which ``tree`` uses as a group.
+    """Return a surface that ``make`` adds to a new node group, which is added to ``tree``.
 
-    Blender goes through a whole tree whenever something is added: many small ones are faster.
+    Many small trees are faster to build, because Blender visits a whole tree for each new node.
     """
     group: Any = bpy.data.node_groups.new(name, "ShaderNodeTree")
     group.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")

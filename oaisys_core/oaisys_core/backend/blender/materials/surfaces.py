@@ -1,4 +1,4 @@
-"""Materials of what stands on the ground: textured from three sides, or of one colour."""
+"""Materials of objects, and the surfaces that these share with the ground."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from oaisys_core.backend.raycast.shading import linear, mean_color
 from oaisys_core.scene import MeshPrototype, PbrMaps
 
 BOX_BLEND = 0.25
-"""Share of a rock's surface over which projections from two sides run into each other."""
+"""Blend of Blender's box projection between adjacent sides of a rock."""
 
 ROCK_BUMP_M = 0.02
-"""Height that a rock texture's full range stands for."""
+"""Height range of a rock texture's bump map."""
 
 ROCK_BRIGHTNESS = (0.85, 0.3)
-"""Least brightness of a rock, and how much more it may have at random."""
+"""Least brightness factor of a rock, and the range of its random part."""
 
 PAINT = "paint"
-"""Name of a mesh's colour attribute or texture coordinates."""
+"""Name of a mesh's colour attribute or UV map."""
 
 ROUGHNESS = 0.5
 
@@ -34,18 +34,17 @@ IOR = 1.33
 """Refractive index of water; ice has 1.31."""
 
 SHINY, DULL = 0.25, 0.6
-"""Roughness up to which a film of water or ice is whole, and from which there is none."""
+"""Roughness up to which a film of water or ice is complete, and from which there is none."""
 
 SHINY_SHARE = 0.01
-"""Share of a texture that must be shinier than dull for the ground to have gloss at all: on dry
-ground, gloss costs noise and shows nothing."""
+"""Ground is rendered with gloss if a larger share of its texture is smoother than `DULL`."""
 
 
 def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
-    """Return a material that projects a texture from three sides.
+    """Return a material that projects a texture from three sides (box projection).
 
-    A texel has one size on rocks of all sizes; their places shift the texture, so that no two
-    look alike.
+    Texels have the same size on rocks of all scales. A rock's position shifts the texture, so that
+    no two rocks look alike.
     """
     result = new_material(maps.name)
     tree = NodeTree(node_tree_of(result))
@@ -80,15 +79,15 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
 
 
 def without_detail(tree: NodeTree, seen: Socket, mean: Socket) -> Socket:
-    """Return a surface that is ``mean`` to light on its way from it to something dull.
+    """Return a surface that diffuse rays see as ``mean``, without texture lookups.
 
-    Nobody can tell by such light what detail it came from, and to look it up takes time.
+    Indirect light from a surface hardly depends on its detail.
     """
     return tree.mixed(tree.add("LightPath").outputs["Is Diffuse Ray"], seen, mean)
 
 
 def plain_material(color_srgb: tuple[float, float, float]) -> Any:
-    """Return a dull material of one colour."""
+    """Return a diffuse material of one colour."""
     result = new_material("plain")
     red, green, blue = linear(color_srgb)
     tree = NodeTree(node_tree_of(result))
@@ -97,7 +96,7 @@ def plain_material(color_srgb: tuple[float, float, float]) -> Any:
 
 
 def new_material(name: str) -> Any:
-    """Return a material without nodes of its own."""
+    """Return an empty material."""
     material = bpy.data.materials.new(name)
     without_light_sampling(material)
     return material
@@ -112,10 +111,7 @@ def _box(tree: NodeTree, image: Any, place: Socket) -> Any:
 def diffuse(
     tree: NodeTree, color: Any, roughness: Any, normal: Socket | None
 ) -> tuple[Socket, Socket]:
-    """Return a diffuse surface in hazy air, and the radiance of that air.
-
-    On dry ground, gloss costs noise and shows nothing.
-    """
+    """Return a diffuse surface seen through haze, and the air light in front of it."""
     color, veil = through_haze(tree, color)
     inputs: dict[str | int, Any] = {"Color": color, "Roughness": roughness}
     if normal is not None:
@@ -124,14 +120,14 @@ def diffuse(
 
 
 def show(tree: NodeTree, surface: Socket, veil: Socket) -> None:
-    """Make a surface and the air before it a material's output."""
+    """Make a surface, plus the air light in front of it, the output of a material."""
     air = tree.add("Emission", {"Color": veil}).outputs[0]
     both = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
     tree.add("OutputMaterial", {"Surface": both})
 
 
 def painted_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
-    """Return the material of a mesh's own colours, which are put into it; None without any."""
+    """Return a material of a prototype's own colours, stored in its mesh; None without any."""
     if prototype.color_image_srgb is not None and prototype.uv is not None:
         result = new_material(prototype.name)
         tree = NodeTree(node_tree_of(result))
@@ -167,18 +163,18 @@ def _from_vertices(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socke
 
 
 def is_glossy(maps: PbrMaps) -> bool:
-    """Return whether a texture set has parts that shine."""
+    """Return whether a texture set has enough glossy parts to render them."""
     shiny = np.count_nonzero(maps.roughness < DULL * 255)
     return bool(shiny > SHINY_SHARE * maps.roughness.size)
 
 
 def add_gloss(tree: NodeTree, surface: Socket, roughness: Socket, normal: Socket) -> Socket:
-    """Return a surface under a film that reflects by Fresnel's law where it is not dull.
+    """Return a surface under a film of water or ice that reflects by Fresnel's law.
 
     Args:
         tree: The material's.
-        surface: What is below the film.
-        roughness: 0 to 1.
+        surface: Below the film.
+        roughness: 0 to 1; the film fades out between `SHINY` and `DULL`.
         normal: In ``map``, unit length.
     """
     slope = 1 / (DULL - SHINY)

@@ -1,4 +1,4 @@
-"""Anti-tiling in Blender's shader nodes, as in `oaisys_core.world.tiling`."""
+"""Shader nodes that hide the repetition of textures, see `oaisys_core.world.tiling`."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from oaisys_core.world.tiling import CRISPNESS, SHIFTS, StochasticTiling, Tiling
 
 
 class TextureLookup(NamedTuple):
-    """One of the places that a point of the ground is mixed of.
+    """One of the texture lookups that are blended at a point of the ground.
 
     Attributes:
         place: Texture coordinates.
-        weight: Its share.
-        angle: By which the texture is turned; None: not at all.
+        weight: Blending weight.
+        angle: Rotation of the texture; None: none.
     """
 
     place: Socket
@@ -28,9 +28,9 @@ class TextureLookup(NamedTuple):
 
 
 class TilingNodes:
-    """Adds the nodes of tilings to a tree; a table is one image however often it is used.
+    """Adds the nodes of tilings to a tree.
 
-    ``tables`` holds the images by the identity of their tables, and may be shared between trees.
+    ``tables`` holds one image per table, by its identity, and may be shared between trees.
     """
 
     def __init__(self, tree: NodeTree, tables: dict[int, Any]) -> None:
@@ -38,7 +38,7 @@ class TilingNodes:
         self._tables = tables
 
     def lookups(self, tiling: Tiling, place: Socket) -> list[TextureLookup]:
-        """Return of what places a point is mixed; ``place`` is the point's own, in tiles."""
+        """Return the lookups to blend at a point; ``place`` is its position in tiles."""
         if isinstance(tiling, VoronoiTiling):
             return self._voronoi(tiling, place)
         if isinstance(tiling, StochasticTiling):
@@ -91,7 +91,7 @@ class TilingNodes:
         return lookups
 
     def _lookup(self, table: NDArray[np.float32], at: Socket, interpolation: str) -> Socket:
-        """Return the colour of a table of up to three values a texel, row 0 at v = 0."""
+        """Return the colour of a table with up to three values per texel, row 0 at v = 0."""
         if id(table) not in self._tables:
             values = table.reshape(*table.shape[:2], -1)
             pixels = np.ones((*values.shape[:2], 4), np.float32)

@@ -1,7 +1,7 @@
-"""Reads a mesh out of a .blend file: ``python -m oaisys_core.backend.blender.objects.blend_files``.
+"""Reads a mesh from a .blend file: ``python -m oaisys_core.backend.blender.objects.blend_files``.
 
-A process of its own does this, so that nothing of the file gets into the scene that renders, and
-a file that crashes Blender crashes no simulator. Scripts and drivers in the file are not run.
+It runs in a separate process, so that the file cannot change the rendered scene or crash the
+simulator. Scripts and drivers in the file are not run.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from oaisys_core.color import encoded
 
 
 def read_blend(path: Path, object_name: str) -> dict[str, NDArray[Any]]:
-    """Return the arrays of a file's objects, merged, or of the one named.
+    """Return the mesh of the named object, or of all objects merged if ``object_name`` is empty.
 
     Returns:
-        ``vertices_m``, ``triangles`` and what there is of ``uv``, ``color_image_srgb`` and
-        ``vertex_colors_srgb``, as `oaisys_core.meshes.files.LoadedMesh` has them; or ``names`` of
-        the objects with triangles where there is none of that name.
+        ``vertices_m``, ``triangles`` and, if present, ``uv``, ``color_image_srgb`` and
+        ``vertex_colors_srgb``, as in `oaisys_core.meshes.files.LoadedMesh`; or only ``names``, of
+        the objects with triangles, if none has that name.
     """
     bpy.ops.wm.read_factory_settings(use_empty=True)
     bpy.context.preferences.filepaths.use_scripts_auto_execute = False
@@ -50,7 +50,7 @@ def read_blend(path: Path, object_name: str) -> dict[str, NDArray[Any]]:
 
 
 def _arrays(thing: Any) -> dict[str, NDArray[Any]]:
-    """Return an object's evaluated mesh where the file puts it."""
+    """Return an object's evaluated mesh in the file's world frame."""
     evaluated = thing.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     mesh.calc_loop_triangles()
@@ -80,7 +80,7 @@ def _filled(items: Any, name: str, width: int, dtype: Any = np.float32) -> NDArr
 
 
 def _vertex_colors(mesh: Any) -> NDArray[np.uint8]:
-    """Return one colour per vertex, the mean where corners have their own."""
+    """Return one colour per vertex, the mean if its corners have different ones."""
     attribute = mesh.color_attributes.active_color
     values = _filled(attribute.data, "color_srgb", 4)[:, :3]
     if attribute.domain == "CORNER":

@@ -1,7 +1,6 @@
-"""Many instances of one mesh as a single object of Blender, by geometry nodes.
+"""Many instances of one mesh as a single Blender object, by geometry nodes.
 
-Each vertex of the object's mesh is an instance; its rotation and size are attributes. Depth and
-labels come from rays, so Cycles need not tell the instances apart.
+Each vertex of the object's mesh is an instance, whose rotation and scale are vertex attributes.
 """
 
 from __future__ import annotations
@@ -17,13 +16,13 @@ from oaisys_core.scene import Placement
 from oaisys_core.types import FloatArray
 
 SIZE = "size"
-"""Attribute of an instance, and property of an object, that holds its scale; for materials."""
+"""Attribute of an instance, or property of an object, with its scale, which materials read."""
 
 ROTATION = "turned"
-"""Attribute that holds an instance's quaternion."""
+"""Attribute with an instance's quaternion."""
 
 ID = "instance_id"
-"""Attribute of an instance, and property of an object, that holds its id; see `ids_to_floats`."""
+"""Attribute of an instance, or property of an object, with its id, see `ids_to_floats`."""
 
 NODES = "instances"
 """Name of the node group."""
@@ -34,7 +33,7 @@ class InstancedMesh:
 
     def __init__(self, name: str, mesh: Any, placement: Placement) -> None:
         """Show a Blender mesh at a placement's poses."""
-        # Not in the scene itself: only its instances are seen.
+        # Not linked to the scene: only its instances are visible.
         self._original = bpy.data.objects.new(f"{name}_original", mesh)
         points = bpy.data.meshes.new(f"{name}_points")
         points.vertices.add(len(placement.instance_ids))
@@ -66,12 +65,12 @@ class InstancedMesh:
         self.thing.update_tag()
 
     def remove(self) -> None:
-        """Take it out of Blender; the mesh stays."""
+        """Remove the object from Blender; the mesh stays."""
         bpy.data.batch_remove([self.thing, self._original, self._points, self._nodes])
 
 
 def ids_to_floats(instance_ids: NDArray[np.uint32]) -> NDArray[np.float32]:
-    """Return (N, 3) lower and upper halves of (N,) ids, and 0: a float holds 24 bits exactly.
+    """Return (N, 3) lower 16 bits, upper 16 bits and 0 of (N,) ids, as floats hold 24 bits exactly.
 
     Inverse: `ids_from_floats`.
     """
@@ -81,13 +80,13 @@ def ids_to_floats(instance_ids: NDArray[np.uint32]) -> NDArray[np.float32]:
 
 
 def ids_from_floats(halves: NDArray[np.float32]) -> NDArray[np.uint32]:
-    """Return (...) ids of (..., 2) lower and upper halves."""
+    """Return (...) ids of their (..., 2) lower and upper 16 bits; see `ids_to_floats`."""
     low, high = np.moveaxis(halves.astype(np.uint32), -1, 0)
     return np.asarray(high << np.uint32(16) | low)
 
 
 def _node_group(original: Any) -> Any:
-    """Return nodes that put an object's mesh on each vertex they are given."""
+    """Return a geometry node group that puts an instance of an object on each vertex."""
     group = bpy.data.node_groups.new(NODES, "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")

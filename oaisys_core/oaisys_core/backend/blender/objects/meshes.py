@@ -1,4 +1,4 @@
-"""Meshes into Blender, and back out as it will render them."""
+"""Blender meshes from arrays, and arrays from Blender meshes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def new_mesh(name: str, vertices_m: ArrayLike, triangles: ArrayLike, *, smooth: 
     corners = np.ascontiguousarray(triangles, dtype=np.int32)
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(len(vertices))
-    # Attributes take arrays as they are, Blender's other collections value by value.
+    # Attributes are copied as a whole, Blender's other collections value by value.
     mesh.attributes["position"].data.foreach_set("vector", vertices.ravel())
     mesh.loops.add(corners.size)
     mesh.attributes[".corner_vert"].data.foreach_set("value", corners.ravel())
@@ -38,7 +38,7 @@ def new_mesh(name: str, vertices_m: ArrayLike, triangles: ArrayLike, *, smooth: 
 
 
 def new_object(name: str, mesh: Any, T_map_object: FloatArray) -> Any:
-    """Return an object in the scene that shows ``mesh`` at a (4, 4) pose, which may scale."""
+    """Add an object to the scene that shows ``mesh`` at a (4, 4) pose, which may scale it."""
     thing = bpy.data.objects.new(name, mesh)
     thing.matrix_world = Matrix(T_map_object)
     bpy.context.scene.collection.objects.link(thing)
@@ -46,7 +46,7 @@ def new_object(name: str, mesh: Any, T_map_object: FloatArray) -> Any:
 
 
 def evaluated_mesh(thing: Any) -> TriangleMesh:
-    """Return an object's triangles, which all its faces are, in its own frame, as rendered."""
+    """Return an object's faces, all of which are triangles, in its own frame, as rendered."""
     mesh = thing.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     vertices = np.empty(len(mesh.vertices) * 3, dtype=np.float32)
     mesh.attributes["position"].data.foreach_get("vector", vertices)
@@ -56,10 +56,10 @@ def evaluated_mesh(thing: Any) -> TriangleMesh:
 
 
 class GroundMeshes:
-    """Makes the meshes of one ground after the other.
+    """Makes the meshes of successive grounds.
 
-    Grids of one size differ in nothing but where their points are, so each shares all else with
-    the one before, in Blender's memory too.
+    Grids of the same size differ only in their vertices, so each is a copy of the one before, with
+    which it shares its topology in Blender's memory.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class GroundMeshes:
         self._shape: tuple[int, ...] | None = None
 
     def make(self, ground: Ground) -> Any:
-        """Return a smooth mesh of a ground, without materials."""
+        """Return a smoothly shaded mesh of a ground, without materials."""
         before, shape = self._last, self._shape
         self._shape = ground.elevation_m.shape if isinstance(ground, HeightField) else None
         if self._shape is None:
@@ -77,7 +77,7 @@ class GroundMeshes:
             self._last.materials.clear()
             _set(self._last, "position", "vector", ground.vertices_m())
             self._last.update()
-        # It outlives the object that shows it, so that the next one can be a copy of it.
+        # Keeps the mesh after its object was removed, so that the next one can be a copy.
         self._last.use_fake_user = True
         if before is not None:
             before.use_fake_user = False
@@ -85,7 +85,7 @@ class GroundMeshes:
 
 
 def _grid_mesh(ground: Ground, shape: tuple[int, ...]) -> Any:
-    """Return a mesh of a grid, with its points anywhere."""
+    """Return a mesh with the topology of a grid and uninitialised vertices."""
     rows, cols = shape
     triangles = ground.triangles()
     edges, edge_of_corner = _edges(rows, cols)
@@ -103,9 +103,10 @@ def _grid_mesh(ground: Ground, shape: tuple[int, ...]) -> Any:
 
 
 def _edges(rows: int, cols: int) -> tuple[Corners, Corners]:
-    """Return (E, 2) edges of a grid's triangles, and (T, 3) which one follows each corner.
+    """Return the (E, 2) edges of a grid's triangles, and (T, 3) the edge after each corner.
 
-    First come those along x, then along y, then the cells' diagonals.
+    Computed, because Blender's search for edges is slow. Edges are ordered: along x, along y,
+    diagonals of the cells.
     """
     point = np.arange(rows * cols, dtype=np.int32).reshape(rows, cols)
     along_x = np.arange(rows * (cols - 1), dtype=np.int32).reshape(rows, cols - 1)
@@ -129,5 +130,5 @@ def _edges(rows: int, cols: int) -> tuple[Corners, Corners]:
 
 
 def _set(mesh: Any, attribute: str, field: str, values: NDArray[Any]) -> None:
-    """Fill an attribute by a copy of memory; Blender's own collections take each value in turn."""
+    """Copy values into an attribute."""
     mesh.attributes[attribute].data.foreach_set(field, values.ravel())

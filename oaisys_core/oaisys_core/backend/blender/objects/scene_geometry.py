@@ -1,4 +1,4 @@
-"""A scene's ground and objects as Blender's objects."""
+"""The ground, the far plain and the objects of a scene in Blender."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from oaisys_core.scene import Scene, stands_on
 from oaisys_core.types import TriangleMesh
 
 PLAIN = "plain"
-"""Name of the object and its mesh."""
+"""Name of the far plain's object and mesh."""
 
 
 class SceneGeometry:
-    """Everything solid in Blender's scene."""
+    """All geometry in Blender's scene; sun and sky are in `objects.sky`."""
 
     def __init__(self) -> None:
         self._images = ImageStore()
@@ -36,7 +36,7 @@ class SceneGeometry:
         self._objects = SceneObjects(self._images)
 
     def clear(self, scene: Scene) -> bool:
-        """Remove all objects; return whether ``scene`` stands on the same ground, which stays."""
+        """Remove all objects, and the ground unless ``scene`` has the same; return if it stays."""
         self._objects.clear()
         if self._ground is None:
             return False
@@ -46,7 +46,7 @@ class SceneGeometry:
         return stays
 
     def build_ground(self, scene: Scene) -> None:
-        """Make the ground where none was kept."""
+        """Build the ground and the far plain, unless they were kept."""
         self._scene = scene
         if self._ground is not None:
             return
@@ -56,16 +56,16 @@ class SceneGeometry:
         self._plain.build(scene, mesh.materials[0])
 
     def show_plain(self, is_shown: bool) -> None:
-        """Let the ground go on beyond the stage, or not."""
+        """Show or hide the far plain."""
         self._plain.show(is_shown)
 
     def build_objects(self, scene: Scene) -> None:
-        """Make all that stands on the ground, then drop what nothing uses any more."""
+        """Build the objects, then remove unused data."""
         self._objects.update(scene)
         self._purge()
 
     def update(self, scene: Scene) -> bool:
-        """Take over what a sample changed, and return whether the ground is another."""
+        """Take over what a sample changed, and return whether the ground changed."""
         before = self._scene
         if before is None:
             return False
@@ -83,11 +83,11 @@ class SceneGeometry:
         return is_new_ground
 
     def ground_mesh(self) -> TriangleMesh:
-        """Return the ground as it renders, without ids."""
+        """Return the ground as rendered, without ids."""
         return evaluated_mesh(self._ground)
 
     def _reshape_ground(self, scene: Scene) -> None:
-        """Give the ground other triangles; its material, and what lies beyond, stay."""
+        """Replace the ground's mesh; its material and the far plain stay."""
         old = self._ground.data
         mesh = self._ground_meshes.make(scene.ground)
         mesh.materials.append(old.materials[0])
@@ -105,19 +105,19 @@ class SceneGeometry:
 
 
 class FarPlainObject:
-    """What goes on beyond the stage, with the ground's material."""
+    """The far plain, see `oaisys_core.backend.raycast.far_plain`, with the ground's material."""
 
     def __init__(self) -> None:
         self._thing: Any = None
 
     def clear(self) -> None:
-        """Remove it, so that nothing uses the ground's material any more."""
+        """Remove the far plain, which also uses the ground's material."""
         if self._thing is not None:
             bpy.data.meshes.remove(self._thing.data)
         self._thing = None
 
     def build(self, scene: Scene, material: Any) -> None:
-        """Make it around a scene's ground."""
+        """Build the far plain around a scene's ground."""
         self.clear()
         triangles = rings(stage_of(scene.ground), (*SLOPE, *LEVEL))
         mesh = new_mesh(PLAIN, *triangles, smooth=True)
@@ -125,7 +125,7 @@ class FarPlainObject:
         self._thing = new_object(PLAIN, mesh, np.eye(4))
 
     def show(self, is_shown: bool) -> None:
-        """Let it be seen or not."""
-        # To set what is set already has Blender look at the whole scene again.
+        """Show or hide it in renders."""
+        # Assigning even the same value marks the scene as changed.
         if self._thing is not None and self._thing.hide_render == is_shown:
             self._thing.hide_render = not is_shown

@@ -1,4 +1,4 @@
-"""What stands on the ground, as Blender's objects."""
+"""The placements and primitives of a scene as Blender objects."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from oaisys_core.scene import MeshPrototype, Placement, Primitive, Scene
 from oaisys_core.types import FloatArray
 
 INSTANCED_FROM = 256
-"""Instances of one placement from which they are one object with instances in it: each object
-takes Blender 0.1 ms more to build, and 20 µs more a view, than an instance does."""
+"""A placement with so many instances is one object with geometry nodes, which is faster to build
+and to render than an object for each instance."""
 
 
 class BlenderInstances(Protocol):
-    """Instances of one mesh."""
+    """The instances of one placement in Blender."""
 
     def place(self, T_map_object: FloatArray) -> None:
-        """Move them to (N, 4, 4) poses."""
+        """Move the instances to (N, 4, 4) poses."""
 
     def remove(self) -> None:
-        """Take them out of Blender; the mesh stays."""
+        """Remove the instances from Blender; the mesh stays."""
 
 
 class SeparateObjects:
@@ -63,20 +63,20 @@ class SeparateObjects:
 
 @dataclass
 class ShownPlacement:
-    """A placement as it is shown."""
+    """A placement, its prototype and its instances in Blender."""
 
     prototype: MeshPrototype
     placement: Placement
     shown: BlenderInstances
 
     def can_become(self, prototype: MeshPrototype, placement: Placement) -> bool:
-        """Return whether moving its instances is all that another placement asks for."""
+        """Return whether another placement differs in the poses of the instances only."""
         same_ids = np.array_equal(self.placement.instance_ids, placement.instance_ids)
         return self.prototype is prototype and same_ids
 
 
 class SceneObjects:
-    """The placements and solids of a scene; those that did not change stay as they are."""
+    """The placements and primitives of a scene; those that did not change are kept."""
 
     def __init__(self, images: ImageStore) -> None:
         self._images = images
@@ -86,7 +86,7 @@ class SceneObjects:
         self._solids: list[tuple[Primitive, Any]] = []
 
     def clear(self) -> None:
-        """Remove everything; what nothing uses any more is left to be purged."""
+        """Remove all objects; their meshes and materials are left to be purged."""
         for group in self._groups:
             group.shown.remove()
         bpy.data.batch_remove([thing for _, thing in self._solids])
@@ -95,7 +95,7 @@ class SceneObjects:
         self._rock_materials = {}
 
     def update(self, scene: Scene) -> None:
-        """Show the objects of a scene."""
+        """Take over the objects of a scene."""
         self._update_groups(scene)
         self._update_solids(scene)
 
@@ -115,7 +115,7 @@ class SceneObjects:
         self._keep_meshes({id(prototype) for prototype in scene.prototypes})
 
     def _keep_meshes(self, used: set[int]) -> None:
-        """Leave the meshes of all other prototypes to be purged."""
+        """Release the meshes of all other prototypes, so that they are purged."""
         for key in self._meshes.keys() - used:
             self._meshes.pop(key)[1].use_fake_user = False
 
@@ -146,7 +146,7 @@ class SceneObjects:
                     break
             else:
                 solids.append((primitive, _solid(primitive)))
-        # To remove nothing, too, has Blender look at the whole scene again.
+        # Even removing nothing marks the scene as changed.
         if left:
             bpy.data.batch_remove([thing for _, thing in left.values()])
         self._solids = solids
@@ -155,7 +155,7 @@ class SceneObjects:
         if id(prototype) not in self._meshes:
             mesh = new_mesh(prototype.name, prototype.vertices_m, prototype.triangles, smooth=True)
             mesh.materials.append(self._material(prototype, mesh))
-            # All that show it may be hidden for a while, and it must not be purged then.
+            # Keeps the mesh while no object shows it.
             mesh.use_fake_user = True
             self._meshes[id(prototype)] = (prototype, mesh)
         return self._meshes[id(prototype)][1]

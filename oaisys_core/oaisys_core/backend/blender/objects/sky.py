@@ -1,4 +1,4 @@
-"""What is seen, and shines, where nothing stands: sky, sky images and the far plain."""
+"""Sun and sky in Blender: the sun's lamp, and the background shader."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from oaisys_core.environment.light import plain_radiance, sun_color, veil_radian
 from oaisys_core.sky import Color, Haze, Hdri, Sky, SkyImage
 
 LEAST_UP = 1e-4
-"""Upward component of a ray at the horizon and below, for what has no end there."""
+"""Least upward component of a ray, which bounds its way through the haze layer."""
 
-LEAST_DISC_RAD = 1e-4
-"""Radius of the sun's disc in the picture, at least: a point would be infinitely bright."""
+MIN_DISC_RAD = 1e-4
+"""Least radius of the sun's disc in images: a point would be infinitely bright."""
 
 
 class Background:
-    """Blender's world: its shader is built anew whenever the sky changes."""
+    """Blender's background shader, which Blender calls the world; rebuilt when the sky changes."""
 
     def __init__(self) -> None:
         self._world = bpy.data.worlds.new("world")
@@ -33,10 +33,10 @@ class Background:
         self._image_of: SkyImage | None = None
 
     def set(self, sky: Sky) -> None:
-        """Make the sky so."""
+        """Rebuild the shader for a sky."""
         self._keep_image(sky.hdri.image if sky.hdri else None)
-        # An image may hold a sun, at which rays must be aimed. Of a sky without its disc, rays that
-        # bounce find enough, and the lamp is then never passed over in its favour: half the noise.
+        # Only an image may contain a sun that must be sampled as a light; without that, all light
+        # samples go to the lamp.
         self._world.cycles.sampling_method = "AUTOMATIC" if sky.hdri else "NONE"
         tree = NodeTree(node_tree_of(self._world))
         ray = tree.add("TexCoord").outputs["Generated"]
@@ -91,8 +91,8 @@ def _gradient_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
 
 
 def _disc_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
-    """Return what the camera sees of the sun's disc; the light itself comes from the lamp."""
-    radius = max(sky.sun_angular_diameter_rad / 2, LEAST_DISC_RAD)
+    """Return the sun's disc, for camera rays only; its light comes from the lamp."""
+    radius = max(sky.sun_angular_diameter_rad / 2, MIN_DISC_RAD)
     radiance = sky.sun_disc * sky.sun_strength_w_m2 / (pi * sin(radius) ** 2)
     inside = tree.math("GREATER_THAN", _towards_sun(tree, sky, ray), cos(radius))
     is_seen = tree.math("MULTIPLY", inside, tree.add("LightPath").outputs["Is Camera Ray"])
@@ -100,16 +100,16 @@ def _disc_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
 
 
 def _above_plain(tree: NodeTree, sky: Sky, ray: Socket, color: Socket) -> Socket:
-    """Return the sky's colour above the horizon and a far plain's below it.
+    """Return the sky's colour above the horizon and the far plain's below, for indirect light.
 
-    It lights things from below; what the camera sees there is the plain's own mesh.
+    The camera sees the far plain's mesh instead.
     """
     is_below = tree.math("LESS_THAN", _up(tree, ray), 0.0)
     return tree.color_mix(is_below, color, (*plain_radiance(sky), 1.0)).outputs[MIX_RESULT]
 
 
 def _behind_haze(tree: NodeTree, sky: Sky, haze: Haze, ray: Socket, color: Socket) -> Socket:
-    """Return the colour behind a layer of haze, of which less and less is seen towards zenith."""
+    """Return the sky's colour behind a horizontal layer of haze."""
     up = tree.math("MAXIMUM", _up(tree, ray), LEAST_UP)
     clear = clear_share(tree, haze, tree.math("DIVIDE", haze.thickness_m, up))
     veil = tree.vector("MULTIPLY", tree.vector("SUBTRACT", 1.0, clear), veil_radiance(sky, haze))
@@ -121,7 +121,7 @@ def _up(tree: NodeTree, ray: Socket) -> Socket:
 
 
 def _towards_sun(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
-    """Return the cosine of the angle between the ray and the direction of the sun."""
+    """Return the cosine of the angle between a ray and the direction of the sun."""
     product = tree.add("VectorMath", {0: ray, 1: sky.to_sun}, operation="DOT_PRODUCT")
     return tree.math("MINIMUM", product.outputs["Value"], 1.0)
 
@@ -140,9 +140,9 @@ def _new_image(image: SkyImage) -> Any:
 
 
 class Lights:
-    """A sun lamp, whose disc casts the shadows, and a sky without the disc.
+    """A sun lamp, a sky without the sun's disc, and haze.
 
-    Light from a lamp converges with far fewer samples than from a bright spot in the sky.
+    A lamp needs far fewer samples than a bright spot in the sky.
     """
 
     def __init__(self) -> None:
@@ -153,7 +153,7 @@ class Lights:
         self._sky: Sky | None = None
 
     def set(self, sky: Sky) -> bool:
-        """Make light and sky so; return whether they were another."""
+        """Take over a sky; return whether it differs from the one before."""
         if sky == self._sky:
             return False
         self._sky = sky
@@ -163,7 +163,7 @@ class Lights:
         lamp.energy = sky.lamp_w_m2
         lamp.angle = sky.sun_angular_diameter_rad
         lamp.color = sun_color(sky)
-        # Else each light sample would ask how bright a dark lamp is.
+        # A dark lamp would still be sampled.
         self._sun.hide_render = sky.lamp_w_m2 <= 0
         self._background.set(sky)
         set_haze(sky)

@@ -1,0 +1,203 @@
+"""One layer of the ground as a surface: its texture, tiling, slope and gloss."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from oaisys_core.backend.blender.materials.images import ImageStore
+from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
+from oaisys_core.backend.blender.materials.surfaces import (
+    add_gloss,
+    diffuse,
+)
+from oaisys_core.backend.blender.materials.tiling import TextureLookup, TilingNodes
+from oaisys_core.backend.raycast.shading import mean_color
+from oaisys_core.textures.levels import level_at
+from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
+
+VARIATION_TILES = 7.3
+
+
+VARIATION_TURN_RAD = 0.65
+"""Size, in tiles of the first layer, and rotation of the pattern that varies the ground's colour,
+chosen so that pattern and texture do not repeat together."""
+
+
+class Plane(NamedTuple):
+    """A plane that textures are projected onto.
+
+    Attributes:
+        place: Coordinates in the plane, in metres.
+        axes: The axes of ``map`` that are its u and v; None: x and y.
+    """
+
+    place: Socket
+    axes: tuple[int, int] | None
+
+
+class Texel(NamedTuple):
+    """A texture set at a point: colour, encoded normal, roughness."""
+
+    color: Socket
+    detail: Socket
+    roughness: Socket
+
+
+class MaterialTables(NamedTuple):
+    """What all levels of a ground's material share.
+
+    Attributes:
+        masks: Images of the weights of all layers but the first.
+        tilings: Images of tiling tables, see `TilingNodes`.
+        glossy: By identity of texture sets, whether they have glossy parts.
+        varies: Whether the ground's colour varies beyond its textures.
+    """
+
+    masks: list[Any]
+    tilings: dict[int, Any]
+    glossy: dict[int, bool]
+    varies: bool
+
+
+class MaterialLevel(NamedTuple):
+    """A terrain material at one level of detail.
+
+    Attributes:
+        material: The material.
+        images: Images of its texture sets.
+        tables: What its levels share.
+        footprint_m: Size of a pixel on the ground.
+    """
+
+    material: TerrainMaterial
+    images: ImageStore
+    tables: MaterialTables
+    footprint_m: float
+
+    def seen(self, maps: PbrMaps, tile_m: float) -> PbrMaps:
+        """Return the level of a texture set for this footprint, if a tile is ``tile_m`` wide."""
+        levels = self.images.levels(maps)
+        return levels[level_at(replace(maps, tile_m=tile_m), len(levels), self.footprint_m)]
+
+
+class LayerNodes:
+    """Adds nodes for the surface of one layer, projected onto one plane."""
+
+    def __init__(self, tree: NodeTree, level: MaterialLevel, axes: tuple[int, int] | None) -> None:
+        self._tree = tree
+        self._level = level
+        self._images = level.images
+        self._tilings = TilingNodes(tree, level.tables.tilings)
+        # The ground's vertices are in ``map``, so positions need no transform.
+        geometry = tree.add("NewGeometry").outputs
+        self._position, self._normal = geometry["Position"], geometry["Normal"]
+        place = self._position
+        if axes is not None:
+            parts = tree.add("SeparateXYZ", {0: self._position}).outputs
+            place = tree.combined(parts[axes[0]], parts[axes[1]], 0.0)
+        self._plane = Plane(place, axes)
+
+    def surface(self, layer: TerrainLayer) -> Socket:
+        """Return the surface of a layer without its mask."""
+        tree, material = self._tree, self._level.material
+        seen = self._level.seen(layer.maps, layer.maps.tile_m)
+        texel = self._texel(replace(layer, maps=seen), self._plane)
+        color = texel.color
+        variation = self._variation(material.layers[0].maps, material.variation)
+        if variation is not None:
+            color = tree.vector("MULTIPLY", color, variation)
+        # Diffuse shaders normalise it.
+        normal = tree.vector("ADD", self._normal, self._slope(texel.detail, self._plane))
+        surface, _ = diffuse(tree, color, texel.roughness, normal)
+        if self._level.tables.glossy[id(layer.maps)]:
+            unit = tree.vector("NORMALIZE", normal)
+            surface = add_gloss(tree, surface, texel.roughness, unit)
+        return surface
+
+    def _slope(self, detail: Socket, plane: Plane) -> Socket:
+        """Return the slope that an encoded normal of a plane stands for, in ``map``."""
+        tree = self._tree
+        slope = tree.vector("MULTIPLY_ADD", detail, (2.0, 2.0, 0.0), (-1.0, -1.0, 0.0))
+        if plane.axes is None:
+            return slope
+        u, v, _ = tree.add("SeparateXYZ", {0: slope}).outputs
+        parts: list[Socket] = [0.0, 0.0, 0.0]
+        parts[plane.axes[0]], parts[plane.axes[1]] = u, v
+        return tree.combined(*parts)
+
+    def _texel(self, layer: TerrainLayer, plane: Plane) -> Texel:
+        tree, maps = self._tree, layer.maps
+        if layer.label_image is not None and plane.axes is not None:
+            # Labels of such a layer are projected from above, so its colours must be, too.
+            plane = Plane(self._position, plane.axes)
+        place = tree.scaled(plane.place, 1.0 / maps.tile_m)
+        lookups = self._tilings.lookups(layer.tiling, place)
+        if len(lookups) == 1:
+            return self._sample(maps, lookups[0])
+        texels = [self._sample(maps, lookup) for lookup in lookups]
+        weights = [lookup.weight for lookup in lookups]
+        roughness: Socket = 0.0
+        for texel, weight in zip(texels, weights, strict=True):
+            roughness = tree.math("MULTIPLY_ADD", texel.roughness, weight, roughness)
+        gain = _contrast(tree, weights)
+        red, green, blue = mean_color(maps)
+        color = _mixture(tree, [t.color for t in texels], weights, gain, (red, green, blue))
+        x, y, z = maps.normal_gl.reshape(-1, 3).mean(axis=0) / 255
+        detail = _mixture(tree, [t.detail for t in texels], weights, gain, (x, y, z))
+        return Texel(tree.vector("MAXIMUM", color, (0.0, 0.0, 0.0)), detail, roughness)
+
+    def _sample(self, maps: PbrMaps, lookup: TextureLookup) -> Texel:
+        tree = self._tree
+        color = tree.add("TexImage", {"Vector": lookup.place}, image=self._images.color(maps))
+        image = self._images.normal_roughness(maps)
+        other = tree.add("TexImage", {"Vector": lookup.place}, image=image)
+        detail = other.outputs["Color"]
+        if lookup.angle is not None:
+            # Rotating the coordinates rotates the texture's slopes the other way.
+            inputs: dict[str | int, Any] = {
+                "Vector": detail,
+                "Center": (0.5, 0.5, 0.0),
+                "Angle": tree.math("MULTIPLY", lookup.angle, -1.0),
+            }
+            detail = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
+        return Texel(color.outputs["Color"], detail, other.outputs["Alpha"])
+
+    def _variation(self, maps: PbrMaps, variation: Variation) -> Socket | None:
+        """Return a slowly varying colour factor around 1, which hides that textures repeat."""
+        if not self._level.tables.varies:
+            return None
+        tree = self._tree
+        size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
+        image = self._images.height(self._level.seen(maps, size_m))
+        texel = tree.add("TexImage", {"Vector": self._position}, image=image)
+        # The node's own mapping is a matrix; a separate node would evaluate sine and cosine.
+        texel.texture_mapping.rotation[2] = VARIATION_TURN_RAD
+        texel.texture_mapping.scale = (1.0 / size_m,) * 3
+        ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
+        least = tuple((1 - ranges / 2).tolist())
+        return tree.vector("MULTIPLY_ADD", texel.outputs["Color"], tuple(ranges.tolist()), least)
+
+
+def _contrast(tree: NodeTree, weights: list[Socket]) -> Socket:
+    """Return the factor that restores the variance of a mixture (Heitz and Neyret)."""
+    squares: Socket = 0.0
+    for weight in weights:
+        squares = tree.math("MULTIPLY_ADD", weight, weight, squares)
+    return tree.math("INVERSE_SQRT", squares)
+
+
+def _mixture(
+    tree: NodeTree,
+    parts: list[Socket],
+    weights: list[Socket],
+    gain: Socket,
+    mean: tuple[float, float, float],
+) -> Socket:
+    """Return ``mean`` plus ``gain`` times the weighted sum's deviation from it."""
+    total: Socket = tuple(-value for value in mean)
+    for part, weight in zip(parts, weights, strict=True):
+        total = tree.vector("MULTIPLY_ADD", part, weight, total)
+    return tree.vector("MULTIPLY_ADD", total, gain, mean)
