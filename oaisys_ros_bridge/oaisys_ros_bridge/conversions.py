@@ -29,7 +29,7 @@ PLUMB_BOB = "plumb_bob"
 """ROS's name of the Brown-Conrady model with five coefficients."""
 
 
-class Pixels(NamedTuple):
+class PixelFormat(NamedTuple):
     """Type and number of channels of an encoding's pixels."""
 
     dtype: np.dtype[Any]
@@ -42,7 +42,7 @@ class Pixels(NamedTuple):
         return f"{shape} {self.dtype}"
 
 
-PLAIN_TYPES: dict[str, np.dtype[Any]] = {
+OPENCV_TYPES: dict[str, np.dtype[Any]] = {
     "8U": np.dtype(np.uint8),
     "8S": np.dtype(np.int8),
     "16U": np.dtype(np.uint16),
@@ -51,18 +51,18 @@ PLAIN_TYPES: dict[str, np.dtype[Any]] = {
     "32F": np.dtype(np.float32),
     "64F": np.dtype(np.float64),
 }
-"""OpenCV's names of pixel types without a meaning of their channels."""
+"""Pixel types by their names in OpenCV."""
 MOST_CHANNELS = 4
 
-PIXELS_BY_ENCODING: dict[str, Pixels] = {
-    "rgb8": Pixels(np.dtype(np.uint8), 3),
-    "bgr8": Pixels(np.dtype(np.uint8), 3),
-    "rgba8": Pixels(np.dtype(np.uint8), 4),
-    "bgra8": Pixels(np.dtype(np.uint8), 4),
-    "mono8": Pixels(np.dtype(np.uint8), 1),
+FORMAT_BY_ENCODING: dict[str, PixelFormat] = {
+    "rgb8": PixelFormat(np.dtype(np.uint8), 3),
+    "bgr8": PixelFormat(np.dtype(np.uint8), 3),
+    "rgba8": PixelFormat(np.dtype(np.uint8), 4),
+    "bgra8": PixelFormat(np.dtype(np.uint8), 4),
+    "mono8": PixelFormat(np.dtype(np.uint8), 1),
     **{
-        f"{name}C{channels}": Pixels(dtype, channels)
-        for name, dtype in PLAIN_TYPES.items()
+        f"{name}C{channels}": PixelFormat(dtype, channels)
+        for name, dtype in OPENCV_TYPES.items()
         for channels in range(1, MOST_CHANNELS + 1)
     },
 }
@@ -81,7 +81,7 @@ UNKNOWN_VARIANCE = 1e6
 """Variance of an unknown velocity, (m/s)^2 or (rad/s)^2."""
 
 
-def plain_encoding(data: NDArray[Any]) -> str:
+def opencv_encoding(data: NDArray[Any]) -> str:
     """Return the encoding, such as ``8UC1``, of an (H, W) or (H, W, channels) image.
 
     Raises:
@@ -89,10 +89,10 @@ def plain_encoding(data: NDArray[Any]) -> str:
     """
     channels = 1 if data.ndim == 2 else data.shape[-1]
     dtype = np.dtype(np.int32) if data.dtype == np.uint32 else data.dtype
-    for encoding, pixels in PIXELS_BY_ENCODING.items():
+    for encoding, pixels in FORMAT_BY_ENCODING.items():
         if encoding not in COLOR_ORDERS and pixels == (dtype, channels):
             return encoding
-    expected = f"up to {MOST_CHANNELS} channels of {', '.join(map(str, PLAIN_TYPES.values()))}"
+    expected = f"up to {MOST_CHANNELS} channels of {', '.join(map(str, OPENCV_TYPES.values()))}"
     raise InvalidInputError("image.data", (data.shape, str(data.dtype)), expected)
 
 
@@ -230,8 +230,8 @@ def image_to_msg(data: NDArray[Any], encoding: str, header: Header) -> Image:
     """Return the message of an image; inverse: `image_from_msg`.
 
     Args:
-        data: Of the shape and type in `PIXELS_BY_ENCODING`; for ``32SC1`` also uint32 that fit.
-        encoding: One of `PIXELS_BY_ENCODING`.
+        data: Of the shape and type in `FORMAT_BY_ENCODING`; for ``32SC1`` also uint32 that fit.
+        encoding: One of `FORMAT_BY_ENCODING`.
         header: Stamp and frame.
 
     Raises:
@@ -239,7 +239,7 @@ def image_to_msg(data: NDArray[Any], encoding: str, header: Header) -> Image:
         InvalidInputError: Unknown encoding, or data of another shape, type or range.
     """
     checked_type(data, np.ndarray, "image.data")
-    pixels = _pixels_of(encoding)
+    pixels = _format_of(encoding)
     if encoding == "32SC1" and data.dtype == np.uint32:
         if data.size and int(data.max()) > np.iinfo(np.int32).max:
             raise InvalidInputError("image.data", int(data.max()), "ids that fit 31 bits")
@@ -270,7 +270,7 @@ def image_from_msg(msg: Image) -> NDArray[Any]:
         InvalidInputError: Unknown encoding, or sizes that do not agree with each other.
     """
     checked_type(msg, Image, "image")
-    plain, channels = _pixels_of(msg.encoding)
+    plain, channels = _format_of(msg.encoding)
     dtype: np.dtype[Any] = plain.newbyteorder(">" if msg.is_bigendian else "<")
     row_bytes = dtype.itemsize * channels * msg.width
     if msg.step < row_bytes or len(msg.data) != msg.step * msg.height:
@@ -313,8 +313,8 @@ def color_from_msg(msg: Image) -> NDArray[np.uint8]:
     return np.ascontiguousarray(channels[..., COLOR_ORDERS[msg.encoding]])
 
 
-def _pixels_of(encoding: str) -> Pixels:
-    if encoding not in PIXELS_BY_ENCODING:
-        expected = "one of " + ", ".join(PIXELS_BY_ENCODING)
+def _format_of(encoding: str) -> PixelFormat:
+    if encoding not in FORMAT_BY_ENCODING:
+        expected = "one of " + ", ".join(FORMAT_BY_ENCODING)
         raise InvalidInputError("image.encoding", encoding, expected)
-    return PIXELS_BY_ENCODING[encoding]
+    return FORMAT_BY_ENCODING[encoding]

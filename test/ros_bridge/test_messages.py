@@ -312,14 +312,14 @@ def test_images_of_installed_passes_have_an_encoding(
     shape = (6, 8) if channels == 1 else (6, 8, channels)
     data = np.random.default_rng(8).integers(0, 100, shape).astype(dtype)
 
-    assert conversions.plain_encoding(data) == encoding
+    assert conversions.opencv_encoding(data) == encoding
     back = conversions.image_from_msg(conversions.image_to_msg(data, encoding, HEADER))
     np.testing.assert_array_equal(back, data)
 
 
 def test_pixels_that_no_encoding_describes_are_refused() -> None:
     with pytest.raises(InvalidInputError, match=r"image\.data"):
-        conversions.plain_encoding(np.zeros((6, 8, 5), np.uint8))
+        conversions.opencv_encoding(np.zeros((6, 8, 5), np.uint8))
 
 
 def test_odometry_tells_how_far_it_may_be_off() -> None:

@@ -8,13 +8,12 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.message_definition import message_class
-from oaisys_ros_bridge.bags.reading import mcap_file
+from oaisys_ros_bridge.bags.reading import BagReader
 from oaisys_ros_bridge.bags.serialized_stamps import stamp_reader
 
 SAMPLE_INFO = "/sample_info"
@@ -60,14 +59,15 @@ def stamps_of(bag: Path) -> tuple[dict[str, set[int]], dict[int, SampleInfo]]:
     """Return the stamps of each topic's messages, and the ``sample_info`` messages by stamp."""
     stamps: dict[str, set[int]] = {}
     announced: dict[int, SampleInfo] = {}
-    with mcap_file(bag).open("rb") as stream:
-        for schema, channel, message in make_reader(stream).iter_messages():
-            assert schema is not None
-            read_stamp = stamp_reader(message_class(schema.name))
-            if read_stamp is None:
-                continue
-            stamp_ns = read_stamp(message.data)
-            stamps.setdefault(channel.topic, set()).add(stamp_ns)
-            if channel.topic.endswith(SAMPLE_INFO):
-                announced[stamp_ns] = deserialize_message(message.data, SampleInfo)
+    reader = BagReader(bag)
+    stamp_readers = {
+        name: read_stamp
+        for name, topic in reader.topics.items()
+        if (read_stamp := stamp_reader(message_class(topic.type_name))) is not None
+    }
+    for message in reader.messages(stamp_readers.keys()):
+        stamp_ns = stamp_readers[message.topic](message.data)
+        stamps.setdefault(message.topic, set()).add(stamp_ns)
+        if message.topic.endswith(SAMPLE_INFO):
+            announced[stamp_ns] = deserialize_message(message.data, SampleInfo)
     return stamps, announced

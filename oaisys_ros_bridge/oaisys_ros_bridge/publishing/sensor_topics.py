@@ -34,7 +34,7 @@ from oaisys_ros_bridge.clouds import depth_to_cloud_msg
 from oaisys_ros_bridge.conversions import (
     image_to_msg,
     intrinsics_to_msg,
-    plain_encoding,
+    opencv_encoding,
     transform_to_msg,
 )
 from oaisys_ros_bridge.publishing.compressed import (
@@ -74,7 +74,7 @@ def encoding_of(frame: Frame) -> str:
     """Return the image encoding that a frame is published in."""
     if semantic_level(frame.modality) is not None:
         return "16UC1"
-    return ENCODING_BY_MODALITY.get(frame.modality) or plain_encoding(frame.data)
+    return ENCODING_BY_MODALITY.get(frame.modality) or opencv_encoding(frame.data)
 
 
 def compressed_variants(modality: str) -> tuple[str, ...]:

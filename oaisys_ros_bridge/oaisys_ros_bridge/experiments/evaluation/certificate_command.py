@@ -119,7 +119,7 @@ def challenge(
 
     Exit 0 if the map without a fault is accepted and all others are rejected.
     """
-    from oaisys_ros_bridge.experiments.evaluation.perturbation_test import perturb_bag
+    from oaisys_ros_bridge.experiments.evaluation.bag_perturbations import perturb_bag
     from oaisys_ros_bridge.experiments.progress import Reporter, print_table
     from oaisys_ros_bridge.experiments.survey.seeds import faults_table
 

@@ -31,7 +31,7 @@ except PackageNotFoundError:
     BUILD = "colcon build --packages-up-to oaisys_ros_bridge, then source install/setup.bash"
     pytest.skip(f"the workspace is not built: {BUILD}", allow_module_level=True)
 
-REPOSITORY = Path(__file__).resolve().parents[2]
+REPOSITORY = Path(__file__).resolve().parents[3]
 LAUNCH_FILES = sorted((REPOSITORY / "launch").glob("*.launch.py"))
 MOUNDS = {
     "backend": "analytic",

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from mcap.reader import make_reader
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
@@ -20,9 +19,10 @@ from oaisys_mapping.evaluation.thresholds import survey_thresholds
 from oaisys_mapping.evaluation.true_surface import true_surface
 from oaisys_mapping.evaluation.truth_io import read_truth
 from oaisys_mapping.tsdf import TsdfConfig
-from oaisys_ros_bridge.bags.reading import mcap_file
+from oaisys_ros_bridge.bags.reading import BagReader
 from oaisys_ros_bridge.experiments.evaluation.map_evaluation import TRUTH_FILE, run_perturbations
 from oaisys_ros_bridge.experiments.progress import Reporter
+from oaisys_ros_bridge.namespaces import TF, TF_STATIC
 from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler
 
 MAP_FRAME = "map"
@@ -65,35 +65,32 @@ def frames_of_bag(bag: Path) -> Iterator[PosedDepth]:
         InvalidInputError: There is no bag, or a message in it cannot be used.
     """
     assembler = FrameAssembler(MAP_FRAME, use_color=False)
-    with mcap_file(bag).open("rb") as file:
-        reader: Any = make_reader(file)
-        topics = {channel.topic for channel in reader.get_summary().channels.values()}
-        depth = min((topic for topic in topics if topic.endswith(DEPTH_TOPIC)), default="")
-        if not depth:
-            return
-        handlers = _handlers(assembler, depth)
-        wanted = sorted(
-            topic for topic in topics if _last_part(topic) in handlers or topic in handlers
-        )
-        for _, channel, message in reader.iter_messages(topics=wanted):
-            kind, handle = handlers.get(channel.topic) or handlers[_last_part(channel.topic)]
-            handle(deserialize_message(message.data, kind))
-            while (frame := assembler.pop()) is not None:
-                yield PosedDepth(frame.depth_m, frame.intrinsics, frame.T_map_camera)
+    reader = BagReader(bag)
+    depth = min((topic for topic in reader.topics if topic.endswith(DEPTH_TOPIC)), default="")
+    if not depth:
+        return
+    handlers = _handlers(assembler, depth, reader.topics)
+    for message in reader.messages(handlers.keys()):
+        message_type, handle = handlers[message.topic]
+        handle(deserialize_message(message.data, message_type))
+        while (frame := assembler.pop()) is not None:
+            yield PosedDepth(frame.depth_m, frame.intrinsics, frame.T_map_camera)
 
 
 def _handlers(
-    assembler: FrameAssembler, depth: str
+    assembler: FrameAssembler, depth: str, topics: Iterable[str]
 ) -> dict[str, tuple[type[Any], Callable[[Any], None]]]:
-    """Return the type and the handler of messages, by topic or by a topic's last part."""
-    info = depth.replace("image_raw", "camera_info")
-    return {
-        "tf_static": (TFMessage, assembler.add_static),
-        "tf": (TFMessage, assembler.add_transforms),
+    """Return the type and the handler of the messages of each topic that is needed."""
+    handlers: dict[str, tuple[type[Any], Callable[[Any], None]]] = {
         depth: (Image, lambda message: assembler.add_image("depth", message, 0.0)),
-        info: (CameraInfo, lambda message: assembler.add_image("info", message, 0.0)),
+        depth.replace("image_raw", "camera_info"): (
+            CameraInfo,
+            lambda message: assembler.add_image("info", message, 0.0),
+        ),
     }
-
-
-def _last_part(topic: str) -> str:
-    return topic.rsplit("/", 1)[-1]
+    for topic in topics:
+        if topic.endswith(TF_STATIC):
+            handlers[topic] = (TFMessage, assembler.add_static)
+        elif topic.endswith(TF):
+            handlers[topic] = (TFMessage, assembler.add_transforms)
+    return handlers

@@ -103,7 +103,7 @@ def _check_second_mapper(out: Path) -> None:
     second += ["--mesh", str(out / "mesh.ply")]
     ended = subprocess.run(
         second,
-        cwd=Path(__file__).parents[2],
+        cwd=Path(__file__).parents[3],
         capture_output=True,
         text=True,
         timeout=200,

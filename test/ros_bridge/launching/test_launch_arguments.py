@@ -23,7 +23,7 @@ from oaisys_ros_bridge.launching.arguments import (
     command_line,
 )
 
-LAUNCH_FILES = Path(__file__).resolve().parents[2] / "launch"
+LAUNCH_FILES = Path(__file__).resolve().parents[3] / "launch"
 TABLES = {"survey": SURVEY, "explore": EXPLORE, "simulator": SIMULATOR}
 COMMANDS: dict[str, Callable[..., None]] = {"survey": survey, "explore": explore}
 
