@@ -314,14 +314,6 @@ class RecordedSample:
     recorded: Callable[[Frame], Frame] = _as_rendered
 
 
-SampleFramesCallback = Callable[[SampleOutline, tuple[Frame, ...]], None]
-"""Called with frames of a sample as soon as they are ready; it may raise `CancelledError`."""
-
-
-def ignore_sample_frames(outline: SampleOutline, frames: tuple[Frame, ...]) -> None:
-    """Wait for the whole sample instead."""
-
-
 @dataclass(frozen=True, repr=False)
 class TriangleMesh(ShortRepr):
     """Triangles in ``map``, with optional ids per triangle.

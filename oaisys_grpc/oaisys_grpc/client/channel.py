@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import collections
 import contextlib
-import threading
 import time
-from collections.abc import Callable, Iterator
-from typing import Any, Self
+from collections.abc import Iterator
+from typing import Any
 
 import grpc
-import grpc.experimental
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
 from oaisys_core.errors import CancelledError, DeadlineExceededError, OaisysError
@@ -30,62 +27,15 @@ _OPTIONS = [
     ("grpc.http2.lookahead_bytes", 64 << 20),
     ("grpc.http2.bdp_probe", 0),
     ("grpc.http2.max_frame_size", (1 << 24) - 1),
-    # Who iterates over a stream reads it, instead of being woken by a thread that does: `Stream`.
-    (grpc.experimental.ChannelOptions.SingleThreadedUnaryStream, 1),
 ]
 _HEALTH_POLL_S = 0.1
-
-
-class Stream:
-    """A call that brings messages; iterated over by one thread at a time, cancelled by any.
-
-    A context manager, whose end is that of the call. grpcio keeps a call that was not heard out,
-    18 KB, as long as its channel: what it still has to say is heard when the next stream begins, as
-    who has what it wanted should not wait for that.
-    """
-
-    def __init__(self, call: Any, left: collections.deque[Stream]) -> None:
-        """Take a call over.
-
-        Args:
-            left: Streams that are still to be heard out; this one goes there at its end.
-        """
-        self._call = call
-        self._left = left
-        self._reading = threading.Lock()
-
-    def __iter__(self) -> Iterator[Any]:
-        return self
-
-    def __next__(self) -> Any:
-        with self._reading:
-            return next(self._call)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._call.cancel()
-        self._left.append(self)
-
-    def cancel(self) -> None:
-        """End the call; who iterates over it gets an error."""
-        self._call.cancel()
-
-    def hear_out(self) -> None:
-        """Let go of the call, which has ended."""
-        with self._reading:
-            # grpcio 1.85 has no public way to hear what a cancelled call still has to say.
-            while self._call._state.due:  # noqa: SLF001
-                self._call._consume_next_event()  # noqa: SLF001
 
 
 class Channel:
     """The calls of one simulator; safe to share between threads.
 
     Attributes:
-        stub: The unary calls as generated; its streams are not to be used.
-        render_sample, get_sample, ground_truth_mesh, height_field, watch_operation: The streams.
+        stub: The calls as generated; those that answer with a stream are called by `stream`.
     """
 
     def __init__(self, address: str, tls: ClientTls | None) -> None:
@@ -99,26 +49,21 @@ class Channel:
             self._channel = grpc.insecure_channel(address, options=_OPTIONS)
         else:
             self._channel = grpc.secure_channel(address, tls.credentials(), options=_OPTIONS)
-        self._left: collections.deque[Stream] = collections.deque()
         self.stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
         self._health = health_pb2_grpc.HealthStub(self._channel)
-        self.render_sample = self._stream(self.stub.RenderSample)
-        self.get_sample = self._stream(self.stub.GetSample)
-        self.ground_truth_mesh = self._stream(self.stub.GetGroundTruthMesh)
-        self.height_field = self._stream(self.stub.GetHeightField)
-        self.watch_operation = self._stream(self.stub.WatchOperation)
 
-    def _stream(self, begin: Callable[..., Any]) -> Callable[..., Stream]:
-        def stream(request: Any, timeout: float) -> Stream:
-            self._hear_out()
-            return Stream(begin(request, timeout=timeout), self._left)
+    @contextlib.contextmanager
+    def stream(self, name: str, request: Any, timeout_s: float) -> Iterator[Any]:
+        """Call a method that answers with a stream; the end of the block ends the call.
 
-        return stream
-
-    def _hear_out(self) -> None:
-        with contextlib.suppress(IndexError):
-            while True:
-                self._left.popleft().hear_out()
+        Yields the call: an iterator over the answers, which any thread may cancel.
+        """
+        with translated():
+            call = getattr(self.stub, name)(request, timeout=timeout_s)
+            try:
+                yield call
+            finally:
+                call.cancel()
 
     def wait_ready(self, timeout_s: float) -> None:
         """Wait until the simulator serves.
@@ -145,13 +90,12 @@ class Channel:
 
     def close(self) -> None:
         """Close the connection."""
-        self._hear_out()
         self._channel.close()
 
 
 @contextlib.contextmanager
 def translated() -> Iterator[None]:
-    """Turn a failed call into the error that it means."""
+    """Raise the error that a failed call stands for."""
     try:
         yield
     except grpc.RpcError as error:

@@ -79,7 +79,7 @@ class SampleClient:
         on_progress: ProgressListener | None,
     ) -> Iterator[SampleStream]:
         """Have a sample rendered; leaving the block early cancels that."""
-        with translated(), self._channel.render_sample(request, timeout=timeout_s) as call:
+        with self._channel.stream("RenderSample", request, timeout_s) as call:
             parts = _parts_after_progress(call, on_progress)
             stream = self._stream(parts, timeout_s, call.cancel)
             yield stream
@@ -91,7 +91,7 @@ class SampleClient:
         """Return a sample that was rendered lately."""
         options = transfer_to_proto(transfer or self.transfer(timeout_s))
         request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id, transfer=options)
-        with translated(), self._channel.get_sample(request, timeout=timeout_s) as answers:
+        with self._channel.stream("GetSample", request, timeout_s) as answers:
             parts = (answer.part for answer in answers)
             stream = self._stream(parts, timeout_s)
             sample = stream.read()

@@ -254,7 +254,7 @@ class SimulatorClient:
     def watch_operation(self, name: str) -> Iterator[OperationStatus]:
         """Yield how an operation stands, at each change until it has ended."""
         request = pb.WatchOperationRequest(name=name)
-        with translated(), self._channel.watch_operation(request, timeout=self._timeout_s) as call:
+        with self._channel.stream("WatchOperation", request, self._timeout_s) as call:
             for answer in call:
                 yield status_from_proto(answer.operation)
 
@@ -271,10 +271,9 @@ class SimulatorClient:
 
     def ground_truth_mesh(self) -> TriangleMesh:
         """Return the surface of the world as rendered, in ``map``."""
-        with translated():
-            request = pb.GetGroundTruthMeshRequest()
-            with self._channel.ground_truth_mesh(request, timeout=self._timeout_s) as parts:
-                return chunks.mesh_from_parts(parts, self._max_array_bytes)
+        request = pb.GetGroundTruthMeshRequest()
+        with self._channel.stream("GetGroundTruthMesh", request, self._timeout_s) as parts:
+            return chunks.mesh_from_parts(parts, self._max_array_bytes)
 
     def height_grid(
         self, resolution_m: float, extent_m: tuple[float, float, float, float] | None = None
@@ -290,10 +289,7 @@ class SimulatorClient:
             x0, y0, x1, y1 = extent_m
             extent = pb.StageExtent(min_x_m=x0, min_y_m=y0, max_x_m=x1, max_y_m=y1)
             request.extent.CopyFrom(extent)
-        with (
-            translated(),
-            self._channel.height_field(request, timeout=self._timeout_s) as parts,
-        ):
+        with self._channel.stream("GetHeightField", request, self._timeout_s) as parts:
             return chunks.heights_from_parts(parts, self._max_array_bytes)
 
     def query_height(self, points_m: ArrayLike) -> HeightQuery:
