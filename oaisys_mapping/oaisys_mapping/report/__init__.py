@@ -1,1 +1,1 @@
-"""Reports and live pages for people; ``report.json`` for programs."""
+"""Reports of experiments and the live web viewer."""

@@ -1,4 +1,4 @@
-"""A mesh as a page takes it in: thinned out, with layers of colours, packed for JavaScript."""
+"""The mesh in a report: decimated, with layers of colours, packed_mesh for JavaScript."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh, triangle_areas_m2
 from oaisys_mapping.report import pictures
 
-MOST_TRIANGLES = 400_000
-"""What a page holds: some 4 MB, and what a browser without a GPU still turns."""
+MAX_TRIANGLES = 400_000
+"""Triangles in a page: some 4 MB, which a browser can turn without a GPU."""
 
-COARSER = 1.15
-"""Where a mesh is still too large, its next cells are larger by this factor."""
+CELL_GROWTH = 1.15
+"""Factor by which clustering cells grow until a mesh is small enough."""
 
 FRUSTUM_SHARE = 0.02
-"""Depth of a drawn camera, as a share of the mesh's diagonal."""
+"""Length of a drawn camera frustum, as a share of the mesh's diagonal."""
 
 STEPS = 65535
-"""Positions are counted in steps of this share of the mesh's size."""
+"""Quantization steps of positions along each side of the mesh's bounding box."""
 
 
 IMAGE_SHADING = 0.3
-"""How much light is drawn on top of what images already hold."""
+"""Share of shading for colours from images, which contain light and shadow already."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """One way to colour a mesh.
+    """One colouring of a mesh.
 
     Attributes:
-        title: On its button.
-        note: What its colours mean.
-        colors_rgb: (V, 3) uint8, one per vertex.
-        shaded: How much of the light is drawn, 0 to 1: pictures have their own.
+        title: Title of its button.
+        note: Meaning of the colours.
+        colors_rgb: (V, 3) uint8 colours of the vertices.
+        shaded: Share of shading, 0 to 1.
     """
 
     title: str
@@ -57,18 +57,18 @@ class Layer:
 
 
 def layers_of(mesh: ColoredMesh, evaluation: Evaluation, labels: Mapping[int, str]) -> list[Layer]:
-    """Return the layers that a mesh has colours for."""
+    """Return the layers of a mesh: image colours, errors and, if it has them, classes."""
     note = "Colours from the images."
     layers = [Layer("colour", note, mesh.colors_rgb, IMAGE_SHADING), _errors(mesh, evaluation)]
     if mesh.class_ids is not None:
         ids = mesh.class_ids[None]
-        note = "The class that the most views gave a place; its colour is that of the label images."
+        note = "The most frequent class, in the colours of the label images."
         layers.append(Layer("classes", note, pictures.semantic_picture(ids, labels)[0]))
     return layers
 
 
 def _errors(mesh: ColoredMesh, evaluation: Evaluation) -> Layer:
-    """Colour each vertex by the distance to the truth that was measured nearest to it."""
+    """Colour each vertex by the distance to the truth measured nearest to it."""
     limit_m = evaluation.metrics.voxel_size_m / 2
     place = nearest(evaluation.reconstruction.points_m, mesh.vertices_m)
     share = np.minimum(evaluation.reconstruction_distance_m[place] / limit_m, 1.0)
@@ -78,52 +78,51 @@ def _errors(mesh: ColoredMesh, evaluation: Evaluation) -> Layer:
     return Layer("error", note, colors_rgb, 0.6)
 
 
-def thinned(mesh: ColoredMesh, most_triangles: int = MOST_TRIANGLES) -> ColoredMesh:
-    """Return a mesh of at most so many triangles: vertices in a cell become their average.
+def decimated(mesh: ColoredMesh, max_triangles: int = MAX_TRIANGLES) -> ColoredMesh:
+    """Return a mesh of at most ``max_triangles``, by Open3D's vertex clustering.
 
-    Rossignac and Borrel, "Multi-resolution 3D approximations for rendering complex scenes",
-    Modeling in Computer Graphics, 1993. A vertex takes its class from the nearest one before.
+    New vertices take the class of the nearest old one.
     """
-    if len(mesh.triangles) <= most_triangles:
+    if len(mesh.triangles) <= max_triangles:
         return mesh
-    whole = o3d.geometry.TriangleMesh(
+    original = o3d.geometry.TriangleMesh(
         o3d.utility.Vector3dVector(mesh.vertices_m), o3d.utility.Vector3iVector(mesh.triangles)
     )
-    whole.vertex_colors = o3d.utility.Vector3dVector(mesh.colors_rgb / 255.0)
+    original.vertex_colors = o3d.utility.Vector3dVector(mesh.colors_rgb / 255.0)
     area_m2 = float(triangle_areas_m2(mesh.vertices_m, mesh.triangles).sum())
-    # A square of a grid is two triangles.
-    cell_m = np.sqrt(2 * area_m2 / most_triangles)
-    fewer = whole.simplify_vertex_clustering(cell_m)
-    while len(fewer.triangles) > most_triangles:
-        cell_m *= COARSER
-        fewer = whole.simplify_vertex_clustering(cell_m)
-    vertices_m = np.asarray(fewer.vertices)
-    colors_rgb = np.rint(np.asarray(fewer.vertex_colors) * 255).astype(np.uint8)
+    # A grid has two triangles per square cell.
+    cell_m = np.sqrt(2 * area_m2 / max_triangles)
+    clustered = original.simplify_vertex_clustering(cell_m)
+    while len(clustered.triangles) > max_triangles:
+        cell_m *= CELL_GROWTH
+        clustered = original.simplify_vertex_clustering(cell_m)
+    vertices_m = np.asarray(clustered.vertices)
+    colors_rgb = np.rint(np.asarray(clustered.vertex_colors) * 255).astype(np.uint8)
     class_ids = None
     if mesh.class_ids is not None:
         class_ids = mesh.class_ids[nearest(mesh.vertices_m, vertices_m)]
     return ColoredMesh(
-        vertices_m, np.asarray(fewer.triangles).astype(np.int32), colors_rgb, class_ids
+        vertices_m, np.asarray(clustered.triangles).astype(np.int32), colors_rgb, class_ids
     )
 
 
 def nearest(points_m: FloatArray, wanted_m: FloatArray) -> NDArray[np.intp]:
-    """Return the (M,) indices of those of (N, 3) points that are nearest to (M, 3) others."""
+    """Return the (M,) indices of the (N, 3) points nearest to (M, 3) others."""
     return np.asarray(cKDTree(points_m).query(wanted_m)[1])
 
 
-def packed(
+def packed_mesh(
     mesh: ColoredMesh, layers: Sequence[Layer], cameras: Sequence[PosedCamera]
 ) -> dict[str, str]:
-    """Return the JSON header and the body, as ``mesh_viewer.js`` reads them.
+    """Return the JSON header and the body that ``mesh_viewer.js`` reads.
 
-    The body is gzip in base64 of, one after the other, (T, 3) int32 differences of vertex numbers,
-    (V, 3) uint16 positions in the box, and each layer's (V, 3) uint8 colours.
+    The body is base64 of gzip of, one after the other, (T, 3) int32 differences of vertex indices,
+    (V, 3) uint16 positions in the bounding box, and each layer's (V, 3) uint8 colours.
     """
     low_m = mesh.vertices_m.min(axis=0)
     size_m = np.maximum(mesh.vertices_m.max(axis=0) - low_m, 1e-6)
     steps = np.rint((mesh.vertices_m - low_m) / size_m * STEPS).astype("<u2")
-    # Small differences press better than large numbers.
+    # Differences compress better than indices.
     numbers = np.diff(mesh.triangles.reshape(-1), prepend=0).astype("<i4")
     parts = [numbers.tobytes(), steps.tobytes()]
     parts += [np.ascontiguousarray(layer.colors_rgb).tobytes() for layer in layers]
@@ -136,13 +135,13 @@ def packed(
         "cameras": _frusta(cameras, FRUSTUM_SHARE * float(np.linalg.norm(size_m))),
     }
     body = gzip.compress(b"".join(parts), compresslevel=9, mtime=0)
-    # Inside a script element nothing may look like its end.
+    # The text must not contain the end tag of its script element.
     text = json.dumps(header).replace("<", "\\u003c")
     return {"header": text, "body": base64.b64encode(body).decode("ascii")}
 
 
 def _frusta(cameras: Sequence[PosedCamera], depth_m: float) -> list[list[list[float]]]:
-    """Return for each camera its centre and the four corners of its image, in ``map``."""
+    """Return the centre and the four image corners of each camera in ``map``."""
     frusta = []
     for camera in cameras:
         width_px, height_px = camera.intrinsics.width_px - 1, camera.intrinsics.height_px - 1

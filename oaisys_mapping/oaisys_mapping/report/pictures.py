@@ -1,4 +1,4 @@
-"""Pictures for a report, made without a GPU: meshes, maps of errors, sheets of images."""
+"""Pictures for reports, drawn without a GPU: meshes, error maps, contact sheets, charts."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ Image = NDArray[np.uint8]
 
 BACKGROUND = (250, 251, 252)
 PAGE_COLOR = "#fafbfc"
-"""The page's, for meshes and for plots."""
+"""Background colour of the page and of plots."""
 
-SUN = np.array((0.4, 0.35, 0.85)) / np.linalg.norm((0.4, 0.35, 0.85))
+LIGHT_DIRECTION = np.array((0.4, 0.35, 0.85)) / np.linalg.norm((0.4, 0.35, 0.85))
 THUMBNAIL_WIDTH_PX = 220
 OVERSAMPLING = 2
 """Rays along a pixel's edge in pictures of a mesh."""
 
 MARGIN = 0.02
-"""Share of a picture's size that stays free around a mesh."""
+"""Margin around a mesh as a share of the picture's size."""
 
 MESH_SIDES = {
     "from the south-west": ((-0.75, -1.0, 0.75), (1120, 560)),
     "from the east": ((1.2, 0.1, 0.45), (640, 360)),
     "from above": ((0.0, -1e-3, 1.5), (640, 360)),
 }
-"""Where pictures of a mesh are taken from, in units of its diagonal, and their sizes in pixels."""
+"""Camera offsets from a mesh's centre in units of its diagonal, and picture sizes in pixels."""
 
 LABEL_COLORS: Image = np.array(
     [
@@ -54,7 +54,7 @@ LABEL_COLORS: Image = np.array(
     ],
     np.uint8,
 )
-"""Colours of label ids, in the order of the legend; the first is for 0."""
+"""Colours of labels in the order of the legend; the first is that of id 0."""
 
 
 def png(image: Image) -> bytes:
@@ -91,7 +91,7 @@ def mesh_views(mesh: ColoredMesh) -> dict[str, Image]:
 def _filled_by(
     mesh: ColoredMesh, T_map_camera: FloatArray, width_px: int, height_px: int
 ) -> PinholeIntrinsics:
-    """Return the camera whose image a mesh just fills."""
+    """Return the camera whose image the mesh just fills."""
     camera_m = (mesh.vertices_m - T_map_camera[:3, 3]) @ T_map_camera[:3, :3]
     slopes = camera_m[:, :2] / camera_m[:, 2:]
     low, high = slopes.min(axis=0), slopes.max(axis=0)
@@ -116,7 +116,9 @@ def _mesh_picture(
     u, v = found["primitive_uvs"].numpy()[hit].T
     a, b, c = (mesh.colors_rgb[corners[:, corner]].astype(np.float32) for corner in range(3))
     colors = (1 - u - v)[:, None] * a + u[:, None] * b + v[:, None] * c
-    light = 0.45 + 0.75 * np.abs(found["primitive_normals"].numpy()[hit] @ SUN.astype(np.float32))
+    light = 0.45 + 0.75 * np.abs(
+        found["primitive_normals"].numpy()[hit] @ LIGHT_DIRECTION.astype(np.float32)
+    )
     image = np.empty((*hit.shape, 3), np.uint8)
     image[:] = BACKGROUND
     image[hit] = np.clip(colors * light[:, None], 0, 255)
@@ -140,7 +142,7 @@ def sheet(images: Sequence[Image], columns: int) -> Image:
 
 
 def depth_picture(depth_m: NDArray[np.float32], near_m: float, far_m: float) -> Image:
-    """Return depth in colours, from near (yellow) to far (violet); what hit nothing is grey."""
+    """Return depth in colours from near (yellow) to far (violet), grey where nothing was hit."""
     hit = np.isfinite(depth_m)
     share = np.zeros(depth_m.shape)
     share[hit] = 1 - (depth_m[hit] - near_m) / max(far_m - near_m, 1e-9)
@@ -165,7 +167,7 @@ def semantic_picture(ids: NDArray[np.uint16], labels: Mapping[int, str]) -> Imag
 
 
 def label_color(semantic_id: int, labels: Mapping[int, str]) -> NDArray[np.uint8]:
-    """Return a label's (3,) colour, by its place among the labels."""
+    """Return a label's (3,) RGB colour, by its rank among the labels."""
     if semantic_id == 0:
         return np.asarray(LABEL_COLORS[0])
     place = sorted(labels).index(semantic_id) if semantic_id in labels else semantic_id
@@ -173,7 +175,7 @@ def label_color(semantic_id: int, labels: Mapping[int, str]) -> NDArray[np.uint8
 
 
 def instance_picture(ids: NDArray[np.uint32]) -> Image:
-    """Return instance ids in colours that differ from one to the next; none is near black."""
+    """Return instance ids in colours that differ between consecutive ids; none is near black."""
     hue = (ids.astype(np.float64) * 0.61803398875) % 1.0
     image = (mpl.colormaps["hsv"](hue)[..., :3] * 200 + 40).astype(np.uint8)
     image[ids == 0] = LABEL_COLORS[0]
@@ -183,7 +185,7 @@ def instance_picture(ids: NDArray[np.uint32]) -> Image:
 def distance_map(
     points_m: FloatArray, distance_m: FloatArray, cell_m: float, limit_m: float, title: str
 ) -> bytes:
-    """Return a map from above of the mean distance in each cell, as PNG with its scale."""
+    """Return a PNG map, seen from above, of the mean distance in each cell."""
     low = points_m[:, :2].min(axis=0)
     cells = np.floor((points_m[:, :2] - low) / cell_m).astype(np.intp)
     shape = tuple(cells.max(axis=0) + 1)
@@ -206,7 +208,7 @@ def distance_map(
 
 
 def time_chart(seconds: Mapping[str, Sequence[float]]) -> bytes:
-    """Return a bar a view, stacked by what the time went into, as PNG."""
+    """Return a PNG bar chart of the time of each view, stacked by kind of work."""
     figure = Figure(figsize=(10.2, 3.0), layout="constrained", facecolor=PAGE_COLOR)
     axes = figure.add_subplot()
     count = len(next(iter(seconds.values())))
@@ -229,9 +231,9 @@ def coverage_chart(
     """Return a PNG of coverage against views and against the path flown.
 
     Args:
-        runs: Name, share seen after each view, and metres flown until each view. Those whose names
-            begin alike up to a comma share a colour.
-        goal: Share that is marked.
+        runs: Name, coverage after each view, and metres flown up to each view. Runs whose names
+            are equal up to a comma share a colour.
+        goal: Coverage that is marked.
     """
     figure = Figure(figsize=(11.2, 3.8), dpi=120, facecolor=PAGE_COLOR, layout="constrained")
     against_views, against_path = figure.subplots(1, 2, sharey=True)

@@ -1,4 +1,4 @@
-"""What a survey found, as ``report.json`` for programs and ``report.html`` for people."""
+"""The report of a survey: ``report.json`` for programs and ``report.html`` for people."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
-from oaisys_mapping.report.mesh_viewer import layers_of, packed, thinned
+from oaisys_mapping.report.mesh_viewer import decimated, layers_of, packed_mesh
 from oaisys_mapping.report.three_js import load_three
 
 COVERAGE_GOAL = 0.9
-"""Coverage for which planners are compared."""
+"""Coverage at which planners are compared."""
 
 
 @dataclass(frozen=True, repr=False)
 class ViewRecord(ShortRepr):
-    """What came back for one viewpoint.
+    """The images and times of one viewpoint.
 
     Attributes:
         rgb, depth_m, semantic_ids, instance_ids: The images received, any of them None.
-        seconds: Where the time went, by name, in seconds.
+        seconds: Seconds by kind of work.
     """
 
     rgb: NDArray[np.uint8] | None
@@ -50,13 +50,13 @@ class ViewRecord(ShortRepr):
 
 @dataclass(frozen=True)
 class ReportTable:
-    """A table that only some reports have.
+    """An additional table of a report.
 
     Attributes:
-        title: Its heading.
-        note: What it tells.
-        header: Of its columns.
-        rows: Its cells, as they are to be read.
+        title: Heading.
+        note: Explanation below the table.
+        header: Titles of the columns.
+        rows: Formatted cells.
     """
 
     title: str
@@ -71,19 +71,19 @@ class SurveyReport:
 
     Attributes:
         title: Heading.
-        facts: What was run, for both reports: seed, versions, counts, times.
-        evaluation: Figures, and the points they were taken from.
-        thresholds: What counts as closed.
+        facts: Facts for both reports: seed, versions, counts, times.
+        evaluation: The figures, and the points they were computed from.
+        thresholds: The thresholds of a closed survey.
         mesh: The reconstruction.
-        views: One per viewpoint, in order.
+        views: One record per viewpoint, in order.
         columns: Viewpoints in a row of the survey's grid.
         labels: Names of semantic ids.
-        command: How to run it again.
+        command: Command that repeats the run.
         config_text: The whole configuration.
-        coverage: Of explorations; none for a survey.
-        cameras: From where the mesh was seen; drawn with it.
-        tables: Further tables, below the verdict.
-        losses: What was lost of the samples on their way, one sentence each.
+        coverage: Records of explorations; empty for a survey.
+        cameras: Cameras that are drawn with the mesh.
+        tables: Additional tables, below the verdict.
+        losses: One sentence for each kind of data that was lost in transport.
     """
 
     title: str
@@ -103,7 +103,7 @@ class SurveyReport:
 
     @property
     def missed(self) -> list[str]:
-        """One sentence per threshold that is missed, and all that was lost."""
+        """One sentence for each missed threshold and each loss."""
         return [*self.thresholds.missed_by(self.evaluation.metrics), *self.losses]
 
 
@@ -128,7 +128,7 @@ def write_report(report: SurveyReport, out: Path) -> None:
 
 
 def _versions() -> dict[str, str]:
-    """Return the versions of what measured and drew."""
+    """Return the versions of the software that evaluated and drew."""
     libraries = {"open3d": o3d, "numpy": np, "scipy": scipy, "matplotlib": mpl}
     return {
         "oaisys_mapping": metadata.version("oaisys_mapping"),
@@ -139,7 +139,7 @@ def _versions() -> dict[str, str]:
 
 
 def _pictures(report: SurveyReport) -> dict[str, bytes]:
-    """Return image files by name."""
+    """Return the image files by name."""
     found = report.evaluation
     voxel_m = found.metrics.voxel_size_m
     files = {
@@ -177,7 +177,7 @@ def _pictures(report: SurveyReport) -> dict[str, bytes]:
 
 
 def _sheets(report: SurveyReport) -> dict[str, bytes]:
-    """Return contact sheets by file name."""
+    """Return the contact sheets by file name."""
     files = {}
     rgb = [view.rgb for view in report.views if view.rgb is not None]
     if rgb:
@@ -199,7 +199,7 @@ def _sheets(report: SurveyReport) -> dict[str, bytes]:
 
 
 def depth_range_m(images: Sequence[NDArray[np.float32]]) -> tuple[float, float]:
-    """Return the range of depth that a sheet's colours span: the middle 98 % of all pixels."""
+    """Return the depth range of a sheet's colours: the middle 98 % of all pixels."""
     finite = np.concatenate([image[np.isfinite(image)][::17] for image in images])
     if not len(finite):
         return 0.0, 1.0
@@ -233,18 +233,18 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
 
 
 def _viewer(report: SurveyReport) -> dict[str, Any] | None:
-    """Return what the page needs to draw a mesh that turns; None where three.js is missing."""
+    """Return the parts of the interactive mesh viewer; None if three.js is not installed."""
     three = load_three()
     if three is None:
         return None
-    mesh = thinned(report.mesh)
+    mesh = decimated(report.mesh)
     layers = layers_of(mesh, report.evaluation, report.labels)
     script = resources.files("oaisys_mapping") / "templates" / "mesh_viewer.js"
     return {
         "three": three,
         "triangles": len(mesh.triangles),
         "script": script.read_text(encoding="utf-8"),
-        **packed(mesh, layers, report.cameras),
+        **packed_mesh(mesh, layers, report.cameras),
     }
 
 

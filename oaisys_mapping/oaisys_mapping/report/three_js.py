@@ -1,7 +1,7 @@
-"""three.js as a page takes it in: its modules and its licence, from where set-up put them.
+"""three.js for embedding in a page: its modules and its licence.
 
-Nothing of it is part of this repository: `make setup` has npm install it, and a page that is made
-where it is missing does without.
+It is not part of this repository: `make setup` installs it with npm. Without it, reports contain
+pictures of the mesh only.
 """
 
 from __future__ import annotations
@@ -14,27 +14,27 @@ from dataclasses import dataclass
 from pathlib import Path
 
 FOLDER_VARIABLE = "OAISYS_THREE"
-"""Names another folder of the npm package ``three``, for those who do not use `make setup`."""
+"""Environment variable with another folder of the npm package ``three``."""
 
 CORE, CORE_MODULE = "./three.core.min.js", "three/core"
-"""How one half of three.js asks for the other, and what it asks for in a page without files."""
+"""The path by which three.js imports its core, and the module name that replaces it in a page."""
 
 FILES = {
     "three": "build/three.module.min.js",
     CORE_MODULE: "build/three.core.min.js",
     "three/OrbitControls": "examples/jsm/controls/OrbitControls.js",
 }
-"""Files by the names under which modules import them."""
+"""Files by the module names under which they are imported."""
 
 
 @dataclass(frozen=True)
 class ThreeJs:
-    """What is needed of three.js.
+    """The embeddable parts of three.js.
 
     Attributes:
-        version: Of the npm package.
-        import_map: JSON for a ``script`` of type ``importmap``: the modules as ``data:`` URLs.
-        licence: Its text, which must go where the modules go.
+        version: Version of the npm package.
+        import_map: JSON for a ``script`` of type ``importmap``, with the modules as ``data:`` URLs.
+        licence: Text of the licence, which must accompany the modules.
     """
 
     version: str
@@ -43,14 +43,14 @@ class ThreeJs:
 
 
 def three_folder() -> Path:
-    """Return the folder where the npm package is looked for."""
+    """Return the folder in which the npm package is expected."""
     if chosen := os.environ.get(FOLDER_VARIABLE):
         return Path(chosen)
     return Path(sys.prefix, "share", "oaisys_mapping", "node_modules", "three")
 
 
 def load_three() -> ThreeJs | None:
-    """Return the installed three.js, or None where there is none that can be used."""
+    """Return the installed three.js; None if it is missing or incomplete."""
     folder = three_folder()
     try:
         sources = {name: (folder / file).read_text("utf-8") for name, file in FILES.items()}

@@ -1,4 +1,4 @@
-"""A page that shows what a simulator sees as it sees it: cameras, images, clouds, the mesh."""
+"""A live web page of the simulator's output: cameras, images, point clouds, the mesh."""
 
 from __future__ import annotations
 
@@ -22,35 +22,35 @@ from oaisys_core.types import FloatArray, ShortRepr
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
-from oaisys_mapping.report.mesh_viewer import thinned
+from oaisys_mapping.report.mesh_viewer import decimated
 
-MOST_CAMERAS = 200
-"""The oldest ones go."""
+MAX_CAMERAS = 200
+"""Cameras that are shown; the oldest ones are removed."""
 
-MOST_POINTS = 80_000
-"""Of one view's cloud."""
+MAX_POINTS = 80_000
+"""Points of a view's cloud."""
 
-MOST_TRIANGLES = 200_000
-"""Of the mesh, which is sent whole each time."""
+MAX_TRIANGLES = 200_000
+"""Triangles of the mesh, all of which are sent at each change."""
 
 THUMBNAIL_WIDTH_PX = 160
 FRUSTUM_M = 1.0
-"""How far a camera's drawn image is before it."""
+"""Length of a drawn camera frustum."""
 
 OVERVIEW_M = (-22.0, -28.0, 22.0)
-"""Where a visitor stands at first, looking at the middle of the world."""
+"""Initial position of the browser's camera, which looks at the origin."""
 
 
 @dataclass(frozen=True, repr=False)
 class PosedImages(ShortRepr):
-    """What a camera saw at one time.
+    """The images of one view, with camera and pose.
 
     Attributes:
-        name: Of the view; one of the same name is replaced.
+        name: Name of the view; it replaces a view of the same name.
         rgb: (H, W, 3) uint8, or None.
-        depth_m: (H, W) float32 planar depth, or None; what is not finite is left out.
+        depth_m: (H, W) float32 planar depth, or None; values that are not finite are left out.
         semantic_ids: (H, W) uint16, or None.
-        camera: The camera without distortion and where it was.
+        camera: The camera and its pose.
     """
 
     name: str
@@ -64,16 +64,16 @@ class WebViewer:
     """Serves the page; use it in a ``with`` block.
 
     Attributes:
-        labels: Names of semantic ids, which choose their colours.
+        labels: Names of semantic ids, whose order determines their colours.
     """
 
     def __init__(self, host: str, port: int, max_range_m: float) -> None:
-        """Begin to serve an empty page.
+        """Start to serve an empty page.
 
         Args:
             host: Address to listen on.
-            port: 0 for a free one; where it is taken, the next free one.
-            max_range_m: What is farther away is not part of clouds.
+            port: Port; 0 or a used one: the next free one.
+            max_range_m: Depth beyond which points are left out of clouds.
         """
         with redirect_stdout(StringIO()):
             self._server = viser.ViserServer(host=host, port=port, label="OAISYS", verbose=False)
@@ -82,7 +82,7 @@ class WebViewer:
         self._cameras: deque[Any] = deque()
         self._mesh: Any = None
         self._cloud: Any = None
-        self._views = 0
+        self._view_count = 0
         self._images: dict[str, Any] = {}
         scene = self._server.scene
         scene.set_up_direction("+z")
@@ -90,16 +90,16 @@ class WebViewer:
         self._server.initial_camera.position = OVERVIEW_M
         self._server.initial_camera.look_at = (0.0, 0.0, 0.0)
         self._server.gui.configure_theme(control_layout="collapsible", show_logo=False)
-        self._facts = self._server.gui.add_markdown("Waiting for a view.")
-        self._shown = {
+        self._description = self._server.gui.add_markdown("Waiting for a view.")
+        self._checkboxes = {
             name: self._server.gui.add_checkbox(name, initial_value=True)
             for name in ("mesh", "cloud", "cameras")
         }
-        for box in self._shown.values():
-            box.on_update(self._show_chosen)
+        for box in self._checkboxes.values():
+            box.on_update(self._update_visibility)
 
     def __enter__(self) -> Self:
-        """Return the page that is being served."""
+        """Return the viewer."""
         return self
 
     def __exit__(
@@ -114,43 +114,43 @@ class WebViewer:
 
     @property
     def url(self) -> str:
-        """Where a browser finds the page."""
+        """Address of the page."""
         host = self._server.get_host()
         shown = "localhost" if host in ("0.0.0.0", "::") else host  # noqa: S104
         return f"http://{shown}:{self._server.get_port()}"
 
     def add(self, view: PosedImages) -> None:
-        """Show a view: its camera and cloud in the scene, its images at the side."""
-        self._views += 1
+        """Show a view: camera and point cloud in the scene, images in the side panel."""
+        self._view_count += 1
         with self._server.atomic():
             self._add_camera(view)
             self._show_cloud(view)
             self._show_images(view)
-            self._tell(view)
+            self._describe(view)
 
     def set_mesh(self, mesh: ColoredMesh) -> None:
-        """Show a mesh instead of the one before."""
+        """Replace the mesh that is shown."""
         if not len(mesh.triangles):
             return
-        shown = thinned(mesh, MOST_TRIANGLES)
+        shown = decimated(mesh, MAX_TRIANGLES)
         solid = trimesh.Trimesh(
             shown.vertices_m, shown.triangles, vertex_colors=shown.colors_rgb, process=False
         )
         self._mesh = self._server.scene.add_mesh_trimesh(
-            "/mesh", solid, visible=self._shown["mesh"].value
+            "/mesh", solid, visible=self._checkboxes["mesh"].value
         )
 
     def clear(self) -> None:
-        """Forget all views and the mesh: another world stands."""
+        """Remove all views and the mesh, as for a new world."""
         for handle in (*self._cameras, self._mesh, self._cloud):
             if handle is not None:
                 handle.remove()
         self._cameras.clear()
         self._mesh = self._cloud = None
-        self._views = 0
+        self._view_count = 0
 
     def save(self, path: Path) -> None:
-        """Write the scene as it is now as a page that needs neither a server nor a network."""
+        """Write the present scene as a page that needs neither a server nor a network."""
         path.write_text(self._server.scene.as_html(), encoding="utf-8")
 
     def _add_camera(self, view: PosedImages) -> None:
@@ -165,17 +165,17 @@ class WebViewer:
             image=None if view.rgb is None else _thumbnail(view.rgb),
             wxyz=_quat_wxyz(T_map_camera),
             position=T_map_camera[:3, 3],
-            visible=self._shown["cameras"].value,
+            visible=self._checkboxes["cameras"].value,
         )
         handle.on_click(lambda event: _look_from(event.client, T_map_camera))
         self._cameras.append(handle)
-        while len(self._cameras) > MOST_CAMERAS:
+        while len(self._cameras) > MAX_CAMERAS:
             self._cameras.popleft().remove()
 
     def _show_cloud(self, view: PosedImages) -> None:
         if view.depth_m is None:
             return
-        points_m, colors_rgb = point_cloud_of(view, self._max_range_m, MOST_POINTS)
+        points_m, colors_rgb = point_cloud_of(view, self._max_range_m, MAX_POINTS)
         T_map_camera = view.camera.T_map_camera
         self._cloud = self._server.scene.add_point_cloud(
             "/cloud",
@@ -184,7 +184,7 @@ class WebViewer:
             point_size=0.04,
             wxyz=_quat_wxyz(T_map_camera),
             position=T_map_camera[:3, 3],
-            visible=self._shown["cloud"].value,
+            visible=self._checkboxes["cloud"].value,
         )
 
     def _show_images(self, view: PosedImages) -> None:
@@ -201,15 +201,15 @@ class WebViewer:
             else:
                 self._images[name] = self._server.gui.add_image(image, label=name, format="jpeg")
 
-    def _tell(self, view: PosedImages) -> None:
+    def _describe(self, view: PosedImages) -> None:
         x_m, y_m, z_m = view.camera.T_map_camera[:3, 3]
-        self._facts.content = (
-            f"**{self._views}** views; the newest, {view.name}, from "
+        self._description.content = (
+            f"**{self._view_count}** views; the newest, {view.name}, from "
             f"({x_m:.1f}, {y_m:.1f}, {z_m:.1f}) m. Click a camera to look from there."
         )
 
-    def _show_chosen(self, _event: Any) -> None:
-        chosen = {name: box.value for name, box in self._shown.items()}
+    def _update_visibility(self, _event: Any) -> None:
+        chosen = {name: box.value for name, box in self._checkboxes.items()}
         for camera in self._cameras:
             camera.visible = chosen["cameras"]
         if self._mesh is not None:
@@ -219,16 +219,16 @@ class WebViewer:
 
 
 def point_cloud_of(
-    view: PosedImages, max_range_m: float, most: int
+    view: PosedImages, max_range_m: float, max_points: int
 ) -> tuple[FloatArray, NDArray[np.uint8]]:
-    """Return at most so many (N, 3) points in the optical frame and their (N, 3) colours.
+    """Return up to ``max_points`` (N, 3) points in the optical frame and their (N, 3) colours.
 
     Raises:
         ValueError: The view has no depth.
     """
     if view.depth_m is None:
-        raise ValueError("a cloud needs depth")
-    stride = max(1, int(np.ceil(np.sqrt(view.depth_m.size / most))))
+        raise ValueError("a point cloud needs depth")
+    stride = max(1, int(np.ceil(np.sqrt(view.depth_m.size / max_points))))
     part = (slice(None, None, stride),) * 2
     points_m = depth_to_points(view.depth_m, view.camera.intrinsics)[part].reshape(-1, 3)
     with np.errstate(invalid="ignore"):
@@ -260,7 +260,7 @@ def _quat_wxyz(T_map_camera: FloatArray) -> FloatArray:
 
 
 def _look_from(client: Any, T_map_camera: FloatArray) -> None:
-    """Move a visitor to where a camera was."""
+    """Move the browser's camera to the pose of a camera."""
     with client.atomic():
         client.camera.position = T_map_camera[:3, 3]
         client.camera.look_at = T_map_camera[:3, 3] + 5.0 * T_map_camera[:3, 2]

@@ -1,4 +1,4 @@
-// Draws the mesh that the page holds, and turns it; see mesh_viewer.py for how it is packed.
+// Draws the mesh embedded in the page and lets the user turn it; see mesh_viewer.py for its format.
 import * as THREE from "three";
 import { OrbitControls } from "three/OrbitControls";
 
@@ -17,7 +17,7 @@ function geometryOf(header, buffer) {
   for (let i = 1; i < index.length; i++) index[i] += index[i - 1];
   const steps = new Uint16Array(buffer, index.byteLength, 3 * header.vertices);
   const positions = new Float32Array(steps.length);
-  // About the middle of the box: single precision then suffices wherever the world lies.
+  // Relative to the middle of the box, so that single precision suffices anywhere in the world.
   for (let i = 0; i < steps.length; i++) positions[i] = (steps[i] / STEPS - 0.5) * header.size[i % 3];
   const geometry = new THREE.BufferGeometry();
   geometry.setIndex(new THREE.BufferAttribute(index, 1));
@@ -32,7 +32,7 @@ function geometryOf(header, buffer) {
   return { geometry, colors };
 }
 
-// Images hold sRGB, light is counted linearly.
+// Images are sRGB, shading is linear.
 function linear(layer) {
   const table = Uint16Array.from({ length: 256 }, (_, i) => Math.round(65535 * toLinear(i / 255)));
   return Uint16Array.from(layer, (value) => table[value]);
@@ -123,7 +123,7 @@ function start(header, buffer) {
   look();
 }
 
-// How far from the middle a camera that looks there sees the whole box.
+// Distance from which a camera that looks at the middle sees the whole box.
 function distanceToSeeAll(camera, size) {
   camera.lookAt(0, 0, 0);
   const turn = camera.quaternion.clone().invert();

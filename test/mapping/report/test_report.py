@@ -19,7 +19,7 @@ from oaisys_mapping.evaluation.evaluate import evaluate_reconstruction
 from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
-from oaisys_mapping.report.mesh_viewer import Layer, packed, thinned
+from oaisys_mapping.report.mesh_viewer import Layer, decimated, packed_mesh
 from oaisys_mapping.report.report import SurveyReport, ViewRecord, write_report
 from oaisys_mapping.report.three_js import FOLDER_VARIABLE, load_three
 
@@ -136,7 +136,7 @@ def test_without_three_js_the_page_shows_pictures_and_a_note(
     monkeypatch.setenv(FOLDER_VARIABLE, str(tmp_path / "nowhere"))
     write_report(make_report(0.05), tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "three.js was not there" in page
+    assert "three.js was not installed" in page
     assert "<script" not in page
 
 
@@ -154,7 +154,7 @@ def hills(count: int) -> ColoredMesh:
 
 
 def test_thinned_meshes_keep_shape_colour_and_classes() -> None:
-    mesh = thinned(hills(200), 8_000)
+    mesh = decimated(hills(200), 8_000)
     assert 4_000 < len(mesh.triangles) <= 8_000
     np.testing.assert_allclose(mesh.vertices_m[:, 2], np.sin(mesh.vertices_m[:, 0]), atol=0.02)
     assert mesh.vertices_m[:, :2].min() < 0.1
@@ -163,14 +163,14 @@ def test_thinned_meshes_keep_shape_colour_and_classes() -> None:
     assert (mesh.colors_rgb[west] == (200, 0, 0)).all()
     assert mesh.class_ids is not None
     assert (mesh.class_ids[west] == 1).all()
-    assert thinned(mesh, 8_000) is mesh
+    assert decimated(mesh, 8_000) is mesh
 
 
 def test_a_packed_mesh_unpacks_within_the_quantization_step() -> None:
     mesh = hills(9)
     inverse = np.invert(mesh.colors_rgb)
     layers = [Layer("one", "", mesh.colors_rgb), Layer("</script>", "", inverse)]
-    found = packed(mesh, layers, [])
+    found = packed_mesh(mesh, layers, [])
     assert "<" not in found["header"]
     header, body = json.loads(found["header"]), gzip.decompress(b64decode(found["body"]))
     counts = [12 * header["triangles"], 6 * header["vertices"], *[3 * header["vertices"]] * 2]
