@@ -110,8 +110,8 @@ def run(
     with bring_up(options, PlannerClient, reporter) as stack:
         if sweep:
             poses = list(viewpoints(samples))
-            told = stack.client.sweep(poses, "map", VIEW_TIMEOUT_S * samples)
-            faults = [told.message] if told.message else []
+            result = stack.client.sweep(poses, "map", VIEW_TIMEOUT_S * samples)
+            faults = [result.message] if result.message else []
             frames = stack.client.save_mesh(
                 str((options.out / "mesh.ply").resolve()), MAP_TIMEOUT_S
             )

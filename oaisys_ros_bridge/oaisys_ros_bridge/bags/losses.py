@@ -82,8 +82,8 @@ class BagLosses:
     def sentences(self) -> list[str]:
         """The losses in words, one sentence or two."""
         state = LedgerState(self.announced, self.announced, self.incomplete, self.lost)
-        told = [shortfall(state) or f"{self.announced} samples, none of them incomplete"]
+        found = [shortfall(state) or f"{self.announced} samples, none of them incomplete"]
         if self.lost_by_middleware:
             lost = ", ".join(f"{topic} {n}" for topic, n in sorted(self.lost_by_middleware.items()))
-            told.append(f"the middleware lost messages of {lost}")
-        return told
+            found.append(f"the middleware lost messages of {lost}")
+        return found

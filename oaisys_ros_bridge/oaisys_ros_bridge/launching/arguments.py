@@ -6,6 +6,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from oaisys_ros_bridge.namespaces import DOMAIN_VARIABLE
 from oaisys_ros_bridge.parameters.node_settings import LOG_LEVELS
 
 SWITCH = ("true", "false")
@@ -168,4 +169,4 @@ def command_line(arguments: Mapping[str, Argument], values: Mapping[str, str]) -
 
 def ros_environment() -> dict[str, str]:
     """Return the launch's ROS domain, for experiments, which would claim one of their own."""
-    return {"ROS_DOMAIN_ID": os.environ.get("ROS_DOMAIN_ID", "0")}
+    return {DOMAIN_VARIABLE: os.environ.get(DOMAIN_VARIABLE, "0")}

@@ -201,7 +201,7 @@ def _say(line: str) -> None:
 
 
 def main(arguments: Sequence[str] | None = None, **defaults: Any) -> int:
-    """Play a bag to its end, or until told to end; return 1 where nobody read any of it."""
+    """Play a bag to its end, or until SIGINT or SIGTERM; return 1 if it had no reader."""
     stop = threading.Event()
     made: list[PlayerNode] = []
 

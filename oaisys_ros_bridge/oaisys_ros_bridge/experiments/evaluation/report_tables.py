@@ -24,7 +24,7 @@ def tables_of(result: MapEvaluation) -> list[ReportTable]:
 
 
 def _fault_table(faults: Sequence[PerturbationResult]) -> ReportTable:
-    header = ("the same frames with", "RMSE", "median", "beside the truth", "completion")
+    header = ("fault", "RMSE", "median", "offset", "completion")
     rows = [
         (
             record.what,
@@ -40,8 +40,8 @@ def _fault_table(faults: Sequence[PerturbationResult]) -> ReportTable:
     ]
     return ReportTable(
         "Deliberate faults",
-        "What the certificate says of maps that were made of the same frames wrongly. All but the "
-        "first row must be rejected.",
+        "The verdicts on maps of the same frames with a deliberate fault. All rows but the first "
+        "must be rejected.",
         (*header, "F-score", "holes in the overlap", "verdict"),
         rows,
     )
@@ -53,7 +53,7 @@ def _class_table(metrics: ReconstructionMetrics) -> ReportTable:
         (name, _percent(metrics.classes.share[name]), f"{iou:.3f}")
         for name, iou in metrics.classes.iou.items()
     ]
-    note = "Labels of the map against those of the visible truth: intersection over union."
+    note = "Intersection over union of the map's labels with those of the visible truth."
     return ReportTable("Classes", note, ("class", "share of the surface", "IoU"), rows)
 
 
@@ -66,9 +66,9 @@ def _completeness_table(metrics: ReconstructionMetrics) -> ReportTable:
             for what, of_visible, of_all in (
                 ("within one voxel", metrics.completion_ratio, metrics.completion_ratio_all),
                 ("within two voxels", metrics.completion_ratio_2, metrics.completion_ratio_2_all),
-                ("nothing along the normal", metrics.gap_ratio, metrics.gap_ratio_all),
+                ("no surface along the normal", metrics.gap_ratio, metrics.gap_ratio_all),
                 (
-                    "no distance known",
+                    "distance unknown",
                     tsdf.unknown_share if tsdf else None,
                     tsdf.unknown_share_all if tsdf else None,
                 ),
@@ -80,8 +80,8 @@ def _completeness_table(metrics: ReconstructionMetrics) -> ReportTable:
     ]
     return ReportTable(
         "Completeness",
-        "Of what the poses could see, which the mapper answers for, and of all the truth there is, "
-        "objects' buried parts included, for which the planner answers too.",
+        "Of the surface that is visible from the poses, which depends on the mapper, and of the "
+        "whole true surface, buried parts of objects included, which also depends on the planner.",
         ("", "visible truth", "all truth"),
         rows,
     )
@@ -95,8 +95,8 @@ def _certificate_table(certificate: Mapping[str, Any]) -> ReportTable:
         ("signed by", signature["public_key"] if signature else "nobody"),
         *((f"SHA-256 of {one['name']}", one["sha256"]) for one in content["files"].values()),
     ]
-    note = f"{CERTIFICATE_FILE} ships with the world; oaisys certificate check tries it again."
-    return ReportTable("Closure certificate", note, ("", ""), rows)
+    note = f"{CERTIFICATE_FILE} can be checked by `oaisys certificate check`."
+    return ReportTable("Certificate", note, ("", ""), rows)
 
 
 def _mm(value: float | None) -> str:

@@ -19,7 +19,7 @@ SEEDS_FILE = "seeds.json"
 COLUMNS = (
     ("RMSE, mm", "rmse_m", 1000, ".2f"),
     ("median, mm", "accuracy_median_m", 1000, ".2f"),
-    ("beside, mm", "offset_m", 1000, ".2f"),
+    ("offset, mm", "offset_m", 1000, ".2f"),
     ("completion", "completion_ratio", 1, ".5f"),
     ("F-score", "f_score", 1, ".5f"),
     ("holes", "hole_ratio", 1, ".5f"),
