@@ -94,7 +94,9 @@ _EXPERIMENT = {
     "config": CONFIG,
     "backend": BACKEND,
     "seed": Argument("", "Root seed of the world; empty: as configured."),
-    "size": Argument("", "WIDTHxHEIGHT of the images, for a quick look; empty: as configured."),
+    "size": Argument(
+        "", "Size of the images, WIDTHxHEIGHT, for a quick run; empty: as configured."
+    ),
     "quality": Argument(
         "", "Quality of colour: preview, standard, high or final; empty: as configured."
     ),
