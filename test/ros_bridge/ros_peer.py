@@ -28,7 +28,7 @@ from std_msgs.msg import Bool, Header
 from oaisys_core.types import Pose
 from oaisys_msgs.srv import SetPose
 from oaisys_ros_bridge.bags.info import repeats_of
-from oaisys_ros_bridge.bridge.diagnostics import SUBSCRIBERS
+from oaisys_ros_bridge.bridge.status import SUBSCRIBERS
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.experiments.status import DIAGNOSTICS_DEPTH
 from oaisys_ros_bridge.qos import LATCHED_QOS

@@ -21,8 +21,7 @@ from oaisys_core.errors import OaisysError
 from oaisys_core.types import DEPTH, RGB
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
 from oaisys_ros_bridge.mapper.fusion import DepthFrame, Fusion
-from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK
-from oaisys_ros_bridge.publishing.stamps import nanoseconds
+from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK, nanoseconds
 from oaisys_ros_bridge.qos import (
     DEEP_QOS,
     LATCHED_HISTORY_QOS,
@@ -133,7 +132,7 @@ class MapperInputs:
             SampleInfo, SAMPLE_INFO_TOPIC, partial(self._end_sample, camera), SMALL_MESSAGE_QOS
         )
         if values["use_color"] or values["use_semantics"]:
-            self._node.create_timer(COLOR_WAIT_S / 2, self._give_up_color, clock=OWN_CLOCK)
+            self._node.create_timer(COLOR_WAIT_S / 2, self._give_up_color, clock=STEADY_CLOCK)
         if values["clear_on_batch"]:
             self._node.create_subscription(SampleInfo, BATCH_TOPIC, self._on_batch, LATCHED_QOS)
         for kind, message_type, topic in inputs:

@@ -8,14 +8,12 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_grpc.client.simulator_client import client_tls
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
-from oaisys_ros_bridge.bridge.diagnostics import BridgeDiagnostics, BridgeState
 from oaisys_ros_bridge.bridge.pose_commands import PoseCommands
 from oaisys_ros_bridge.bridge.readers import Readers
 from oaisys_ros_bridge.bridge.rendering import Renderer
@@ -25,7 +23,9 @@ from oaisys_ros_bridge.bridge.requests import (
     metadata_of_modules,
 )
 from oaisys_ros_bridge.bridge.simulator_link import LinkChange, SimulatorLink
+from oaisys_ros_bridge.bridge.status import BridgeState, BridgeStatus
 from oaisys_ros_bridge.bridge.sweep import sweep_server
+from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.nodes.managed_node import (
     ACTIVE,
     FINALIZED,
@@ -33,12 +33,11 @@ from oaisys_ros_bridge.nodes.managed_node import (
     UNCONFIGURED,
     ManagedNode,
 )
-from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK, run_node
+from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow
-from oaisys_ros_bridge.publishing.world_topics import WorldTopics
-from oaisys_ros_bridge.qos import LATCHED_QOS
+from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK
 from oaisys_ros_bridge.simulation_interfaces.simulation_control import SimulationControl
 from oaisys_ros_bridge.simulation_interfaces.worlds import WorldRequest
 
@@ -65,9 +64,6 @@ class BridgeNode(ParameterNode, ManagedNode):
         super().__init__("oaisys_bridge")
         self.declare_table(BRIDGE)
         self._stop = stop
-        self._ready_lock = threading.Lock()
-        self._announced_ready: bool | None = None
-        self._ready = self.create_publisher(Bool, "~/ready", LATCHED_QOS)
         self._changed = self.create_guard_condition(
             self._follow_changes, callback_group=MutuallyExclusiveCallbackGroup()
         )
@@ -78,12 +74,12 @@ class BridgeNode(ParameterNode, ManagedNode):
         )
         self._renderer.refusal = self._refusal("unconfigured")
         self._commands = PoseCommands(self, self._renderer, lambda: self.parameters)
-        self._diagnostics = BridgeDiagnostics(self, self._renderer, self._commands)
+        self._status = BridgeStatus(self, self._renderer, self._commands)
         self._sweeps = sweep_server(self, self._renderer)
         self._simulation = SimulationControl(self._renderer, self._topics)
         self._simulation_services = self._simulation_interfaces()
         self._offer_services()
-        self._publish_ready()
+        self._status.publish_ready(self._bridge_state())
         if self.parameters["autostart"]:
             self._renderer.refusal = ""
             self._start_link(self._new_link())
@@ -152,7 +148,7 @@ class BridgeNode(ParameterNode, ManagedNode):
 
     def on_settled(self) -> None:
         """Publish the new state; end the process after a shutdown."""
-        self._publish_ready()
+        self._status.publish_ready(self._bridge_state())
         self._publish_diagnostics()
         if self.state == FINALIZED:
             self._stop.set()
@@ -225,7 +221,7 @@ class BridgeNode(ParameterNode, ManagedNode):
             DIAGNOSTICS_PERIOD_S,
             self._publish_diagnostics,
             callback_group=MutuallyExclusiveCallbackGroup(),
-            clock=OWN_CLOCK,
+            clock=STEADY_CLOCK,
         )
 
     def _on_set_pose(self, request: SetPose.Request, response: SetPose.Response) -> Any:
@@ -286,7 +282,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         info, reason = change.after.info, change.after.reason
         self._topics.publish_configuration(link.config_json)
         self._renderer.update_topics()
-        self._publish_ready()
+        self._status.publish_ready(self._bridge_state())
         self.settle()
         if reason == change.before.reason:
             return
@@ -296,23 +292,12 @@ class BridgeNode(ParameterNode, ManagedNode):
         else:
             self.get_logger().warning(f"simulator lost: {reason}")
 
-    def _publish_ready(self) -> None:
-        """Publish whether a view can be requested, if that has changed."""
-        with self._ready_lock:
-            link = self._renderer.link
-            ready = link is not None and link.state.ready and self.state == ACTIVE
-            if ready != self._announced_ready:
-                self._announced_ready = ready
-                self._ready.publish(Bool(data=ready))
+    def _bridge_state(self) -> BridgeState:
+        return BridgeState(self.state_name, self.state == ACTIVE, self.aim == ACTIVE)
 
     def _publish_diagnostics(self, reason: str | None = None) -> None:
-        """Publish the state of the node, not ready for this reason; None: the current one."""
-        link = self._renderer.link
-        if reason is None:
-            reason = "" if link is None else link.state.reason
-        is_ready, is_meant = bool(self._announced_ready), self.aim == ACTIVE
-        state = BridgeState(self.state_name, is_ready, is_meant, reason)
-        self._diagnostics.publish(state, self.parameters["address"])
+        state, address = self._bridge_state(), self.parameters["address"]
+        self._status.publish_diagnostics(state, address, reason)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

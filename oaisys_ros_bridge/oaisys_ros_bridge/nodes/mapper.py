@@ -30,9 +30,10 @@ from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.mapper.fusion import Fusion
 from oaisys_ros_bridge.mapper.inputs import IN_MAP, SAMPLE_INFO_TOPIC, MapperInputs
 from oaisys_ros_bridge.mapper.mesh_topics import MeshTopics
-from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK, run_node
+from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.parameters.mapper import MAPPER, tsdf_config
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
+from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
 from oaisys_ros_bridge.subscribing.sample_watch import SampleWatch, losses_msg
@@ -127,7 +128,10 @@ class MapperNode(ParameterNode, Node):
             self.create_service(kind, name, callback, callback_group=group)
         if mesh_period_s > 0:
             self.create_timer(
-                mesh_period_s, self._mesh_topics.publish_new, callback_group=group, clock=OWN_CLOCK
+                mesh_period_s,
+                self._mesh_topics.publish_new,
+                callback_group=group,
+                clock=STEADY_CLOCK,
             )
 
     def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:

@@ -10,7 +10,6 @@ from functools import partial
 from typing import Protocol
 
 import rclpy
-from rclpy.clock import Clock, ClockType
 from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
@@ -18,9 +17,6 @@ from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.transport import prepare_transport
-
-OWN_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
-"""For timers that must go on while simulated time stands still."""
 
 CALLBACKS_END_S = 3.0
 """How long callbacks may take to end before their publishers are destroyed."""

@@ -33,9 +33,10 @@ from oaisys_ros_bridge.bags.topic_selection import (
 )
 from oaisys_ros_bridge.bags.writing import BagWriter
 from oaisys_ros_bridge.namespaces import TF
-from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK, run_node
+from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.parameters.bags import RECORDER
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
+from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK
 from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 from oaisys_ros_bridge.subscribing.sample_watch import (
     SAMPLE_INFO,
@@ -110,10 +111,10 @@ class RecorderNode(ParameterNode, Node):
         self._counted: set[str] = set()
         self._recording = self.create_publisher(Bool, "~/recording", LATCHED_QOS)
         self._missing = ""
-        self.create_timer(DISCOVERY_PERIOD_S, self._discover, clock=OWN_CLOCK)
-        self.create_timer(WARNING_PERIOD_S, self._warn_of_missing, clock=OWN_CLOCK)
+        self.create_timer(DISCOVERY_PERIOD_S, self._discover, clock=STEADY_CLOCK)
+        self.create_timer(WARNING_PERIOD_S, self._warn_of_missing, clock=STEADY_CLOCK)
         if values["duration_s"]:
-            self.create_timer(values["duration_s"], stop.set, clock=OWN_CLOCK)
+            self.create_timer(values["duration_s"], stop.set, clock=STEADY_CLOCK)
 
     def close(self) -> None:
         """Record what has been sent but not received, then close the bag."""

@@ -26,7 +26,7 @@ _CONNECTION = (
     ParameterRow(
         "timeout_s",
         600.0,
-        "Longest time that a call to the simulator may take, queue and render included.",
+        "Longest time that a call to the simulator may take, including queue and render.",
         unit="s",
         least=0.1,
         most=LONGEST_TIMEOUT_S,
@@ -35,14 +35,14 @@ _CONNECTION = (
     ParameterRow(
         "tls_ca",
         "",
-        "Authorities of the certificate of a simulator that encrypts.",
+        "Certificate authorities of a simulator that encrypts.",
         expects=_PEM,
         changeable=Changeable.UNCONFIGURED,
     ),
     ParameterRow(
         "tls_cert",
         "",
-        "The bridge's own certificate, where the simulator asks for one.",
+        "The bridge's own certificate, if the simulator requires one.",
         expects=_PEM,
         changeable=Changeable.UNCONFIGURED,
     ),
@@ -59,13 +59,13 @@ _LIFE = (
     ParameterRow(
         "autostart",
         True,
-        "Whether the bridge configures and activates itself; false: somebody else does.",
+        "Whether the bridge configures and activates itself; false: a lifecycle manager does.",
         changeable=Changeable.AT_START,
     ),
     ParameterRow(
         "initial_batch",
         True,
-        "Whether to build a first batch where the simulator has none.",
+        "Whether to build a first batch if the simulator has none.",
     ),
     ParameterRow(
         "simulation_interfaces",
@@ -76,8 +76,8 @@ _LIFE = (
     ParameterRow(
         "max_entities",
         1000,
-        "Most things on the ground that get_entities and get_entities_states list; they say how "
-        "many were left out.",
+        "Most objects on the ground that get_entities and get_entities_states list; they report "
+        "how many were left out.",
         least=1,
         most=100_000,
     ),
@@ -96,14 +96,14 @@ _READERS = (
     ParameterRow(
         "readers.when_behind",
         "wait",
-        "What a sample does while the mapper or a recorder is 4 behind: wait until they have taken "
-        "what they lack, or drop what they then lose, which is counted all the same.",
+        "What happens to a sample while the mapper or a recorder is 4 behind: it waits until they "
+        "have caught up, or it is rendered and they drop messages, which are counted.",
         choices=("wait", "drop"),
     ),
     ParameterRow(
         "readers.timeout_s",
         10.0,
-        "Who has taken no sample for so long is not waited for again until it does.",
+        "A reader that takes no sample for this long is not waited for until it takes one again.",
         unit="s",
         least=0.0,
         most=3600.0,
@@ -114,7 +114,7 @@ _FRAMES = (
     ParameterRow(
         "map_frame",
         "map",
-        "Frame of the world, in which poses come and go.",
+        "Frame of the world, in which poses are given and published.",
         pattern=_FRAME,
         expects="name of a frame, without a slash in front",
         changeable=Changeable.UNCONFIGURED,
@@ -130,7 +130,7 @@ _FRAMES = (
     ParameterRow(
         "odom_frame",
         "odom",
-        "Frame of odometry where it drifts: between map_frame and base_frame.",
+        "Frame of odometry that drifts, between map_frame and base_frame.",
         pattern=_FRAME,
         expects="name of a frame, without a slash in front",
         changeable=Changeable.UNCONFIGURED,
@@ -138,8 +138,8 @@ _FRAMES = (
     ParameterRow(
         "tf_rate",
         10.0,
-        "How often the rig's last transform is repeated on /tf, for those who come later; 0: "
-        "never. Not while simulated time stands still.",
+        "How often the rig's last transform is repeated on /tf for late subscribers; 0: never. "
+        "Not while simulated time stands still.",
         unit="Hz",
         least=0.0,
         most=1000.0,
@@ -148,7 +148,7 @@ _FRAMES = (
     ParameterRow(
         "frame_prefix",
         "",
-        "Put before the names of the cameras' frames; the other frames are given whole.",
+        "Prefix of the names of the cameras' frames; other frames have their own parameters.",
         pattern=r"([^\s/][^\s]*)?",
         expects="such as robot1/, without a slash in front, or empty",
         changeable=Changeable.UNCONFIGURED,
@@ -159,14 +159,14 @@ _CLOCK = (
     ParameterRow(
         "publish_clock",
         False,
-        "Whether this node tells a simulated time on /clock, which stamps then follow; false: "
-        "stamps are of the node's own clock.",
+        "Whether this node publishes a simulated time on /clock, which stamps then follow; false: "
+        "stamps are from the node's own clock.",
         changeable=Changeable.UNCONFIGURED,
     ),
     ParameterRow(
         "clock_step_s",
         0.1,
-        "How far simulated time goes on with each sample.",
+        "How much simulated time increases with each sample.",
         unit="s",
         least=1e-9,
         most=LONGEST_TIMEOUT_S,
@@ -175,7 +175,7 @@ _CLOCK = (
 
 
 def _ordered(least: str, most: str) -> Rule:
-    """Return the rule that one limit is below the other, where there is another."""
+    """Return the rule that one limit is below the other, if there is another."""
 
     def check(values: Mapping[str, Any]) -> None:
         if 0 < values[most] <= values[least]:

@@ -18,7 +18,7 @@ def _image(name: str, encoding: str) -> tuple[Interface, ...]:
     base = f"camera/{name}/image_raw"
     published = InterfaceKind.PUBLISHED
     image, camera = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
-    png = "A file of it, only while somebody listens; exact, but for colour as JPEG."
+    png = "The compressed image, made only for subscribers; lossless, except colour as JPEG."
     return (
         Interface(published, base, image, encoding, SENSOR),
         Interface(
@@ -72,15 +72,15 @@ _RIG = (
         InterfaceKind.PUBLISHED,
         "odometry",
         "nav_msgs/msg/Odometry",
-        "Where the rig believes to be: drifts as `faults.drift_*` say, with covariance, then in "
-        "the odom frame; else the true pose in the map frame. Twist unknown.",
+        "The estimated pose of the rig: in the odom frame, with covariance, if it drifts "
+        "(`faults.drift_*`); else the true pose in the map frame. Twist unknown.",
         SENSOR,
     ),
     Interface(
         InterfaceKind.PUBLISHED,
         "path",
         "nav_msgs/msg/Path",
-        "The way so far in this world.",
+        "The rig's poses so far in this world.",
         "reliable, latched, depth 10",
     ),
     Interface(
@@ -119,14 +119,14 @@ _STATE = (
         InterfaceKind.PUBLISHED,
         "~/sample_info",
         "oaisys_msgs/msg/SampleInfo",
-        "Last of a sample: it is complete. Seed, configuration, poses, K, topics, render time.",
+        "Last message of a complete sample: seed, configuration, poses, K, topics, render time.",
         SMALL_MESSAGES,
     ),
     Interface(
         InterfaceKind.PUBLISHED,
         "~/batch",
         "oaisys_msgs/msg/SampleInfo",
-        "The world that stands.",
+        "The current world.",
         LATCHED,
     ),
     Interface(
@@ -140,14 +140,14 @@ _STATE = (
         InterfaceKind.PUBLISHED,
         "~/ready",
         "std_msgs/msg/Bool",
-        "Whether a view can be asked for: launch files wait for it.",
+        "Whether a view can be requested: launch files wait for it.",
         LATCHED,
     ),
     Interface(
         InterfaceKind.SUBSCRIBED,
         "~/receipts",
         "oaisys_msgs/msg/SampleReceipt",
-        "How far the mapper and recorders are: `readers.when_behind`.",
+        "Up to which sample the mapper and recorders are done: `readers.when_behind`.",
         LATCHED_HISTORY,
     ),
     Interface(
@@ -161,9 +161,9 @@ _STATE = (
         InterfaceKind.PUBLISHED,
         "/diagnostics",
         "diagnostic_msgs/msg/DiagnosticArray",
-        "State, restarts, queue, memory, drops; what rendering, transfer and publishing of the "
-        "last sample took; how far our own readers are and what they have lost. At 1 Hz, at each "
-        "change, after each sample.",
+        "State, restarts, queue, memory, drops; durations of rendering, transfer and publishing of "
+        "the last sample; progress and losses of our own readers. At 1 Hz, at each change, after "
+        "each sample.",
         DEFAULT,
     ),
 )
@@ -173,19 +173,19 @@ _REQUESTS = (
         InterfaceKind.SERVICE,
         "~/set_pose",
         "oaisys_msgs/srv/SetPose",
-        "Look from a pose in the map frame, of the rig or of a sensor; answers after publishing.",
+        "Render from a pose of the rig or of a sensor in the map frame; answers after publishing.",
     ),
     Interface(
         InterfaceKind.SERVICE,
         "~/step_batch",
         "oaisys_msgs/srv/StepBatch",
-        "A new world, from a seed or the next one.",
+        "Build a new world, from a seed or the next one.",
     ),
     Interface(
         InterfaceKind.SERVICE,
         "~/set_metadata",
         "oaisys_msgs/srv/SetMetadata",
-        "Light, objects, lenses, quality from the next sample on.",
+        "Set light, objects, lenses, quality from the next sample on.",
     ),
     Interface(
         InterfaceKind.SERVICE, "~/end_simulation", "std_srvs/srv/Trigger", "End the simulator."
@@ -194,20 +194,20 @@ _REQUESTS = (
         InterfaceKind.ACTION,
         "~/sweep",
         "oaisys_msgs/action/Sweep",
-        "Look from many poses in turn, with feedback; others' requests come in between.",
+        "Render from many poses in turn, with feedback; other requests come in between.",
     ),
     Interface(
         InterfaceKind.SUBSCRIBED,
         "command/pose",
         "geometry_msgs/msg/PoseStamped",
-        "Look from there; the newest wins.",
+        "Render from there; the newest command wins.",
         "reliable, depth 1",
     ),
     Interface(
         InterfaceKind.SUBSCRIBED,
         "command/trajectory",
         "trajectory_msgs/msg/MultiDOFJointTrajectory",
-        "Look from every point, or from the last: `trajectory_points`.",
+        "Render from every point, or from the last: `trajectory_points`.",
         "reliable, depth 1",
     ),
 )
@@ -233,21 +233,21 @@ _SIMULATION_SERVICES = tuple(
         description,
     )
     for name, description in (
-        ("get_simulator_features", "What of simulation_interfaces has a meaning here."),
+        ("get_simulator_features", "Which features of simulation_interfaces are supported."),
         ("get_entities", "Names of rig, sensors, objects."),
-        ("get_entities_states", "Poses of all that match."),
-        ("get_entity_info", "What one is."),
-        ("get_entity_state", "Where one is, metres in the map frame."),
-        ("set_entity_state", "Put one elsewhere with the next sample; the rig: look from there."),
-        ("spawn_entity", "Add a shape, a configured thing or a mesh file, see Entities."),
-        ("delete_entity", "Take one away from the next sample on; rig and sensors stay."),
+        ("get_entities_states", "Poses of all entities that match."),
+        ("get_entity_info", "What an entity is."),
+        ("get_entity_state", "Pose of an entity, metres in the map frame."),
+        ("set_entity_state", "Move an entity with the next sample; the rig: render from there."),
+        ("spawn_entity", "Add a shape, a configured prototype or a mesh file, see Entities."),
+        ("delete_entity", "Delete an entity from the next sample on; rig and sensors stay."),
         ("get_simulation_state", "Playing, paused, stopped."),
         ("set_simulation_state", "Play, pause, stop."),
-        ("step_simulation", "Some samples, without telling on the way."),
-        ("reset_simulation", "Time, poses or everything back to the beginning."),
-        ("load_world", "Another configuration or seed."),
-        ("get_available_worlds", "Which ones there are."),
-        ("get_current_world", "Which one stands."),
+        ("step_simulation", "Render some samples, without feedback."),
+        ("reset_simulation", "Reset time, poses or everything."),
+        ("load_world", "Load the world of another seed."),
+        ("get_available_worlds", "Which worlds there are."),
+        ("get_current_world", "The current world."),
     )
 )
 
@@ -255,7 +255,7 @@ _SIMULATION_ACTION = Interface(
     InterfaceKind.ACTION,
     "~/simulate_steps",
     "simulation_interfaces/action/SimulateSteps",
-    "Some samples, with feedback.",
+    "Render some samples, with feedback.",
 )
 
 BRIDGE_INTERFACES = (

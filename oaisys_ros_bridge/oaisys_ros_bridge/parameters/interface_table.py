@@ -72,7 +72,7 @@ MAPPER_INTERFACES = (
         InterfaceKind.SUBSCRIBED,
         "camera/color/camera_info",
         "sensor_msgs/msg/CameraInfo",
-        "Its camera, where that is another one than the depth's.",
+        "Its camera, if that is not the depth camera.",
         DEEP,
     ),
     Interface(InterfaceKind.SUBSCRIBED, "/tf", "tf2_msgs/msg/TFMessage", "Poses.", SMALL_MESSAGES),
@@ -87,14 +87,14 @@ MAPPER_INTERFACES = (
         InterfaceKind.SUBSCRIBED,
         "oaisys_bridge/sample_info",
         "oaisys_msgs/msg/SampleInfo",
-        "Which samples are complete, and what is to come of them.",
+        "Which samples are complete, and which messages they have.",
         SMALL_MESSAGES,
     ),
     Interface(
         InterfaceKind.SUBSCRIBED,
         "oaisys_bridge/batch",
         "oaisys_msgs/msg/SampleInfo",
-        "Another world: the map begins anew.",
+        "Another world: the map is cleared.",
         LATCHED,
     ),
     Interface(
@@ -115,15 +115,15 @@ MAPPER_INTERFACES = (
         InterfaceKind.PUBLISHED,
         "~/metrics",
         "oaisys_msgs/msg/MapStatus",
-        "Frames received, integrated, dropped; seconds of the last one; figures as JSON; samples "
-        "announced, those that something is missing of, and what.",
+        "Frames received, integrated, dropped; seconds for the last one; figures as JSON; samples "
+        "announced and incomplete, and what is missing.",
         LATCHED,
     ),
     Interface(
         InterfaceKind.PUBLISHED,
         "oaisys_bridge/receipts",
         "oaisys_msgs/msg/SampleReceipt",
-        "Up to which sample all are in the map, and what is missing of them.",
+        "Up to which sample all are in the map, and what is missing.",
         LATCHED,
     ),
     Interface(
@@ -136,9 +136,9 @@ MAPPER_INTERFACES = (
         InterfaceKind.SERVICE,
         "~/evaluate",
         "oaisys_msgs/srv/Evaluate",
-        "Measure the map against a true mesh.",
+        "Compare the map with a true mesh.",
     ),
-    Interface(InterfaceKind.SERVICE, "~/reset", "std_srvs/srv/Trigger", "Begin anew."),
+    Interface(InterfaceKind.SERVICE, "~/reset", "std_srvs/srv/Trigger", "Clear the map."),
 )
 
 RECORDER_INTERFACES = (
@@ -153,7 +153,7 @@ RECORDER_INTERFACES = (
         InterfaceKind.PUBLISHED,
         "~/recording",
         "std_msgs/msg/Bool",
-        "Whether it listens to all that was asked for; false once the disk is full.",
+        "Whether all requested topics are being recorded; false once the disk is full.",
         LATCHED,
     ),
 )

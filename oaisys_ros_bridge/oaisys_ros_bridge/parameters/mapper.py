@@ -1,4 +1,4 @@
-"""The parameters of the mapper; those of the other nodes are in `parameters`."""
+"""The parameters of the mapper."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _VOLUME = (
     ParameterRow(
         "truncation_voxels",
         _USUAL.truncation_voxels,
-        "Distance from the surface, in voxels, up to which distances are kept.",
+        "Truncation distance of the signed distance, in voxels.",
         least=1.0,
         most=100.0,
         changeable=_START,
@@ -35,8 +35,8 @@ _VOLUME = (
     ParameterRow(
         "solid_voxels",
         _USUAL.solid_voxels,
-        "How much further behind a surface, in voxels, is taken for solid until a view tells "
-        "otherwise; 0: nothing is.",
+        "Thickness behind a surface, in voxels, that counts as solid until a view shows otherwise; "
+        "0: none.",
         least=0.0,
         most=100.0,
         changeable=_START,
@@ -44,8 +44,8 @@ _VOLUME = (
     ParameterRow(
         "max_range",
         _USUAL.max_range_m,
-        "Depth beyond which nothing is mapped, and up to which rays that hit nothing clear; no "
-        "more than the camera's own range.",
+        "Depth beyond which nothing is mapped, and up to which rays that hit nothing clear space; "
+        "at most the camera's own range.",
         unit="m",
         least=1e-2,
         most=1e5,
@@ -54,26 +54,26 @@ _VOLUME = (
     ParameterRow(
         "clear_free_space",
         _USUAL.clear_free_space,
-        "Whether rays clear what they pass through, also those that hit nothing.",
+        "Whether rays clear the space that they pass through, also those that hit nothing.",
         changeable=_START,
     ),
     ParameterRow(
         "weighting",
         _USUAL.weighting,
-        "What a pixel counts: the same everywhere, or 1 / depth^2.",
+        "Weight of a pixel: the same everywhere, or 1 / depth^2.",
         choices=WEIGHTINGS,
         changeable=_START,
     ),
     ParameterRow(
         "weigh_incidence",
         _USUAL.weigh_incidence,
-        "Whether a pixel counts less the flatter its ray meets the surface.",
+        "Whether a pixel weighs less the more obliquely its ray meets the surface.",
         changeable=_START,
     ),
     ParameterRow(
         "max_weight",
         _USUAL.max_weight,
-        "Weight beyond which a voxel's does not grow, so that it can change its mind.",
+        "Largest weight of a voxel, so that later views can still change it.",
         least=1e-6,
         most=1e9,
         changeable=_START,
@@ -90,15 +90,15 @@ _VOLUME = (
     ParameterRow(
         "when_full",
         _USUAL.when_full,
-        "What becomes of a view that needs more memory: it is refused, or those blocks that are "
-        "farthest from the camera are dropped, or stored on disk until it comes back.",
+        "What happens to a view that needs more memory: it is refused, or the blocks farthest from "
+        "the camera are dropped, or they are stored on disk until it comes back.",
         choices=WHEN_FULL,
         changeable=_START,
     ),
     ParameterRow(
         "store_folder",
         "",
-        "Where stored blocks go; empty: where temporary files do.",
+        "Folder of stored blocks; empty: that of temporary files.",
         changeable=_START,
     ),
 )
@@ -123,14 +123,14 @@ _INPUTS = (
     ParameterRow(
         "use_color",
         True,
-        "Whether to wait for colour images: as long as it takes where the bridge tells which "
-        "samples are complete.",
+        "Whether to wait for colour images: for as long as it takes if the bridge announces "
+        "complete samples.",
         changeable=_START,
     ),
     ParameterRow(
         "use_semantics",
         False,
-        "Whether to wait for label images likewise, and to fuse classes.",
+        "Whether to wait for label images, too, and to fuse classes.",
         changeable=_START,
     ),
     ParameterRow(
@@ -150,7 +150,7 @@ _INPUTS = (
     ParameterRow(
         "clear_on_batch",
         True,
-        "Whether to begin anew when the bridge says that another world stands.",
+        "Whether to clear the map when the bridge announces another world.",
         changeable=_START,
     ),
 )
@@ -159,7 +159,7 @@ _OUTPUTS = (
     ParameterRow(
         "mesh_period",
         5.0,
-        "Time between meshes published while frames come; 0: only when one is saved.",
+        "Time between published meshes while frames come; 0: only when one is saved.",
         unit="s",
         least=0.0,
         most=1e6,
@@ -168,20 +168,20 @@ _OUTPUTS = (
     ParameterRow(
         "mesh_triangles",
         150_000,
-        "Most triangles of a published mesh; a saved one has them all.",
+        "Most triangles of a published mesh; a saved mesh has all.",
         least=1,
         most=10_000_000,
     ),
     ParameterRow(
         "mesh_colors",
         "image",
-        "What colours of published meshes and points mean: as seen, or a colour for each class.",
+        "Colours of published meshes and points: those of the images, or one for each class.",
         choices=("image", "class"),
     ),
     ParameterRow(
         "settle_timeout",
         120.0,
-        "Longest time that a service waits for frames that are being fused.",
+        "Longest time that a service waits for announced samples to be fused.",
         unit="s",
         least=0.0,
         most=1e6,
@@ -193,10 +193,10 @@ MAPPER = ParameterTable((*_VOLUME, *_INPUTS, *_OUTPUTS))
 
 
 def tsdf_config(values: Mapping[str, Any]) -> TsdfConfig:
-    """Return the volume that parameters ask for.
+    """Return the configuration of the volume.
 
     Raises:
-        InvalidInputError: There is none of that kind.
+        InvalidInputError: There is no such volume.
     """
     semantic = values["use_semantics"]
     block_bytes = TsdfConfig(semantic=semantic).bytes_per_block

@@ -55,10 +55,10 @@ def descriptor_of(row: ParameterRow) -> ParameterDescriptor:
 
 
 class ParameterNode(Node):
-    """Declares what a table says, and takes or refuses changes with a reason.
+    """Declares the parameters of a table, and accepts changes or refuses them with a reason.
 
     Mix it in before `Node` or `LifecycleNode`. After `declare_table`, ``parameters`` holds the
-    values by name; it is replaced as a whole, so a thread that keeps it sees one state of them.
+    values by name. It is replaced as a whole, so a thread that keeps it sees consistent values.
     """
 
     parameters: Mapping[str, Any]
@@ -71,12 +71,12 @@ class ParameterNode(Node):
             defaults: Other defaults than the table's.
 
         Raises:
-            InvalidInputError: The node was started with a value that one of them cannot have.
+            InvalidInputError: The node was started with an invalid value.
         """
         values = {}
         for row in table:
             default = defaults.get(row.name, row.default)
-            # Of any type at first: what does not fit is refused by our own words, in one place.
+            # Of any type at first, so that wrong values are refused by `checked`, with its message.
             anything = ParameterDescriptor(dynamic_typing=True)
             started_with = self.declare_parameter(row.name, default, anything).value
             values[row.name] = row.checked(started_with)
@@ -95,7 +95,7 @@ class ParameterNode(Node):
         return ""
 
     def on_parameters(self, changed: Mapping[str, Any]) -> None:
-        """Take new values into use; ``parameters`` has them already."""
+        """Apply new values; ``parameters`` has them already."""
 
     def set_parameters(self, parameter_list: list[Parameter]) -> list[SetParametersResult]:
         """Set parameters one by one."""

@@ -1,4 +1,4 @@
-"""What is asked of all nodes of a launch or an experiment: parameters, log level, clock."""
+"""Settings of all nodes of a launch or an experiment: parameters, log level, clock."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PARAMETERS = "ros__parameters"
 
 @dataclass(frozen=True)
 class NodeSettings:
-    """What all nodes are started with.
+    """Settings with which all nodes are started.
 
     Attributes:
         params_file: Parameters by node, as ROS reads them; None: none.
@@ -33,19 +33,19 @@ class NodeSettings:
     named: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def of_file(self, node: str) -> Mapping[str, Any]:
-        """Return the parameters that the file names for a node, by its executable's name."""
+        """Return the parameters in the file for a node, given by its executable's name."""
         found: dict[str, Any] = {}
         for name in (*WILDCARDS, f"oaisys_{node}"):
             found |= self.named.get(name, {})
         return found
 
     def follows_clock(self, node: str) -> bool:
-        """Return whether a node, by its executable's name, follows ``/clock``."""
+        """Return whether a node, given by its executable's name, follows ``/clock``."""
         is_clock = node == "bridge" and bool(self.of_file("bridge").get("publish_clock"))
         return self.use_sim_time and not is_clock
 
     def require_free(self, node: str, fixed: Iterable[str]) -> None:
-        """Raise `InvalidInputError` where the file names a parameter that is set otherwise."""
+        """Raise `InvalidInputError` if the file has a parameter that is set otherwise."""
         for name in fixed:
             if name in self.of_file(node):
                 expected = f"a file without {name} of oaisys_{node}, which is set otherwise"
@@ -58,17 +58,17 @@ class NodeSettings:
 
         Args:
             node: Its executable's name.
-            usual: Parameters that the file may set otherwise.
-            fixed: Parameters that it may not.
+            usual: Parameters that the file may override.
+            fixed: Parameters that it may not override.
 
         Raises:
-            InvalidInputError: The file names a fixed one.
+            InvalidInputError: The file has a fixed one.
         """
         self.require_free(node, fixed)
         arguments = ["--ros-args"]
         if self.params_file is not None:
             arguments += ["--params-file", str(self.params_file)]
-        # None that the file names: which of two values counts depends on the order of its nodes.
+        # Not those in the file: which of two values wins depends on the order of its nodes.
         of_file = self.of_file(node)
         arguments += _assignments({k: v for k, v in usual.items() if k not in of_file})
         arguments += _assignments(fixed)
@@ -80,7 +80,7 @@ class NodeSettings:
 
 
 def node_settings(params_file: str, log_level: str, *, use_sim_time: bool) -> NodeSettings:
-    """Return the settings; empty texts: nothing is asked.
+    """Return the settings; empty strings: ROS's own.
 
     Raises:
         InvalidInputError: There is no such file or level, or the file holds no parameters.
@@ -98,7 +98,7 @@ def _assignments(parameters: Mapping[str, Any]) -> list[str]:
 
 
 def _named(file: Path) -> Mapping[str, Mapping[str, Any]]:
-    """Return what a file of parameters names, by the last part of its nodes' names."""
+    """Return the parameters in a file, by the last part of its nodes' names."""
     expected = f"a YAML file of parameters: NODE: {{{PARAMETERS}: {{NAME: VALUE}}}}"
     try:
         nodes = yaml.safe_load(file.read_text(encoding="utf-8"))

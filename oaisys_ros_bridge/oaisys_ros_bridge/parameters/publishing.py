@@ -23,7 +23,7 @@ CLOUDS = (
     ParameterRow(
         "cloud.min_depth_m",
         0.0,
-        "What is nearer, along the optical axis, becomes no point.",
+        "Nearer pixels, along the optical axis, become no points.",
         unit="m",
         least=0.0,
         most=FARTHEST_M,
@@ -31,7 +31,7 @@ CLOUDS = (
     ParameterRow(
         "cloud.max_depth_m",
         0.0,
-        "What is farther, along the optical axis, becomes no point; 0: no limit.",
+        "Farther pixels, along the optical axis, become no points; 0: no limit.",
         unit="m",
         least=0.0,
         most=FARTHEST_M,
@@ -39,8 +39,8 @@ CLOUDS = (
     ParameterRow(
         "cloud.drop_sky",
         False,
-        "Whether a cloud is one row of the points that there are; false: organised as the image, "
-        "NaN where there is none.",
+        "Whether a cloud is one row of its valid points; false: it is organised as the image, with "
+        "NaN where there is no point.",
     ),
 )
 
@@ -48,34 +48,34 @@ COMPRESSED = (
     ParameterRow(
         "compressed.color_format",
         "jpeg",
-        "Of colour on .../compressed; labels and ids are always PNG, which loses nothing.",
+        "Format of colour on .../compressed; labels and ids are always PNG, which is lossless.",
         choices=("jpeg", "png"),
     ),
     ParameterRow(
         "compressed.jpeg_quality",
         95,
-        "Of JPEG.",
+        "Quality of JPEG.",
         least=1,
         most=100,
     ),
     ParameterRow(
         "compressed.png_level",
         1,
-        "Of PNG: 0 is fast, 9 is small.",
+        "Compression level of PNG: 0 is fast, 9 is small.",
         least=0,
         most=9,
     ),
     ParameterRow(
         "compressed.depth_encoding",
         "32FC1",
-        "Of depth on .../compressedDepth: 32FC1 rounds the inverse of depth to 16 bits, 16UC1 "
-        "depth to millimetres.",
+        "Encoding of depth on .../compressedDepth: 32FC1 rounds inverse depth to 16 bits, 16UC1 "
+        "rounds depth to millimetres.",
         choices=("32FC1", "16UC1"),
     ),
     ParameterRow(
         "compressed.depth_max_m",
         100.0,
-        "Depth beyond it is sent compressed as no measurement.",
+        "In compressed images, depth beyond it is no measurement.",
         unit="m",
         least=0.1,
         most=FARTHEST_M,
@@ -83,8 +83,8 @@ COMPRESSED = (
     ParameterRow(
         "compressed.depth_quantization",
         100.0,
-        "How finely 32FC1 is rounded, by z^2 / (2 q^2) metres at most; nearer than q^2 / 65535 "
-        "metres it tells nothing.",
+        "Resolution q of 32FC1: the error is at most z^2 / (2 q^2) metres, and depth below "
+        "q^2 / 65535 metres is no measurement.",
         least=1.0,
         most=10_000.0,
     ),
@@ -94,21 +94,21 @@ TRAJECTORY = (
     ParameterRow(
         "path.length",
         1000,
-        "Poses that path holds; the oldest go first. 0: no path.",
+        "Most poses of path; the oldest are removed first. 0: no path.",
         least=0,
         most=100_000,
     ),
     ParameterRow(
         "viewpoints.count",
         1000,
-        "Frusta that viewpoints shows; the oldest go first. 0: none.",
+        "Most frusta of viewpoints; the oldest are removed first. 0: none.",
         least=0,
         most=100_000,
     ),
     ParameterRow(
         "viewpoints.depth_m",
         0.5,
-        "How deep a frustum is drawn.",
+        "Depth of a frustum.",
         unit="m",
         least=0.001,
         most=1000.0,
@@ -119,15 +119,15 @@ FAULTS = (
     ParameterRow(
         "faults.seed",
         0,
-        "Root of all draws of faults: the same seed, batch, sample and sensor, the same faults.",
+        "Seed of all faults: the same seed, batch, sample and sensor give the same faults.",
         least=0,
         most=2**63 - 1,
     ),
     ParameterRow(
         "faults.depth_noise",
         "none",
-        "Law of the error of a depth z: gaussian has a standard deviation of depth_sigma_m, "
-        "quadratic of depth_sigma_m + depth_sigma_per_m z^2, kinect that of structured light.",
+        "Error of a depth z: gaussian has a standard deviation of depth_sigma_m, quadratic of "
+        "depth_sigma_m + depth_sigma_per_m z^2, kinect that of structured light.",
         choices=("none", "gaussian", "quadratic", "kinect"),
     ),
     ParameterRow(
@@ -149,7 +149,7 @@ FAULTS = (
     ParameterRow(
         "faults.min_depth_m",
         0.0,
-        "What is measured nearer is published as -inf.",
+        "Nearer measurements are published as -inf.",
         unit="m",
         least=0.0,
         most=FARTHEST_M,
@@ -157,7 +157,7 @@ FAULTS = (
     ParameterRow(
         "faults.max_depth_m",
         0.0,
-        "What is measured farther is published as +inf; 0: no limit.",
+        "Farther measurements are published as +inf; 0: no limit.",
         unit="m",
         least=0.0,
         most=FARTHEST_M,
@@ -172,7 +172,7 @@ FAULTS = (
     ParameterRow(
         "faults.drift_m",
         0.0,
-        "Standard deviation of what odometry drifts along each axis with every sample.",
+        "Standard deviation of the drift of odometry along each axis, per sample.",
         unit="m",
         least=0.0,
         most=1000.0,
@@ -180,7 +180,7 @@ FAULTS = (
     ParameterRow(
         "faults.drift_rad",
         0.0,
-        "Standard deviation of what odometry turns about each axis with every sample.",
+        "Standard deviation of the drift of odometry about each axis, per sample.",
         unit="rad",
         least=0.0,
         most=3.2,
@@ -188,6 +188,6 @@ FAULTS = (
     ParameterRow(
         "faults.tf_drifts",
         False,
-        "Whether the transform of the rig is that of odometry; false: it is the true one.",
+        "Whether the transform of the rig drifts as odometry does; false: it is the true one.",
     ),
 )

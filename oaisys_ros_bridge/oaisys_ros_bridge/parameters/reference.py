@@ -1,4 +1,4 @@
-"""The reference page of the nodes, from the tables that the nodes themselves are made from."""
+"""The reference page of the nodes, written from their tables of interfaces and parameters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from oaisys_ros_bridge.parameters.mapper import MAPPER
 from oaisys_ros_bridge.parameters.table import ParameterRow, ParameterTable
 
 PROSE = Path(__file__).with_name("reference.md")
-"""What is said before the tables."""
+"""The text before the tables."""
 
 HEADINGS = {
     InterfaceKind.SERVICE: "Services",
@@ -31,7 +31,7 @@ HEADINGS = {
 
 @dataclass(frozen=True)
 class DescribedNode:
-    """What the page says of one node.
+    """One node on the page.
 
     Attributes:
         executable: For ``ros2 run oaisys_ros_bridge``.
@@ -50,7 +50,7 @@ NODES = (
         "oaisys_bridge",
         "bridge",
         "A managed node: pose requests in, samples out. Configured, it knows the simulator; "
-        "active, it renders. By itself it gets there, and again when the simulator comes back.",
+        "active, it renders. It gets there by itself, and again when the simulator is back.",
         BRIDGE_INTERFACES,
         BRIDGE,
     ),

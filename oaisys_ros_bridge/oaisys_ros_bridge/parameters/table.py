@@ -1,6 +1,6 @@
-"""What a node's parameters are: one row each, from which all else about them follows.
+"""A table of a node's parameters, one row each.
 
-Declaration, descriptors, checks and the reference page are made from the rows. No ROS in here.
+Declarations, descriptors, checks and the reference page are made from the rows. No ROS in here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from oaisys_core.errors import InvalidInputError
 
 ParameterValue = bool | int | float | str | list[str]
 Rule = Callable[[Mapping[str, Any]], None]
-"""Raises `InvalidInputError` where values that are fine by themselves do not fit together."""
+"""Raises `InvalidInputError` if values that are valid each do not fit together."""
 
 _TYPE_NAMES: Mapping[type, str] = {
     bool: "bool",
@@ -45,8 +45,8 @@ class ParameterRow:
         description: One sentence without its unit and range.
         unit: Such as ``s`` or ``m``; empty: it has none.
         least, most: Of a number; None: no bound. They are part of the range.
-        choices: Of a string: all that it may be; empty: anything.
-        pattern: Of a string: regular expression that all of it must match.
+        choices: Of a string: all valid values; empty: any.
+        pattern: Of a string: regular expression that the whole value must match.
         expects: What the pattern means, in words.
         changeable: When it can be set.
     """
@@ -74,7 +74,7 @@ class ParameterRow:
 
     @property
     def expected(self) -> str:
-        """What its values may be, in words: type, range, choices."""
+        """Its valid values in words: type, range, choices."""
         unit = f" {self.unit}" if self.unit else ""
         if self.choices:
             return "one of " + ", ".join(repr(choice) for choice in self.choices)
@@ -89,7 +89,7 @@ class ParameterRow:
         return self.type_name + (f" in{unit}" if unit else "")
 
     def checked(self, value: object) -> Any:
-        """Return a value as the parameter's type; whole numbers will do for a double.
+        """Return a value as the parameter's type; a double may be given as a whole number.
 
         Raises:
             InvalidInputError: Wrong type, out of range, or none of the choices.
@@ -116,7 +116,7 @@ class ParameterTable:
 
     Args:
         rows: One for each parameter.
-        rules: What must hold between them.
+        rules: Conditions on several of them.
     """
 
     def __init__(self, rows: Sequence[ParameterRow], rules: Sequence[Rule] = ()) -> None:
@@ -134,6 +134,6 @@ class ParameterTable:
         return self._rows[name]
 
     def check_together(self, values: Mapping[str, Any]) -> None:
-        """Raise `InvalidInputError` where all the values do not fit together."""
+        """Raise `InvalidInputError` if the values do not fit together."""
         for rule in self._rules:
             rule(values)

@@ -7,12 +7,16 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from builtin_interfaces.msg import Time as TimeMsg
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.time import Time
-from rosgraph_msgs.msg import Clock
+from rosgraph_msgs.msg import Clock as ClockMsg
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.qos import CLOCK_QOS
+
+STEADY_CLOCK = Clock(clock_type=ClockType.STEADY_TIME)
+"""For timers that must go on while simulated time stands still."""
 
 CLOCK_PERIOD_S = 0.1
 """Between two repetitions of a simulated time that stands still, for late subscribers."""
@@ -49,7 +53,7 @@ class Stamps:
         if node.get_parameter("use_sim_time").value:
             expected = "false, as publish_clock makes this node the one that tells the time"
             raise InvalidInputError("use_sim_time", True, expected)
-        self._clock = node.create_publisher(Clock, "/clock", CLOCK_QOS)
+        self._clock = node.create_publisher(ClockMsg, "/clock", CLOCK_QOS)
         self._timer = node.create_timer(CLOCK_PERIOD_S, self._publish)
 
     def next(self) -> TimeMsg:
@@ -108,7 +112,7 @@ class Stamps:
     def _publish(self) -> None:
         if self.simulated:
             with self._lock:
-                self._clock.publish(Clock(clock=_stamp(self._last_ns)))
+                self._clock.publish(ClockMsg(clock=_stamp(self._last_ns)))
 
 
 def _stamp(nanoseconds: int) -> TimeMsg:

@@ -24,9 +24,9 @@ from visualization_msgs.msg import Marker, MarkerArray
 from oaisys_core.geometry import pose_from_matrix, unproject
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Sample
 from oaisys_ros_bridge.conversions import pose_to_msg, pose_to_stamped_msg
-from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK
 from oaisys_ros_bridge.publishing.options import PublishingOptions
 from oaisys_ros_bridge.publishing.publishers import Publishers, is_heard
+from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, PATH_QOS
 
 NEW_SUBSCRIBER_PERIOD_S = 1.0
@@ -89,7 +89,7 @@ class TrajectoryTopics:
             NEW_SUBSCRIBER_PERIOD_S,
             self._greet_subscribers,
             callback_group=group,
-            clock=OWN_CLOCK,
+            clock=STEADY_CLOCK,
         )
 
     def destroy(self) -> None:

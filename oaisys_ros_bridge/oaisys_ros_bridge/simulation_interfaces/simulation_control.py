@@ -12,8 +12,8 @@ from oaisys_core.types import Pose, SimulatorInfo
 from oaisys_ros_bridge.bridge.cancellation import Cancellation
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.requests import ViewRequest
+from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
-from oaisys_ros_bridge.publishing.world_topics import WorldTopics
 from oaisys_ros_bridge.simulation_interfaces.worlds import WorldRequest
 
 STOPPED, PLAYING, PAUSED, QUITTING, NO_WORLD, LOADING_WORLD = range(6)

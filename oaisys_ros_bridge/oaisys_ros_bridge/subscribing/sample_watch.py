@@ -14,8 +14,7 @@ from rclpy.time import Time
 from std_msgs.msg import Header
 
 from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt
-from oaisys_ros_bridge.nodes.node_process import OWN_CLOCK
-from oaisys_ros_bridge.publishing.stamps import nanoseconds
+from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK, nanoseconds
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import SampleLedger, SampleName
 
@@ -50,7 +49,7 @@ class SampleWatch:
         topic = f"{info_topic.rpartition('/')[0]}/{RECEIPTS}"
         self._publisher = node.create_publisher(SampleReceipt, topic, LATCHED_QOS)
         group = MutuallyExclusiveCallbackGroup()
-        node.create_timer(EXPIRY_PERIOD_S, self.ledger.expire, group, OWN_CLOCK)
+        node.create_timer(EXPIRY_PERIOD_S, self.ledger.expire, group, STEADY_CLOCK)
         self._tell()
 
     def end(self) -> None:

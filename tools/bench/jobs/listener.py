@@ -21,7 +21,7 @@ from oaisys_core.errors import DeadlineExceededError, RenderError
 from oaisys_core.types import Pose
 from oaisys_msgs.msg import SampleInfo
 from oaisys_msgs.srv import SetMetadata, SetPose
-from oaisys_ros_bridge.bridge.diagnostics import SUBSCRIBERS
+from oaisys_ros_bridge.bridge.status import SUBSCRIBERS
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.experiments.status import DIAGNOSTICS_DEPTH
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS

@@ -1,19 +1,22 @@
-"""What the bridge reports on ``/diagnostics``."""
+"""Topics ``~/ready`` and ``/diagnostics``: the state of the bridge."""
 
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from std_msgs.msg import Bool
 
 from oaisys_core.types import SimulatorInfo
 from oaisys_ros_bridge.bridge.pose_commands import PoseCommands
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
+from oaisys_ros_bridge.qos import LATCHED_QOS
 
 BYTES_PER_MB = 1e6
 
@@ -29,23 +32,21 @@ SUBSCRIBERS = "subscribers "
 
 @dataclass(frozen=True)
 class BridgeState:
-    """The state of the node, as far as diagnostics report it.
+    """The lifecycle state of the node.
 
     Attributes:
-        name: Of the lifecycle state.
-        ready: Whether a view can be requested.
+        name: Of the state.
+        is_active: Whether the bridge is active.
         is_meant: Whether the bridge is meant to be active.
-        reason: Why the simulator is not ready; empty: it is.
     """
 
     name: str
-    ready: bool
+    is_active: bool
     is_meant: bool
-    reason: str
 
 
-class BridgeDiagnostics:
-    """Publishes the status of the simulator and of the readers.
+class BridgeStatus:
+    """Publishes whether a view can be requested, and diagnostics of simulator and readers.
 
     Args:
         node: The bridge.
@@ -57,26 +58,44 @@ class BridgeDiagnostics:
         self._node = node
         self._renderer = renderer
         self._commands = commands
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._ready_lock = threading.Lock()
+        self._is_ready: bool | None = None
+        self._ready = node.create_publisher(Bool, "~/ready", LATCHED_QOS)
+        self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
-    def publish(self, state: BridgeState, address: str) -> None:
-        """Publish both statuses.
+    def publish_ready(self, state: BridgeState) -> None:
+        """Publish whether a view can be requested, if that has changed."""
+        with self._ready_lock:
+            link = self._renderer.link
+            ready = link is not None and link.state.ready and state.is_active
+            if ready != self._is_ready:
+                self._is_ready = ready
+                self._ready.publish(Bool(data=ready))
+
+    def publish_diagnostics(
+        self, state: BridgeState, address: str, reason: str | None = None
+    ) -> None:
+        """Publish the status of the simulator and that of the readers.
 
         Args:
             state: Of the node.
             address: Where the simulator is, or shall be.
+            reason: Why the simulator is not ready; None: the current reason.
         """
-        array = DiagnosticArray(
-            status=[self._simulator_status(state, address), self._readers_status(address)]
-        )
+        simulator = self._simulator_status(state, address, reason)
+        array = DiagnosticArray(status=[simulator, self._readers_status(address)])
         array.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(array)
+        self._diagnostics.publish(array)
 
-    def _simulator_status(self, state: BridgeState, address: str) -> DiagnosticStatus:
+    def _simulator_status(
+        self, state: BridgeState, address: str, reason: str | None
+    ) -> DiagnosticStatus:
         link = self._renderer.link
+        if reason is None:
+            reason = "" if link is None else link.state.reason
         level = DiagnosticStatus.ERROR if state.is_meant else DiagnosticStatus.WARN
-        message = (state.reason if state.is_meant else "") or state.name
-        if state.ready:
+        message = (reason if state.is_meant else "") or state.name
+        if self._is_ready:
             level, message = DiagnosticStatus.OK, "ready"
         values = {
             "address": address,
