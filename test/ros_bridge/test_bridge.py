@@ -315,6 +315,8 @@ def test_batches_and_metadata_are_set_or_refused_with_the_reason(bridged: User) 
 
     dark = json.dumps({"sun_strength_w_m2": 0.0, "sky_strength": 0.0})
     assert set_metadata("environment", dark).success
+    # A view that is refused keeps the metadata that waits.
+    assert not bridged.set_pose(pose_looking_down(0, 0, 5), modalities=["smell"]).success
     rgb = all_of_sample(bridged, bridged.set_pose(pose_looking_down(0, 0, 5)).stamp)
     assert image_from_msg(rgb["camera/color/image_raw"]).max() == 0
 
