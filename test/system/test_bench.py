@@ -15,7 +15,7 @@ from tools.bench.child import JobError, run_job
 from tools.bench.figures import Figure, Goal, figure, ratio
 from tools.bench.images import psnr_db, ssim
 from tools.bench.plots import plot_growth, plot_quality
-from tools.bench.references import References, sha256
+from tools.bench.references import ReferenceImages, sha256
 from tools.bench.report import cells, markdown, rounded, write_results
 from tools.bench.settings import Settings
 from tools.bench.topics import growth, quality
@@ -97,7 +97,7 @@ def test_references_are_reused_for_the_same_key_alone(tmp_path: Path) -> None:
         calls.append(1)
         return 12.5, picture
 
-    references = References(tmp_path)
+    references = ReferenceImages(tmp_path)
     key = {"samples": 512, "pose": [0.0, 1.5]}
     first = references.get("nadir", key, render)
     again = references.get("nadir", dict(reversed(key.items())), render)

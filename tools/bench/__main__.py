@@ -15,13 +15,13 @@ from rich.console import Console
 from oaisys_core.errors import OaisysError
 from tools.bench.figures import Figure
 from tools.bench.machine import machine
-from tools.bench.progress import Progress
+from tools.bench.progress import TopicProgress
 from tools.bench.report import print_table, write_results
 from tools.bench.settings import Settings
 
 
 class Topic(NamedTuple):
-    """What it is about, and the seconds it takes on two cores: at first, and quickly."""
+    """What a topic measures, and the seconds that it takes on two cores: in full, and quickly."""
 
     about: str
     full_s: float
@@ -31,8 +31,8 @@ class Topic(NamedTuple):
 TOPICS = {
     "quality": Topic("colour by preset and view against converged references", 2400, 400),
     "plain": Topic("one full render for each kind of image, as the original", 240, 60),
-    "batches": Topic("new worlds, reused stages, first samples", 400, 120),
-    "sync": Topic("what moving only the camera costs before rendering", 60, 40),
+    "batches": Topic("new worlds, reused stages, first samples after them", 400, 120),
+    "sync": Topic("time before rendering when only the camera moved", 60, 40),
     "budget": Topic("time budgets on random views", 220, 60),
     "growth": Topic("growth with image, rocks, triangles, cameras", 700, 150),
     "equality": Topic("depth and labels against Cycles' own passes", 150, 80),
@@ -53,22 +53,22 @@ def main(
         list[str] | None, typer.Option(help=f"A topic, repeatable: {', '.join(TOPICS)}.")
     ] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer values, coarse references: for a look.")
+        bool, typer.Option("--quick", help="Fewer values, and references of fewer samples.")
     ] = False,
     runs: Annotated[
         int | None, typer.Option(min=1, help="Values per figure: 5, or 2 with --quick.")
     ] = None,
     size: Annotated[str, typer.Option(help="Of images, WIDTHxHEIGHT.")] = "640x480",
     final: Annotated[
-        bool, typer.Option("--final", help="Measure the preset final, too: a minute a view.")
+        bool, typer.Option("--final", help="Also measure the preset final, a minute per view.")
     ] = False,
     plain_views: Annotated[
-        int, typer.Option(min=1, max=6, help="Views rendered the plain way, 3 minutes each.")
+        int, typer.Option(min=1, max=6, help="Views for the topic plain, 3 minutes each.")
     ] = 1,
 ) -> None:
     """Measure, show each figure beside its goal, and write bench.json, bench.md and plots.
 
-    Exit code 1 where a topic fails; never for a goal that is missed.
+    The exit code is 1 if a topic fails, but not if a goal is missed.
     """
     settings = Settings(
         out=out.absolute(),
@@ -82,7 +82,7 @@ def main(
     for name in chosen:
         if name not in TOPICS:
             raise typer.BadParameter(f"received {name}, expected one of {', '.join(TOPICS)}")
-    # As Ctrl-C does: what runs beside this process is ended by it.
+    # Like Ctrl-C, so that processes started here are ended, too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     failures = _run(settings, chosen)
     if failures:
@@ -97,13 +97,13 @@ def _size(text: str) -> dict[str, int]:
 
 
 def _run(settings: Settings, chosen: list[str]) -> dict[str, str]:
-    """Run topics one after the other, and return those that failed with their reasons."""
+    """Run topics in turn, and return the reasons of those that failed."""
     console = Console()
     facts = machine()
     console.print(", ".join(f"{name} {value}" for name, value in facts.items()), highlight=False)
     by_topic: dict[str, list[Figure]] = {}
     failures: dict[str, str] = {}
-    progress = Progress(console, {name: _expected_s(name, settings) for name in chosen})
+    progress = TopicProgress(console, {name: _expected_s(name, settings) for name in chosen})
     for name in chosen:
         progress.begin(name)
         try:

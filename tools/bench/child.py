@@ -1,4 +1,4 @@
-"""Runs jobs in processes of their own, so that memory peaks, caches and Blender are theirs alone.
+"""Runs each job in a process of its own, with its own memory peak, caches and Blender.
 
 ``python -m tools.bench.child MODULE FUNCTION`` reads settings and arguments as JSON from standard
 input and writes lines of JSON: what it does, then what it measured.
@@ -22,14 +22,14 @@ from oaisys_core.errors import OaisysError
 from tools.bench.settings import Say, Settings
 
 TIMEOUT_S = 3600.0
-"""For a job; the dearest are references, five minutes a view."""
+"""For a job; references take the longest, five minutes per view."""
 PATIENCE_S = 30.0
-"""For a job that is done, or told to stop, to clear up."""
+"""For a job to clean up after it is done or was told to stop."""
 LOG_LINES = 12
 
 
 class JobError(OaisysError):
-    """A job failed, or did not end in time; tells what it wrote."""
+    """A job failed or took too long; the message ends with its log."""
 
 
 def run_job(
@@ -39,11 +39,11 @@ def run_job(
 
     Args:
         job: ``module.function`` below `tools.bench.jobs`; called with ``settings``, ``say`` and
-            the arguments, all of which are JSON-able, as its result is.
+            the arguments. Arguments and result are JSON-able.
         settings: Of the run.
-        say: Told how far it is.
-        timeout_s: Until it is stopped.
-        arguments: By keyword.
+        say: Called with the progress.
+        timeout_s: After it, the job is stopped.
+        arguments: Keyword arguments of the job.
 
     Raises:
         JobError: It failed.
@@ -98,7 +98,7 @@ def _result(
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End it, if it still runs, as Ctrl-C does: what it started, it ends itself."""
+    """Interrupt the job if it still runs, then kill its process group."""
     try:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
@@ -122,7 +122,7 @@ def main() -> None:
     """Run one job and write its result to what was standard output."""
     ours = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # what libraries print goes to the log
-    # A shell that starts a job in the background has it ignore Ctrl-C.
+    # A shell makes processes in the background ignore SIGINT.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
     def say(share: float, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Figures: values of one kind, their median and spread, and the goal they are held against."""
+"""Figures: measured values with median, range and goal."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Goal:
-    """What a figure's median shall be.
+    """A bound for a figure's median.
 
     Attributes:
         limit: In the figure's unit.
-        at_least: Whether the limit is a lower one.
+        at_least: Whether the limit is a lower bound.
     """
 
     limit: float
@@ -34,15 +34,15 @@ class Goal:
 
 @dataclass(frozen=True)
 class Figure:
-    """Values of one kind, measured in one run.
+    """Values of one quantity, measured in one run.
 
     Attributes:
         name: Lower case with underscores, unique in a run.
         unit: ``s``, ``ms``, ``dB``, ``MB``, ``%`` or ``x`` (a ratio); empty for a pure number.
         values: At least one, none of them NaN.
-        goal: Of the median; None: there is none.
-        note: What the table says beside it.
-        curve, x: Name of the growth curve that it is a point of, and where on it.
+        goal: For the median; None: none.
+        note: Remark in the table.
+        curve, x: Name of the growth curve that the figure belongs to, and its place on it.
     """
 
     name: str
@@ -54,22 +54,22 @@ class Figure:
     x: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what has no median."""
+        """Refuse values without a median."""
         if not self.values or any(math.isnan(value) for value in self.values):
             raise ValueError(f"{self.name}: received {self.values}, expected numbers, at least one")
 
     @property
     def median(self) -> float:
-        """The middle value; the mean of both where there are two of them."""
+        """The median of the values."""
         return float(median(self.values))
 
     @property
     def is_met(self) -> bool | None:
-        """Whether the goal is met; None where there is none."""
+        """Whether the goal is met; None without a goal."""
         return None if self.goal is None else self.goal.is_met(self.median)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return what ``bench.json`` holds of it."""
+        """Return the record for ``bench.json``."""
         record: dict[str, Any] = {
             "name": self.name,
             "unit": self.unit,
@@ -100,12 +100,12 @@ def ratio(name: str, slow: Sequence[float], fast: Sequence[float], goal: Goal | 
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file whole or not at all."""
+    """Write a JSON file atomically."""
     write_text(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file whole or not at all."""
+    """Write a text file atomically."""
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(path.name + ".part")
     beside.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""How alike two colour images are."""
+"""Similarity of two colour images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the figures were measured on."""
+"""The machine that the figures were measured on."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MEGABYTE = 1e6
 
 
 def machine() -> dict[str, str]:
-    """Return the machine, its load and the versions, for people to read."""
+    """Return a description of the machine, its load and the versions."""
     return {
         "processor": _processor(),
         "cores": f"{len(os.sched_getaffinity(0))} of {os.cpu_count()}",

@@ -1,4 +1,4 @@
-"""Tells what the benchmarks do, and how long they still take."""
+"""Shows the current topic and the time left."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from rich.console import Console
 from rich.status import Status
 
 QUIET_S = 5.0
-"""Between two plain lines that tell the same."""
+"""Between two lines with the same text, without a terminal."""
 
 RELIABLE_SHARE = 0.15
-"""From here on a topic's own pace says more than what it was expected to take."""
+"""From this share of a topic on, the time left is extrapolated from its pace."""
 
 
-class Progress:
-    """A line that changes on a terminal, plain lines elsewhere.
+class TopicProgress:
+    """Shows progress as a status line on a terminal, as plain lines elsewhere.
 
     Args:
-        console: Where to.
-        expected_s: What each topic takes, in order.
+        console: Output.
+        expected_s: Expected seconds of each topic, in order.
     """
 
     def __init__(self, console: Console, expected_s: Mapping[str, float]) -> None:
@@ -46,7 +46,7 @@ class Progress:
         return time.monotonic() - self._started_s
 
     def say(self, share: float, text: str) -> None:
-        """Tell how far the topic is, 0 to 1, and what comes next."""
+        """Show the share of the topic that is done, 0 to 1, and what comes next."""
         minutes = self.left_s(share) / 60
         line = f"{self._topic}, {100 * share:.0f} %, {minutes:.0f} min left: {text}"
         if self._status is not None:
@@ -56,7 +56,7 @@ class Progress:
             self._console.print(line, highlight=False)
 
     def left_s(self, share: float) -> float:
-        """Return the seconds that all topics still take."""
+        """Return the expected seconds until all topics are done."""
         expected_s = self._expected_s[self._topic]
         if share > RELIABLE_SHARE:
             expected_s = (time.monotonic() - self._started_s) / share

@@ -1,4 +1,4 @@
-"""Converged pictures of views, kept between runs: they take minutes each."""
+"""Converged images of views, kept between runs because they take minutes each."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ Image = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class Reference:
-    """A converged picture.
+class ReferenceImage:
+    """A converged image.
 
     Attributes:
         image: (H, W, 3) sRGB.
-        seconds: What it took when it was rendered.
-        is_reused: Whether that was in an earlier run.
+        seconds: Time of its rendering.
+        is_reused: Whether it was rendered in an earlier run.
     """
 
     image: Image
@@ -33,21 +33,21 @@ class Reference:
     is_reused: bool
 
 
-class References:
-    """A folder of references, each named by everything that its picture depends on."""
+class ReferenceImages:
+    """A folder of reference images, named by a hash of everything that they depend on."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def get(
         self, name: str, key: Mapping[str, Any], render: Callable[[], tuple[float, Image]]
-    ) -> Reference:
-        """Return the reference of a view, rendered now unless it is there.
+    ) -> ReferenceImage:
+        """Return the reference image of a view, and render it if it is not in the folder.
 
         Args:
             name: Of the view.
-            key: JSON-able; another value means another picture.
-            render: Returns seconds and picture.
+            key: Everything that the image depends on; JSON-able.
+            render: Returns seconds and image.
         """
         text = json.dumps(key, sort_keys=True)
         stem = self._folder / f"{name}_{hashlib.sha256(text.encode()).hexdigest()[:16]}"
@@ -56,14 +56,16 @@ class References:
             image = cv2.imread(str(picture), cv2.IMREAD_COLOR)
             if image is not None:
                 seconds = float(json.loads(facts.read_text(encoding="utf-8"))["seconds"])
-                return Reference(np.ascontiguousarray(image[..., ::-1]), seconds, is_reused=True)
+                return ReferenceImage(
+                    np.ascontiguousarray(image[..., ::-1]), seconds, is_reused=True
+                )
         seconds, rendered = render()
         self._folder.mkdir(parents=True, exist_ok=True)
         if not cv2.imwrite(str(picture), rendered[..., ::-1]):
             raise OSError(f"cannot write {picture}")
-        # Last: a picture without its facts was cut short.
+        # Written last, so that an image without this file counts as incomplete.
         write_json(facts, {"view": name, "seconds": seconds, "key": dict(key)})
-        return Reference(rendered, seconds, is_reused=False)
+        return ReferenceImage(rendered, seconds, is_reused=False)
 
 
 def sha256(image: Image) -> str:

@@ -1,4 +1,4 @@
-"""What a run writes: ``bench.json``, ``bench.md``, the plots, and the table on the terminal."""
+"""Writes ``bench.json``, ``bench.md`` and the plots, and prints the tables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tools.bench.topics import quality
 HEADINGS = ("figure", "median", "min", "max", "n", "unit", "goal", "")
 DIGITS = 4
 NEARLY_ALL = 99.9
-"""Percent above which decimals count."""
+"""Percentages above it are shown with more decimals."""
 
 
 def write_results(
@@ -25,7 +25,7 @@ def write_results(
     by_topic: Mapping[str, Sequence[Figure]],
     failures: Mapping[str, str],
 ) -> None:
-    """Write everything that is known so far."""
+    """Write all figures so far."""
     figures = [figure for topic in by_topic.values() for figure in topic]
     write_json(settings.out / "bench.json", [figure.to_dict() for figure in figures])
     write_json(settings.out / "machine.json", dict(machine))

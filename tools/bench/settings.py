@@ -1,4 +1,4 @@
-"""What a run of the benchmarks was asked for."""
+"""Settings of a run of the benchmarks."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ Say = Callable[[float, str], None]
 
 @dataclass(frozen=True)
 class Settings:
-    """What a run was asked for.
+    """Settings of a run.
 
     Attributes:
         out: Folder of the results, and of the references that are kept between runs.
-        runs: Values per figure where it does not say otherwise.
-        quick: Fewer points and references of fewer samples: for a look, not for the record.
+        runs: Values per figure, unless a topic says otherwise.
+        quick: Fewer values, and references of fewer samples.
         width_px, height_px: Image size.
-        with_final: Whether the slowest preset is measured, too.
-        plain_views: How many views are rendered the plain way, minutes each.
+        with_final: Whether the slowest preset is measured.
+        plain_views: Number of views for the topic ``plain``.
     """
 
     out: Path

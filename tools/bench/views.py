@@ -1,4 +1,4 @@
-"""The views that colour is judged by, in the demo's world."""
+"""The views of the demo's world that the benchmarks render."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ NOON = {"sun_elevation_deg": 38.0, "sun_strength_w_m2": 4.0}
 
 
 @dataclass(frozen=True)
-class View:
-    """A place to look from.
+class BenchView:
+    """A camera position, its target, and its light.
 
     Attributes:
-        eye_xy_m, eye_rise_m: Where it is, and how far above the surface there.
-        target_xy_m: What it looks at; None: straight down.
-        target_rise_m: Height of that above the surface there.
-        environment, render: Metadata, on top of what all views have.
+        eye_xy_m, eye_rise_m: Position, and height above the surface there.
+        target_xy_m: Point to look at; None: straight down.
+        target_rise_m: Height of the target above the surface there.
+        environment, render: Metadata in addition to that of all views.
     """
 
     name: str
@@ -36,10 +36,10 @@ class View:
     environment: Mapping[str, Any] = field(default_factory=dict)
     render: Mapping[str, Any] = field(default_factory=dict)
 
-    def pose(self, heights_m: Heights, aside_m: float = 0.0) -> Pose:
-        """Return the rig's pose, moved ``aside_m`` metres to the east."""
+    def pose(self, heights_m: Heights, offset_m: float = 0.0) -> Pose:
+        """Return the rig's pose, moved ``offset_m`` metres to the east."""
         x, y = self.eye_xy_m
-        x += aside_m
+        x += offset_m
         target = self.target_xy_m or (x, y)
         surface_m = heights_m([(x, y, 0.0), (*target, 0.0)])
         eye_z = float(surface_m[0]) + self.eye_rise_m
@@ -49,13 +49,13 @@ class View:
 
 
 VIEWS = (
-    View("nadir", (3, 4), 10.0),
-    View("oblique", (-14, -10), 6.0, (4, 4)),
-    View("low_sun", (12, -12), 4.0, (0, 2), environment={"sun_elevation_deg": 8.0}),
-    View("close_up", (5, -3), 1.2, (7, -1.5)),
-    View("horizon", (-20, 0), 2.0, (20, 5), 1.5),
-    # No sun at all: everything is lit by the sky alone, and exposed as a camera would.
-    View(
+    BenchView("nadir", (3, 4), 10.0),
+    BenchView("oblique", (-14, -10), 6.0, (4, 4)),
+    BenchView("low_sun", (12, -12), 4.0, (0, 2), environment={"sun_elevation_deg": 8.0}),
+    BenchView("close_up", (5, -3), 1.2, (7, -1.5)),
+    BenchView("horizon", (-20, 0), 2.0, (20, 5), 1.5),
+    # Lit by the sky alone, with a longer exposure.
+    BenchView(
         "shadow",
         (12, 12),
         5.0,

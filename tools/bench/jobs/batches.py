@@ -1,4 +1,4 @@
-"""What a batch costs, and the first sample after it."""
+"""Times of batches, and of the first sample after each."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from tools.bench.settings import Say, Settings
 from tools.bench.views import VIEWS
 
 STEADY_SAMPLES = 3
-ASIDE_M = 0.15
+CAMERA_STEP_M = 0.15
 
 
 def batches(settings: Settings, say: Say, changes: dict[str, Any]) -> dict[str, dict[str, float]]:
-    """Return seconds of the first batch of a process, a second one, and one on the same stage.
+    """Return seconds of a process's first batch, of a second one, and of one on the same stage.
 
-    Each comes with what its first sample took beyond a steady one.
+    Each comes with the extra time of its first sample over a steady one.
     """
     found = {}
     with simulation_of(world_config(settings, changes)) as simulation:
@@ -32,7 +32,9 @@ def batches(settings: Settings, say: Say, changes: dict[str, Any]) -> dict[str, 
             started_s = time.perf_counter()
             simulation.step_batch(**arguments)
             batch_s = time.perf_counter() - started_s
-            poses = [VIEWS[1].pose(observer.heights_m, ASIDE_M * i) for i in range(STEADY_SAMPLES)]
+            poses = [
+                VIEWS[1].pose(observer.heights_m, CAMERA_STEP_M * i) for i in range(STEADY_SAMPLES)
+            ]
             first_s, _ = observer.sample(poses[-1], {"quality": "standard"})
             steady = [observer.sample(pose, {"quality": "standard"})[0] for pose in poses]
             extra_s = first_s - median(steady)

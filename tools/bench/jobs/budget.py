@@ -1,4 +1,4 @@
-"""How well a time budget is held."""
+"""Times of samples with a time budget."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from tools.bench.views import random_poses
 
 VIEWS, QUICK_VIEWS = 20, 5
 WARM_UP_VIEWS = 3
-"""That teach what samples cost; the first of a process knows nothing."""
+"""Views from which the backend learns what samples cost."""
 
 
 def seconds(settings: Settings, say: Say, budgets_s: list[float]) -> list[list[float]]:
-    """Return, by budget, what samples at random views took."""
+    """Return, by budget, the seconds of samples at random views."""
     count = QUICK_VIEWS if settings.quick else VIEWS
     found: list[list[float]] = []
     with simulation_of(world_config(settings)) as simulation:
@@ -23,7 +23,7 @@ def seconds(settings: Settings, say: Say, budgets_s: list[float]) -> list[list[f
         poses = random_poses(WARM_UP_VIEWS + count, extent_m, observer.heights_m)
         for index, budget_s in enumerate(budgets_s):
             say(index / len(budgets_s), f"{count} random views in {budget_s:g} s each")
-            # The best preset: the budget alone limits the samples.
+            # With the best preset, only the budget limits the samples.
             render = {"quality": "final", "time_budget_s": budget_s}
             took_s = [observer.sample(pose, render)[0] for pose in poses]
             found.append(took_s[WARM_UP_VIEWS:])

@@ -1,4 +1,4 @@
-"""Depth and labels of samples against passes that Cycles renders of the same world."""
+"""Depth and labels of samples compared with passes of Cycles of the same world."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ from tools.bench.views import random_poses
 MODALITIES = (DEPTH, SEMANTIC_0, INSTANCE)
 VIEWS, QUICK_PRESETS = 2, 3
 JITTER_PX = 0.006
-"""Greatest distance of Cycles' rays from their pixels' centres, and a bit."""
+"""Upper bound on the distance of Cycles' rays from their pixels' centres."""
 DEPTH_TOLERANCE = 2e-5
-"""Relative, beside what the jitter does."""
+"""Relative difference of equal depths, in addition to the effect of the jitter."""
 STEP_SHARE = 0.05
-"""Of what depth differs by among a pixel's neighbours: more than that, within the jitter, is a
-step; on a smooth surface it would be a hundredth."""
+"""If depth differs within the jitter by more than this share of its range among a pixel's
+neighbours, there is a step; on a smooth surface it would be a hundredth."""
 FAR_M = 1e6
 
 Images = dict[str, NDArray[np.generic]]
 
 
 def shares(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
-    """Return, by preset of terrain, equal pixels in percent and unequal ones off edges, by view."""
+    """Return, by preset and view, the percentage of equal pixels and the unequal ones off edges."""
     presets = sorted(PRESETS)[: QUICK_PRESETS if settings.quick else None]
     found = {}
     with simulation_of(world_config(settings, {"sensors": {"pose_policy": "allow"}})) as simulation:
@@ -65,7 +65,7 @@ def shares(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
 def _both(
     simulation: Simulation, observer: Observer, pose: Pose
 ) -> tuple[PlacedCamera, Images, Images]:
-    """Return a camera, what it sees as a sample gives it, and as Cycles' passes show it."""
+    """Return a camera, its images in a sample, and its images by Cycles' passes."""
     _, sample = observer.sample(pose, {"quality": "geometry"}, modalities=MODALITIES)
     fast = {frame.modality: frame.data for frame in sample.frames}
     T_map_camera = pose_to_matrix(pose) @ T_LINK_OPTICAL
@@ -74,7 +74,7 @@ def _both(
 
 
 def _equal(fast: Images, cycles: Images) -> NDArray[np.bool_]:
-    """Return the (H, W) pixels whose ids are the same, and whose depth is but for the jitter."""
+    """Return (H, W) whether ids are equal, and depth within the tolerance and the jitter."""
     depth_m = _reached(fast[DEPTH])
     error_m = np.abs(_reached(cycles[DEPTH]) - depth_m)
     equal = error_m <= DEPTH_TOLERANCE * depth_m + JITTER_PX * _spread(depth_m)
@@ -84,19 +84,19 @@ def _equal(fast: Images, cycles: Images) -> NDArray[np.bool_]:
 
 
 def _off_edges(surface: Surface, camera: PlacedCamera, seen: Images) -> NDArray[np.bool_]:
-    """Return the (H, W) pixels that see the same wherever within the jitter they look.
+    """Return (H, W) whether all rays within the jitter hit the same.
 
-    The others have an edge at their centre, where no two ways of casting rays need agree.
+    The other pixels have an edge at their centre, where two ray casters may differ.
     """
     depth_m = _reached(seen[DEPTH])
     step_m = DEPTH_TOLERANCE * depth_m + STEP_SHARE * _spread(depth_m)
     same = np.ones(depth_m.shape, bool)
     for x, y in product((-1, 0, 1), repeat=2):
         centre = camera.intrinsics
-        aside = replace(
+        shifted = replace(
             centre, cx_px=centre.cx_px + x * JITTER_PX, cy_px=centre.cy_px + y * JITTER_PX
         )
-        frames = geometry_frames(surface, replace(camera, intrinsics=aside), PoseMemory())
+        frames = geometry_frames(surface, replace(camera, intrinsics=shifted), PoseMemory())
         same &= np.abs(_reached(frames[DEPTH].data) - depth_m) <= step_m
         for modality in MODALITIES[1:]:
             same &= frames[modality].data == seen[modality]
@@ -108,6 +108,6 @@ def _reached(depth_m: NDArray[np.generic]) -> NDArray[np.float64]:
 
 
 def _spread(image: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the greatest less the least value of each pixel and its eight neighbours."""
+    """Return the range of values among each pixel and its eight neighbours."""
     square = np.ones((3, 3), np.uint8)
     return np.asarray(cv2.dilate(image, square) - cv2.erode(image, square), np.float64)

@@ -1,4 +1,4 @@
-"""What one world costs to build, to sample and to hold."""
+"""Time and memory of a world: batch, samples, peak."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings
 from tools.bench.views import VIEWS
 
-ASIDE_M = 0.15
+CAMERA_STEP_M = 0.15
 CAMERA_FX_SHARE = 541.14 / 640
 
 TURN_QUALITIES = ("geometry", "preview")
 TURN_VIEWS = 5
-"""That the median of a world's turn is taken of."""
+"""Views per turn; their median counts."""
 
 
 def point(
@@ -27,10 +27,10 @@ def point(
 
     Args:
         settings: Of the run.
-        say: Told how far it is.
-        changes: Of the demo's configuration.
-        cameras: On the rig, side by side.
-        width_px: Of each image, 4:3.
+        say: Called with the progress.
+        changes: To the demo's configuration.
+        cameras: Number of cameras on the rig, side by side.
+        width_px: Of each image; the aspect ratio is 4:3.
     """
     sized = {**changes, "sensors": {"cameras": [_camera(i, width_px) for i in range(cameras)]}}
     config = world_config(settings, sized)
@@ -40,7 +40,7 @@ def point(
         simulation.step_batch()
         build_s = time.perf_counter() - started_s
         observer = Observer(simulation)
-        poses = [VIEWS[1].pose(observer.heights_m, ASIDE_M * i) for i in range(settings.runs)]
+        poses = [VIEWS[1].pose(observer.heights_m, CAMERA_STEP_M * i) for i in range(settings.runs)]
         found = {"build": [build_s]}
         for share, quality in ((0.4, "geometry"), (0.6, "preview")):
             say(share, quality)
@@ -51,20 +51,19 @@ def point(
 def in_turns(
     settings: Settings, say: Say, worlds: list[dict[str, Any]]
 ) -> list[dict[str, list[float]]]:
-    """Return, for each turn, what samples of some worlds take, in their order, by quality.
+    """Return, for each turn and quality, the seconds of a sample of each world.
 
-    The worlds take turns: where each is measured minutes after the other, the machine's hour
-    counts for more than what they differ by.
+    The worlds take turns, because the machine's speed drifts by more than their difference.
 
     Args:
         settings: Of the run.
-        say: Told how far it is.
-        worlds: Changes of the demo's configuration.
+        say: Called with the progress.
+        worlds: Changes to the demo's configuration.
     """
     turns = []
     for turn in range(settings.runs):
         say(turn / settings.runs, f"turn {turn + 1}")
-        # Every other turn backwards: what drifts evenly then favours none.
+        # Every other turn is reversed, so that a steady drift cancels out.
         order = list(enumerate(worlds))[:: 1 if turn % 2 == 0 else -1]
         took = {index: _steady_s(settings, world) for index, world in order}
         turns.append({q: [took[index][q] for index in range(len(worlds))] for q in TURN_QUALITIES})
@@ -72,16 +71,16 @@ def in_turns(
 
 
 def _steady_s(settings: Settings, changes: dict[str, Any]) -> dict[str, float]:
-    """Return, by quality, what a sample of a world takes."""
+    """Return, by quality, the median seconds of a sample of a world."""
     with simulation_of(world_config(settings, changes)) as simulation:
         simulation.step_batch()
         observer = Observer(simulation)
-        poses = [VIEWS[1].pose(observer.heights_m, ASIDE_M * i) for i in range(TURN_VIEWS)]
+        poses = [VIEWS[1].pose(observer.heights_m, CAMERA_STEP_M * i) for i in range(TURN_VIEWS)]
         return {quality: median(observer.seconds(poses, quality)) for quality in TURN_QUALITIES}
 
 
 def _camera(index: int, width_px: int) -> dict[str, Any]:
-    """Return a camera of a row across the rig."""
+    """Return the configuration of one of the cameras."""
     return {
         "name": f"camera_{index}",
         "width_px": width_px,

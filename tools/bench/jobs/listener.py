@@ -1,4 +1,4 @@
-"""A ROS node that asks for views and notes when which message of a sample arrived."""
+"""A ROS node that requests views and records when each message of a sample arrives."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ COLORED = {COLOR, "/camera/color/camera_info"}
 
 
 class Listener:
-    """Asks for views and takes everything that is published of them; use it in ``with``."""
+    """Requests views and receives all their messages; use it in ``with``."""
 
     def __init__(self) -> None:
         rclpy.init()
@@ -79,10 +79,10 @@ class Listener:
         rclpy.try_shutdown()
 
     def wait_for_bridge(self) -> None:
-        """Wait until the bridge is ready and knows that it is heard.
+        """Wait until the bridge is ready and has matched all subscriptions.
 
         Raises:
-            DeadlineExceededError: It is not in time.
+            DeadlineExceededError: That took too long.
         """
         self._spin_until(lambda: self._is_ready, "the bridge to be ready")
         self._spin_until(
@@ -100,15 +100,15 @@ class Listener:
             raise RenderError(f"set_metadata refused: {answer.message}")
 
     def view(self, pose: Pose, topics: set[str]) -> tuple[dict[str, float], float]:
-        """Return when each topic's message arrived, and what rendering took.
+        """Request a view, wait for its messages, and return their times.
 
         Args:
-            pose: To look from.
-            topics: To wait for.
+            pose: Pose of the rig.
+            topics: Topics to wait for.
 
         Returns:
-            Seconds from the call to the arrival by topic, and ``answer`` for the service's own;
-            and the seconds that the simulator says it rendered.
+            Seconds from the call to the arrival, by topic and for the service's ``answer``; and the
+            seconds of rendering that the simulator reports.
         """
         request = SetPose.Request(pose=pose_to_stamped_msg(pose, Header(frame_id="map")))
         started_s = time.perf_counter()

@@ -1,4 +1,4 @@
-"""What fusing views and drawing their mesh takes, beside plain Open3D on the same views."""
+"""Times of fusing views and extracting their mesh, compared with Open3D on the same views."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tools.bench.settings import Say, Settings
 EXTENT_M = 100.0
 COLUMNS, ROWS = 6, 5
 ALTITUDE_M = 25.0
-"""From where thirty 640x480 images see all of the ground, and each a tenth of the next one's."""
+"""From here, thirty 640x480 images cover the ground, and neighbours overlap by a tenth."""
 LEAST_WEIGHT = 0.5
 
 Images = tuple[Frame, Frame, Frame]
@@ -33,22 +33,22 @@ Images = tuple[Frame, Frame, Frame]
 
 
 def fusing(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
-    """Return milliseconds of each view, and of the mesh after it; ours and plain Open3D's.
+    """Return milliseconds of fusing each view, and of the mesh after it, for ours and Open3D.
 
-    Ours keeps what did not change; Open3D makes all of its mesh anew, so only a few are waited for.
+    Our mesh is updated, Open3D's is extracted anew, so that it is measured a few times only.
     """
     keep_freed_memory()  # as the mapper does
     views = _views(settings, say)
     config = TsdfConfig()
     found: dict[str, dict[str, list[float]]] = {"ours": {}, "open3d": {}}
-    volume, plain = TsdfVolume(config), _Plain(config)
+    volume, plain = TsdfVolume(config), _Open3dVolume(config)
     ways: dict[str, tuple[Callable[[Images], object], Callable[[], object]]] = {
         "ours": (partial(_integrate, volume), volume.extract_mesh),
         "open3d": (plain.integrate, plain.mesh),
     }
-    # One view of another volume each: libraries load and allocate on their first call.
+    # Warm-up with other volumes: libraries load and allocate on their first call.
     _integrate(TsdfVolume(config), views[0])
-    _Plain(config).integrate(views[0])
+    _Open3dVolume(config).integrate(views[0])
     for index, view in enumerate(views):
         say(0.5 + 0.4 * index / len(views), f"fusing {len(views)} views")
         for name, (integrate, mesh) in ways.items():
@@ -65,7 +65,7 @@ def fusing(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]]:
 
 
 def _views(settings: Settings, say: Say) -> list[Images]:
-    """Return images of a grid of views of uneven ground, exact and without Blender."""
+    """Return images of uneven ground from a grid of poses, by the analytic backend."""
     changes = {"seed": 1, "stage": {"extent_m": EXTENT_M, "resolution_px": 801}}
     sized = merged(SMALL_WORLD, camera(settings.width_px, settings.height_px))
     simulation = Simulation(config_from_mapping(merged(sized, changes)))
@@ -85,7 +85,7 @@ def _views(settings: Settings, say: Say) -> list[Images]:
 
 
 def _with_classes(config: TsdfConfig, views: list[Images]) -> list[float]:
-    """Return what each view takes where the volume keeps classes, too."""
+    """Return milliseconds of fusing each view into a volume with classes."""
     volume = TsdfVolume(replace(config, semantic=True))
     _integrate(volume, views[0])
     return [_ms(partial(_integrate, volume, view)) for view in views]
@@ -103,19 +103,19 @@ def _integrate(volume: TsdfVolume, view: Images) -> None:
 
 
 def _ms_after(volume: TsdfVolume, view: Images) -> float:
-    """Return what the mesh of all views takes after one of them was seen once more."""
+    """Return milliseconds of updating the whole mesh after one more view."""
     _integrate(volume, view)
     return _ms(volume.extract_mesh)
 
 
 def _ms_anew(volume: TsdfVolume) -> float:
-    """Return what the mesh takes where all of it has to be made."""
+    """Return milliseconds of extracting the whole mesh anew."""
     volume.forget_mesh()
     return _ms(volume.extract_mesh)
 
 
-class _Plain:
-    """Open3D's own volume of the same voxels, called as its tutorial does."""
+class _Open3dVolume:
+    """Open3D's volume with the same voxels, called as in its tutorial."""
 
     def __init__(self, config: TsdfConfig) -> None:
         kinds = (o3d.core.float32, o3d.core.float32, o3d.core.float32)

@@ -1,7 +1,7 @@
-"""The plain way: one full render by Cycles for colour and depth, then one for each kind of label.
+"""The plain way, as in the original: one full render by Cycles for each kind of image.
 
-As the original does: 128 light samples in each, materials replaced by emission for labels, nothing
-kept between renders, no denoiser.
+Each has 128 samples per pixel; for labels, materials are replaced by emission. Nothing is kept
+between renders, and there is no denoiser.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from tools.bench.views import VIEWS
 
 PLAIN_SAMPLES, QUICK_SAMPLES = 128, 4
 PRESETS = ("geometry", "preview", "standard")
-ASIDE_M = 0.15
+CAMERA_STEP_M = 0.15
 
 
 def against_presets(settings: Settings, say: Say) -> dict[str, Any]:
@@ -39,7 +39,8 @@ def against_presets(settings: Settings, say: Say) -> dict[str, Any]:
             say(index / len(views), f"{view.name}: presets")
             for preset in PRESETS:
                 poses = [
-                    view.pose(observer.heights_m, ASIDE_M * run) for run in range(settings.runs)
+                    view.pose(observer.heights_m, CAMERA_STEP_M * run)
+                    for run in range(settings.runs)
                 ]
                 presets[preset] += observer.seconds(poses, preset)
             rows.append({})
@@ -58,7 +59,7 @@ def against_presets(settings: Settings, say: Say) -> dict[str, Any]:
 
 @contextmanager
 def _plain(kind: str) -> Iterator[None]:
-    """Have the next render be one of the plain way; restore everything afterwards."""
+    """Set Blender up for a render the plain way; restore everything afterwards."""
     bpy.context.scene.render.use_persistent_data = False
     layer = bpy.context.view_layer
     swapped: list[tuple[Any, Any, Any, list[Any]] | None] = []
@@ -79,9 +80,9 @@ def _plain(kind: str) -> Iterator[None]:
 
 
 def _swap(material: Any, *, by_object: bool) -> tuple[Any, Any, Any, list[Any]] | None:
-    """Have a material shine in a colour of its own, or of each object's own.
+    """Replace a material's surface by emission of one colour per material, or per object.
 
-    Returns what undoes that: tree, the surface's socket, where that goes, and the nodes added.
+    Returns what is needed to undo it: tree, surface socket, its target, and the added nodes.
     """
     tree = material.node_tree
     output = tree.get_output_node("CYCLES") if tree is not None else None
@@ -99,6 +100,6 @@ def _swap(material: Any, *, by_object: bool) -> tuple[Any, Any, Any, list[Any]] 
         tree.links.new(info.outputs["Random"], noise.inputs["W"])
     tree.links.new(noise.outputs["Color"], shine.inputs["Color"])
     tree.links.new(shine.outputs[0], output.inputs["Surface"])
-    # Nor is any of it sampled as a lamp, which would take much longer still.
+    # Not sampled as a lamp, which would take much longer still.
     material.cycles.emission_sampling = "NONE"
     return tree, surface, output.inputs["Surface"], added

@@ -1,4 +1,4 @@
-"""What choosing the next view takes, on the way up a hill that is seen bit by bit."""
+"""Times of choosing the next view while a hill is explored."""
 
 from __future__ import annotations
 

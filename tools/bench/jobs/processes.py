@@ -1,4 +1,4 @@
-"""Servers and nodes of ours as processes beside a job."""
+"""Server and bridge as processes beside a job."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ SMALL_WORLD: dict[str, Any] = {
     "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
     "assets": {"rocks": [{"count": [20, 20]}]},
 }
-"""Renders in no time, for what is measured of its images' way alone."""
+"""Renders in milliseconds, for jobs that measure the transport of images only."""
 
 
 def camera(width_px: int, height_px: int) -> dict[str, Any]:
-    """Return the changes of a configuration that give it one camera of a size."""
+    """Return the part of a configuration with one camera of a size."""
     focal_px = 541.14 * width_px / 640
     size = {"width_px": width_px, "height_px": height_px, "fx_px": focal_px, "fy_px": focal_px}
     return {"sensors": {"cameras": [{"name": "camera", **size}]}}
@@ -56,19 +56,19 @@ def server(settings: Settings, world: Mapping[str, Any], *options: str) -> Itera
 
 @contextmanager
 def bridge(settings: Settings, address: str) -> Iterator[None]:
-    """Run a bridge to a server, in a ROS domain of this process's own."""
+    """Run a bridge to a server, in this process's ROS domain."""
     with _process(settings, "bridge", BRIDGE, "--ros-args", "-p", f"address:={address}"):
         yield
 
 
 def choose_ros_domain() -> None:
-    """Keep this process and its children apart from other ROS programs; before rclpy starts."""
+    """Isolate this process and its children from other ROS programs, before rclpy starts."""
     os.environ["ROS_DOMAIN_ID"] = str(random.SystemRandom().randint(1, 101))
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
 def child(text: str) -> psutil.Process:
-    """Return the process below this one that has a text in its command line.
+    """Return the descendant of this process with a text in its command line.
 
     Raises:
         LookupError: There is none.

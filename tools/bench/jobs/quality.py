@@ -1,4 +1,4 @@
-"""What colour costs and how good it is, by preset and view."""
+"""Time and quality of colour, by preset and view."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from oaisys_core.config import config_sha256
 from oaisys_core.types import RGB
 from tools.bench.images import psnr_db, ssim
 from tools.bench.jobs.world import Observer, simulation_of, world_config
-from tools.bench.references import Image, Reference, References, sha256
+from tools.bench.references import Image, ReferenceImage, ReferenceImages, sha256
 from tools.bench.settings import Say, Settings
-from tools.bench.views import VIEWS, View
+from tools.bench.views import VIEWS, BenchView
 
 REFERENCE_SAMPLES, QUICK_REFERENCE_SAMPLES = 512, 64
-ASIDE_M = 0.15
-"""Between two samples: the camera moves, as a planner's does."""
+CAMERA_STEP_M = 0.15
+"""Motion of the camera between two samples."""
 RUNS_OF_FINAL = 1
 
 
 def presets(settings: Settings, say: Say) -> list[dict[str, Any]]:
-    """Return, for each view, what its reference cost and how each preset did."""
+    """Return, for each view, the time of its reference, and times and quality of each preset."""
     views = VIEWS
     names = ["geometry", "preview", "standard", "high", *(["final"] * settings.with_final)]
     rows = []
@@ -49,12 +49,12 @@ def presets(settings: Settings, say: Say) -> list[dict[str, Any]]:
 
 
 def _reference(
-    observer: Observer, view: View, settings: Settings, facts: dict[str, str]
-) -> Reference:
-    """Return the converged picture of a view, from the folder where it is there.
+    observer: Observer, view: BenchView, settings: Settings, facts: dict[str, str]
+) -> ReferenceImage:
+    """Return the converged image of a view, from an earlier run if nothing has changed since.
 
-    Whatever changes the picture changes one of its samples, too: the noisy picture of a single
-    light sample stands for materials, shaders, light and colour management in the key.
+    The image at one sample per pixel is part of the key, because any change of materials, shaders,
+    light or colour management changes it.
     """
     samples = QUICK_REFERENCE_SAMPLES if settings.quick else REFERENCE_SAMPLES
     pose = view.pose(observer.heights_m)
@@ -75,22 +75,22 @@ def _reference(
         "one_sample": sha256(noisy),
     }
     folder = settings.out / "references"
-    return References(folder).get(view.name, key, lambda: render(samples))
+    return ReferenceImages(folder).get(view.name, key, lambda: render(samples))
 
 
 def _preset(
-    observer: Observer, view: View, name: str, reference: Image, settings: Settings
+    observer: Observer, view: BenchView, name: str, reference: Image, settings: Settings
 ) -> dict[str, Any]:
-    """Return seconds of samples around a view, and how alike its own picture is.
+    """Return the seconds of samples around a view, and the quality of the view itself.
 
-    Those that change the settings or the light are not counted.
+    The first sample, which changes settings and light, is not counted.
     """
     runs = RUNS_OF_FINAL if name == "final" else settings.runs
-    # Later keys stay in force in a simulation: what one view sets, the next one must undo.
+    # Settings persist in a simulation, so each view sets all of them.
     render = {"quality": name, "samples": None, "denoise": True, "exposure_ev": 0.0, **view.render}
     seconds = []
     for index in range(runs + 1):
-        pose = view.pose(observer.heights_m, aside_m=ASIDE_M * (runs - index))
+        pose = view.pose(observer.heights_m, offset_m=CAMERA_STEP_M * (runs - index))
         took_s, sample = observer.sample(pose, render, view.environment)
         seconds.append(took_s)
     result: dict[str, Any] = {"seconds": seconds[1:]}

@@ -1,4 +1,4 @@
-"""From the simulator to ROS subscribers, through a real bridge."""
+"""Times from the simulator to ROS subscribers, through a real bridge."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def _cpu_s(process: psutil.Process) -> float:
 
 
 def _idle_share(process: psutil.Process) -> float:
-    """Return the share of a core that a process takes while nothing is asked of it."""
+    """Return the share of a core that a process uses while it is idle."""
     before_s = _cpu_s(process)
     time.sleep(IDLE_S)
     return (_cpu_s(process) - before_s) / IDLE_S

@@ -1,4 +1,4 @@
-"""What Cycles does before it renders, when nothing but the camera has moved."""
+"""Time that Cycles takes before its first sample when only the camera has moved."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.settings import Say, Settings
 from tools.bench.views import VIEWS
 
-ASIDE_M = 0.15
+CAMERA_STEP_M = 0.15
 LIGHT = ("Path Tracing", "Sample ", "Rendered", "Finish")
-"""In Cycles' own words, what is rendering; all that it says before is preparation."""
+"""Words in Cycles' messages while it renders; all messages before are preparation."""
 
 
 def shares(settings: Settings, say: Say) -> dict[str, Any]:
-    """Return, for samples that differ by the camera's place, seconds to the first light and in all.
+    """Return seconds of preparation, and of whole samples, that differ in the camera's position.
 
-    Cycles tells what it does as it goes; the first word of rendering ends its preparations.
+    The preparation ends with Cycles' first message about rendering.
     """
     heard: list[tuple[float, str]] = []
 
@@ -30,13 +30,13 @@ def shares(settings: Settings, say: Say) -> dict[str, Any]:
     with simulation_of(world_config(settings)) as simulation:
         simulation.step_batch()
         observer = Observer(simulation)
-        # Not earlier: the backend resets Blender as it begins.
+        # After the backend has reset Blender.
         bpy.app.handlers.render_stats.append(listen)
         bpy.app.handlers.render_pre.append(lambda *_: listen("begins"))
         for run in range(settings.runs + 1):
             say(run / (settings.runs + 1), "moving the camera")
             heard.clear()
-            pose = VIEWS[1].pose(observer.heights_m, ASIDE_M * run)
+            pose = VIEWS[1].pose(observer.heights_m, CAMERA_STEP_M * run)
             seconds, _ = observer.sample(pose, {"quality": "standard"})
             prepare_s.append(_preparation_s(heard))
             all_s.append(seconds)
@@ -44,10 +44,10 @@ def shares(settings: Settings, say: Say) -> dict[str, Any]:
 
 
 def _preparation_s(heard: list[tuple[float, str]]) -> float:
-    """Return the seconds from the beginning of a render to the first word of rendering."""
+    """Return the seconds from the beginning of a render to the first message about rendering."""
     if not heard:
-        raise ValueError("Cycles said nothing: no render_stats arrived")
+        raise ValueError("Cycles sent no messages (render_stats)")
     for at_s, text in heard[1:]:
         if any(word in text for word in LIGHT):
             return at_s - heard[0][0]
-    raise ValueError(f"Cycles never said that it rendered: {[text for _, text in heard]}")
+    raise ValueError(f"none of Cycles' messages is about rendering: {[text for _, text in heard]}")

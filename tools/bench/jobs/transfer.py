@@ -1,4 +1,4 @@
-"""How long a finished sample takes from the worker to a client's arrays."""
+"""Times of a finished sample from the worker to a client's arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A simulation in this process, and what its samples take."""
+"""A simulation in this process, and the times of its samples."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def world_config(settings: Settings, changes: Mapping[str, Any] | None = None) -
 
 @contextmanager
 def simulation_of(config: SimulationConfig) -> Iterator[Simulation]:
-    """Yield a simulation without a cache of views."""
+    """Yield a simulation and close it afterwards."""
     simulation = Simulation(config)
     try:
         yield simulation
@@ -69,6 +69,6 @@ class Observer:
         return time.perf_counter() - started_s, sample
 
     def seconds(self, poses: Sequence[Pose], quality: str) -> list[float]:
-        """Return what a sample takes at each pose, after one that warms up."""
+        """Return the seconds of a sample at each pose, after a warm-up."""
         self.sample(poses[-1], {"quality": quality})
         return [self.sample(pose, {"quality": quality})[0] for pose in poses]

@@ -1,1 +1,1 @@
-"""What is measured: each topic has its jobs run in processes of their own and names the figures."""
+"""The topics: each runs its jobs in processes of their own and names the figures."""

@@ -1,4 +1,4 @@
-"""Time budgets on random views: how far samples are off."""
+"""Deviation from time budgets on random views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From the service call to the last message, and what of it is rendering."""
+"""Time from the service call to the last message, and the share of rendering."""
 
 from __future__ import annotations
 

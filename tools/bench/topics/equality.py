@@ -1,4 +1,4 @@
-"""Depth and labels of the fast path against Cycles' own passes, on every preset of terrain."""
+"""Depth and labels compared with Cycles' own passes, on every preset of terrain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How seconds and memory grow with the image, the rocks, the triangles and the cameras."""
+"""Growth of time and memory with image size, rocks, triangles and cameras."""
 
 from __future__ import annotations
 
