@@ -1,4 +1,4 @@
-"""How a server keeps its worker, and how it ends."""
+"""Options of a server."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 from oaisys_grpc.server.supervision.worker_memory import MEGABYTE
 
-if TYPE_CHECKING:  # they bring gRPC and pydantic, which the command line's help does without
+if TYPE_CHECKING:  # they import gRPC and pydantic, which --help does not need
     from oaisys_core.config.sections.sensors import PosePolicy
     from oaisys_grpc.tls import ServerTls
 
 GRACE_S = 30.0
-"""Between a call's deadline, when it is cancelled, and the end of a worker that hangs."""
+"""From a call's deadline until a hung worker is killed."""
 
 SHUTDOWN_GRACE_S = 2.0
-"""For calls under way once the end was asked for; all is over within 5 s of that."""
+"""For open calls after a request to end; the server ends within 5 s."""
 
 POSE_CACHE_MB = 256
 """Of images: 60 samples at 640x480."""
@@ -28,22 +28,22 @@ LEGACY_FOLDER = Path("out/legacy")
 
 @dataclass(frozen=True)
 class ServerOptions:
-    """What can be chosen of a server beside its world and its address.
+    """What can be chosen of a server besides its configuration and address.
 
     Attributes:
         worker_python: Interpreter of the worker, which has Blender.
         grace_s: How long after a call's deadline a worker that hangs is killed.
-        shutdown_grace_s: How long calls under way may go on once the end was asked for.
-        worker_memory_bytes: Resident memory at which a worker is replaced between two frames; 0:
+        shutdown_grace_s: How long open calls may go on after a request to end.
+        worker_memory_bytes: Resident memory at which a worker is replaced between two samples; 0:
             no limit; None: a share of the machine's.
-        pose_cache_bytes: Of images that the worker keeps for views that come again; 0: none.
-        worker_log_folder: Where what workers print is kept; None: nowhere.
+        pose_cache_bytes: Images that the worker keeps for repeated views; 0: none.
+        worker_log_folder: For logs of what workers print; None: no logs.
         legacy_folder: Where the original's service writes its files.
         legacy_pose_policy: What the original's service does with a pose under the ground or off
             the stage; None: as configured, but ``clamp`` where that is ``reject``.
         asset_roots: Folders whose files requests may name.
         shared_memory: Hand images to clients on this machine without copying them.
-        tls: Encrypts the port, and says who may connect; None: neither.
+        tls: Encrypts the port and restricts who may connect; None: neither.
     """
 
     worker_python: str = sys.executable

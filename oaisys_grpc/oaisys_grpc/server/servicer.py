@@ -38,19 +38,19 @@ from oaisys_grpc.worker.protocol import WorkerMessage
 from oaisys_grpc.worker.shared_memory import AVAILABLE, Probe
 
 OPERATION_TIMEOUT_S = 600.0
-"""For work whose caller sets no limit, and the largest that one may set."""
+"""For a job whose caller sets no limit, and the largest limit that a caller may set."""
 
 STATUS_PATIENCE_S = 0.02
-"""How long the status of a sample may wait for something better to tell."""
+"""How long the status of a sample is held back; frames that come meanwhile replace it."""
 
 MAX_POINTS = 100_000
-"""Of one question about heights."""
+"""Of one QueryHeight."""
 
 Context = grpc.ServicerContext
 
 
 def _translated(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a call that raises one of our errors end with its status."""
+    """Let a method that raises an `OaisysError` end its call with the error's status."""
     if inspect.isgeneratorfunction(method):
 
         @functools.wraps(method)
@@ -84,11 +84,11 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         *,
         shared_memory: bool,
     ) -> None:
-        """Take over what the calls work with.
+        """Keep what the methods use.
 
         Args:
-            on_end: Told that a client ended the simulation; must return at once.
-            shared_memory: Offer frames to clients on this machine without copying them.
+            on_end: Called when a client ends the simulation; must return at once.
+            shared_memory: Offer frames to clients on this machine through shared memory.
         """
         self._supervisor = supervisor
         self._operations = operations
@@ -100,7 +100,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def GetSimulatorInfo(
         self, request: pb.GetSimulatorInfoRequest, _context: Context
     ) -> pb.GetSimulatorInfoResponse:
-        """Answer from what the worker said last."""
+        """Answer with the worker's last info."""
         message = pb.GetSimulatorInfoResponse()
         message.CopyFrom(self._supervisor.info)
         message.server_version = version("oaisys_grpc")
@@ -158,7 +158,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def CancelOperation(
         self, request: pb.CancelOperationRequest, _context: Context
     ) -> pb.CancelOperationResponse:
-        """Cancel, and answer with how it stands now."""
+        """Cancel, and answer with the status."""
         operation = self._operations.cancel(request.name)
         return pb.CancelOperationResponse(operation=self._status(operation))
 
@@ -166,14 +166,14 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def GetSample(
         self, request: pb.GetSampleRequest, _context: Context
     ) -> Iterator[pb.GetSampleResponse]:
-        """Send a sample that was rendered lately."""
+        """Send a recent sample."""
         sample = self._samples.get(request.batch_id, request.sample_id)
         for part in chunks.sample_to_parts(sample, self._granted(request)):
             yield pb.GetSampleResponse(part=part)
 
     @_translated
     def GetFrame(self, request: pb.GetFrameRequest, _context: Context) -> pb.GetFrameResponse:
-        """Answer with one frame of a sample that was rendered lately."""
+        """Answer with one frame of a recent sample."""
         sample = self._samples.get(request.batch_id, request.sample_id)
         name = FrameName(request.sensor, request.modality)
         return chunks.frame_response(sample, name, request.accepted_encodings)
@@ -240,7 +240,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def ListObjects(
         self, request: pb.ListObjectsRequest, context: Context
     ) -> pb.ListObjectsResponse:
-        """Ask the worker for things of the world."""
+        """Ask the worker for objects of the world."""
         answer = self._asked("list_objects", request, context)
         return pb.ListObjectsResponse.FromString(answer.content)
 
@@ -248,7 +248,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def EndSimulation(
         self, _request: pb.EndSimulationRequest, _context: Context
     ) -> pb.EndSimulationResponse:
-        """Answer, and have everything end."""
+        """Answer, and end the server."""
         self._on_end()
         return pb.EndSimulationResponse()
 
@@ -294,7 +294,7 @@ def _sample_job(
 
 
 def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest) -> bytes:
-    """Return a digest that is equal for equal requests, however they are answered."""
+    """Return a digest of a request, without how it is to be answered."""
     if isinstance(request, pb.RenderSampleRequest) and request.HasField("transfer"):
         asked, request = request, pb.RenderSampleRequest()
         request.CopyFrom(asked)
@@ -318,7 +318,7 @@ def _remaining_s(context: Context) -> float:
 
 
 def _gone(context: Context) -> threading.Event:
-    """Return an event that is set when the caller has ended the call, however it did."""
+    """Return an event that is set when the call has ended, for whatever reason."""
     gone = threading.Event()
     if not context.add_callback(gone.set):
         gone.set()

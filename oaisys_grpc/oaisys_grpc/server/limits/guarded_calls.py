@@ -1,7 +1,7 @@
-"""Requests are read with care: what is no message, or too much of one, ends the call quietly.
+"""Guards every call of the port, gRPC's own services included, against bad requests and clients.
 
-This holds for every service at the port, gRPC's own included. Bytes that cannot be used end with
-INVALID_ARGUMENT and leave no traceback in the log; a request that never comes ends the call.
+Bytes that are no valid request end with INVALID_ARGUMENT and leave no traceback in the log. A call
+whose request does not arrive is ended, and each method may have a limited number of streams.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ LIMITS = {
     "Watch": 32,
     "GetFrame": 32,
 }
-"""By the call's name; all stream but GetFrame, whose answer may be as large."""
+"""Calls at a time, by method; all stream but GetFrame, whose answer may be as large."""
 
 LIMIT_OF_OTHERS = 8
-"""Of all other streams together, such as those of reflection."""
+"""Other streams at a time, such as those of reflection."""
 
 SHARE_OF_CONNECTION = 0.75
-"""Of each limit: what one connection may have."""
+"""Share of each limit that one connection may have."""
 
 _RESERVE = 24
-"""Threads for calls that answer at once: health, cancelling, asking how things stand."""
+"""Threads for calls that answer at once: health, cancellation, status."""
 
 THREADS = (
     sum(LIMITS.values())
@@ -56,12 +56,12 @@ THREADS = (
     + 2 * CROWDED_REQUESTS
     + _RESERVE
 )
-"""Of a server: for each stream, each unary call that waits for the worker, and each call whose
-request is still to come."""
+"""One for each stream, each unary call that waits for the worker, and each call whose request is
+still to come."""
 
 
 class StreamLimits:
-    """Refuses streaming calls that are too many, and the threads stay free."""
+    """Refuses calls beyond the limits, so that threads stay free for others."""
 
     def __init__(self) -> None:
         self._slots = {name: _slots(limit) for name, limit in LIMITS.items()}
@@ -69,7 +69,7 @@ class StreamLimits:
 
     @contextlib.contextmanager
     def slot(self, call: OpenCall) -> Iterator[None]:
-        """Hold a place for a call.
+        """Hold a slot for a call.
 
         Raises:
             QueueFullError: There is none.
@@ -82,7 +82,7 @@ class StreamLimits:
             slots.release(call)
 
     def take(self, call: OpenCall, context: Any) -> None:
-        """Take a place for a call that answers once, where its kind is limited, until its end.
+        """Take a slot for a unary call, if its method is limited, until its end.
 
         Raises:
             QueueFullError: There is none.
@@ -109,10 +109,10 @@ Context = grpc.ServicerContext
 
 
 class GuardedCalls(grpc.ServerInterceptor):
-    """Reads requests in place of gRPC, which would call bad ones internal errors of the server.
+    """Reads requests instead of gRPC, which reports bad ones as internal errors of the server.
 
-    All handlers become handlers of streams of bytes: on the wire this is the same, and a thread
-    that waits for a request is known, so that it can be freed.
+    All handlers become handlers of streams of bytes. On the wire this is the same, but it is known
+    which threads wait for a request.
     """
 
     def __init__(self, calls: OpenCalls) -> None:
@@ -124,7 +124,7 @@ class GuardedCalls(grpc.ServerInterceptor):
         continuation: Callable[[grpc.HandlerCallDetails], Handler],
         handler_call_details: grpc.HandlerCallDetails,
     ) -> Handler:
-        """Return the call's handler, reading its requests with care."""
+        """Return the call's handler, which checks its requests."""
         handler = continuation(handler_call_details)
         if handler is None:
             return handler

@@ -1,7 +1,7 @@
-"""The calls that are under way: what each waits for, and the end of those that hold up others.
+"""Open calls: what each waits for, and the end of those that block others.
 
-A call holds a thread as long as it lasts. One whose client never sends its request, or never takes
-its answer, would hold it for ever.
+Each call holds a thread. One whose client never sends its request, or never reads its answer, would
+hold it for ever.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ REQUEST_PATIENCE_S = 10.0
 """For a request to arrive whole."""
 
 STALL_PATIENCE_S = 30.0
-"""For a client to take one message of an answer: 3 MiB at 100 kB/s."""
+"""For a client to read one message of an answer: 3 MiB at 100 kB/s."""
 
 CROWDED_REQUESTS = 64
-"""Calls without their request from which on the oldest must make room for others."""
+"""From so many calls without a request on, the oldest are ended."""
 
 CROWDED_PATIENCE_S = 0.5
-"""For a request to arrive, or for a client to take a message, while others need the room."""
+"""For a request to arrive, or for a client to read a message, while others need the thread."""
 
 SLOT_PATIENCE_S = 5.0
-"""For a place among the calls of a kind."""
+"""For a slot among the calls of a method."""
 
 MOST_WAITING = 16
-"""Calls of a kind that wait for a place; each holds a thread, too."""
+"""Calls of a method that may wait for a slot; each holds a thread, too."""
 
 _LOOK_S = 0.25
 _IDLE_S = 2.0
-"""Without a call that begins or ends, and freed memory goes back to the system."""
+"""After so long without a call, freed memory is returned to the system."""
 
 
 class Phase(Enum):
@@ -51,7 +51,7 @@ class Phase(Enum):
 
 
 class OpenCall:
-    """One call, which only its own thread moves on."""
+    """One call; only its own thread calls `enter`."""
 
     def __init__(self, context: Any, name: str) -> None:
         self.peer: str = context.peer()
@@ -63,7 +63,7 @@ class OpenCall:
         self._reader_s = 0.0
 
     def enter(self, phase: Phase) -> None:
-        """Go on to another phase, or to the same one once more."""
+        """Enter another phase, or the same one again."""
         now_s = time.monotonic()
         if self.phase is Phase.READER:
             self._reader_s += now_s - self.since_s
@@ -74,15 +74,15 @@ class OpenCall:
         return time.monotonic() - self.since_s
 
     def unread_s(self) -> float:
-        """Return how long it has waited for its reader in all."""
+        """Return how long it has waited for its reader in total."""
         now_s = self.stuck_s() if self.phase is Phase.READER else 0.0
         return self._reader_s + now_s
 
     def end(self, details: str) -> None:
-        """End the call with RESOURCE_EXHAUSTED; any thread may.
+        """End the call with RESOURCE_EXHAUSTED; any thread may call this.
 
-        The message that is stuck cannot be sent, so no status can follow it in the usual way:
-        gRPC's core ends the call with one, which its Python server does not offer to applications.
+        No status can follow a message that is stuck, so the call is cancelled in gRPC's core, with
+        a status, which gRPC's Python server does not offer to applications.
         """
         if self.ended:
             return
@@ -97,7 +97,7 @@ class OpenCall:
 
 
 class OpenCalls:
-    """All calls under way, and the thread that looks after them; safe for any thread."""
+    """All open calls, and the thread that ends stuck ones; safe for any thread."""
 
     def __init__(self) -> None:
         self._calls: set[OpenCall] = set()
@@ -108,7 +108,7 @@ class OpenCalls:
         threading.Thread(target=self._watch, name="open-calls", daemon=True).start()
 
     def add(self, context: Any, name: str) -> OpenCall:
-        """Return a call that has just come, whose request is still to be read."""
+        """Add a call whose request is still to be read, and return it."""
         call = OpenCall(context, name)
         with self._lock:
             self._calls.add(call)
@@ -126,7 +126,7 @@ class OpenCalls:
         self._closed.set()
 
     def make_room(self) -> None:
-        """End a call that has waited for its request longest, where many do."""
+        """End calls that wait for their requests, if there are many."""
         waiting = [call for call in self._all() if call.phase is Phase.REQUEST and not call.ended]
         if len(waiting) >= CROWDED_REQUESTS:
             for call in waiting:
@@ -151,10 +151,10 @@ class OpenCalls:
 
 
 class Slots:
-    """How many calls of a kind there may be, and how many of them by one connection.
+    """Limits the calls of a method, in total and by connection.
 
-    Where there is no room, a call that nobody reads makes it: of the same connection if that has
-    its share, else of any.
+    If no slot is free, a call that its client does not read is ended for it: one of the same
+    connection if that has its share, else any.
     """
 
     def __init__(self, most: int, most_of_peer: int) -> None:
@@ -164,9 +164,9 @@ class Slots:
         self._lock = threading.Condition()
 
     def take(self, call: OpenCall) -> bool:
-        """Return whether there is room for a call; wait a moment for some.
+        """Take a slot and return True, or return False; wait a moment for one.
 
-        One whose own connection has its share, and reads all of it, is not waited for.
+        A connection that has its share, and reads all of its answers, does not wait.
         """
         end_s = time.monotonic() + SLOT_PATIENCE_S
         with self._lock:
@@ -191,13 +191,13 @@ class Slots:
         return bool(unread) or len(self._own(call)) < self._most_of_peer
 
     def release(self, call: OpenCall) -> None:
-        """Give a place back."""
+        """Give a slot back."""
         with self._lock:
             self._calls.pop(call, None)
             self._lock.notify_all()
 
     def _rivals(self, call: OpenCall) -> list[OpenCall] | None:
-        """Return the calls one of which would have to end; None if there is room."""
+        """Return the calls of which one would have to end; None if a slot is free."""
         own = self._own(call)
         if len(own) >= self._most_of_peer:
             return own
@@ -205,19 +205,19 @@ class Slots:
 
     def _own(self, call: OpenCall) -> list[OpenCall]:
         """Return the calls of the same connection."""
-        if call.peer.startswith("unix"):  # all clients of a socket are called so
+        if call.peer.startswith("unix"):  # all clients of a socket have this name
             return []
         return [other for other in self._calls if other.peer == call.peer]
 
 
 def when_over(context: Any, action: Callable[[], None]) -> None:
-    """Have something done once all of a call was sent, or it ended otherwise."""
+    """Call ``action`` once a call has ended, however it did."""
     if not context.add_callback(action):
         action()
 
 
 def counted(calls: Iterator[Any], call: OpenCall) -> Iterator[Any]:
-    """Yield what a call answers, noting when its reader holds it up."""
+    """Yield a call's answers, and note when it waits for its reader."""
     for answer in calls:
         call.enter(Phase.READER)
         yield answer

@@ -1,6 +1,6 @@
-"""Bounds of what is inside a request, checked on its bytes before protobuf makes objects of them.
+"""Bounds of a request's content, checked on its bytes before protobuf parses them.
 
-Four megabytes of empty structs would become a million objects, in the server and in its worker.
+Four megabytes of empty structs would become a million objects.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import Any
 from oaisys_core.errors import InvalidInputError
 
 MAX_FIELDS = 2**17
-"""Of one request, those of all messages in it together: 2,000 objects with pose, size and label."""
+"""Fields of all messages in a request: 2,000 objects with pose, size and label."""
 
 MAX_DEPTH = 64
-"""Messages around each other; a Struct in a Struct is three."""
+"""Nested messages; a Struct in a Struct counts three."""
 
 _VARINT, _FIXED64, _LENGTH_DELIMITED, _FIXED32 = 0, 1, 2, 5
 _SKIPPED_BYTES = {_FIXED64: 8, _FIXED32: 4}
@@ -26,16 +26,16 @@ Fields = dict[int, Any]
 
 
 def check_bounds(data: bytes, descriptor: Any) -> None:
-    """Refuse the bytes of a request that hold too many fields, too deep, or are no message.
+    """Refuse a request with too many fields, with too deep ones, or that is no message.
 
     It stops at the first field too many, so that a refusal takes a fraction of a second.
 
     Args:
-        data: What came.
-        descriptor: Of the message that it should be.
+        data: The request's bytes.
+        descriptor: Of the message that they should be.
 
     Raises:
-        InvalidInputError: They do not keep the bounds.
+        InvalidInputError: The request is out of bounds.
     """
     if _is_flat(descriptor):
         return  # a list of numbers takes no more memory than its bytes

@@ -1,4 +1,4 @@
-"""Whether another worker is worth starting after some have crashed."""
+"""Decides whether another worker is started after several crashed."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ _LOG = logging.getLogger(__name__)
 
 CRASHES_ALLOWED = 3
 CRASH_WINDOW_S = 60.0
-"""So many crashes within so many seconds, and the next worker is started after a pause only."""
+"""After so many crashes within so many seconds, the next worker is started after a pause."""
 
 FIRST_PAUSE_S = 10.0
 LONGEST_PAUSE_S = 600.0
-"""Each pause is twice the one before, until a worker has done some work."""
+"""Each pause is twice as long as the last, until a worker has done some work."""
 
 
 class Breaker:
-    """Counts crashes; one thread tells it of them, any may ask."""
+    """Counts crashes; one thread reports them, any thread may ask for `refusal`."""
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
@@ -41,13 +41,13 @@ class Breaker:
             self.pause(error)
 
     def pause(self, error: OaisysError) -> None:
-        """Have nothing started for a while, which is longer each time."""
+        """Let no worker be started for a while, longer each time."""
         self._cause, self._next_s = error, self._now_s() + self._pause_s
         _LOG.error("no worker is started for %g s: %s", self._pause_s, error)
         self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
 
     def worked(self) -> None:
-        """Note that a worker has done what was asked for, or lived long enough."""
+        """Note that a worker has finished a call, or has run long enough."""
         if self._cause is not None:
             _LOG.warning("a worker works again")
             self._cause, self._pause_s = None, FIRST_PAUSE_S
@@ -55,7 +55,7 @@ class Breaker:
 
     @property
     def refusal(self) -> BackendUnavailableError | None:
-        """Why no worker may be started now, and when one will be; None: one may."""
+        """Why no worker may be started now, and when one may be; None: now."""
         cause, left_s = self._cause, self._next_s - self._now_s()
         if cause is None or left_s <= 0:
             return None

@@ -12,16 +12,16 @@ from pathlib import Path
 from oaisys_core.errors import CancelledError, DeadlineExceededError
 
 CANCEL_WORK_S = 0.8
-"""Of its busiest thread's time on a processor, for a worker to stop a sample that was cancelled."""
+"""Processor time of its busiest thread in which a worker must stop a cancelled sample."""
 
 CANCEL_IDLE_S = 2.0
-"""Without any time on a processor, for such a worker: it hangs."""
+"""Such a worker hangs if it used no processor time for so long."""
 
 _WATCH_S = 0.25
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
 _USER, _SYSTEM = 11, 12
-"""Fields of a thread's ``stat`` behind the name in brackets."""
+"""Fields of a thread's ``stat`` after the name in brackets."""
 
 
 class Watchdog:
@@ -55,12 +55,12 @@ class Watchdog:
 
 
 class Limit:
-    """When a call must stop: when its owner says so, or when its time is over.
+    """When a call must stop: when it is cancelled, or when its deadline has passed.
 
-    A worker that does not stop within a grace period after its deadline is killed. One that was
-    only cancelled keeps its time, unless the call is worth a new worker: then it is killed once it
-    has worked for `CANCEL_WORK_S` since, or has not worked at all for `CANCEL_IDLE_S`. How long
-    that takes depends on what else the machine does.
+    A worker that does not stop within a grace period after the deadline is killed. After a mere
+    cancellation it may work on until then, unless the call is worth a worker: then it is killed
+    once it has worked for `CANCEL_WORK_S`, or has been idle for `CANCEL_IDLE_S`. Both are measured
+    in processor time, so that a busy machine does not cost a worker.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Limit:
 
     @property
     def cancelled(self) -> bool:
-        """Whether its owner wants it no more."""
+        """Whether the call was cancelled."""
         return self._cancelled.is_set()
 
     @property
@@ -95,10 +95,10 @@ class Limit:
         return self._cancelled.is_set() or self.over
 
     def must_kill(self, since_told: ProcessorTime | None) -> bool:
-        """Whether the worker had its chance.
+        """Return whether the worker must be killed.
 
         Args:
-            since_told: What it has done since it was told to stop; None: it was not told yet.
+            since_told: Its processor time since it was told to stop; None: it was not told yet.
         """
         if self._worth_a_worker and self._cancelled.is_set() and since_told is not None:
             worked_s, idle_s = since_told.look()
@@ -122,9 +122,9 @@ class ProcessorTime:
         self._moved_s = time.monotonic()
 
     def look(self) -> tuple[float, float]:
-        """Return the processor's seconds of its busiest thread, and for how long none had any.
+        """Return the busiest thread's processor time, and how long all threads have been idle.
 
-        Look often: what happens between two looks is taken to happen at the second one.
+        Both are in seconds. Call it often: activity counts from the call that notices it.
         """
         ticks = self._ticks()
         now_s = time.monotonic()

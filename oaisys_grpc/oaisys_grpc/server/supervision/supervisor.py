@@ -1,4 +1,4 @@
-"""Keeps a worker running: replaces one that died, with its world restored."""
+"""Keeps a worker running: replaces one that died and restores its world."""
 
 from __future__ import annotations
 
@@ -28,11 +28,10 @@ from oaisys_grpc.worker.protocol import WorkerMessage
 _LOG = logging.getLogger(__name__)
 
 START_TIMEOUT_S = 300.0
-"""For a worker to load Blender and to build the world that stood before."""
+"""For a worker to load Blender and to restore the world."""
 
 WITHDRAW_TIMEOUT_S = 10.0
-"""For a worker to bring back what was before a sample."""
-
+"""For a worker to undo a sample."""
 
 _ENDING = "the server was told to end"
 
@@ -43,7 +42,7 @@ SAMPLE_METHOD = "step_sample"
 
 
 class Supervisor:
-    """Owns the worker process and all that is known of it.
+    """Owns the worker process and what is known of its world.
 
     All but `info` and `kill` belong to one thread, which must live as long as the worker.
     """
@@ -58,7 +57,7 @@ class Supervisor:
 
         Args:
             options: The worker's interpreter, time and memory.
-            on_ready: Told when a worker is ready, and when none is.
+            on_ready: Called with True when a worker is ready, with False when none is.
         """
         self._config: dict[str, Any] = config.model_dump(mode="json")
         self.config_json = canonical_json(config)
@@ -175,7 +174,7 @@ class Supervisor:
                 return answer
 
     def ensure_worker(self) -> None:
-        """Start a new worker where the last one died, or has grown too large; between two calls.
+        """Start a new worker if the last one died or has grown too large; between two calls.
 
         Raises:
             BackendUnavailableError: Workers died too often.
@@ -183,7 +182,7 @@ class Supervisor:
         """
         self._replace_dead_worker()
         if self._worker is not None and self._has_grown(self._worker):
-            # Health goes on to say that it serves: what is asked for meanwhile waits, and is done.
+            # Health keeps saying that it serves: requests wait for the new worker.
             self.recycles += 1
             self._worker.end()
             self._worker = None
@@ -210,7 +209,7 @@ class Supervisor:
             raise
 
     def _has_grown(self, worker: WorkerProcess) -> bool:
-        """Return whether the worker, which is between two frames, should make room for another."""
+        """Return whether the worker holds so much memory that another should replace it."""
         held = worker.resident_bytes()
         if not (self._needed_bytes and self._memory.outgrown(held, self._needed_bytes)):
             return False
@@ -225,7 +224,7 @@ class Supervisor:
 
     @property
     def refusal(self) -> BackendUnavailableError | None:
-        """Why no worker runs, and when one will; None where one does, or is being started."""
+        """Why no worker runs, and when one will; None if one runs or is being started."""
         if self._ended:
             return BackendUnavailableError("no worker runs any more: the simulator has been ended")
         return self._breaker.refusal
@@ -238,7 +237,7 @@ class Supervisor:
         return self._info
 
     def end(self) -> None:
-        """End the worker; none is started any more."""
+        """End the worker for good."""
         self._on_ready(False)
         self._ended = True
         if self._worker is not None:
@@ -246,7 +245,7 @@ class Supervisor:
         self.log.close()
 
     def kill(self) -> None:
-        """Kill the worker at once, and any that follows; any thread may."""
+        """Kill the worker, and any that follows it, at once; any thread may call this."""
         self._killed.set()
         worker = self._worker
         if worker is not None:
@@ -269,7 +268,7 @@ class Supervisor:
             raise error_from_fault(Fault(**answer.head["fault"]))
 
     def _drop(self, error: OaisysError) -> None:
-        """Do without a worker that is no more."""
+        """Forget a worker that was lost."""
         _LOG.error("%s (what workers print: %s)", error, self.log.path or "not kept")
         self._on_ready(False)
         if self._worker is not None:

@@ -1,4 +1,4 @@
-"""The folder for a worker's temporary files, which is gone however its server ends."""
+"""The folder for a worker's temporary files; it is removed even after its server was killed."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from pathlib import Path
 
 PREFIX = "oaisys-worker-"
 _OWNED, _BEING_OWNED = "owner", "owner.new"
-"""A file that the server which made the folder keeps locked as long as it lives."""
+"""Names of the file that the folder's server keeps locked as long as it runs."""
 
 
 class WorkerFolder:
-    """A new folder; `remove` takes it away, or else the next server does."""
+    """A new folder, removed by `remove` or by the next server."""
 
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix=PREFIX))
-        # Under its name the file is locked from the beginning: nobody takes it for abandoned.
+        # It gets its name once it is locked, so that nobody takes the folder for abandoned.
         new = self.path / _BEING_OWNED
         self._lock = os.open(new, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
         fcntl.flock(self._lock, fcntl.LOCK_EX)
         new.rename(self.path / _OWNED)
 
     def remove(self) -> None:
-        """Remove it with all that is in it; the second time does nothing."""
+        """Remove the folder and its content; a second call does nothing."""
         if self._lock >= 0:
             shutil.rmtree(self.path, ignore_errors=True)
             os.close(self._lock)
@@ -36,7 +36,7 @@ class WorkerFolder:
 
 
 def remove_abandoned() -> None:
-    """Remove what servers of this user left behind that were killed."""
+    """Remove the folders of killed servers of this user."""
     for path in Path(tempfile.gettempdir()).glob(f"{PREFIX}*"):
         with contextlib.suppress(OSError), _lock_of_the_dead(path):
             shutil.rmtree(path, ignore_errors=True)

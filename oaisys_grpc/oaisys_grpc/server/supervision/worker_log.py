@@ -1,4 +1,4 @@
-"""Keeps what workers print, in files that do not grow without bounds."""
+"""Writes what workers print to log files of bounded size."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ _LOG = logging.getLogger(__name__)
 _FILE_BYTES = 5_000_000
 _OLD_FILES = 2
 _LOGS_KEPT = 40
-"""Of servers on this machine: each port has a log of its own, and a free port is a new one."""
+"""Log files of all servers on this machine; each port has its own."""
 
 
 def state_folder() -> Path:
-    """Return the folder for what programs keep between runs, as the XDG specification has it."""
+    """Return the folder for state that outlives a run, by the XDG specification."""
     base = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
     return Path(base).expanduser() / "oaisys"
 
@@ -30,7 +30,7 @@ class WorkerLog:
         self.path: Path | None = None
 
     def open(self, folder: Path, address: str) -> None:
-        """Write to a file named after the server's address from now on, older ones kept."""
+        """Start to write to a file named after the server's address; older files are kept."""
         name = re.sub(r"[^A-Za-z0-9.]+", "-", address).strip("-")
         path = folder / f"worker-{name}.log"
         try:
@@ -45,7 +45,7 @@ class WorkerLog:
         self.path = path
 
     def write(self, pid: int, line: str) -> None:
-        """Keep a line that the worker with this process id has printed."""
+        """Write a line that the worker with this process id printed."""
         self._logger.info("%d %s", pid, line)
 
     def close(self) -> None:
@@ -57,7 +57,7 @@ class WorkerLog:
 
 class _Handler(RotatingFileHandler):
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
-        """Lose the line: a full disk must not disturb the server."""
+        """Drop the line: a full disk must not disturb the server."""
 
 
 def _forget_old(folder: Path) -> None:

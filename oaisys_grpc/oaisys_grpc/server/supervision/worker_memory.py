@@ -1,4 +1,4 @@
-"""How much memory a worker has and may have."""
+"""How much memory a worker holds, and how much it may hold."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from pathlib import Path
 MEGABYTE = 1_000_000
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 _AUTOMATIC_SHARE = 0.6
-"""Of the machine's memory, where nothing else was asked for."""
+"""Share of the machine's memory, unless the user sets a limit."""
 _KILL_FACTOR = 1.5
 _GROWTH_FACTOR = 1.25
 _CONTROL_GROUP_FILES = (
     Path("/sys/fs/cgroup/memory.max"),
     Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),
 )
-"""Where a container's own limit is, in version 2 and in version 1."""
+"""Files with a container's limit, of versions 2 and 1."""
 
 
 @dataclass(frozen=True)
 class MemoryLimits:
-    """When a worker has grown too large.
+    """The memory at which a worker is replaced.
 
     Attributes:
         recycle_bytes: Above it, a new worker takes its place between two frames.
@@ -33,7 +33,7 @@ class MemoryLimits:
 
     @classmethod
     def of(cls, limit_bytes: int | None) -> MemoryLimits:
-        """Return the limits for what the user chose: None: by the machine's memory; 0: none."""
+        """Return the limits for the user's choice; None: by the machine's memory; 0: no limits."""
         if limit_bytes == 0:
             return cls(float("inf"), float("inf"))
         recycle_bytes = limit_bytes or _AUTOMATIC_SHARE * machine_bytes()

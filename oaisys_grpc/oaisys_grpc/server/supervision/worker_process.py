@@ -33,10 +33,10 @@ from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
 _LOG = logging.getLogger(__name__)
 RENDER_STATISTICS = "Fra:"
-"""Begins the lines that Blender 4.5 prints as it renders; they would push out what went wrong."""
+"""Prefix of the lines that Blender 4.5 prints as it renders; they would displace errors."""
 
 CRASH = "Fatal Python error"
-"""Begins what Python's faulthandler prints of a crash."""
+"""Prefix of what Python's faulthandler prints of a crash."""
 
 _POLL_MS = 50
 _MEMORY_PERIOD_S = 0.5
@@ -45,19 +45,19 @@ _LINES_QUOTED = 5
 _LONGEST_LINE = 10_000
 _END_S = 1.0
 _LAST_WORDS_S = 5.0
-"""For a process that has closed its connection to end by itself, and so to say why."""
+"""For a process that closed its connection to end by itself and print why."""
 
 _OTHER_ENVIRONMENTS = ("LD_LIBRARY_PATH", "PYTHONHOME", "VIRTUAL_ENV", "CONDA_PREFIX")
-"""Of this interpreter's environment; another interpreter must not get them."""
+"""Variables of this interpreter's environment; another interpreter must not inherit them."""
 
 
 class WorkerProcess:
     """A running worker; one thread calls it at a time."""
 
     def __init__(self, python: str, log: WorkerLog, kill_bytes: float = math.inf) -> None:
-        """Start the process; the calling thread must live as long as the worker shall.
+        """Start the process.
 
-        The kernel ends a worker with the thread that started it.
+        The calling thread must live as long as the worker: the kernel kills the worker with it.
 
         Args:
             python: Its interpreter.
@@ -166,10 +166,10 @@ class WorkerProcess:
         self.discard()
 
     def kill(self, reason: str = "") -> None:
-        """Kill the process, and all that it started; any thread may, a call then ends.
+        """Kill the process and all that it started; any thread may call this, and a call then ends.
 
         Args:
-            reason: Why, for those whose call is lost.
+            reason: For the error of a call that is lost.
         """
         if reason and self.alive:
             self._killed_because = reason
@@ -214,7 +214,7 @@ class WorkerProcess:
                 _LOG.info("worker: %s", line)
 
     def last_words(self) -> str:
-        """Return how the process ended and what it said last."""
+        """Return how the process ended and what it printed last."""
         with contextlib.suppress(subprocess.TimeoutExpired):  # our own signal would hide its end
             self._process.wait(_LAST_WORDS_S)
         if self.alive:
@@ -226,7 +226,7 @@ class WorkerProcess:
         return f"the worker {self._how_it_ended()}{said}"
 
     def _how_it_ended(self) -> str:
-        """Return how the process, which is no more, ended."""
+        """Return how the process ended."""
         if self._killed_because:
             return f"was killed by its server: {self._killed_because}"
         code = self._process.returncode
@@ -238,7 +238,7 @@ class WorkerProcess:
 
 
 def _telling(lines: list[str]) -> list[str]:
-    """Return the few lines that say most of why a process ended: where it crashed, or the last."""
+    """Return the lines that tell why a process ended: a crash's traceback, or the last lines."""
     crashes = [i for i, line in enumerate(lines) if line.startswith(CRASH)]
     if not crashes:
         return lines[-_LINES_QUOTED:]
@@ -255,12 +255,12 @@ def _killed(method: str, limit: Limit) -> CancelledError | DeadlineExceededError
 def worker_environment(python: str, environment: Mapping[str, str]) -> dict[str, str]:
     """Return the variables for a worker with the interpreter ``python``.
 
-    Another interpreter gets nothing that belongs to this one's environment: its ROS libraries and
-    packages would be loaded there. Both find this project's packages.
+    Another interpreter gets none of this one's environment, or it would load its ROS libraries and
+    packages. Both find this project's packages.
     """
     wanted = dict(environment)
     folders = {str(Path(file).parents[1]) for file in (oaisys_core.__file__, oaisys_grpc.__file__)}
-    # A folder that holds numpy is an interpreter's own: no other can use its compiled modules.
+    # A folder with numpy belongs to one interpreter; another cannot use its compiled modules.
     paths = sorted(folder for folder in folders if not Path(folder, "numpy").exists())
     if Path(python).absolute() == Path(sys.executable).absolute():
         paths += filter(None, [environment.get("PYTHONPATH")])
