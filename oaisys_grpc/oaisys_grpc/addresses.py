@@ -1,4 +1,4 @@
-"""Addresses that a server listens on, and who can reach them."""
+"""Addresses that a server listens on."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ UNIX = "unix:"
 LARGEST_PORT = 65535
 
 _OWNER_ONLY = 0o177
-"""Umask of a socket that nobody else may connect to."""
+"""Umask of a socket that only its owner may connect to."""
 
 
 def check_address(address: str, *, insecure: bool, encrypted: bool) -> None:
-    """Refuse an address that other machines can reach, unless that is wanted.
+    """Check an address, and refuse one that other machines can reach unless that is allowed.
 
     Raises:
-        InvalidInputError: It is one, or is no address.
+        InvalidInputError: The address is refused, or is no address.
     """
     if address.startswith(UNIX):
         if not unix_path(address).name:
@@ -63,9 +63,9 @@ def unix_path(address: str) -> Path:
 
 @contextlib.contextmanager
 def private_socket(address: str) -> Iterator[None]:
-    """Have a ``unix:`` socket that the block binds belong to this user alone; else do nothing.
+    """Make a ``unix:`` socket that the block binds accessible to this user alone; else do nothing.
 
-    A socket that a server left behind is taken away first.
+    A socket that a dead server left behind is removed first.
 
     Raises:
         OaisysError: A server listens there, or something else is there.
@@ -82,7 +82,7 @@ def private_socket(address: str) -> Iterator[None]:
 
 
 def remove_socket(address: str) -> None:
-    """Take a server's own ``unix:`` socket away once it is closed; else do nothing."""
+    """Remove a server's own ``unix:`` socket after it was closed; else do nothing."""
     if address.startswith(UNIX):
         unix_path(address).unlink(missing_ok=True)
 
@@ -108,7 +108,7 @@ def _make_way(path: Path, address: str) -> None:
 
 
 def _is_loopback(host: str) -> bool:
-    """Return whether all that a host's name or number stands for is this machine alone."""
+    """Return whether all addresses of a host are loopback addresses."""
     if not host:
         return False
     try:

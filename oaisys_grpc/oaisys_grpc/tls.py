@@ -1,4 +1,4 @@
-"""Keys and certificates of server and client, read and checked before anything is opened."""
+"""Keys and certificates of server and client."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from oaisys_core.errors import InvalidInputError
 
 @dataclass(frozen=True)
 class ServerTls:
-    """How a server proves who it is, and whom it talks to; all files are PEM.
+    """How a server authenticates itself and its clients; all files are PEM.
 
     Attributes:
-        cert: The server's certificate, with those between it and its authority.
+        cert: The server's certificate chain.
         key: Its private key, not encrypted.
-        client_ca: Authorities whose clients are let in; None: anyone is.
+        client_ca: Authorities whose clients may connect; None: anyone may.
     """
 
     cert: Path
@@ -27,7 +27,7 @@ class ServerTls:
 
     @classmethod
     def of(cls, cert: Path | None, key: Path | None, client_ca: Path | None) -> ServerTls | None:
-        """Return what options say; None where they say nothing.
+        """Return the TLS of three options; None if none is given.
 
         Raises:
             InvalidInputError: One of them is missing.
@@ -40,10 +40,10 @@ class ServerTls:
         return cls(cert, key, client_ca)
 
     def credentials(self) -> grpc.ServerCredentials:
-        """Return what a port is opened with.
+        """Return credentials for a port.
 
         Raises:
-            InvalidInputError: A file cannot be used; the message never quotes it.
+            InvalidInputError: A file cannot be used; the message never quotes its content.
         """
         pair = _pair(self.cert, self.key, "--tls-cert", "--tls-key")
         client_ca = (
@@ -56,11 +56,11 @@ class ServerTls:
 
 @dataclass(frozen=True)
 class ClientTls:
-    """How a client knows its server, and proves who it is itself; all files are PEM.
+    """How a client authenticates its server and itself; all files are PEM.
 
     Attributes:
-        ca: Authorities that the server's certificate may come from; None: the system's.
-        cert: The client's own certificate, where the server wants one.
+        ca: Authorities of the server's certificate; None: the system's.
+        cert: The client's own certificate, if the server requires one.
         key: Its private key, not encrypted.
     """
 
@@ -69,7 +69,7 @@ class ClientTls:
     key: Path | None = None
 
     def credentials(self) -> grpc.ChannelCredentials:
-        """Return what a channel is opened with.
+        """Return credentials for a channel.
 
         Raises:
             InvalidInputError: A file cannot be used, or one of certificate and key is missing.
@@ -85,17 +85,17 @@ class ClientTls:
 
 
 def client_tls(ca: str, cert: str, key: str) -> ClientTls | None:
-    """Return what parameters say, where an empty text is none; None: without TLS."""
+    """Return the TLS of three paths, each of which may be empty; None: without TLS."""
     if not (ca or cert or key):
         return None
     return ClientTls(*(Path(name) if name else None for name in (ca, cert, key)))
 
 
 def _pair(cert: Path, key: Path, cert_field: str, key_field: str) -> tuple[bytes, bytes]:
-    """Return a private key and its certificate, which gRPC would take unseen."""
+    """Return a private key and its certificate, checked, because gRPC does not check them."""
     chain, private = _read(cert, cert_field), _read(key, key_field)
     try:
-        # Without a password of its own OpenSSL asks on the terminal.
+        # Without a password, OpenSSL would ask for one on the terminal.
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(cert, key, password="")
     except (OSError, ValueError) as error:
         expected = f"a private key in PEM, not encrypted, that fits the certificate {cert}"

@@ -1,4 +1,4 @@
-"""Requests as a client makes them from the core's types."""
+"""The requests of a client, made from the core's types."""
 
 from __future__ import annotations
 

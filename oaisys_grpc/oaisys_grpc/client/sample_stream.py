@@ -1,4 +1,4 @@
-"""A sample as a client gets it: frame by frame, as they are rendered."""
+"""A sample as a client receives it: frame by frame, as they are rendered."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ _LOG = logging.getLogger(__name__)
 class SampleStream:
     """Iterates over the frames of a sample as they come: depth and labels before any colour.
 
-    Frames of a stream that raises belong to no sample and must be thrown away: its ids will be
-    those of another one. `sample` is there once the iteration has ended by itself.
+    If a stream raises, its frames belong to no sample and must be dropped: another sample will get
+    its ids. `sample` is available once the iteration has ended by itself.
 
     Attributes:
-        largest_copied_bytes: Of the frames that came through the connection.
+        largest_copied_bytes: Size of the largest frame that came through the connection.
     """
 
     def __init__(
@@ -47,10 +47,10 @@ class SampleStream:
 
         Args:
             limit: Most bytes that a frame may have; a larger one is refused before it is received.
-            reader: Of frames that stay in the server's memory; None: they cannot be read.
-            fetch: Brings the complete sample of a batch and sample id as bytes, for frames that
-                could not be read there.
-            cancel: Ends the call that the parts come by.
+            reader: Reads frames in the server's memory; None: they are fetched.
+            fetch: Returns the sample of a batch and sample id without shared memory, for frames
+                that could not be read there.
+            cancel: Cancels the call.
         """
         self._parts = iter(parts)
         self._cancel = cancel
@@ -67,10 +67,10 @@ class SampleStream:
 
     @functools.cached_property
     def outline(self) -> SampleOutline:
-        """What the sample will be; there from its first frame on.
+        """What the sample will be; available from its first frame on.
 
         Raises:
-            OaisysError: It has not come yet.
+            OaisysError: Nothing of the sample has come yet.
         """
         if self._header is None:
             raise OaisysError("the sample has not begun yet")
@@ -96,7 +96,7 @@ class SampleStream:
         for part in self._parts:
             yield from self._take(part)
             if self._sample is not None:
-                return  # what still comes is the call's status, and that can only be good
+                return  # only the call's status follows
 
     def cancel(self) -> None:
         """Stop the render; a thread that iterates gets a `CancelledError`."""
@@ -153,7 +153,7 @@ class SampleStream:
         yield self._kept(FrameMessage(header, assembly.array()))
 
     def _shared(self, header: pb.FrameHeader) -> Iterator[Frame]:
-        """Yield a frame that stayed in the server's memory, or note that it must be fetched."""
+        """Yield a frame that lies in the server's memory, or note that it must be fetched."""
         size = encodings.checked_nbytes(header.array, self._limit)
         try:
             if self._reader is None:

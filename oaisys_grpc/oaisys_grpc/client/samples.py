@@ -1,4 +1,4 @@
-"""How a client receives samples: which way, within which limits, and from where."""
+"""How a client receives samples: through shared memory or as bytes, and within which limits."""
 
 from __future__ import annotations
 
@@ -29,21 +29,20 @@ _LOG = logging.getLogger(__name__)
 ProgressListener = Callable[[Progress], None]
 
 MAX_FRAME_BYTES = 1 << 30
-"""Of a frame or of an array of a mesh, decoded, where the caller sets no limit."""
+"""Size of a frame or of a mesh's array, decoded, unless the caller sets a limit."""
 
 _INLINE_BYTES = 64 << 10
-"""Larger ones are faster in chunks."""
+"""Larger frames come in chunks."""
 
 _MESSAGE_BYTES = 1 << 20
-"""Of array data. gRPC copies each message three times on its way in: of larger ones, what was
-copied first has left the processor's cache when it is copied again."""
+"""Array data of one message; larger ones do not fit into the processor's cache."""
 
 _ASK_AGAIN_S = 10.0
 _ASK_TIMEOUT_S = 2.0
 
 
 class SampleClient:
-    """Receives samples: through shared memory where that works, otherwise as bytes."""
+    """Receives samples through shared memory if that works, otherwise as bytes."""
 
     def __init__(
         self,
@@ -68,7 +67,7 @@ class SampleClient:
         self._lock = threading.Lock()
 
     def transfer(self, timeout_s: float) -> Transfer:
-        """Return how frames shall come; asks the server once whether it shares its memory."""
+        """Return how frames should come; asks the server once whether it shares memory."""
         return replace(self._wanted, token=self._found_token(timeout_s))
 
     @contextlib.contextmanager
@@ -78,7 +77,7 @@ class SampleClient:
         timeout_s: float,
         on_progress: ProgressListener | None,
     ) -> Iterator[SampleStream]:
-        """Have a sample rendered; leaving the block early cancels that."""
+        """Request a sample; leaving the block early cancels it."""
         with self._channel.stream("RenderSample", request, timeout_s) as call:
             parts = _parts_after_progress(call, on_progress)
             stream = self._stream(parts, timeout_s, call.cancel)
@@ -88,7 +87,7 @@ class SampleClient:
     def fetched(
         self, batch_id: int, sample_id: int, timeout_s: float, transfer: Transfer | None = None
     ) -> Sample:
-        """Return a sample that was rendered lately."""
+        """Return a recent sample."""
         options = transfer_to_proto(transfer or self.transfer(timeout_s))
         request = pb.GetSampleRequest(batch_id=batch_id, sample_id=sample_id, transfer=options)
         with self._channel.stream("GetSample", request, timeout_s) as answers:
@@ -128,7 +127,7 @@ class SampleClient:
             return self._token
 
     def _learn(self, options: pb.TransferOptions, stream: SampleStream) -> None:
-        """Forget a token that large frames came in spite of: the server is another one by now."""
+        """Forget the token if large frames came as bytes despite it: the server was replaced."""
         if options.shared_memory_token and stream.largest_copied_bytes >= SHARED_FROM_BYTES:
             with self._lock:
                 if self._token == options.shared_memory_token:
@@ -138,7 +137,7 @@ class SampleClient:
 def _parts_after_progress(
     events: Iterable[pb.RenderSampleResponse], on_progress: ProgressListener | None
 ) -> Iterator[pb.SamplePart]:
-    """Tell the listener of progress; yield the sample's parts."""
+    """Yield the sample's parts; tell the listener of progress."""
     with translated():
         for event in events:
             if event.HasField("part"):

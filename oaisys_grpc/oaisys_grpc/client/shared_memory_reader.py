@@ -1,4 +1,4 @@
-"""Reads arrays out of files that another process on this machine offers.
+"""Reads arrays in shared memory that another process on this machine offers.
 
 Must not import gRPC.
 """
@@ -20,18 +20,18 @@ from oaisys_grpc.worker.shared_memory import AVAILABLE, NAME, TOKEN_BYTES, Place
 
 MAX_MAPPED_FILES = 32
 MAX_MAPPED_BYTES = 256 << 20
-"""Of other processes, at a time."""
+"""Mapped at a time."""
 
 
 class SharedMemoryError(OSError):
-    """What was offered is not here, or is not what it is said to be."""
+    """The shared memory that was offered is not here, or is something else."""
 
 
 class Reader:
-    """Reads arrays in other processes' files, without copying them where it can; for any thread.
+    """Reads arrays in other processes' segments, without copying them if it can; for any thread.
 
-    A caller may keep any number of arrays. Each file takes descriptors as long as one of its
-    arrays lives, and all of its memory. So only so many are mapped; what is more is copied.
+    A mapped segment takes its memory and descriptors as long as one of its arrays lives. So the
+    mapped ones are bounded in number and size, and arrays in others are copied.
     """
 
     def __init__(
@@ -43,13 +43,13 @@ class Reader:
         self._lock = threading.Lock()
 
     def read(self, place: Place, size: int, files: dict[bytes, Segment]) -> NDArray[np.uint8]:
-        """Return ``size`` bytes, which are the caller's to write.
+        """Return ``size`` bytes, which the caller may change.
 
         Args:
-            files: Those that arrays of the same sample lie in, by token; one may be added.
+            files: Segments of the same sample, by token; a new one is added.
 
         Raises:
-            SharedMemoryError: They are not there.
+            SharedMemoryError: The bytes are not there.
         """
         if place.offset + size > place.file_size or len(place.token) != TOKEN_BYTES:
             raise SharedMemoryError(f"{size} bytes at {place.offset} are not in the shared memory")
@@ -69,13 +69,13 @@ class Reader:
 
 
 def opened(place: Place) -> int:
-    """Return a descriptor of another process's file, which is the caller's to close.
+    """Return a descriptor of another process's segment; the caller closes it.
 
-    Nothing is opened before it is known to be a file of ours: opening some other thing, such as a
-    pipe, could take something from its owner. An empty token is not compared.
+    It is opened only after it was checked to be a segment: opening something else, such as a pipe,
+    could disturb its owner. An empty token is not compared.
 
     Raises:
-        SharedMemoryError: It is not there, or is not what the place says.
+        SharedMemoryError: The place holds no such segment.
     """
     if not AVAILABLE:
         raise SharedMemoryError(f"{sys.platform} has no such shared memory")
@@ -101,10 +101,10 @@ def opened(place: Place) -> int:
 
 
 def found_token(place: Place) -> bytes:
-    """Return the token of a probe, whose finding proves that this process reads that one's files.
+    """Return the token of a probe, which proves that this process can read the other's memory.
 
     Raises:
-        SharedMemoryError: This process does not.
+        SharedMemoryError: This process cannot.
     """
     descriptor = opened(place)
     try:

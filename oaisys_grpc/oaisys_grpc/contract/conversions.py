@@ -1,4 +1,4 @@
-"""Messages and the simulator's own types, in pairs: ``x_to_proto`` and ``x_from_proto``."""
+"""The contract's messages and the core's types, in pairs: ``x_to_proto`` and ``x_from_proto``."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from oaisys_grpc.contract.typed_metadata import (
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 _TYPED = ("environment", "asset", "render")
-"""Parts of metadata that come in a message of their own, in a Struct, or in both."""
+"""Parts of metadata that come as a typed message, as a Struct, or as both."""
 
 
 def pose_to_proto(pose: Pose) -> pb.Pose:

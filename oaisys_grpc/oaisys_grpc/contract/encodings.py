@@ -1,4 +1,4 @@
-"""How arrays become bytes and back, losslessly, as the contract's `Encoding` says; in pairs."""
+"""The contract's lossless encodings of arrays as bytes; in pairs."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _DTYPES: dict[int, np.dtype[Any]] = {
 _DATA_TYPES: dict[np.dtype[Any], Any] = {dtype: data_type for data_type, dtype in _DTYPES.items()}
 
 _FAST = 1
-"""zlib's level: the next ones take several times as long for a few per cent."""
+"""Compression level of zlib; higher ones take several times as long for a few per cent."""
 
 
 class Codec(NamedTuple):
@@ -40,9 +40,9 @@ class Codec(NamedTuple):
 
 
 def encoded(array: AnyArray, accepted: Iterable[int]) -> tuple[pb.ArrayHeader, Raw]:
-    """Return an array's header and bytes: in the first of the encodings that makes it smaller.
+    """Return an array's header and bytes, in the first accepted encoding that makes it smaller.
 
-    In raw bytes, which are the array's own memory, where none does. Inverse: `decoded`.
+    If none does, the bytes are the array's own memory. Inverse: `decoded`.
     """
     array = np.ascontiguousarray(array, array.dtype.newbyteorder("<"))
     header = raw_header(array)
@@ -78,11 +78,11 @@ def decoded(header: pb.ArrayHeader, data: Raw) -> AnyArray:
 
 
 def checked_nbytes(header: pb.ArrayHeader, limit: int) -> int:
-    """Return how many bytes an array has once decoded, before anything is allocated for it.
+    """Check an array's header and return the array's decoded size in bytes.
 
     Raises:
-        OaisysError: The header contradicts itself, is beyond the limit, or says what nobody here
-            can read.
+        OaisysError: The header contradicts itself, exceeds the limit, or has an unknown data type
+            or encoding.
     """
     dtype = _DTYPES.get(header.data_type)
     if dtype is None or header.encoding not in (pb.ENCODING_RAW, *CODECS):
@@ -102,7 +102,7 @@ def checked_nbytes(header: pb.ArrayHeader, limit: int) -> int:
 
 
 def _to_png(array: AnyArray) -> bytes | None:
-    """Return a PNG file of an image that the contract has one for."""
+    """Return an image as a PNG file; None if the contract has none for its kind."""
     image = _png_image(array)
     if image is None:
         return None
@@ -111,7 +111,7 @@ def _to_png(array: AnyArray) -> bytes | None:
 
 
 def _png_image(array: AnyArray) -> AnyArray | None:
-    """Return an image as OpenCV has it, whose colours go blue, green, red."""
+    """Return an image with its channels in OpenCV's order: blue, green, red."""
     if array.dtype == np.uint8 and array.ndim == 3 and array.shape[2] == 3:
         return array[..., ::-1]
     if array.dtype in (np.uint8, np.uint16) and array.ndim == 2:
@@ -142,11 +142,11 @@ _PNG_KINDS = {
     ("<u2", ()): (16, 0),
     ("<u4", ()): (8, 6),
 }
-"""Bits and colour type of the file's header, by data type and channels."""
+"""Bits and colour type in the PNG header, by data type and channels."""
 
 
 def _png_header(data: bytes) -> tuple[int, ...]:
-    """Return width, height, bits and colour type: what decoding is going to allocate."""
+    """Return width, height, bits and colour type, which decoding allocates for; () if damaged."""
     if len(data) < _PNG_START.size:
         return ()
     signature, _, kind, *header = _PNG_START.unpack_from(data)
@@ -154,7 +154,7 @@ def _png_header(data: bytes) -> tuple[int, ...]:
 
 
 def _to_shuffled_zlib(array: AnyArray) -> bytes:
-    """Return the first bytes of all elements, then the second ones ..., compressed.
+    """Return the first bytes of all elements, then the second bytes and so on, compressed.
 
     The upper bytes of neighbouring depths are alike; the lower ones are nearly noise.
     """

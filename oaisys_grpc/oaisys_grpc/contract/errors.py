@@ -57,7 +57,7 @@ RETRY_DELAYS_S: dict[type[OaisysError], float] = {
     WorkerLostError: 0.5,
     ServerUnavailableError: 1.0,
 }
-"""Errors that pass by themselves, and when it makes sense to ask again."""
+"""Temporary errors, and after how long to try again."""
 
 _LONGEST_HEADER = 1000
 
@@ -70,11 +70,11 @@ _ERRORS_WITHOUT_NAME: dict[grpc.StatusCode, type[OaisysError]] = {
     grpc.StatusCode.CANCELLED: CancelledError,
     grpc.StatusCode.UNAVAILABLE: ServerUnavailableError,
 }
-"""What a status means that gRPC itself made, or a proxy: it has no `ErrorInfo`."""
+"""Errors for statuses without `ErrorInfo`, which gRPC itself or a proxy made."""
 
 
 def code_of(reason: str) -> grpc.StatusCode:
-    """Return the status code of the error with this name."""
+    """Return the status code of an error by its name."""
     return STATUS_CODES[ERROR_TYPES.get(reason, OaisysError)]
 
 
@@ -101,7 +101,7 @@ def status_from_error(error: OaisysError) -> Status:
 
 
 def error_from_status(status: Status) -> OaisysError | None:
-    """Return the error that a status names; None where it names none of ours."""
+    """Return the error that a status names; None if it names none of ours."""
     info, request = ErrorInfo(), BadRequest()
     for detail in status.details:
         detail.Unpack(info)
@@ -128,7 +128,7 @@ def abort(context: grpc.ServicerContext, error: OaisysError) -> NoReturn:
 
 
 def forget_frames(error: OaisysError) -> None:
-    """Drop the traceback of an error that was told to a client.
+    """Drop the traceback of an error that was sent to a client.
 
     An operation keeps its error, and the traceback's frames would keep the call: gRPC counts it
     among the open streams of its connection until the garbage collector comes by.

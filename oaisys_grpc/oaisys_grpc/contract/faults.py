@@ -1,6 +1,6 @@
-"""Errors as plain data, so that they pass between processes and come out as what they were.
+"""Errors as plain data, so that they can pass between processes.
 
-Knows nothing of gRPC: the worker, which must not import it, uses this too.
+Must not import gRPC: the worker uses this module, too.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ class OvertakenError(CancelledError):
 
 
 class ServerUnavailableError(OaisysError):
-    """No server answers at the address, or the connection to it broke."""
+    """No server answers at the address, or the connection broke."""
 
 
 ERROR_TYPES: dict[str, type[OaisysError]] = {
@@ -30,8 +30,7 @@ ERROR_TYPES: dict[str, type[OaisysError]] = {
         if isinstance(value, type) and issubclass(value, OaisysError)
     },
 }
-"""The errors that pass between processes, by name; any other passes as `OaisysError`."""
-
+"""Errors that pass between processes, by name; any other passes as the nearest of its bases."""
 
 LONGEST_TEXT = 800
 """Characters of each text: a status travels in headers of 8 KiB, and its texts more than once."""

@@ -1,4 +1,4 @@
-"""What a server takes at most, so that no request makes it allocate without bounds."""
+"""Limits of requests, so that none makes a server allocate without bounds."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from oaisys_core.errors import InvalidInputError
 
 MAX_REQUEST_BYTES = 4 * 1024 * 1024
-"""Of one message to the server; a larger one ends with RESOURCE_EXHAUSTED, unread."""
+"""Of one request; a larger one is refused unread, with RESOURCE_EXHAUSTED."""
 
 MAX_NAMES = 1000
-"""Of sensors or modalities in one request."""
+"""Sensors or modalities in one request."""
 
 MAX_ID_CHARACTERS = 256
-"""Of a request's id, which is kept after the operation has ended."""
+"""Of a request's id, which is remembered after its operation has ended."""
 
 
 def request_id_of(given: str) -> str:

@@ -1,4 +1,4 @@
-"""Things of a world between the core's types and the contract's messages; in pairs."""
+"""Objects of a world as the contract's messages, and back; in pairs."""
 
 from __future__ import annotations
 

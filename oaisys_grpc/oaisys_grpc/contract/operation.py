@@ -1,4 +1,4 @@
-"""How a piece of work stands: what a client sees of it, and its message."""
+"""The status of an operation, and its message."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 
 class Kind(Enum):
-    """What an operation makes."""
+    """What an operation produces."""
 
     BATCH = pb.OPERATION_KIND_BATCH
     SAMPLE = pb.OPERATION_KIND_SAMPLE
 
 
 class State(Enum):
-    """Where an operation is in its life."""
+    """The state of an operation."""
 
     QUEUED = pb.OPERATION_STATE_QUEUED
     RUNNING = pb.OPERATION_STATE_RUNNING
@@ -31,18 +31,18 @@ class State(Enum):
 
     @property
     def ended(self) -> bool:
-        """Whether nothing will change any more."""
+        """Whether the state is final."""
         return self not in (State.QUEUED, State.RUNNING)
 
 
 @dataclass(frozen=True)
 class OperationStatus:
-    """How an operation stands.
+    """The status of an operation.
 
     Attributes:
-        name: Unique among all servers' operations.
+        name: Unique among the operations of all servers.
         error: Why it failed or was cancelled.
-        batch_id, sample_id: What it made, once it succeeded; a batch has sample id 0.
+        batch_id, sample_id: The result, once it succeeded; a batch has sample id 0.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""How a client wants its frames, and what a server grants of it."""
+"""How a client wants its frames sent, and what a server grants."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ CHUNK_BYTES = 1 << 20
 """For a client that says nothing."""
 
 MIN_CHUNK_BYTES = 1000
-"""Smaller ones are refused: an image would be millions of messages."""
+"""Smaller chunks are refused, because an image would take millions of messages."""
 
 MAX_MESSAGE_BYTES = 3 << 20
-"""Of array data in one message, whatever a client asks for: gRPC's default limit is 4 MiB."""
+"""Array data of one message at most; gRPC's default limit for messages is 4 MiB."""
 
 MAX_GROUP_BYTES = 2 << 20
-"""Of array data in chunks that come in one message: larger ones are slower, as nobody reads the
-beginning while the rest is being sent."""
+"""Array data of one message's chunks at most; larger messages are slower."""
 
 MAX_FRAME_BYTES = 12 * MAX_IMAGE_PX
 """The largest image with three floats a pixel."""
@@ -30,16 +29,17 @@ MAX_FRAME_BYTES = 12 * MAX_IMAGE_PX
 
 @dataclass(frozen=True)
 class Transfer:
-    """How frames travel; the bits that arrive are the same either way.
+    """How frames are sent; all ways are lossless.
 
     Attributes:
-        encodings: The contract's `Encoding` values, the dearest first; raw is always understood.
-        inline_bytes: Frames up to this size come whole, without chunks.
+        encodings: The contract's `Encoding` values, the preferred ones first; raw is always
+            accepted.
+        inline_bytes: Frames up to this size are sent whole, without chunks.
         chunk_bytes: Size of a chunk.
-        frame_bytes: Decoded size of the largest frame that is taken.
-        grouped: Whether parts may come together in one message.
-        group_bytes: Of chunks in such a message; 0: they come one by one.
-        token: Proves that the client reads the server's memory; frames then stay there.
+        frame_bytes: Decoded size of the largest frame that the client accepts.
+        grouped: Whether several parts may be sent in one message.
+        group_bytes: Array data of the chunks in such a message; 0: chunks are sent one by one.
+        token: Proves that the client can read the server's memory; frames then stay there.
     """
 
     encodings: tuple[int, ...] = ()
@@ -56,7 +56,7 @@ DEFAULT_TRANSFER = Transfer()
 
 
 def transfer_to_proto(transfer: Transfer) -> pb.TransferOptions:
-    """Return the message of a client's wishes; inverse: `transfer_from_proto`."""
+    """Return the message of a client's options; inverse: `transfer_from_proto`."""
     return pb.TransferOptions(
         accepted_encodings=[pb.Encoding.ValueType(value) for value in transfer.encodings],
         max_inline_bytes=transfer.inline_bytes,
@@ -69,7 +69,7 @@ def transfer_to_proto(transfer: Transfer) -> pb.TransferOptions:
 
 
 def transfer_from_proto(message: pb.TransferOptions) -> Transfer:
-    """Return a client's wishes; 0 stands for what it does not mind."""
+    """Return a client's options; 0 stands for the default."""
     return Transfer(
         encodings=tuple(message.accepted_encodings),
         inline_bytes=message.max_inline_bytes,
@@ -82,10 +82,10 @@ def transfer_from_proto(message: pb.TransferOptions) -> Transfer:
 
 
 def granted(transfer: Transfer, probe: Probe | None) -> Transfer:
-    """Return what of a client's wishes a server fulfils; ``probe`` is None without sharing.
+    """Return what a server grants of a client's options; ``probe`` is None without sharing.
 
     Raises:
-        InvalidInputError: It wants chunks so small that sending them would keep the server busy.
+        InvalidInputError: The chunks are too small.
     """
     if transfer.chunk_bytes < MIN_CHUNK_BYTES:
         expected = f"0, or at least {MIN_CHUNK_BYTES}"
@@ -101,7 +101,7 @@ def granted(transfer: Transfer, probe: Probe | None) -> Transfer:
 
 
 def limits_message() -> pb.TransferLimits:
-    """Return what a server tells of its own limits."""
+    """Return the message of a server's limits."""
     return pb.TransferLimits(
         max_frame_bytes=MAX_FRAME_BYTES,
         max_chunk_bytes=MAX_MESSAGE_BYTES,
