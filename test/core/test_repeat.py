@@ -351,7 +351,7 @@ def test_repeat_tells_a_pixel_that_differs(folder: Path) -> None:
         file.write_bytes(kept)
     assert done.returncode == 1
     assert "left/depth: 1 of 432 pixels differ" in done.stdout
-    assert "1 of 1 samples came out otherwise" in done.stderr
+    assert "1 of 1 samples differ from the record" in done.stderr
 
 
 def test_repeat_needs_the_same_configuration(folder: Path, tmp_path: Path) -> None:

@@ -20,16 +20,18 @@ from tools.gallery.scenes import Picture, pictures
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
 OWN_VIEWS = 2
-"""Of a rig that moves by itself."""
+"""Number of views of a rig with its own motion."""
 
 
 def main(
     out: Annotated[Path, typer.Option(help="Folder for the page and its images.")],
-    only: Annotated[str, typer.Option(help="Only names with this, such as stage_.")] = "",
-    quality: Annotated[str, typer.Option(help="Of colour.")] = "high",
+    only: Annotated[
+        str, typer.Option(help="Render only names that contain this, such as stage_.")
+    ] = "",
+    quality: Annotated[str, typer.Option(help="Quality of colour.")] = "high",
     backend: Annotated[str, typer.Option(help="blender or analytic.")] = "blender",
 ) -> None:
-    """Render every example and every texture set at its own size, with labels."""
+    """Render all examples and texture sets, with their labels."""
     logging.basicConfig(level=logging.WARNING)
     out.mkdir(parents=True, exist_ok=True)
     with own_stdout():
@@ -41,7 +43,7 @@ def main(
 
 
 def _render(out: Path, only: str, quality: str, backend: str) -> list[str]:
-    """Write the gallery and return what could not be rendered."""
+    """Write the gallery and return the errors."""
     entries, failures, version = [], [], ""
     for chosen in pictures(EXAMPLES, only, backend, quality):
         started_s = time.perf_counter()

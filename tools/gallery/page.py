@@ -25,7 +25,7 @@ from oaisys_core.types import (
 from oaisys_mapping.report import pictures
 
 FLOW_RANGE_PX = 40.0
-"""Motion that is drawn in full colour."""
+"""Motion that is drawn with full saturation."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class ViewImages:
 
     Attributes:
         files: Image file by modality, relative to the page.
-        legend: Colour by name of the labels that are seen.
+        legend: Colours of the visible labels by name.
     """
 
     title: str
@@ -55,7 +55,7 @@ class Entry:
 def write_view_images(
     out: Path, stem: str, view: str, sample: Sample, labels: Mapping[int, str]
 ) -> list[ViewImages]:
-    """Write all images of a sample and return what the page shows of them."""
+    """Write all images of a sample and return their entries for the page."""
     views = []
     for sensor in dict.fromkeys(frame.sensor for frame in sample.frames):
         frames = [frame for frame in sample.frames if frame.sensor == sensor]

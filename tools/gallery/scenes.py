@@ -1,4 +1,4 @@
-"""What the gallery shows: every example configuration, and every texture set by itself."""
+"""The worlds of the gallery: all example configurations, and one world per texture set."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ TARGET_GROUP = "textures by themselves"
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """From where a world is looked at, relative to the stage.
+    """A viewpoint relative to the stage.
 
     Attributes:
-        eye: (x, y) in halves of the stage's extent from its middle.
-        height_m: Over the surface there; in halves of the extent if ``is_relative``.
-        target: (x, y) that it looks at, in halves of the extent.
-        rise_m: Height of what it looks at over the surface there.
+        eye: (x, y) from the centre, in half extents of the stage.
+        height_m: Height above the surface; in half extents if ``is_relative``.
+        target: (x, y) of the point to look at, in half extents.
+        rise_m: Height of that point above the surface.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Viewpoint:
     is_relative: bool = False
 
     def pose(self, simulation: Simulation) -> Pose:
-        """Return the pose of the rig in the world that stands."""
+        """Return the pose of the rig in the current world."""
         x0, y0, x1, y1 = simulation.scene.ground.extent_m
         middle, half = np.array((x0 + x1, y0 + y1)) / 2, np.array((x1 - x0, y1 - y0)) / 2
         eye, target = middle + half * self.eye, middle + half * self.target
@@ -61,7 +61,7 @@ TOWARDS_SKY = Viewpoint("towards the sky", (-0.3, -0.35), EYE_HEIGHT_M, (0.9, 0.
 
 @dataclass(frozen=True)
 class Picture:
-    """A world and the views of it; without views, the rig's own motion gives two."""
+    """A world and its viewpoints; without viewpoints the rig's own motion is used."""
 
     group: str
     name: str
@@ -71,7 +71,7 @@ class Picture:
 
 
 def pictures(examples: Path, only: str, backend: str, quality: str) -> Iterator[Picture]:
-    """Yield everything that the gallery shows and that has ``only`` in its name."""
+    """Yield the worlds of the gallery whose names contain ``only``."""
     for file in sorted(examples.glob(f"*{only}*.yaml")):
         config = adjusted(load_config(file), backend=backend, quality=quality)
         group, _, name = file.stem.partition("_")

@@ -1,4 +1,4 @@
-"""Set the project up: `make setup` ends here, on the interpreter that `tools/setup.sh` found."""
+"""Set the project up; `make setup` runs this with the interpreter that `tools/setup.sh` found."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def _generate_protos(environment: Environment) -> None:
 
 @contextmanager
 def _alone(environment: Environment) -> Iterator[None]:
-    """Hold the environment's lock, so that two `make` at once do not both install."""
+    """Hold the lock of the environment, so that two `make` runs do not install at once."""
     environment.root.parent.mkdir(parents=True, exist_ok=True)
     with environment.root.with_name(f"{environment.root.name}.lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
@@ -93,7 +93,7 @@ def _alone(environment: Environment) -> Iterator[None]:
 
 
 def main() -> int:
-    """Do what is not done yet; return the exit code."""
+    """Run the steps that are not done yet; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tools.setup", description=__doc__)
     parser.add_argument("--venv", type=Path, default=Path(".venv"))
     environment = Environment(parser.parse_args().venv.absolute())

@@ -16,7 +16,7 @@ from tools.setup.paths import Environment
 from tools.setup.variables import process_environment
 
 NEEDED_DISK_GB = 5.0
-"""Measured: 3 GB when done, and 1.2 GB of wheels beside it while they are unpacked."""
+"""3 GB for the environment, and 1.2 GB of wheels while they are unpacked."""
 
 _TRIAL_SOURCES = {
     "trial.c": '#include <stdio.h>\nint main(void) { return puts("") < 0; }\n',
@@ -27,7 +27,7 @@ _MODULES = (
     *("bpy", "cv2", "open3d", "rclpy"),
     *("oaisys_msgs.srv", "simulation_interfaces.srv", "tf2_msgs.msg"),
 )
-"""Each is imported in a process of its own: some of them do not get on with each other."""
+"""Each is imported in its own process, because some of them conflict."""
 
 _DEBIAN_PACKAGES = {
     "libEGL.so.1": "libegl1",
@@ -50,7 +50,7 @@ _DEBIAN_PACKAGES = {
 
 
 def check_disk(folder: Path, needed_gb: float) -> None:
-    """Raise `SetupError` where the file system of ``folder`` has less than ``needed_gb`` free."""
+    """Raise `SetupError` if the file system of ``folder`` has less than ``needed_gb`` free."""
     existing = next(path for path in (folder, *folder.parents) if path.exists())
     free_gb = shutil.disk_usage(existing).free / 1e9
     if free_gb < needed_gb:
@@ -60,7 +60,7 @@ def check_disk(folder: Path, needed_gb: float) -> None:
 
 
 def check_compiler() -> None:
-    """Raise `SetupError` where no C or C++ program can be compiled and linked.
+    """Raise `SetupError` if C and C++ programs cannot be compiled and linked.
 
     ``CC`` and ``CXX`` are honoured, as CMake does.
     """
@@ -89,7 +89,7 @@ def _compile(language: str, chosen: str | None, usual: tuple[str, ...], source: 
 
 
 def check_libraries(environment: Environment) -> None:
-    """Import what set-up installed; as root, first install the system libraries it misses.
+    """Import the installed packages; as root, install missing system libraries first.
 
     Raises:
         SetupError: A module cannot be imported; names every missing system library.
@@ -109,7 +109,7 @@ def check_libraries(environment: Environment) -> None:
 
 
 def _first_fault(environment: Environment) -> str | None:
-    """Return why the first module that cannot be imported cannot."""
+    """Return why a module cannot be imported, for the first such module."""
     for module in _MODULES:
         result = subprocess.run(
             [environment.python, "-c", f"import {module}"],
@@ -140,7 +140,7 @@ def _install(packages: list[str]) -> None:
 
 
 def _missing_debian_packages(environment: Environment) -> list[str]:
-    """Return what the system lacks of all that Blender, Open3D and OpenCV need."""
+    """Return the missing Debian packages that Blender, Open3D and OpenCV need."""
     files = [
         file
         for package in ("bpy", "open3d", "cv2")

@@ -1,11 +1,11 @@
-"""The errors of set-up."""
+"""The errors of the set-up."""
 
 from __future__ import annotations
 
 
 class SetupError(Exception):
-    """Set-up cannot go on; the message is the one line that the user gets to see."""
+    """The set-up cannot continue; the message is the line that the user sees."""
 
 
 class OptionalStepError(SetupError):
-    """A step failed that the project can do without; the next set-up tries it again."""
+    """An optional step failed; the next set-up tries it again."""

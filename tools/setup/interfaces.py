@@ -1,4 +1,4 @@
-"""The ROS interfaces that no wheel brings: built by colcon into the virtual environment."""
+"""Builds the ROS interfaces that no wheel contains, with colcon."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tools.setup.variables import process_environment
 
 
 def build_interfaces(environment: Environment) -> None:
-    """Build ``oaisys_msgs``, and the underlay's packages that the wheels do not have.
+    """Build ``oaisys_msgs`` and the packages of the underlay that the wheels lack.
 
     Raises:
         SetupError: The build failed; its output was shown.
@@ -44,7 +44,7 @@ def build_interfaces(environment: Environment) -> None:
 
 
 def _remove_installed(build: Path) -> None:
-    """Remove what earlier builds installed, so that a renamed message leaves nothing behind."""
+    """Remove the files of earlier builds, so that renamed messages leave nothing behind."""
     for manifest in build.glob("*/install_manifest.txt"):
         for file in manifest.read_text().splitlines():
             Path(file).unlink(missing_ok=True)

@@ -17,7 +17,7 @@ from tools.setup.progress import pip_progress, run_with_progress
 from tools.setup.variables import process_environment, write_script
 
 THREE_VERSION = "0.183.2"
-"""The last that brings minified modules."""
+"""The last version with minified modules."""
 
 NPM_TIMEOUT_S = 120.0
 
@@ -30,7 +30,7 @@ _PREFIX = re.compile(_BUILD_PREFIX)
 
 
 def check_machine(environment: Environment, *, keep: bool) -> None:
-    """Raise `SetupError` where `install_requirements` cannot succeed."""
+    """Raise `SetupError` if `install_requirements` cannot succeed."""
     root = environment.root
     check_compiler()
     if _is_kept(environment, keep=keep):
@@ -42,11 +42,11 @@ def check_machine(environment: Environment, *, keep: bool) -> None:
 
 
 def install_requirements(environment: Environment, *, keep: bool) -> None:
-    """Install the pinned packages and make the ROS wheels point here.
+    """Install the pinned packages and fix the paths in the ROS wheels.
 
     Args:
         environment: The environment to fill.
-        keep: Add to a completed environment instead of starting from an empty one.
+        keep: Whether to keep a completed environment instead of starting from an empty one.
 
     Raises:
         SetupError: pip failed.
@@ -75,8 +75,8 @@ def _interpreter_note(environment: Environment) -> Path:
 
 
 def install_packages(environment: Environment) -> None:
-    """Install the project's own packages so that edits take effect without installing again."""
-    # Paths instead of import hooks: from the repository's root the folders would hide the packages.
+    """Install the project's own packages in editable mode."""
+    # Use paths instead of import hooks: in the repository's root, folders would hide the packages.
     editable = [part for package in PYTHON_PACKAGES for part in ("--editable", str(package))]
     _pip(
         environment,
@@ -89,7 +89,7 @@ def install_packages(environment: Environment) -> None:
 
 
 def _pip(environment: Environment, wanted: int, *arguments: str) -> None:
-    # Some machines keep /tmp in memory: the wheels are unpacked on the environment's own disk.
+    # /tmp may be in memory, so unpack the wheels on the disk of the environment.
     temporary = environment.state / "tmp"
     temporary.mkdir(parents=True, exist_ok=True)
     command = [str(environment.python), "-m", "pip", "install", "--no-deps", "--no-input"]
@@ -107,8 +107,7 @@ def _pip(environment: Environment, wanted: int, *arguments: str) -> None:
     )
     shutil.rmtree(temporary, ignore_errors=True)
     if code:
-        # pip complains once per package about every index that it cannot reach, and tells of each
-        # package that it collects.
+        # Omit lines about collected packages and unreachable indices.
         usual = ("WARNING", "Collecting", "Requirement already", "  Using cached", "  Downloading")
         errors = [line for line in log.read_text().splitlines() if not line.startswith(usual)]
         sys.stderr.write(os.linesep.join(errors[-40:]) + os.linesep)
@@ -116,7 +115,7 @@ def _pip(environment: Environment, wanted: int, *arguments: str) -> None:
 
 
 def _lend_libusb(environment: Environment) -> None:
-    """Put the wheel's libusb where Open3D looks first: its own wheel counts on the system's."""
+    """Link the libusb wheel where Open3D looks first, because Open3D expects the system's."""
     link = environment.site_packages / "open3d" / "libusb-1.0.so.0"
     link.unlink(missing_ok=True)
     link.symlink_to(Path("..", "libusb_package", "libusb-1.0.so"))
@@ -140,13 +139,13 @@ def _include_folders(environment: Environment) -> tuple[Path, Path]:
 
 
 def relocate(prefix: Path, python_include: Path, numpy_include: Path) -> int:
-    """Rewrite the build machine's paths in every text file under ``prefix/share``.
+    """Replace the build machine's paths in every text file under ``prefix/share``.
 
-    Doing it again changes nothing.
+    A second call changes nothing.
 
     Args:
         prefix: The virtual environment.
-        python_include: The folder that holds the interpreter's ``Python.h``.
+        python_include: The folder with the interpreter's ``Python.h``.
         numpy_include: The folder of numpy's headers.
 
     Returns:
@@ -173,7 +172,7 @@ def relocate(prefix: Path, python_include: Path, numpy_include: Path) -> int:
 
 
 def _literal(path: Path) -> bytes:
-    """Return ``path`` as a replacement in which nothing is special."""
+    """Return ``path`` as a literal replacement text."""
     return bytes(path).replace(b"\\", rb"\\")
 
 
@@ -181,15 +180,15 @@ def install_three(environment: Environment) -> None:
     """Install three.js to ``share/oaisys_mapping``, where reports find it.
 
     Raises:
-        OptionalStepError: There is no npm, or it failed; reports show pictures instead.
+        OptionalStepError: npm is missing or failed; reports then show pictures of the mesh.
     """
-    without = "reports will show pictures of the mesh instead of one that turns"
+    without = "reports will show pictures of the mesh instead of an interactive view"
     npm = shutil.which("npm")
     if npm is None:
         raise OptionalStepError(f"three.js needs npm, and there is none: {without}")
     folder = environment.root / "share" / "oaisys_mapping"
     folder.mkdir(parents=True, exist_ok=True)
-    # What fails to be fetched is not tried for minutes.
+    # Do not retry failed downloads for minutes.
     command = [npm, "install", "--prefix", str(folder), "--no-save", "--no-package-lock"]
     command += ["--no-audit", "--no-fund", "--ignore-scripts", "--fetch-retries=1"]
     command.append(f"three@{THREE_VERSION}")

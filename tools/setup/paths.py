@@ -1,4 +1,4 @@
-"""Where set-up finds and puts things."""
+"""The paths of the set-up."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ SETUP = Path(__file__).resolve().parent
 UNDERLAY = tuple(
     REPOSITORY / "tools" / "underlay" / name for name in ("tf2_msgs", "simulation_interfaces")
 )
-"""Interface packages that are built where the wheels have none."""
+"""Interface packages that are built if no wheel contains them."""
 OAISYS_MSGS = REPOSITORY / "oaisys_msgs"
 
 
 @dataclass(frozen=True)
 class Environment:
-    """The virtual environment that is being made, which is also a ROS prefix.
+    """The virtual environment, which is also a ROS prefix.
 
     Attributes:
         root: Its absolute path.
@@ -39,12 +39,12 @@ class Environment:
 
     @property
     def site_packages(self) -> Path:
-        """Where pip puts pure and compiled packages."""
+        """The folder into which pip installs packages."""
         return self.root / "lib" / f"python{PYTHON_VERSION}" / "site-packages"
 
     @property
     def state(self) -> Path:
-        """Set-up's own folder: stamps, temporary files, build trees."""
+        """The folder of the set-up: stamps, temporary files, build trees."""
         return self.root / "oaisys"
 
     @property

@@ -1,4 +1,4 @@
-"""Long programs that set-up runs: what they say goes to a file, how far they are to the user."""
+"""Runs long programs with a log file and progress messages for the user."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def run_with_progress(
     progress: Callable[[str], str],
     every_s: float = LINE_EVERY_S,
 ) -> int:
-    """Run a program to its end and print a line of progress every few seconds.
+    """Run a program and print a line of progress every few seconds.
 
     Args:
         command: The program and its arguments.
-        variables: Its environment.
-        log: File for all that it prints.
-        progress: Given what it has printed so far, says how far it is.
+        variables: Its environment variables.
+        log: File for its output.
+        progress: Returns a description of the progress, given the output so far.
         every_s: Seconds between two lines.
 
     Returns:
@@ -49,7 +49,7 @@ def run_with_progress(
 
 
 def pip_progress(output: str, wanted: int, site_packages: Path) -> str:
-    """Say how far pip is, from its output and from what it has installed."""
+    """Return the progress of pip, from its output and the installed packages."""
     lines = output.splitlines()
     if any(line.startswith("Installing collected packages") for line in lines):
         installed = sum(1 for _ in site_packages.glob("*.dist-info"))  # pip itself among them
@@ -60,7 +60,7 @@ def pip_progress(output: str, wanted: int, site_packages: Path) -> str:
 
 
 def colcon_progress(output: str, wanted: int, build: Path) -> str:
-    """Say how far colcon is, from its output and from what has been compiled."""
+    """Return the progress of colcon, from its output and the compiled files."""
     finished = output.count("Finished <<<")
     objects = sum(1 for _ in build.rglob("*.o"))
     return f"{finished} of {wanted} packages built, {objects} files compiled"

@@ -1,4 +1,4 @@
-"""Steps that are done once, and again when what they were made from has changed."""
+"""Set-up steps that run once, and again when their inputs have changed."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from tools.setup.errors import OptionalStepError
 
 @dataclass(frozen=True)
 class SetupStep:
-    """One piece of set-up.
+    """A step of the set-up.
 
     Attributes:
-        name: Of its stamp file.
-        does: What the user reads while it runs.
+        name: Name of its stamp file.
+        does: Description for the user while it runs.
         key: Hash of everything the result depends on.
-        run: Does the work; raises `SetupError`, and `OptionalStepError` where all else can do
-            without it. Given whether it was ever completed before.
-        check: Raises `SetupError` where the work cannot succeed, before anything is said or done.
+        run: Does the work; its argument is whether it was completed before. Raises `SetupError`, or
+            `OptionalStepError` if the step is optional.
+        check: Raises `SetupError` if the work cannot succeed, before anything is done.
     """
 
     name: str
@@ -33,7 +33,7 @@ class SetupStep:
 
 
 def digest(*parts: str | Path) -> str:
-    """Hash strings and the contents of files; a folder counts with every file below it."""
+    """Hash strings and the contents of files; folders include all files below them."""
     state = hashlib.sha256()
     for part in parts:
         if isinstance(part, str):
@@ -53,9 +53,9 @@ def _files(path: Path) -> Iterable[Path]:
 
 
 def run_steps(steps: Sequence[SetupStep], stamps: Path) -> None:
-    """Run the steps whose key is not the one stamped, in order; a stamp is written last.
+    """Run the steps whose key differs from their stamp, in order.
 
-    An interrupted step has no stamp, so the next set-up does it again from the start.
+    The stamp is written last, so that an interrupted step runs again at the next set-up.
     """
     for step in steps:
         stamp = stamps / step.name

@@ -27,7 +27,7 @@ fi
 
 
 def ros_variables(environment: Environment) -> dict[str, str]:
-    """Return what must be set, in a fixed order, before a program of ``environment`` starts."""
+    """Return the variables, in a fixed order, that programs of ``environment`` need."""
     root = environment.root
     libraries = [root / "lib", *sorted(environment.site_packages.glob("ros_*.libs"))]
     return {
@@ -39,13 +39,13 @@ def ros_variables(environment: Environment) -> dict[str, str]:
         "ROS_DISTRO": "jazzy",
         "ROS_PYTHON_VERSION": "3",
         "ROS_VERSION": "2",
-        # The wheels start Python a second time to set the library path, unless this is set.
+        # Unless this is set, the wheels start Python again to set the library path.
         "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
     }
 
 
 def process_environment(environment: Environment) -> dict[str, str]:
-    """Return the variables for a child process that works inside ``environment``."""
+    """Return the environment variables for a child process inside ``environment``."""
     return {
         **os.environ,
         **ros_variables(environment),

@@ -29,27 +29,28 @@ LARGEST_WRONG_SHARE = 5e-4
 
 
 class AuditFailedError(OaisysError):
-    """More pixels are wrong than a modality may have."""
+    """A modality has more wrong pixels than allowed."""
 
 
 def audit(
     config: ConfigOption = None,
-    views: Annotated[int, typer.Option(help="Random views of the world.", min=1)] = 10,
-    batches: Annotated[int, typer.Option(help="Worlds.", min=1)] = 1,
+    views: Annotated[int, typer.Option(help="Number of random views of each world.", min=1)] = 10,
+    batches: Annotated[int, typer.Option(help="Number of worlds.", min=1)] = 1,
     seed: SeedOption = None,
     backend: BackendOption = None,
     quality: QualityOption = None,
     size: SizeOption = None,
     limit: Annotated[
-        float, typer.Option(help="Largest share of wrong pixels off edges.", min=0, max=1)
+        float,
+        typer.Option(help="Largest allowed share of wrong pixels away from edges.", min=0, max=1),
     ] = LARGEST_WRONG_SHARE,
     out: Annotated[Path | None, typer.Option(help="JSON file for the figures.")] = None,
 ) -> None:
     """Compare depth and labels of random views with an independent ray cast.
 
-    Exit code 1 where more pixels off edges are wrong than the limit says.
+    Exit code 1 if the share of wrong pixels away from edges exceeds the limit.
     """
-    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import SimulationConfig, adjusted, load_config
 
     loaded = load_config(config) if config else SimulationConfig()
@@ -93,7 +94,7 @@ def _audited(config: SimulationConfig, batches: int, views: int) -> list[AuditRe
         with ProgressBar(console=console, disable=not console.is_terminal) as bar:
             task = bar.add_task("auditing", total=batches * views)
             for batch in range(batches):
-                # What is audited is the truth, whatever sensors.faults says.
+                # Audit the ground truth, whatever sensors.faults says.
                 simulation.step_batch(ModuleMetadata(sensor={"faults": {"enabled": False}}))
                 rng = np.random.default_rng([config.seed, batch])
                 found += audit_views(simulation, views, rng, lambda _: bar.advance(task))

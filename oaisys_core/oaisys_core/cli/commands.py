@@ -1,6 +1,6 @@
 """The core's shell commands: ``oaisys render`` and ``oaisys config``.
 
-``oaisys --help`` reads this module, too: what takes long to import waits until it is used.
+``oaisys --help`` imports this module, so slow imports are done on use.
 """
 
 from __future__ import annotations
@@ -32,9 +32,10 @@ config_app = typer.Typer(
 
 @config_app.command("check")
 def check(file: Annotated[Path, typer.Argument(help="YAML file to check.")]) -> None:
-    """Validate FILE; every fault is told with its line, its path and what was expected.
+    """Validate FILE and report each error with its line, path and expected value.
 
-    Names count, too: of terrain, textures, shapes, effects, extensions, and what files hold.
+    This includes the names of terrains, textures, shapes, effects and extensions, and the content
+    of files.
     """
     from oaisys_core.config import config_sha256, load_config
     from oaisys_core.config.checking import name_faults
@@ -56,7 +57,7 @@ def show(
     quality: QualityOption = None,
     size: SizeOption = None,
 ) -> None:
-    """Print the whole configuration, defaults included, as JSON (which is also YAML)."""
+    """Print the complete configuration, defaults included, as JSON (which is also YAML)."""
     from oaisys_core.config import SimulationConfig, adjusted, load_config
 
     loaded = load_config(config) if config else SimulationConfig()
@@ -66,9 +67,9 @@ def show(
 
 @config_app.command("schema")
 def schema(
-    out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; default: print it.")] = None,
 ) -> None:
-    """Write the JSON Schema of configuration files, which editors and other programs understand."""
+    """Write the JSON Schema of configuration files, for editors and other programs."""
     from oaisys_core.config.schema import schema_text
 
     _write_or_print(schema_text(), out)
@@ -76,7 +77,7 @@ def schema(
 
 @config_app.command("reference")
 def reference(
-    out: Annotated[Path | None, typer.Option(help="File to write; else it is printed.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File to write; default: print it.")] = None,
 ) -> None:
     """Write the page that lists every key with its type, range, default and meaning."""
     from oaisys_core.config.reference import reference_text
@@ -87,24 +88,21 @@ def reference(
 @config_app.command("import")
 def import_(
     file: Annotated[Path, typer.Argument(help="JSON file of the original simulator.")],
-    out: Annotated[
-        Path | None, typer.Option(help="YAML file to write; else it is printed.")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="YAML file to write; default: print it.")] = None,
     assets: Annotated[
-        Path | None, typer.Option(help="Folder that the file's relative paths are taken from.")
+        Path | None, typer.Option(help="Folder from which relative paths in the file start.")
     ] = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Missing files and unknown keys are errors.")
+        bool, typer.Option("--strict", help="Treat missing files and unknown keys as errors.")
     ] = False,
     stand_ins: Annotated[
         Path | None,
         typer.Option(
-            help="Folder in which material folders, meshes and images are made for"
-            " those that are missing."
+            help="Folder for generated materials, meshes and images that replace missing ones."
         ),
     ] = None,
 ) -> None:
-    """Turn an original OAISYS configuration into ours; tell what becomes of every key."""
+    """Convert an original OAISYS configuration to ours, and report what becomes of each key."""
     from oaisys_core.config import config_from_mapping
     from oaisys_core.config.checking import name_faults
     from oaisys_core.config.importing.importer import import_file
@@ -118,8 +116,10 @@ def import_(
     _write_or_print(imported.text(file.name), out)
     if out is not None:
         counts = Counter(outcome.kind for outcome in imported.outcomes.values())
-        told = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
-        typer.echo("\n".join([*imported.notes(), f"{out}: {len(imported.outcomes)} keys: {told}"]))
+        summary = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
+        typer.echo(
+            "\n".join([*imported.notes(), f"{out}: {len(imported.outcomes)} keys: {summary}"])
+        )
 
 
 def _write_or_print(text: str, out: Path | None) -> None:

@@ -1,4 +1,4 @@
-"""The ``oaisys`` command: finds its sub-commands among the installed packages.
+"""The ``oaisys`` command, whose sub-commands come from the installed packages.
 
 A package adds a sub-command through the entry point group ``oaisys.commands``: a function with
 typer annotations, or a `typer.Typer` with sub-commands of its own. A function ends normally
@@ -20,7 +20,7 @@ from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, near
 
 COMMAND_GROUP = "oaisys.commands"
 PLAIN_HELP = None
-"""No tables of rich: at 80 columns they leave options' help a column of a word or two."""
+"""Plain help instead of rich's tables, which are too narrow at 80 columns."""
 
 EXIT_FAILED = 1
 EXIT_INVALID_INPUT = 2
@@ -28,13 +28,13 @@ EXIT_INTERRUPTED = 130
 
 
 class _InstalledCommands(TyperGroup):
-    """Loads a sub-command's module only when that command is asked for."""
+    """Imports the module of a sub-command only when that command is used."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return sorted(entry_points(group=COMMAND_GROUP).names)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command; of one that there is not, tell which was probably meant."""
+        """Find the command; for an unknown one, suggest a similar name."""
         name, known = args[0], self.list_commands(ctx)
         near = nearest(name, known)
         if name not in known and not name.startswith("-") and near is not None:
@@ -47,7 +47,7 @@ class _InstalledCommands(TyperGroup):
 
 
 def _load(entry: EntryPoint) -> Any:
-    """Return the entry's typer command; one that says why where it cannot be imported."""
+    """Return the typer command of an entry; if it cannot be imported, one that reports why."""
     try:
         target = entry.load()
     except (ImportError, AttributeError) as error:
@@ -64,7 +64,7 @@ def _load(entry: EntryPoint) -> Any:
 
 
 def _summarise(command: Any) -> None:
-    """Let lists of commands show the first paragraph of each whole, not its first 50 letters."""
+    """Show the whole first paragraph of each command in lists, not only 50 letters."""
     if not command.short_help and command.help:
         command.short_help = " ".join(inspect.cleandoc(command.help).split("\n\n")[0].split())
     for part in getattr(command, "commands", {}).values():
@@ -94,10 +94,11 @@ def _show_version(wanted: bool) -> None:
 @app.callback(no_args_is_help=True)
 def _configure(
     verbose: Annotated[
-        int, typer.Option("--verbose", "-v", count=True, help="Log progress; twice: details too.")
+        int, typer.Option("--verbose", "-v", count=True, help="Log progress; twice for details.")
     ] = 0,
     _version: Annotated[
-        bool, typer.Option("--version", is_eager=True, callback=_show_version, help="Show it.")
+        bool,
+        typer.Option("--version", is_eager=True, callback=_show_version, help="Show the version."),
     ] = False,
 ) -> None:
     """Interactive OAISYS: photorealistic terrain for planners, one sample at a time."""

@@ -1,4 +1,4 @@
-"""Metadata of batches and samples from a YAML or JSON file."""
+"""Reading the metadata of batches and samples from a YAML or JSON file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from oaisys_core.types import OWN_PARTS, ModuleMetadata, Pose
 
 @dataclass(frozen=True)
 class SampleRequest:
-    """What one sample is asked for, see `Simulation.step_sample`."""
+    """The arguments of one sample, see `Simulation.step_sample`."""
 
     metadata: ModuleMetadata = field(default_factory=ModuleMetadata)
     modalities: tuple[str, ...] = ()
@@ -25,11 +25,11 @@ class SampleRequest:
 
 @dataclass(frozen=True)
 class Steps:
-    """What a whole run is asked for.
+    """The steps of a whole run.
 
     Attributes:
-        batch: Metadata of every batch.
-        samples: Of each batch, in their order.
+        batch: Metadata of all batches.
+        samples: The samples of each batch, in order.
     """
 
     batch: ModuleMetadata
@@ -37,16 +37,16 @@ class Steps:
 
 
 def load_steps(path: Path) -> Steps:
-    """Return the steps that a file describes.
+    """Return the steps in a file.
 
-    It is a list of samples, or a mapping with ``batch`` and ``samples``. A sample is a mapping of
-    the modules' parts (``sensor``, ``environment``, ``asset``, ``render``, and others by their
-    names), and may name ``modalities`` and ``sensors`` to render. A pose is a mapping of
+    The file is a list of samples, or a mapping with ``batch`` and ``samples``. A sample is a
+    mapping of metadata by module (``sensor``, ``environment``, ``asset``, ``render`` and others by
+    name); it may also contain ``modalities`` and ``sensors`` to render. A pose is a mapping with
     ``position_m`` and ``quat_xyzw``.
 
     Raises:
-        InvalidInputError: The file cannot be read, or is not of this form; the modules check the
-            rest.
+        InvalidInputError: The file cannot be read or does not have this form. The modules check the
+            metadata itself.
     """
     try:
         data = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -88,10 +88,10 @@ def _metadata(data: Mapping[str, Any], path: str) -> ModuleMetadata:
 
 
 def _pose(data: object, path: str) -> Pose:
-    told = _mapping(data, path)
-    if set(told) != {"position_m", "quat_xyzw"}:
-        raise InvalidInputError(path, dict(told), "position_m and quat_xyzw")
-    return checked_pose(told["position_m"], told["quat_xyzw"], path)
+    pose = _mapping(data, path)
+    if set(pose) != {"position_m", "quat_xyzw"}:
+        raise InvalidInputError(path, dict(pose), "position_m and quat_xyzw")
+    return checked_pose(pose["position_m"], pose["quat_xyzw"], path)
 
 
 def _names(data: object, path: str) -> tuple[str, ...]:

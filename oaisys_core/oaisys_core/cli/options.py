@@ -8,13 +8,13 @@ from typing import Annotated
 import typer
 
 ConfigOption = Annotated[
-    Path | None, typer.Option("--config", help="YAML file; the default world where none is given.")
+    Path | None, typer.Option("--config", help="YAML file; default: the default world.")
 ]
 SeedOption = Annotated[int | None, typer.Option(help="Root seed.")]
 BackendOption = Annotated[str | None, typer.Option(help="blender or analytic.")]
 QualityOption = Annotated[
-    str | None, typer.Option(help="Of colour: preview, standard, high or final.")
+    str | None, typer.Option(help="Quality of colour: preview, standard, high or final.")
 ]
 SizeOption = Annotated[
-    str | None, typer.Option(help="WIDTHxHEIGHT of all images; K is scaled along.")
+    str | None, typer.Option(help="WIDTHxHEIGHT of all images; K is scaled accordingly.")
 ]

@@ -1,4 +1,4 @@
-"""How far ``oaisys render`` is: a bar on a terminal, plain lines on standard error elsewhere."""
+"""Progress of ``oaisys render``: a bar on a terminal, otherwise lines on standard error."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ LINE_EVERY_S = 5.0
 
 
 class RenderProgress:
-    """Shows what a run is at; use it in a ``with`` block, and call it with each `Progress`.
+    """Shows the progress of a run; use it in a ``with`` block, and call it with each `Progress`.
 
-    Where there is no terminal a line is printed whenever there was none for ``every_s``.
+    Without a terminal, a line is printed after every ``every_s`` without output.
 
     Attributes:
         is_bar: Whether a bar is shown.
@@ -30,13 +30,13 @@ class RenderProgress:
     def __init__(
         self, total: int, done: int, console: Console, every_s: float = LINE_EVERY_S
     ) -> None:
-        """Prepare.
+        """Prepare the display.
 
         Args:
-            total: Views of the run.
-            done: Of them, those that are there already.
-            console: Where a bar is drawn.
-            every_s: Longest silence, where there is none.
+            total: Number of views of the run.
+            done: Number of views that are finished already.
+            console: Console for the bar.
+            every_s: Longest time without a line, if there is no bar.
         """
         self.is_bar = console.is_terminal
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
@@ -50,7 +50,7 @@ class RenderProgress:
         self._teller = threading.Thread(target=self._tell, name="progress", daemon=True)
 
     def __enter__(self) -> Self:
-        """Begin to show."""
+        """Start the display."""
         if self.is_bar:
             self._bar.start()
         else:
@@ -63,7 +63,7 @@ class RenderProgress:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Show no more."""
+        """Stop the display."""
         self._ended.set()
         if self.is_bar:
             self._bar.stop()
@@ -71,18 +71,18 @@ class RenderProgress:
             self._teller.join()
 
     def begin(self, what: str) -> None:
-        """Name what is done next, such as ``world 2``."""
+        """Set the name of the current work, such as ``world 2``."""
         self._what = self._now = what
         self._began_s = time.monotonic()
         self._bar.update(self._task, description=what)
 
     def __call__(self, progress: Progress) -> None:
-        """Take in how far it is."""
+        """Show the progress of the current work."""
         self._now = f"{self._what}: {progress.stage}, {progress.fraction:.0%}"
         self._bar.update(self._task, description=self._now)
 
     def view_done(self) -> None:
-        """Count one more view."""
+        """Count a finished view."""
         self._said_s = time.monotonic()
         self._bar.advance(self._task)
 

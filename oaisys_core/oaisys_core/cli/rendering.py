@@ -1,4 +1,4 @@
-"""``oaisys render``: batches and samples to files, without ROS and without a server."""
+"""``oaisys render``: renders batches and samples to files, without ROS and without a server."""
 
 from __future__ import annotations
 
@@ -28,37 +28,39 @@ if TYPE_CHECKING:
 
 
 def render(
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for the files.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Output folder.")] = None,
     config: ConfigOption = None,
-    batches: Annotated[int | None, typer.Option(help="Worlds to build.", min=1)] = None,
-    samples: Annotated[int | None, typer.Option(help="Views of each world.", min=1)] = None,
+    batches: Annotated[int | None, typer.Option(help="Number of worlds.", min=1)] = None,
+    samples: Annotated[
+        int | None, typer.Option(help="Number of views of each world.", min=1)
+    ] = None,
     poses: Annotated[
         Path | None,
-        typer.Option(help="CSV of rig poses, as poses.csv is written; its rows are the views."),
+        typer.Option(help="CSV of rig poses, in the format of poses.csv, one per view."),
     ] = None,
     metadata: Annotated[
         Path | None,
-        typer.Option(help="YAML or JSON list of the samples' metadata; its entries are the views."),
+        typer.Option(help="YAML or JSON list of metadata, one entry per view."),
     ] = None,
     seed: SeedOption = None,
     backend: BackendOption = None,
     quality: QualityOption = None,
     size: SizeOption = None,
     batch_offset: Annotated[
-        int | None, typer.Option(help="Added to the numbers of batch folders.", min=0)
+        int | None, typer.Option(help="Number added to the numbers of batch folders.", min=0)
     ] = None,
     save_blend: Annotated[
         bool | None,
         typer.Option("--save-blend/--no-save-blend", help="Save each world as a .blend file."),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in --out.")] = False,
 ) -> None:
     """Render batches and samples to files, without ROS and without a server.
 
-    Without --poses, --metadata and a motion in the configuration, the rig stays above the ground's
+    Without --poses, --metadata and a motion in the configuration, the rig stays above the stage's
     centre, looking down.
     """
-    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import SimulationConfig, adjusted, load_config
     from oaisys_core.output.writer import SampleWriter
     from oaisys_core.simulation import Simulation
@@ -120,7 +122,7 @@ class _Run:
         self._console = Console()
 
     def start(self, config: SimulationConfig, *, is_resumed: bool) -> None:
-        """Prepare the folder; build the world again in which an earlier run was stopped."""
+        """Prepare the folder; for a resumed run, restore the world in which it stopped."""
         if not is_resumed:
             self._writer.begin(config)
             return
@@ -129,7 +131,7 @@ class _Run:
             self._simulation.restore(state)
 
     def finish(self) -> None:
-        """Render all that is missing."""
+        """Render all missing views."""
         views = self._steps.samples
         info = self._simulation.info()
         batch_id, done = info.batch_id, info.sample_id

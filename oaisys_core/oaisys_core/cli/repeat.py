@@ -1,4 +1,4 @@
-"""``oaisys repeat``: renders recorded samples again and compares."""
+"""``oaisys repeat``: renders recorded samples again and compares the results."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LEAST_PSNR_DB = 40.0
 
 
 class DifferentSampleError(OaisysError):
-    """A sample did not come out as it was recorded."""
+    """A repeated sample differs from the recorded one."""
 
 
 def repeat(
@@ -34,34 +34,35 @@ def repeat(
     ],
     sample: Annotated[
         list[str] | None,
-        typer.Option("--sample", help="BATCH/SAMPLE; may be given again; default: the newest."),
+        typer.Option("--sample", help="BATCH/SAMPLE, may be repeated; default: the newest sample."),
     ] = None,
-    every: Annotated[bool, typer.Option("--all", help="All samples of the record.")] = False,
+    every: Annotated[bool, typer.Option("--all", help="Repeat all samples of the record.")] = False,
     config: Annotated[
-        Path | None, typer.Option("--config", help="YAML file; default: what the record holds.")
+        Path | None,
+        typer.Option("--config", help="YAML file; default: the configuration in the record."),
     ] = None,
     least_psnr: Annotated[
-        float, typer.Option(help="In dB: colours may differ by so much.", min=0)
+        float, typer.Option(help="Least PSNR of colours, in dB.", min=0)
     ] = LEAST_PSNR_DB,
 ) -> None:
     """Render recorded samples again from their provenance, and compare with what was recorded.
 
-    Depth, labels, instance ids and normals must be equal to the byte, colours within --least-psnr.
-    The configuration is the one in the record, unless --config gives one; its hash must be the
-    recorded one. Exit code 0: equal; 1: something differs; 2: the record cannot be used.
+    Depth, labels, instance ids and normals must be equal byte by byte, colours within --least-psnr.
+    The configuration comes from the record or from --config; its hash must be the recorded one.
+    Exit code 0: equal; 1: something differs; 2: the record cannot be used.
     """
-    # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
+    # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import config_from_mapping, load_config
     from oaisys_core.simulation import Simulation
     from oaisys_core.verification.recorded_samples import chosen_ids, open_records
 
     source = open_records(record)
     wanted = chosen_ids(source, sample or (), every=every)
-    told = None if config else source.config_json()
-    if config is None and told is None:
+    recorded = None if config else source.config_json()
+    if config is None and recorded is None:
         expected = "--config FILE, because the record has no configuration"
         raise InvalidInputError("config", None, expected)
-    chosen = load_config(config) if config else config_from_mapping(json.loads(told or "{}"))
+    chosen = load_config(config) if config else config_from_mapping(json.loads(recorded or "{}"))
     different = count = 0
     with own_stdout():
         simulation = Simulation(chosen)
@@ -74,7 +75,7 @@ def repeat(
     if count < len(wanted):
         raise InvalidInputError("record", str(record), f"{len(wanted)} samples, not {count}")
     if different:
-        raise DifferentSampleError(f"{different} of {count} samples came out otherwise")
+        raise DifferentSampleError(f"{different} of {count} samples differ from the record")
 
 
 def _repeated(
@@ -94,24 +95,24 @@ def _repeated(
     is_same = all(each.is_equal for each in comparisons)
     verdict = "equal" if is_same else "DIFFERENT"
     typer.echo(f"batch {outline.batch_id} sample {outline.sample_id}: {verdict}")
-    for line in (*map(_told, comparisons), *_notes(record, again)):
+    for line in (*map(_described, comparisons), *_notes(record, again)):
         typer.echo(f"  {line}")
     return is_same
 
 
-def _told(each: Comparison) -> str:
+def _described(each: Comparison) -> str:
     name = f"{each.name.sensor}/{each.name.modality}"
     if not each.different_px:
         return f"{name}: equal, {each.pixels} pixels"
-    told = f"{name}: {each.different_px} of {each.pixels} pixels differ"
+    text = f"{name}: {each.different_px} of {each.pixels} pixels differ"
     if each.psnr_db is not None:
-        told += f", PSNR {each.psnr_db:.1f} dB"
-        return told + (", within the tolerance" if each.is_equal else "")
-    return told + (", not judged" if each.is_equal else "")
+        text += f", PSNR {each.psnr_db:.1f} dB"
+        return text + (", within the tolerance" if each.is_equal else "")
+    return text + (", not judged" if each.is_equal else "")
 
 
 def _notes(record: RecordedSample, again: Sample) -> list[str]:
-    """Return what else there is to say: images that are not there, another renderer."""
+    """Return notes on missing images and on another backend version or device."""
     recorded = {(frame.sensor, frame.modality) for frame in record.frames}
     missing = [n for n in record.outline.frames if (n.sensor, n.modality) not in recorded]
     notes = [f"{name.sensor}/{name.modality}: not in the record" for name in missing]

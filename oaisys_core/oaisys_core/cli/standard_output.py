@@ -1,4 +1,4 @@
-"""Standard output without what libraries print there."""
+"""Keeps the output of C libraries out of standard output."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from contextlib import contextmanager
 
 @contextmanager
 def own_stdout() -> Iterator[None]:
-    """Keep standard output for what Python writes: Blender 4.5 prints a line for each tile there.
+    """Reserve standard output for Python; Blender 4.5, for example, prints a line for each tile.
 
-    Libraries' own output goes to standard error where details are logged, else nowhere.
+    Output of libraries goes to standard error if debug logging is on, otherwise it is dropped.
     """
     sys.stdout.flush()
     shows_all = logging.getLogger().isEnabledFor(logging.DEBUG)
-    aside = os.dup(2) if shows_all else os.open(os.devnull, os.O_WRONLY)
+    target = os.dup(2) if shows_all else os.open(os.devnull, os.O_WRONLY)
     kept, python = os.dup(1), sys.stdout
-    os.dup2(aside, 1)
-    os.close(aside)
+    os.dup2(target, 1)
+    os.close(target)
     sys.stdout = open(kept, "w", encoding="utf-8", buffering=1, closefd=False)  # noqa: SIM115
     try:
         yield
@@ -35,11 +35,11 @@ def own_stdout() -> Iterator[None]:
 
 @contextmanager
 def without_c_output() -> Iterator[None]:
-    """Drop what C code prints with ``printf``; what Python prints, in any thread, stays.
+    """Drop the output of C code, but not that of Python in any thread.
 
-    Blender 4.5 prints a line for each step of a render, and has no switch for it. The C library's
-    stream is replaced, not file descriptor 1, which belongs to the program. Where details are
-    logged the lines go to standard error.
+    Blender 4.5 prints a line for each step of a render and has no option against it. This replaces
+    the stream of the C library and not file descriptor 1, which belongs to the program. If debug
+    logging is on, the output goes to standard error.
     """
     streams = _c_streams()
     if streams is None:
@@ -56,7 +56,7 @@ def without_c_output() -> Iterator[None]:
 
 @functools.cache
 def _c_streams() -> tuple[ctypes.c_void_p, ctypes.c_void_p, int] | None:
-    """Return the C library's two variables and a stream to nowhere; None where it has others."""
+    """Return the C library's stdout and stderr, and a null stream; None if it has other names."""
     library = ctypes.CDLL(None)
     try:
         output = ctypes.c_void_p.in_dll(library, "stdout")

@@ -1,4 +1,4 @@
-"""One typed configuration: each default stands here once, each value is checked once."""
+"""The typed configuration: the only place of defaults and of checks of values."""
 
 from oaisys_core.config.adjusting import adjusted
 from oaisys_core.config.loading import (

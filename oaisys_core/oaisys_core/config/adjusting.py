@@ -1,4 +1,4 @@
-"""Changes that a command line makes to a configuration."""
+"""Changes to a configuration by options of the command line."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ def adjusted(
     quality: str | None = None,
     size: str | None = None,
 ) -> SimulationConfig:
-    """Return the configuration with what is not None replaced, checked again.
+    """Return the configuration with all given values replaced, and checked again.
 
     Args:
-        config: What to start from.
+        config: The configuration before the changes.
         seed: Root seed.
         backend: ``blender`` or ``analytic``.
-        quality: Preset of the colour images, in place of samples and bounces of their own.
-        size: Image size of every camera as ``WIDTHxHEIGHT``; its K is scaled along, so that each
-            camera sees what it saw.
+        quality: Quality preset; it also resets ``samples`` and ``max_bounces``.
+        size: Image size of all cameras as ``WIDTHxHEIGHT``; K is scaled, so that the field of view
+            stays the same.
 
     Raises:
-        InvalidInputError: Naming the option, the value and what was expected.
+        InvalidInputError: Names the option, the value and what was expected.
     """
     data: dict[str, Any] = config.model_dump()
     if seed is not None:
@@ -61,7 +61,7 @@ def _parsed(size: str) -> tuple[int, int]:
 
 def _resized(camera: CameraConfig, width_px: int, height_px: int) -> dict[str, Any]:
     x, y = width_px / camera.width_px, height_px / camera.height_px
-    # A pixel's centre is at an integer, so an image reaches from -0.5 to size - 0.5.
+    # Pixel centres are at integers, so an image extends from -0.5 to size - 0.5.
     cx_px = None if camera.cx_px is None else (camera.cx_px + 0.5) * x - 0.5
     cy_px = None if camera.cy_px is None else (camera.cy_px + 0.5) * y - 0.5
     return {

@@ -1,4 +1,4 @@
-"""What a configuration names and a render would not find, told all at once."""
+"""Checks that everything a configuration names exists, before anything is rendered."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from oaisys_core.terrain.dem import import_dem
 
 
 def name_faults(config: SimulationConfig) -> list[str]:
-    """Return what is named and not there, or is no such thing: one line each, its path first.
+    """Return one line, starting with the path, for each name or file that is missing or invalid.
 
-    Every module is made as a render makes it, and the files of the stage are read. Nothing is
+    All modules are created as for rendering, and the files of the stage are read. Nothing is
     rendered, and no texture is made.
     """
     found: list[str] = []

@@ -1,4 +1,4 @@
-"""What each key means, taken from the ``Attributes:`` blocks of the sections' docstrings."""
+"""Descriptions of configuration keys, from the ``Attributes:`` blocks of docstrings."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from pydantic import BaseModel
 
 ENTRY = re.compile(r"(?P<names>[A-Za-z_]\w*(?:, [A-Za-z_]\w*)*): (?P<text>\S.*)")
 CODE = re.compile(r"``([^`]+)``")
+NONE = re.compile(r"\bNone\b")
 
 
 def summary(model: type[BaseModel]) -> str:
-    """Return what a section is: its docstring up to the first heading, as one line."""
+    """Return the docstring of a section up to the first heading, as one line."""
     return _plain(" ".join(_docstring(model).partition("Attributes:")[0].split()))
 
 
 def descriptions(model: type[BaseModel]) -> dict[str, str]:
     """Return the description of each field that has one.
 
-    A field's own class comes first, then those that it derives from, then what a section says of
-    itself. A field whose value never varies only tells sections apart.
+    The description comes from the docstring of the class, else of its bases, else of the section
+    that the field holds. Fields with a single possible value get a generic description.
     """
     written: dict[str, str] = {}
     for kind in reversed(model.__mro__):
@@ -33,7 +34,7 @@ def descriptions(model: type[BaseModel]) -> dict[str, str]:
         if name in written:
             found[name] = written[name]
         elif get_origin(field.annotation) is Literal and len(get_args(field.annotation)) == 1:
-            found[name] = f"Tells it from others: {_lower(summary(model))}"
+            found[name] = f"Selects this section: {_lower(summary(model))}"
         else:
             sections = list(models_in(field.annotation))
             if len(sections) == 1:
@@ -42,7 +43,7 @@ def descriptions(model: type[BaseModel]) -> dict[str, str]:
 
 
 def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
-    """Yield the sections that a type names directly, at any depth of tuples and unions."""
+    """Yield the sections in a type, at any depth of tuples and unions."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for part in get_args(annotation):
@@ -51,7 +52,7 @@ def models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def all_models(root: type[BaseModel]) -> dict[str, type[BaseModel]]:
-    """Return a section and all that it reaches, by class name, in the order of its fields."""
+    """Return a section and all sections below it, by class name, in the order of fields."""
     found: dict[str, type[BaseModel]] = {root.__name__: root}
     for field in root.model_fields.values():
         for model in models_in(field.annotation):
@@ -61,12 +62,12 @@ def all_models(root: type[BaseModel]) -> dict[str, type[BaseModel]]:
 
 
 def _docstring(model: type[BaseModel]) -> str:
-    """Return a class's own docstring; `inspect.getdoc` would take that of a base."""
+    """Return the docstring of the class itself; `inspect.getdoc` might return that of a base."""
     return inspect.cleandoc(model.__dict__.get("__doc__") or "")
 
 
 def _attributes(docstring: str) -> dict[str, str]:
-    """Return description by name; several names may share one."""
+    """Return descriptions by name; several names may share one."""
     found: dict[str, str] = {}
     names: list[str] = []
     for line in docstring.partition("Attributes:\n")[2].splitlines():
@@ -84,8 +85,8 @@ def _attributes(docstring: str) -> dict[str, str]:
 
 
 def _plain(text: str) -> str:
-    """Return a docstring's text with its code marked as Markdown marks it."""
-    return CODE.sub(r"`\1`", text)
+    """Return the text of a docstring with code marked as in Markdown, and None as YAML's null."""
+    return NONE.sub("`null`", CODE.sub(r"`\1`", text))
 
 
 def _lower(text: str) -> str:

@@ -1,4 +1,4 @@
-"""pydantic's findings in this project's words: where, what was received, what was expected."""
+"""Conversion of pydantic's errors to our form: path, value received, what was expected."""
 
 from __future__ import annotations
 
@@ -71,19 +71,19 @@ WORDS: Mapping[str, str] = {
     "timezone_naive": "a time without a zone",
     "is_instance_of": "a {class}",
 }
-"""By pydantic's type of error; what it knows about the limit is put in."""
+"""What was expected, by pydantic's type of error; limits are filled in."""
 
 
 @dataclass(frozen=True)
 class ConfigFault:
-    """One value that does not fit.
+    """An invalid value.
 
     Attributes:
         location: Keys and indices that lead to it.
-        received: The value; None where there is none.
-        expected: What would have been accepted, in words that follow "expected".
+        received: The value; None if it is missing.
+        expected: What would have been accepted, as text after "expected".
         kind: pydantic's type of error.
-        statement: What is wrong, where that is said instead of what was expected.
+        statement: A description of what is wrong, if the check gives one instead.
     """
 
     location: tuple[int | str, ...]
@@ -99,11 +99,11 @@ class ConfigFault:
 
 
 def faults_of(error: ValidationError, data: object) -> list[ConfigFault]:
-    """Return what is wrong, without what only says that something inside of it is wrong.
+    """Return the errors, without those that only repeat an error of a nested value.
 
     Args:
         error: What pydantic found.
-        data: What it was given.
+        data: The data that it checked.
     """
     details = error.errors()
 
@@ -118,7 +118,7 @@ def faults_of(error: ValidationError, data: object) -> list[ConfigFault]:
         first = found.get(fault.location)
         if first is None:
             found[fault.location] = fault
-        elif fault.expected not in first.expected:  # one of several types would do
+        elif fault.expected not in first.expected:  # alternatives of a union
             either = f"{first.expected} or {fault.expected}"
             found[fault.location] = replace(first, expected=either)
     return list(found.values())
@@ -127,13 +127,13 @@ def faults_of(error: ValidationError, data: object) -> list[ConfigFault]:
 def refusal(
     error: ValidationError, data: object, *path: str, known_keys: Sequence[str] = ()
 ) -> InvalidInputError:
-    """Return the first fault as an error.
+    """Return the first error as an `InvalidInputError`.
 
     Args:
         error: What pydantic found.
-        data: What it was given.
-        path: Of what was checked; the fault's own path follows.
-        known_keys: The keys that there are, for one that is not known.
+        data: The data that it checked.
+        path: Path of the checked data, before the path of the error.
+        known_keys: The valid keys, to be listed for an unknown key.
     """
     fault = faults_of(error, data)[0]
     expected = fault.expected
@@ -144,7 +144,7 @@ def refusal(
 
 
 def _location(loc: tuple[int | str, ...], data: object) -> tuple[int | str, ...]:
-    """Return a location without the names of types that pydantic tried on the way."""
+    """Return a location without the names of types that pydantic inserts."""
     location: list[int | str] = []
     here = data
     for index, part in enumerate(loc):
@@ -162,7 +162,7 @@ def _fault(detail: ErrorDetails, data: object) -> ConfigFault:
     kind, received = detail["type"], detail["input"]
     location = _location(detail["loc"], data)
     if kind.startswith("union_tag_"):
-        # The tag is at fault, not the mapping that it stands in.
+        # The error is in the tag, not in the mapping around it.
         tag = str(detail["ctx"]["discriminator"]).strip("'")
         location = (*location, tag)
         received = received.get(tag) if isinstance(received, Mapping) else received
@@ -175,7 +175,7 @@ def _fault(detail: ErrorDetails, data: object) -> ConfigFault:
 
 
 def _expected(detail: ErrorDetails) -> tuple[str, str | None]:
-    """Return what was expected, and the statement of a check that does not say it like that."""
+    """Return what was expected, and the statement of a check that is worded differently."""
     kind, context = detail["type"], detail.get("ctx", {})
     words = WORDS.get(kind)
     if words is not None:

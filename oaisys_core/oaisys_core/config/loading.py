@@ -1,4 +1,4 @@
-"""YAML files and mappings to a checked `SimulationConfig`, with faults told by path and line."""
+"""Loading of YAML files and mappings as a checked `SimulationConfig`."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from oaisys_core.errors import ConfigError, nearest
 
 
 def load_config(path: Path) -> SimulationConfig:
-    """Return the configuration in a YAML file; an empty file is the default world.
+    """Return the configuration in a YAML file; an empty file gives the default world.
 
-    Relative folders in it are taken from the file's own folder.
+    Relative paths in it start from the folder of the file.
 
     Raises:
-        ConfigError: With one line per fault: file, line, path, value received, what was expected.
+        ConfigError: One line per error: file, line, path, value received, what was expected.
     """
     try:
         text = path.read_text(encoding="utf-8")
@@ -43,29 +43,29 @@ def load_config(path: Path) -> SimulationConfig:
 
 
 def config_from_mapping(data: Mapping[str, Any], base: Path = Path()) -> SimulationConfig:
-    """Return the configuration given by a plain mapping.
+    """Return the configuration in a plain mapping.
 
     Raises:
-        ConfigError: With one line per fault.
+        ConfigError: One line per error.
     """
     return _checked(data, base=base, source="config", root=None)
 
 
 def with_lines(path: Path, faults: Iterable[str]) -> list[str]:
-    """Return faults of a file that was loaded, their path first, with file and line before it."""
+    """Return errors that start with a path, with file and line in front of them."""
     root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    told = []
+    lines = []
     for fault in faults:
         keys = fault.partition(":")[0].split(".")
         line = _line_of(root, [int(key) if key.isdigit() else key for key in keys])
-        told.append(f"{path}: {fault}" if line is None else f"{path}:{line}: {fault}")
-    return told
+        lines.append(f"{path}: {fault}" if line is None else f"{path}:{line}: {fault}")
+    return lines
 
 
 def canonical_json(config: SimulationConfig) -> str:
-    """Return the whole configuration, defaults included, in its canonical form.
+    """Return the complete configuration, defaults included, in canonical form.
 
-    Folders and files in it are absolute, but for ``stage.store`` and ``output.folder``.
+    Paths in it are absolute, except for ``stage.store`` and ``output.folder``.
     """
     return json.dumps(config.model_dump(mode="json"), sort_keys=True, separators=(",", ":"))
 
@@ -97,13 +97,13 @@ def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
     received = f"received {_short(fault.received)}"
     if fault.statement is None:
         return f"{where}: {path}: {received}, expected {fault.expected}{_hint(fault)}"
-    # What a whole section is refused for names the keys; the section itself is long.
+    # Statements about a whole section name the keys; the section itself would be too long.
     shown = "" if isinstance(fault.received, Mapping) else f"{received}: "
     return f"{where}: {path}: {shown}{fault.statement}"
 
 
 def _hint(fault: ConfigFault) -> str:
-    """Return which of the values that are named was probably meant."""
+    """Return a hint which of the expected values was probably meant."""
     near = nearest(fault.received, re.findall(r"'([^']+)'", fault.expected))
     return "" if near is None else f" (did you mean {near}?)"
 
@@ -114,7 +114,7 @@ def _short(value: object) -> str:
 
 
 def _line_of(node: yaml.Node | None, loc: Iterable[int | str]) -> int | None:
-    """Return the line (from 1) of the deepest node on a path that the file has."""
+    """Return the line (from 1) of the deepest node of a path that is in the file."""
     if node is None:
         return None
     for part in loc:

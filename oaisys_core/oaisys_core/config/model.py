@@ -1,6 +1,6 @@
-"""The configuration model, section by section as the modules are.
+"""The configuration model, with one section per module.
 
-Lengths are metres, angles degrees (a person types them), pixels in OpenCV's convention.
+Lengths are in metres, angles in degrees; pixel coordinates follow OpenCV's convention.
 """
 
 from __future__ import annotations
@@ -20,14 +20,15 @@ from oaisys_core.config.sections.stage import StageConfig
 
 
 class OutputConfig(Section):
-    """What ``oaisys render`` renders and writes; its command line comes before.
+    """What ``oaisys render`` renders and writes; options of the command line take precedence.
 
     Attributes:
-        folder: Where to write, relative to where the command runs; None: ``--out`` must say.
-        batches: Worlds to build.
-        samples: Views of each world.
-        batch_offset: Added to the numbers of batch folders; the worlds are the same.
-        save_blend: Whether each batch's world is saved as a .blend file.
+        folder: Output folder, relative to the working directory; None requires ``--out``.
+        batches: Number of worlds.
+        samples: Number of views of each world.
+        batch_offset: Number that is added to the numbers of batch folders; it does not change the
+            worlds.
+        save_blend: Whether to save the world of each batch as a .blend file.
     """
 
     folder: Path | None = None
@@ -38,12 +39,12 @@ class OutputConfig(Section):
 
 
 class SimulationConfig(Section):
-    """Everything that, with the metadata of its steps, determines a simulation.
+    """The configuration of a simulation; with the metadata of its steps it determines the result.
 
     Attributes:
-        seed: Root of all random draws.
-        backend: What renders.
-        extensions: Modules of other packages by name, with the options of each.
+        seed: Root seed of all random draws.
+        backend: The renderer.
+        extensions: Modules of other packages by name, each with its options.
     """
 
     seed: int = Field(default=1, ge=0, lt=2**63)

@@ -1,7 +1,7 @@
-"""Files and folders that a configuration or a request names.
+"""Files and folders in configurations and requests.
 
-Whoever writes the configuration may name any file; relative ones are taken from the folder that it
-stands in. What comes in a request is `confined` to the operator's asset roots.
+A configuration may name any file; relative paths start from the folder of the configuration file.
+Paths in requests are `confined` to the asset roots of the server's operator.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BaseModel, ValidationInfo
 
 BASE = "base"
-"""Key of pydantic's context that holds the folder which relative paths are taken from."""
+"""Key of pydantic's context with the folder from which relative paths start."""
 
 
 @dataclass(frozen=True)
 class AssetRoots:
-    """Where the files lie that a request may name.
+    """The files that a request may name.
 
     Attributes:
-        folders: The roots; links in their own paths are resolved.
-        named: Paths outside of them that may be named again, because the configuration does.
+        folders: The root folders, with links resolved.
+        named: Paths outside of them that are allowed because the configuration names them.
     """
 
     folders: tuple[Path, ...]
@@ -40,10 +40,10 @@ class AssetRoots:
         )
 
     def find(self, path: Path) -> Path:
-        """Return a path with all links resolved; a relative one is looked for in each root.
+        """Return a path with all links resolved; relative paths are searched in each root.
 
         Raises:
-            ValueError: It is not in a root. Nothing is told of what is outside.
+            ValueError: It is not in a root. The message does not say whether it exists.
         """
         found = [self._resolved(root / path) for root in self.folders or (Path("/"),)]
         inside = [each for each in found if each is not None]
@@ -52,7 +52,7 @@ class AssetRoots:
         return next((each for each in inside if _holds(each.exists)), inside[0])
 
     def check_links(self, folder: Path) -> None:
-        """Refuse a folder of a request with links in it that lead out of the roots."""
+        """Raise if a folder of a request contains links that lead out of the roots."""
         if folder in self.named:
             return
         for path in folder.rglob("*"):
@@ -73,10 +73,10 @@ _confinement: ContextVar[AssetRoots | None] = ContextVar("asset_roots", default=
 
 @contextmanager
 def confined(roots: AssetRoots | None) -> Iterator[None]:
-    """Have every path that is checked in this block, in any module, lie inside the roots.
+    """Require that all paths that are checked inside this block lie in the roots.
 
     Args:
-        roots: Of the server; None: the caller may name any file.
+        roots: The asset roots of the server; None if any file is allowed.
     """
     token = _confinement.set(roots)
     try:
@@ -111,7 +111,7 @@ def _absolute(path: Path, info: ValidationInfo) -> Path:
 
 
 def _holds(test: Callable[[], bool]) -> bool:
-    """Return what a test of a path says; a name that no file can have fails it."""
+    """Return the result of a path test; False for names that no file can have."""
     try:
         return test()
     except OSError:
@@ -119,7 +119,7 @@ def _holds(test: Callable[[], bool]) -> bool:
 
 
 def _paths_in(value: Any) -> Iterator[Path]:
-    """Yield the paths in a section's values, and those that options of extensions may be."""
+    """Yield the paths in the values of a section, and texts in options that look like paths."""
     if isinstance(value, Path):
         yield value
     elif isinstance(value, str) and value.startswith("/"):
@@ -133,7 +133,7 @@ def _paths_in(value: Any) -> Iterator[Path]:
 
 
 ConfigFile = Annotated[Path, AfterValidator(_file)]
-"""An existing file; relative ones are taken from the configuration file's folder."""
+"""An existing file; relative paths start from the folder of the configuration file."""
 
 ConfigFolder = Annotated[Path, AfterValidator(_folder)]
-"""An existing folder; relative ones are taken from the configuration file's folder."""
+"""An existing folder; relative paths start from the folder of the configuration file."""

@@ -1,4 +1,4 @@
-"""The configuration's reference page, written from its schema."""
+"""The reference page of the configuration, generated from its schema."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from oaisys_core.config.schema import config_schema
 
 HEAD = """# Configuration
 
-Every key of the YAML file that `--config` takes, written by `make schema` from the code that checks
-it. All keys have defaults but those marked *required*; unknown keys are refused.
+This page lists every key of the YAML file for `--config`. `make schema` generates it from the code
+that checks the keys. Keys have defaults unless they are marked *required*; unknown keys are errors.
 `oaisys config check FILE` validates a file, `oaisys config show` prints all keys with their values,
-and `config/schema.json` tells an editor the same as this page.
+and `config/schema.json` is the same reference for editors.
 
-Lengths are metres, angles degrees, pixels are counted in OpenCV's convention (their centres at
-integers). A *range* is `[least, most]`, or one number for both: the value is drawn from it.
+Lengths are in metres, angles in degrees. Pixel centres are at integers, as in OpenCV. A *range* is
+`[least, most]` or a single number for both; the value is drawn uniformly from it.
 """
 MOST_PLACES = 5
-"""Places of a section that are listed."""
+"""Largest number of places of a section that are listed."""
 
 Schema = Mapping[str, Any]
 
 
 def reference_text() -> str:
-    """Return the page as the file ``docs/configuration.md`` holds it."""
+    """Return the content of ``docs/configuration.md``."""
     schema = config_schema()
     places = _places(schema)
     sections = [
@@ -39,7 +39,7 @@ def reference_text() -> str:
 
 
 def _places(schema: Schema) -> dict[str, list[str]]:
-    """Return the dotted paths at which each section stands; ``[]`` is any entry of a list."""
+    """Return the dotted paths of each section; ``[]`` stands for any entry of a list."""
     found: dict[str, list[str]] = {SimulationConfig.__name__: [""]}
 
     def walk(node: Schema, at: str) -> None:
@@ -54,7 +54,7 @@ def _places(schema: Schema) -> dict[str, list[str]]:
 
 
 def _references(node: Schema) -> Iterator[tuple[str, str]]:
-    """Yield the sections that a key's value may hold, and how they are reached from the key."""
+    """Yield the sections in the value of a key, with the path from the key to them."""
     if "$ref" in node:
         yield node["$ref"].rpartition("/")[2], ""
     for option in (*node.get("anyOf", ()), *node.get("oneOf", ())):
@@ -91,7 +91,7 @@ def _default(node: Schema) -> str:
 
 
 def _value(node: Schema) -> str:
-    """Return in words what a key takes."""
+    """Return a description of the values of a key."""
     if "const" in node:
         return f"`{node['const']}`"
     if "enum" in node:

@@ -1,4 +1,4 @@
-"""The configuration as a JSON Schema, for editors and for other programs."""
+"""The JSON Schema of the configuration, for editors and other programs."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 class _WithoutTitles(GenerateJsonSchema):
-    """Leaves out the titles of keys, which only repeat their names."""
+    """Omits the titles of keys, which only repeat their names."""
 
     def field_title_should_be_set(self, schema: Any) -> bool:
         return False
 
 
 def config_schema() -> dict[str, Any]:
-    """Return the JSON Schema of the whole configuration, each key with its description."""
+    """Return the JSON Schema of the configuration, with a description of each key."""
     schema = SimulationConfig.model_json_schema(schema_generator=_WithoutTitles)
     definitions = schema["$defs"] | {SimulationConfig.__name__: schema}
     for name, model in all_models(SimulationConfig).items():
@@ -37,5 +37,5 @@ def config_schema() -> dict[str, Any]:
 
 
 def schema_text() -> str:
-    """Return the schema as the file ``config/schema.json`` holds it."""
+    """Return the content of ``config/schema.json``."""
     return json.dumps(config_schema(), indent=2, ensure_ascii=False) + "\n"

@@ -1,4 +1,4 @@
-"""What all sections of the configuration share."""
+"""The base class of configuration sections, and the types that they share."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SemanticId = Annotated[int, Field(ge=0, le=65535)]
 Positive = Annotated[float, Field(gt=0)]
 
 MOST_M = 1e7
-"""Coordinates and sizes beyond it are no terrain, and single floats no longer tell them apart."""
+"""Largest coordinate or size, up to which float32 is precise enough."""
 
 Metres = Annotated[float, Field(ge=-MOST_M, le=MOST_M)]
 Position = tuple[Metres, Metres, Metres]
@@ -48,7 +48,7 @@ Range = Annotated[
     BeforeValidator(_pair, json_schema_input_type=float | tuple[float, float]),
     AfterValidator(_in_order),
 ]
-"""``[least, most]`` of what is drawn at random; a single number stands for both."""
+"""Range ``[least, most]`` of a random value; a single number stands for both."""
 
 PositiveRange = Annotated[
     tuple[Positive, Positive],
@@ -59,7 +59,7 @@ PositiveRange = Annotated[
 
 @dataclass(frozen=True)
 class Within:
-    """Marks a `Range` both of whose ends must lie within ``least`` and ``most``."""
+    """Marks a `Range` whose ends must lie between ``least`` and ``most``."""
 
     least: float = -inf
     most: float = inf
@@ -67,13 +67,13 @@ class Within:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        """Check after the range itself, so that a fault is told of the field as a whole."""
+        """Check after the range itself, so that errors refer to the whole field."""
         return core_schema.no_info_after_validator_function(self._checked, handler(source))
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Tell the limits of a number alone and of both ends."""
+        """Add the limits to the schema of a single number and of both ends."""
         limits = {"minimum": self.least, "maximum": self.most}
         number = {"type": "number"} | {k: v for k, v in limits.items() if abs(v) != inf}
         pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
@@ -92,22 +92,22 @@ MAX_LEVELS = 10
 
 
 def is_unit_quaternion(quat: Sequence[float]) -> bool:
-    """Return whether (x, y, z, w) has norm 1, as well as a person types it."""
+    """Return whether (x, y, z, w) has norm 1 within the precision of typed numbers."""
     return bool(abs(sum(v * v for v in quat) ** 0.5 - 1) <= 1e-3)
 
 
 class Section(BaseModel):
-    """Base of all sections: unknown keys and non-finite numbers are refused."""
+    """Base of all sections; it refuses unknown keys and non-finite numbers."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 class LabelConfig(Section):
-    """A name and the id that stands for it; an id has one name in the whole configuration.
+    """A name and its semantic id; an id must have the same name in the whole configuration.
 
     Attributes:
-        label: The name.
-        semantic_id: The id; 0 is the unlabelled one.
+        label: Name of the label.
+        semantic_id: Its id; 0 means unlabelled.
     """
 
     label: str
@@ -115,12 +115,12 @@ class LabelConfig(Section):
 
 
 class Labelled(Section):
-    """Labels of one thing on all levels.
+    """The labels of an object on all semantic levels.
 
     Attributes:
         label: Name on level 0.
         semantic_id: Id on level 0.
-        levels: Labels of the levels from 1 on; levels that it does not reach are unlabelled (0).
+        levels: Labels on the levels from 1 on; further levels are unlabelled (0).
     """
 
     label: str
@@ -134,6 +134,6 @@ class Labelled(Section):
 
     @property
     def labels(self) -> dict[int, str]:
-        """Name by id."""
+        """Names by id."""
         names = {level.semantic_id: level.label for level in self.levels}
         return {self.semantic_id: self.label} | names

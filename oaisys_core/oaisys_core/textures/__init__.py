@@ -1,4 +1,4 @@
-"""Tileable PBR texture sets: made by code from a seed, or read from a folder of maps."""
+"""Tileable PBR texture sets, generated from a seed or read from a folder of maps."""
 
 from oaisys_core.textures.cache import default_cache_dir
 from oaisys_core.textures.folder import load_texture_folder

@@ -1,4 +1,4 @@
-"""Changes of a texture set: its colour, and how strong its relief is."""
+"""Changes of a texture set: its colour and the strength of its relief."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ Curves = Mapping[str, Sequence[tuple[float, float]]]
 
 @dataclass(frozen=True)
 class ColorChange:
-    """What happens to a colour map, in linear light.
+    """A change of a colour map, in linear light.
 
     Attributes:
-        hue_deg: Turn of the hue.
-        saturation, value: Factors.
-        curves: Applied first: the combined one, then each channel's.
+        hue_deg: Rotation of the hue.
+        saturation, value: Factors on saturation and value.
+        curves: Tone curves, applied first: the combined one, then those of the channels.
     """
 
     hue_deg: float = 0.0
@@ -39,7 +39,7 @@ class ColorChange:
 
 
 def recolored(maps: PbrMaps, change: ColorChange) -> PbrMaps:
-    """Return a texture set with its colour changed; the same one where nothing changes."""
+    """Return a texture set with changed colour, or itself if nothing changes."""
     has_curves = any(change.curves.values())
     is_turned = (change.hue_deg % 360, change.saturation, change.value) != (0, 1, 1)
     if not has_curves and not is_turned:
@@ -61,12 +61,12 @@ def recolored(maps: PbrMaps, change: ColorChange) -> PbrMaps:
 
 
 def with_relief(maps: PbrMaps, displacement_m: float | None, strength: float) -> PbrMaps:
-    """Return a texture set with other normals; the same one where nothing changes.
+    """Return a texture set with changed normals, or itself if nothing changes.
 
     Args:
-        maps: What to change.
-        displacement_m: Height that the height map's full range stands for, from which normals are
-            derived; None: keep the normals.
+        maps: The texture set before the change.
+        displacement_m: Height of the full range of the height map, from which new normals are
+            derived; None keeps the normals.
         strength: Factor on their slopes.
     """
     if displacement_m is not None:
@@ -85,7 +85,7 @@ def _tone(curves: Curves, channel: str) -> FloatArray:
     values = linear(np.arange(256) / 255)
     for points in (curves.get(ALL_CHANNELS, ()), curves.get(channel, ())):
         if points:
-            # Later points take the place of earlier ones at the same input.
+            # Later points replace earlier ones with the same input.
             through = dict(sorted(({0.0: 0.0, 1.0: 1.0} | dict(points)).items()))
             values = PchipInterpolator(list(through), list(through.values()))(values)
     return np.asarray(values)

@@ -1,7 +1,6 @@
-"""A folder that keeps texture sets from run to run: bounded, and shared by any number of processes.
+"""A cache of texture sets on disk, with a size limit, for any number of processes.
 
-An entry is written beside its place and renamed, so that nobody sees half of it. One that is
-damaged, or not what its key promises, counts as absent.
+Entries are written atomically. Damaged entries, and entries with unexpected content, are ignored.
 """
 
 from __future__ import annotations
@@ -21,15 +20,15 @@ from oaisys_core.scene import PbrMaps
 LOG = logging.getLogger(__name__)
 
 LIMIT_VARIABLE = "OAISYS_CACHE_MB"
-"""Environment variable: most megabytes that the folder may hold; 0: there is no cache."""
+"""Environment variable with the size limit in megabytes; 0 disables the cache."""
 
 LIMIT_MB = 1024.0
-"""What it holds where the variable is not set: about ninety sets of 1024 pixels."""
+"""Default size limit: about ninety sets of 1024 pixels."""
 
 SUFFIX, PARTIAL = ".npz", ".tmp"
 
 ABANDONED_S = 3600.0
-"""Age from which a partial file is one that its writer left behind."""
+"""Age from which a partial file is considered abandoned."""
 
 KINDS = {
     "color_srgb": (np.uint8, (3,)),
@@ -37,7 +36,7 @@ KINDS = {
     "normal_gl": (np.uint8, (3,)),
     "roughness": (np.uint8, ()),
 }
-"""Type of each map, and its channels."""
+"""The type and the channels of each map."""
 
 UNREADABLE = (
     OSError,
@@ -49,18 +48,18 @@ UNREADABLE = (
     zipfile.BadZipFile,
     zlib.error,
 )
-"""What NumPy and zipfile raise at files that are no such archive, or are damaged."""
+"""Exceptions of NumPy and zipfile for damaged files and files of another kind."""
 
 
 def limit_mb() -> float:
-    """Return the most megabytes that the cache may hold; what is no number counts as not set."""
+    """Return the size limit in megabytes; an invalid value of the variable is ignored."""
     value = os.environ.get(LIMIT_VARIABLE, "")
     try:
         return max(float(value), 0.0)
     except ValueError:
         if value:
             LOG.warning(
-                "%s: received %r, expected a number of megabytes; it is %g MB",
+                "%s: received %r, expected a number of megabytes; using %g MB",
                 LIMIT_VARIABLE,
                 value,
                 LIMIT_MB,
@@ -71,7 +70,7 @@ def limit_mb() -> float:
 def default_cache_dir() -> Path | None:
     """Return the user's cache folder (XDG_CACHE_HOME, or ~/.cache).
 
-    None where it cannot be written to, or the user wants none.
+    None if it is not writable, or the cache is disabled.
     """
     if limit_mb() == 0:
         return None
@@ -85,7 +84,7 @@ def default_cache_dir() -> Path | None:
 
 
 def read(path: Path, name: str, size_px: int) -> PbrMaps | None:
-    """Return the texture set in a file, None where there is none that is whole."""
+    """Return the texture set in a file, or None if there is no valid one."""
     try:
         with np.load(path, allow_pickle=False) as archive:
             maps = {kind: archive[kind] for kind in KINDS}
@@ -96,14 +95,14 @@ def read(path: Path, name: str, size_px: int) -> PbrMaps | None:
     except FileNotFoundError:
         return None
     except UNREADABLE as error:
-        LOG.warning("the cached texture %s is not readable and is made again: %s", path, error)
+        LOG.warning("the cached texture %s is not readable and will be made again: %s", path, error)
         return None
     _touch(path)
     return PbrMaps(name=name, tile_m=tile_m, **maps)
 
 
 def write(path: Path, maps: PbrMaps) -> None:
-    """Keep a texture set; what was not used for longest goes where there is no room for all."""
+    """Write a texture set to the cache, and remove the least recently used ones over the limit."""
     partial: Path | None = None
     try:
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=PARTIAL, delete=False) as file:
@@ -119,14 +118,14 @@ def write(path: Path, maps: PbrMaps) -> None:
 
 
 def trim(folder: Path, most_bytes: float) -> None:
-    """Remove the entries unused for longest until the rest fits, and what broken writers left."""
+    """Remove the least recently used entries beyond a size, and abandoned partial files."""
     now_s = time.time()
     entries = []
     for path in folder.iterdir():
         try:
             status = path.stat()
         except OSError:
-            # Another process was faster.
+            # Another process has removed it.
             continue
         if path.suffix == SUFFIX:
             entries.append((status.st_mtime_ns, status.st_size, path))
@@ -141,7 +140,7 @@ def trim(folder: Path, most_bytes: float) -> None:
 
 
 def _touch(path: Path) -> None:
-    """Say that an entry was used now."""
+    """Mark an entry as just used."""
     try:
         os.utime(path)
     except OSError as error:

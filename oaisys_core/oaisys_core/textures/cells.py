@@ -1,7 +1,7 @@
-"""Cells that divide a tile: Voronoi diagrams, and how far each pixel is from a cell's border.
+"""Cells that divide a tile, and the distance of each pixel to the border of its cell.
 
-Polygons of drying mud, blocks between joints and lobes of lava are cells. Borders are found in a
-map of cell numbers, so that cells of any shape, warped or cut by others, have them.
+Cells are, for example, polygons of dried mud, blocks of rock between joints, or lobes of lava. They
+are given as images of cell ids, so that cells may be warped or cut by others.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ def voronoi(
     jitter: float = 0.4,
     smooth: float = 2.4,
 ) -> Ids:
-    """Return (N, N) numbers of the Voronoi cells, about ``cells`` squared, that each pixel is in.
+    """Return the (N, N) ids of about ``cells`` squared Voronoi cells.
 
     Args:
         size_px: Edge length of the tile.
         cells: Cells along an edge.
-        rng: Gives the centres.
-        warp: How far borders bend, in cells.
-        smooth: How smoothly they bend: 2 ragged, 3.5 in one sweep.
-        jitter: How far a centre may be from its place on a grid, in cells.
+        rng: Draws the centres.
+        warp: Strength of the domain warp that bends borders, in cells.
+        smooth: Smoothness of the bends: 2 is ragged, 3.5 very smooth.
+        jitter: Largest distance of a centre from its grid position, in cells.
     """
     x, y = fields.unit_grid(size_px, cells)
     if warp:
@@ -54,18 +54,18 @@ def voronoi(
 
 
 def crossed(first: Ids, second: Ids) -> Ids:
-    """Return (N, N) numbers of the cells that remain when cells of one kind cut the other."""
+    """Return the (N, N) ids of the intersections of two sets of cells."""
     pair = first * (int(second.max()) + 1) + second
     number = np.unique(pair, return_inverse=True)[1]
     return np.asarray(number.reshape(first.shape), np.int64)
 
 
 def border_distance(ids: Ids, keep: NDArray[np.bool_] | None = None) -> Field:
-    """Return (N, N) distances in pixels to the nearest border between cells, around the tile.
+    """Return (N, N) distances in pixels to the nearest cell border, across the tile's edges too.
 
     Args:
-        ids: (N, N) numbers of cells.
-        keep: (N, N), where a border counts; None: everywhere. A border may so end somewhere.
+        ids: (N, N) cell ids.
+        keep: (N, N) where borders count; None for everywhere.
     """
     border = (ids != np.roll(ids, 1, axis=0)) | (ids != np.roll(ids, 1, axis=1))
     if keep is not None:
@@ -80,14 +80,14 @@ def border_distance(ids: Ids, keep: NDArray[np.bool_] | None = None) -> Field:
 
 
 def per_cell(ids: Ids, rng: np.random.Generator) -> Field:
-    """Return (N, N) values of standard deviation 1, one for each cell."""
+    """Return (N, N) random values, constant within each cell, with standard deviation 1."""
     return rng.standard_normal(int(ids.max()) + 1).astype(np.float32)[ids]
 
 
 def from_centre(ids: Ids) -> tuple[Field, Field]:
-    """Return (N, N) columns and rows, in tile edges, from the middle of the cell of each pixel.
+    """Return (N, N) column and row offsets, in tile edges, of each pixel from its cell's centre.
 
-    The middle is the mean direction on the torus, so that cells may lie across the tile's edges.
+    The centre is a circular mean, so that cells may cross the tile's edges.
     """
     size_px = len(ids)
     count = int(ids.max()) + 1
@@ -103,9 +103,9 @@ def from_centre(ids: Ids) -> tuple[Field, Field]:
 
 
 def tilted(ids: Ids, rng: np.random.Generator) -> Field:
-    """Return (N, N) heights of planes, one for each cell, zero in its middle.
+    """Return (N, N) heights of one tilted plane per cell, 0 at its centre.
 
-    Their slopes are normally distributed, of standard deviation 1 along each axis.
+    Slopes are normally distributed with standard deviation 1 along each axis.
     """
     slope = rng.standard_normal((2, int(ids.max()) + 1)).astype(np.float32)
     x, y = from_centre(ids)
@@ -113,19 +113,19 @@ def tilted(ids: Ids, rng: np.random.Generator) -> Field:
 
 
 def jointed(size_px: int, sets: tuple[int, int], rng: np.random.Generator, bend: float) -> Ids:
-    """Return (N, N) numbers of the blocks between two sets of joints, at right angles.
+    """Return the (N, N) ids of the blocks between two perpendicular sets of joints.
 
     Args:
         size_px: Edge length of the tile.
         sets: Coprime a and b: one set of joints has a waves along x and b along y, the other -b
             along x and a along y, so that there are a**2 + b**2 blocks on the tile.
-        rng: Gives how joints bend.
-        bend: How far, in tile edges.
+        rng: Draws the bends of the joints.
+        bend: Strength of the bends, in tile edges.
     """
     a, b = sets
     x, y = fields.unit_grid(size_px, 1)
     x, y = fields.warped(x, y, 2, rng, bend, 3.2)
     first = np.floor(a * x + b * y).astype(np.int64)
     second = np.floor(a * y - b * x).astype(np.int64)
-    # One step around the torus leads from (i, j) to (i + a, j - b) or (i + b, j + a): same block.
+    # Wrapping around the tile maps (i, j) to (i + a, j - b) or (i + b, j + a), the same block.
     return np.asarray((b * first + a * second) % (a * a + b * b), np.int64)

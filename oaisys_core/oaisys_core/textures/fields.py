@@ -1,4 +1,4 @@
-"""Tileable fields that textures are made of: noise, cracks, layers, shading by height."""
+"""Tileable fields for textures: noise, cracks, layers, and shading by height."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from oaisys_core.terrain.noise import Field, fractal, spectral
 from oaisys_core.types import FloatArray
 
 OCCLUDING_SLOPE = 1.1
-"""How deep a hollow, relative to its width, no longer sees half of the sky."""
+"""Depth of a hollow, relative to its width, at which half of the sky is occluded."""
 
 
 def unit_grid(size_px: int, cells: int) -> tuple[Field, Field]:
-    """Return (N, N) coordinates from 0 to ``cells`` at pixel centres of one tile."""
+    """Return (N, N) coordinates from 0 to ``cells`` at the pixel centres of a tile."""
     axis = ((np.arange(size_px) + 0.5) * (cells / size_px)).astype(np.float32)
     x, y = np.meshgrid(axis, axis)
     return x, y
 
 
 def tile_noise(size_px: int, cells: int, rng: np.random.Generator, rough: float = 1.85) -> Field:
-    """Return (N, N) fractal noise that tiles, of standard deviation 1; see `spectral`."""
+    """Return (N, N) tileable fractal noise with standard deviation 1; see `spectral`."""
     return spectral(size_px, cells, rng, rough)
 
 
 def crests(size_px: int, cells: int, rng: np.random.Generator, octaves: int = 5) -> Field:
-    """Return (N, N) ridged noise of 0 to 1 that tiles: sharp crests between hollows."""
+    """Return (N, N) tileable ridged noise of 0 to 1: sharp crests between hollows."""
     x, y = unit_grid(size_px, cells)
     return fractal(x, y, rng, octaves=octaves, kind="ridged", period=cells, gain=0.55)
 
 
 def grains(size_px: int, rng: np.random.Generator, width_px: float) -> Field:
-    """Return (N, N) noise of grains some pixels wide, of standard deviation 1, that tiles."""
+    """Return (N, N) tileable noise with grains some pixels wide and standard deviation 1."""
     white = rng.standard_normal((size_px, size_px)).astype(np.float32)
     soft = blurred(white, width_px)
     return soft / np.float32(soft.std() + 1e-9)
@@ -50,16 +50,16 @@ def blurred(field: Field, sigma_px: float) -> Field:
 def warped(
     x: Field, y: Field, cells: int, rng: np.random.Generator, strength: float, rough: float = 2.4
 ) -> tuple[Field, Field]:
-    """Return coordinates displaced by smooth, tiling noise of standard deviation ``strength``."""
+    """Return coordinates displaced by smooth tileable noise with std. deviation ``strength``."""
     dx, dy = (tile_noise(len(x), cells, rng, rough) for _ in range(2))
     return x + np.float32(strength) * dx, y + np.float32(strength) * dy
 
 
 def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> Field:
-    """Return (N, N) depth of cracks between irregular plates: 1 in the middle of a crack, else 0.
+    """Return (N, N) depth of cracks between irregular plates, from 0 to 1 in the middle of a crack.
 
-    The borders of a Voronoi diagram: where the two nearest points are equally far (Worley, "A
-    cellular texture basis function", SIGGRAPH 1996).
+    Cracks are the borders of a Voronoi diagram, where the two nearest points are equally far
+    (Worley, "A cellular texture basis function", SIGGRAPH 1996).
     """
     x, y = unit_grid(size_px, cells)
     x, y = warped(x, y, cells, rng, 0.16)
@@ -78,7 +78,7 @@ def cracks(size_px: int, cells: int, rng: np.random.Generator, width: float) -> 
 
 
 def strata(size_px: int, bands: int, rng: np.random.Generator) -> Field:
-    """Return (N, N) wavy layers of -1 to 1 along the tile's rows, ``bands`` of them, that tile."""
+    """Return (N, N) tileable wavy layers of -1 to 1 along the rows, ``bands`` of them."""
     x, y = unit_grid(size_px, 4)
     _, y = warped(x, y, 4, rng, 0.15)
     profile = np.interp(
@@ -90,9 +90,9 @@ def strata(size_px: int, bands: int, rng: np.random.Generator) -> Field:
 
 
 def ripples(size_px: int, waves: tuple[int, int], rng: np.random.Generator, bend: float) -> Field:
-    """Return (N, N) wavy crests of -1 to 1 that tile, ``waves`` of them along x and y.
+    """Return (N, N) tileable waves of -1 to 1, with ``waves`` of them along x and y.
 
-    ``bend`` is how far a crest strays, as a share of the tile.
+    ``bend`` is the deviation of a crest from a line, as a share of the tile.
     """
     x, y = unit_grid(size_px, 1)
     x, y = warped(x, y, 3, rng, bend)
@@ -102,16 +102,16 @@ def ripples(size_px: int, waves: tuple[int, int], rng: np.random.Generator, bend
 def narrow_band(
     size_px: int, waves: float, rng: np.random.Generator, spread: tuple[float, float]
 ) -> tuple[Field, Field]:
-    """Return (N, N) phase in radians and amplitude (mean 1) of waves that tile and have defects.
+    """Return (N, N) phase (radians) and amplitude (mean 1) of tileable waves with defects.
 
-    Random waves of nearly one length and direction, as wind makes them in sand: where the
-    amplitude vanishes a crest ends or forks.
+    Random waves of similar length and direction, like wind ripples in sand. Where the amplitude
+    vanishes, a crest ends or forks.
 
     Args:
         size_px: Edge length of the tile.
         waves: Waves along the tile's rows.
-        rng: Gives the amplitudes.
-        spread: How far wave numbers stray from ``waves``, as shares of it, along and across.
+        rng: Draws the amplitudes.
+        spread: Deviation of wave numbers along and across the waves, relative to ``waves``.
     """
     shape = (size_px, size_px)
     noise = rng.standard_normal(shape) + 1j * rng.standard_normal(shape)
@@ -130,11 +130,11 @@ def narrow_band(
 def windblown(
     size_px: int, rng: np.random.Generator, lowest: tuple[float, float], rough: float
 ) -> Field:
-    """Return (N, N) noise that tiles, of standard deviation 1, drawn out along the rows.
+    """Return (N, N) tileable noise with standard deviation 1, stretched along the rows.
 
     Args:
         size_px: Edge length of the tile.
-        rng: Gives the noise.
+        rng: Draws the noise.
         lowest: Frequency of the largest features along and across the wind, in waves per tile.
         rough: Exponent by which amplitudes fall with frequency.
     """
@@ -148,7 +148,7 @@ def windblown(
 
 
 def domes(size_px: int, centre: FloatArray, radius: FloatArray) -> Field:
-    """Return (N, N) heights, in pixels, of half spheres on the tile, 0 between them.
+    """Return (N, N) heights, in pixels, of half spheres on the tile, 0 elsewhere.
 
     Args:
         size_px: Edge length of the tile.
@@ -179,15 +179,15 @@ def spread(
     rng: np.random.Generator,
     density: Field | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return centres and radii, in pixels, for `domes`: the number above R goes as R**-exponent.
+    """Return random centres and power-law radii, in pixels, for `domes`.
 
     Args:
         size_px: Edge length of the tile.
-        number: How many are thrown.
+        number: Number of candidates.
         radius: (smallest, largest) in tile edges.
-        exponent: Of the power law.
-        rng: Gives places and sizes.
-        density: (N, N) 0 to 1, how likely one stays where it falls; None: everywhere.
+        exponent: Exponent of the power law.
+        rng: Draws positions and sizes.
+        density: (N, N) probability, 0 to 1, that a candidate is kept; None keeps all.
     """
     centre = rng.uniform(0, size_px, (number, 2))
     share = rng.uniform(size=number) * (1 - (radius[0] / radius[1]) ** exponent)
@@ -200,7 +200,7 @@ def spread(
 
 
 def occlusion(height: Field, radius_px: float) -> Field:
-    """Return (N, N) factors that darken what lies lower than its surroundings, 0.35 to 1."""
+    """Return (N, N) factors, 0.35 to 1, that darken points below their surroundings."""
     hollow = blurred(height, radius_px) - height
     scale = np.float32(OCCLUDING_SLOPE * radius_px / len(height))
     return np.asarray(np.clip(1 - np.maximum(hollow, 0) / scale, 0.35, 1), np.float32)
@@ -211,7 +211,7 @@ def normals_from_height(height: Field, relief_m: float, tile_m: float) -> NDArra
 
     Args:
         height: (N, N), row 0 at the top.
-        relief_m: What 1 in ``height`` stands for.
+        relief_m: Height of a value of 1 in metres.
         tile_m: Edge length of the tile.
     """
     per_px = relief_m * len(height) / tile_m

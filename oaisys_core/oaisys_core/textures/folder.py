@@ -1,4 +1,4 @@
-"""A user's folder of PBR maps, named as Poly Haven and the original simulator name them."""
+"""Reading a user's folder of PBR maps, named as by Poly Haven or the original simulator."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ KEYWORDS = {
     "packed": ("arm",),
     "unused": ("spec", "specular", "refl", "metal", "metalness", "mask", "opacity", "emissive"),
 }
-"""Parts of file names by kind of map; ``packed`` holds occlusion, roughness and metalness.
+"""Parts of file names by kind of map; ``packed`` contains occlusion, roughness and metalness.
 
-Ground is neither metal nor mirror, so that maps of the kind ``unused`` change nothing.
+Maps of the kind ``unused`` are ignored, because ground is neither metallic nor specular.
 """
 
 COLOR_MAP_EXPECTED = (
@@ -39,18 +39,18 @@ COLOR_MAP_EXPECTED = (
 
 SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr"})
 FOLDER_RELIEF_M = 0.05
-"""Height of a folder's displacement map where a normal map must be derived from it."""
+"""Height of the full range of a height map if normals must be derived from it."""
 DEFAULT_ROUGHNESS = 0.9
 
 OCCLUSION_SHARE = 0.6
-"""How much of the occlusion map darkens the colour: sky light is kept out of cracks, sun less."""
+"""Strength of the occlusion map: cracks receive less sky light, but still sunlight."""
 
 Maps = dict[str, Path]
 Image = NDArray[np.float32]
 
 
 def texture_folders(path: Path) -> list[Path]:
-    """Return the folders in a folder that hold a colour map, by name.
+    """Return the subfolders with a colour map, sorted by name.
 
     Raises:
         InvalidInputError: There are none.
@@ -62,23 +62,23 @@ def texture_folders(path: Path) -> list[Path]:
 
 
 def has_color_map(path: Path) -> bool:
-    """Return whether a folder, if it is one, has a colour map that is an image."""
+    """Return whether a path is a folder with a readable colour map."""
     file = _maps(path).get("color") if path.is_dir() else None
-    # OpenCV looks at the file's first bytes only.
+    # OpenCV reads only the first bytes of the file.
     return file is not None and (file.suffix.lower() == ".exr" or cv2.haveImageReader(str(file)))
 
 
 def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -> PbrMaps:
-    """Return the maps in a folder; only the colour map must be there.
+    """Return the maps in a folder; only the colour map is required.
 
-    Missing normals are derived from the height map (flat without one), missing roughness is 0.9.
-    Normals in DirectX's convention are turned to OpenGL's, gloss to roughness; occlusion darkens
-    the colour.
+    Missing normals are derived from the height map (flat without one); missing roughness is 0.9.
+    DirectX normals are converted to OpenGL's convention, gloss to roughness. Occlusion darkens the
+    colour.
 
     Args:
         path: The folder.
-        tile_m: Edge length of one tile.
-        size_px: Edge length that all maps are resized to; None: that of the colour map.
+        tile_m: Edge length of a tile.
+        size_px: Edge length to which maps are resized; None for that of the colour map.
 
     Raises:
         InvalidInputError: The folder, or a readable colour map in it, is missing.
@@ -104,7 +104,7 @@ def load_texture_folder(path: Path, tile_m: float, size_px: int | None = None) -
 
 
 def _maps(path: Path) -> Maps:
-    """Return the folder's images by kind; of several of one kind, the first by word and name."""
+    """Return the images in a folder by kind; of several, the first by keyword and name."""
     found: dict[str, tuple[int, Path]] = {}
     for file in sorted(each for each in path.iterdir() if each.suffix.lower() in SUFFIXES):
         kind, rank = _kind(file.stem)
@@ -114,7 +114,7 @@ def _maps(path: Path) -> Maps:
 
 
 def _kind(stem: str) -> tuple[str | None, int]:
-    """Return the kind that the last, and there the longest, key word in a name tells."""
+    """Return the kind given by the last (and longest) keyword in a name, and the keyword's rank."""
     name = f"_{stem.lower()}_".replace("-", "_").replace(" ", "_")
     best: tuple[tuple[int, int], str | None, int] = ((-1, 0), None, 0)
     for kind, words in KEYWORDS.items():
@@ -150,7 +150,7 @@ def _roughness_and_occlusion(files: Maps, size: int) -> tuple[Image, Image]:
 
 
 def _color(path: Path) -> Image:
-    """Return (H, W, 3) sRGB-encoded colour; EXR images hold linear one."""
+    """Return (H, W, 3) sRGB-encoded colour; EXR images contain linear colour."""
     image = _image(path)
     if path.suffix.lower() != ".exr":
         return image
@@ -158,7 +158,7 @@ def _color(path: Path) -> Image:
 
 
 def _image(path: Path) -> Image:
-    """Return (H, W, 3) RGB, 0 to 1.
+    """Return an image as (H, W, 3) RGB, 0 to 1.
 
     Raises:
         InvalidInputError: It cannot be read.

@@ -1,4 +1,4 @@
-"""Labels of a terrain layer that an image tells, from a file and a table of its pixel values."""
+"""Reading label images of terrain layers, with a mapping of pixel values to labels."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from oaisys_core.world.terrain_material import LabelImage
 def load_label_image(
     path: Path, mapping: Mapping[str, Sequence[int]], others: Sequence[int]
 ) -> LabelImage:
-    """Return the labels that an image tells.
+    """Return the labels in an image.
 
     Args:
         path: A grey image of 8 or 16 bits, or a colour image.
         mapping: Semantic ids from level 0 on by pixel value: a grey value, or ``#rrggbb``.
-        others: Ids of pixels of any other value, and of levels that an entry does not reach.
+        others: Ids of all other pixel values, and of levels that an entry does not have.
 
     Raises:
-        InvalidInputError: The image cannot be read, or has no pixel of any of the values.
+        InvalidInputError: The image cannot be read, or contains none of the values.
     """
     values, is_color = _values(path)
     levels = max(len(others), *(len(ids) for ids in mapping.values()))
@@ -40,12 +40,14 @@ def load_label_image(
             ids[level][here] = semantic_id
     if not found:
         few = ", ".join(_text(value, is_color) for value in np.unique(values)[:8])
-        raise InvalidInputError("labels_from", str(path), f"values of the mapping; it has {few}")
+        raise InvalidInputError(
+            "labels_from", str(path), f"an image with values of the mapping; it has {few}"
+        )
     return LabelImage(ids)
 
 
 def _values(path: Path) -> tuple[NDArray[np.int64], bool]:
-    """Return (rows, columns) pixel values, and whether they are colours: red, green, blue bytes."""
+    """Return (rows, columns) pixel values, and whether they are colours (0xrrggbb)."""
     image: Any = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype.kind != "u":
         raise InvalidInputError("labels_from", str(path), "a readable image of 8 or 16 bits")
@@ -56,7 +58,7 @@ def _values(path: Path) -> tuple[NDArray[np.int64], bool]:
 
 
 def _number(value: str, is_color: bool) -> int:
-    """Return a mapping's key as a pixel value; greys may be told as colours, and back."""
+    """Return the key of a mapping as a pixel value, converting between grey and colour."""
     if value.startswith("#"):
         return int(value[1:], 16) if is_color else int(value[1:3], 16)
     return int(value) * 0x010101 if is_color else int(value)

@@ -1,4 +1,4 @@
-"""Built-in texture sets by name, kept in a cache because they take seconds to make."""
+"""Built-in texture sets by name, cached because they take seconds to make."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ TEXTURES = frozenset(RECIPES)
 
 
 def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> PbrMaps:
-    """Return a built-in texture set, from the cache where it is there.
+    """Return a built-in texture set, from the cache if possible.
 
     Args:
         name: One of `TEXTURES`.
         size_px: Edge length of its maps.
-        seed: Equal seeds give equal maps.
-        cache_dir: Folder of the cache; None: no cache.
+        seed: Seed of the maps.
+        cache_dir: Folder of the cache; None for no cache.
 
     Raises:
         InvalidInputError: There is no set of that name.
@@ -52,17 +52,17 @@ def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> P
 
 
 def make_texture_set(name: str, size_px: int, seed: int) -> PbrMaps:
-    """Return a built-in texture set, made anew."""
+    """Make a built-in texture set."""
     recipe = RECIPES[name]
-    surface = recipe.make(size_px, randomness.stream(seed, f"texture/{name}"))
-    low, high = float(surface.height.min()), float(surface.height.max())
+    made = recipe.make(size_px, randomness.stream(seed, f"texture/{name}"))
+    low, high = float(made.height.min()), float(made.height.max())
     relief = max(high - low, 1e-9)
-    height = ((surface.height - np.float32(low)) / np.float32(relief)).astype(np.float32)
+    height = ((made.height - np.float32(low)) / np.float32(relief)).astype(np.float32)
     return PbrMaps(
         name=name,
-        color_srgb=np.rint(surface.color * 255).astype(np.uint8),
+        color_srgb=np.rint(made.color * 255).astype(np.uint8),
         height=height,
         normal_gl=normals_from_height(height, relief * recipe.tile_m, recipe.tile_m),
-        roughness=np.rint(surface.roughness * 255).astype(np.uint8),
+        roughness=np.rint(made.roughness * 255).astype(np.uint8),
         tile_m=recipe.tile_m,
     )

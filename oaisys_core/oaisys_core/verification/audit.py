@@ -1,10 +1,8 @@
-"""The label-geometry audit: depth and labels of rendered views against an independent ray cast.
+"""The audit: depth and labels of rendered views are compared with an independent ray cast.
 
-The reference shares no code with the renderers: its rays come from OpenCV's camera model, NumPy
-alone meets them with the triangles of the exported ground-truth mesh (the renderers' rays are
-cast by Embree), and OpenCV interpolates the blend masks where they hit. As that is slow, squares
-of pixels are compared, drawn at random. A pixel is off edges where the reference sees one thing
-with one label in the eight pixels around it too.
+The reference, see `reference_scene`, shares no code with the renderers. As it is slow, only random
+squares of pixels are compared. Pixels at edges are excluded: the reference must see the same object
+and label in the eight pixels around a pixel.
 """
 
 from __future__ import annotations
@@ -32,18 +30,18 @@ from oaisys_core.verification.reference_scene import ReferenceScene, ReferenceVi
 
 HEIGHTS_M = (1.5, 15.0)
 PITCHES_DEG = (5.0, 89.0)
-"""Ranges of the views that are drawn: height over the surface, and pitch downwards."""
+"""Ranges of random views: height above the surface, and downward pitch."""
 
 
 @dataclass(frozen=True)
 class AuditResult:
-    """What was found in the images of one modality.
+    """The result for the images of one modality.
 
     Attributes:
-        sensor, modality: Whose images.
-        pixels: Off edges, compared.
-        wrong: Of them: another id, or a depth off by more than one part in 10,000.
-        worst_m: Largest error of a depth; 0 for labels.
+        sensor, modality: Names of sensor and modality.
+        pixels: Number of compared pixels, without those at edges.
+        wrong: Number of them with another id, or a depth error above 1 in 10,000.
+        worst_m: Largest depth error; 0 for labels.
     """
 
     sensor: str
@@ -67,11 +65,11 @@ class AuditResult:
 
 
 WINDOWS, WINDOW_PX = 16, 10
-"""Squares of pixels that are compared of each image, and their edge; the outermost pixels only
-tell where edges are."""
+"""Number and edge length of the compared squares of an image; their outermost pixels only serve to
+find edges."""
 
 DEPTH_TOLERANCE = 1e-4
-"""Relative; a triangle that is seen almost edge-on is known to no better in float32."""
+"""Relative tolerance: float32 is not more precise for triangles seen almost edge-on."""
 
 
 def audit_views(
@@ -80,13 +78,13 @@ def audit_views(
     rng: np.random.Generator,
     on_view: Callable[[int], None] = lambda _: None,
 ) -> list[AuditResult]:
-    """Render random views of the world that stands and return what is wrong with their pixels.
+    """Render random views of the current world and compare them with the reference.
 
     Args:
-        simulation: With a world, see `Simulation.step_batch`.
-        views: How many.
-        rng: Gives the views.
-        on_view: Told the number of views that are done.
+        simulation: A simulation with a world, see `Simulation.step_batch`.
+        views: Number of views.
+        rng: Draws the views.
+        on_view: Receives the number of finished views.
     """
     everything: list[AuditResult] = []
     reference: ReferenceScene | None = None
@@ -101,7 +99,7 @@ def audit_views(
 
 
 def sum_results(found: Iterable[AuditResult]) -> list[AuditResult]:
-    """Return one sum for each sensor and modality."""
+    """Return one sum of results per sensor and modality."""
     totals: dict[tuple[str, str], AuditResult] = {}
     for one in found:
         key = (one.sensor, one.modality)
@@ -110,7 +108,7 @@ def sum_results(found: Iterable[AuditResult]) -> list[AuditResult]:
 
 
 def random_view(simulation: Simulation, rng: np.random.Generator) -> Pose:
-    """Return a pose over the stage's inner part that looks down on it at some angle."""
+    """Return a random pose above the inner part of the stage, looking down at an angle."""
     x0, y0, x1, y1 = simulation.scene.ground.extent_m
     low, high = np.array((x0, y0)), np.array((x1, y1))
     while True:
@@ -128,12 +126,12 @@ def random_view(simulation: Simulation, rng: np.random.Generator) -> Pose:
 def audit_sample(
     sample: Sample, reference: ReferenceScene, rng: np.random.Generator
 ) -> Iterable[AuditResult]:
-    """Yield what is wrong with samples of each frame of depth, instances and labels.
+    """Yield the result of each frame of depth, instances and labels.
 
     Args:
-        sample: What was rendered.
-        reference: Of the same world.
-        rng: Chooses the squares of pixels that are compared.
+        sample: The rendered sample.
+        reference: The reference of the same world.
+        rng: Draws the squares of pixels that are compared.
     """
     views: dict[str, list[tuple[Window, ReferenceView]]] = {}
     for frame in sample.frames:
@@ -152,7 +150,7 @@ def audit_sample(
 
 
 def random_windows(intrinsics: PinholeIntrinsics, rng: np.random.Generator) -> list[Window]:
-    """Return rows and columns of `WINDOWS` squares of an image."""
+    """Return the rows and columns of `WINDOWS` random squares of an image."""
     sizes = (intrinsics.height_px, intrinsics.width_px)
     edges = [min(WINDOW_PX, size) for size in sizes]
     windows = []
@@ -184,7 +182,7 @@ def _audit_window(
 
 
 def _off_edges(*images: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return the (H, W) pixels, the outermost left out, around which images are of one value."""
+    """Return (H, W) which inner pixels have the same values as their eight neighbours."""
     inner = np.zeros(images[0].shape, bool)
     inner[1:-1, 1:-1] = True
     for image in images:

@@ -1,7 +1,8 @@
-"""Rays of a camera and triangles, with nothing but NumPy: slow, and independent of Embree.
+"""Ray casting with NumPy alone: slow, and independent of Embree.
 
-Which triangle a ray meets is found after Möller and Trumbore, "Fast, Minimum Storage Ray/Triangle
-Intersection", 1997, in float64; a triangle is tried where its image's box meets that of the rays.
+The intersection test is that of Möller and Trumbore, "Fast, Minimum Storage Ray/Triangle
+Intersection", 1997, in float64. Only triangles whose bounding box in the image overlaps that of the
+rays are tested.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from numpy.typing import NDArray
 from oaisys_core.types import FloatArray
 
 NO_TRIANGLE = -1
-"""Triangle of a ray that meets none."""
+"""Triangle index of a ray that hits nothing."""
 
 MOST_PAIRS = 1_000_000
-"""Rays times triangles that are tried at once."""
+"""Number of ray-triangle pairs that are tested at once."""
 
 SLACK = 1e-9
-"""Share of a triangle by which it is held to be larger, so that no ray passes between two."""
+"""Relative enlargement of triangles, so that no ray passes between two of them."""
 
 
 class NumpyCaster:
@@ -32,19 +33,19 @@ class NumpyCaster:
         is_ahead = (depth_m > 0)[triangles]
         with np.errstate(divide="ignore", invalid="ignore"):
             image = (points_m[:, :2] / depth_m[:, None])[triangles]
-        # A triangle beside the camera that is ahead in part may be anywhere in the image.
+        # A triangle that is partly behind the camera may be anywhere in the image.
         part = ~is_ahead.all(axis=1)
         low, high = image.min(axis=1), image.max(axis=1)
         low[part], high[part] = -np.inf, np.inf
         self._ids = np.flatnonzero(is_ahead.any(axis=1))
-        # Four arrays of one number each: far quicker to compare than pairs.
+        # Four separate rows are much faster to compare than pairs.
         self._box = np.stack((*low[self._ids].T, *high[self._ids].T))
         self._points_m, self._triangles = points_m, triangles
 
     def nearest(self, rays: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-        """Return (H, W) depths that (H, W, 3) rays of planar length 1 go, and (H, W) triangles.
+        """Return (H, W) planar depths and (H, W) triangle indices of (H, W, 3) rays with z = 1.
 
-        The depth is ``+inf``, and the triangle `NO_TRIANGLE`, where a ray meets none.
+        For rays without a hit, the depth is ``+inf`` and the index `NO_TRIANGLE`.
         """
         flat = rays.reshape(-1, 3)
         low, high = flat[:, :2].min(axis=0), flat[:, :2].max(axis=0)
@@ -58,7 +59,7 @@ class NumpyCaster:
             ray, place = np.nonzero(_overlap(self._box[:, some], (x, y, x, y)))
             triangle = self._ids[some[place]]
             distances = _distances(flat[ray], self._points_m[self._triangles[triangle]])
-            # Of each ray the nearest comes last.
+            # The nearest triangle of each ray comes last.
             order = np.lexsort((-distances, ray))
             nearest, ids = np.full(len(flat), np.inf), np.full(len(flat), NO_TRIANGLE)
             nearest[ray[order]], ids[ray[order]] = distances[order], triangle[order]
@@ -68,7 +69,7 @@ class NumpyCaster:
 
 
 def _overlap(box: FloatArray, other: tuple[Any, Any, Any, Any]) -> NDArray[np.bool_]:
-    """Return where boxes (4, T) and another overlap; each has its low x and y, then its high."""
+    """Return which boxes (4, T) overlap another box; boxes are (min_x, min_y, max_x, max_y)."""
     x0, y0, x1, y1 = box
     low_x, low_y, high_x, high_y = other
     return np.asarray((x0 <= high_x) & (y0 <= high_y) & (x1 >= low_x) & (y1 >= low_y))

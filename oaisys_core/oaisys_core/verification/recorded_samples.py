@@ -1,4 +1,4 @@
-"""Recorded samples, in an output folder or in what other packages read, and how they compare."""
+"""Reading of recorded samples, and comparison with samples that were rendered again."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from oaisys_core.output.writer import CONFIG, SAMPLE_DATA
 from oaisys_core.types import ALBEDO, FLOW, RGB, Frame, FrameName, RecordedSample, Sample
 
 RECORDS = "oaisys.records"
-"""Entry point group of functions ``(Path) -> RecordSource | None``; None: it is of another kind."""
+"""Entry point group of functions ``(Path) -> RecordSource | None``; None for other files."""
 
 COLORS = frozenset({RGB, ALBEDO})
-"""Rendered with a denoiser and on several threads: equal within a tolerance."""
+"""Modalities that are only equal within a tolerance, because of the denoiser."""
 
 SampleId = tuple[int, int]
 """Batch and sample."""
 
 
 class RecordSource(Protocol):
-    """Where samples were recorded."""
+    """A source of recorded samples."""
 
     def config_json(self) -> str | None:
-        """Return the configuration they were rendered from as JSON; None: it was not recorded."""
+        """Return the configuration as JSON, or None if it was not recorded."""
 
     def ids(self) -> Sequence[SampleId]:
-        """Return which samples there are, the newest last."""
+        """Return the ids of all samples, the newest last."""
 
     def read(self, wanted: Collection[SampleId]) -> Iterator[RecordedSample]:
-        """Yield samples, in the order in which they were recorded."""
+        """Yield samples in the order of recording."""
 
 
 def open_records(path: Path) -> RecordSource:
@@ -59,11 +59,11 @@ def open_records(path: Path) -> RecordSource:
 
 
 class FolderRecords:
-    """Samples that `SampleWriter` wrote.
+    """Samples written by `SampleWriter`.
 
     Args:
         files: Their JSON files.
-        top: The run's folder, with its configuration.
+        top: The folder of the run, with its configuration.
     """
 
     def __init__(self, files: Sequence[Path], top: Path) -> None:
@@ -78,12 +78,12 @@ class FolderRecords:
                 raise InvalidInputError("record", str(path), expected) from error
 
     def config_json(self) -> str | None:
-        """Return the configuration beside them."""
+        """Return the configuration of the run as JSON, or None if there is none."""
         path = self._top / CONFIG
         return canonical_json(load_config(path)) if path.is_file() else None
 
     def ids(self) -> Sequence[SampleId]:
-        """Return which samples there are, the newest last."""
+        """Return the ids of all samples, the newest last."""
         return sorted(self._files)
 
     def read(self, wanted: Collection[SampleId]) -> Iterator[RecordedSample]:
@@ -95,7 +95,7 @@ class FolderRecords:
 
 
 def _folder_records(path: Path) -> FolderRecords | None:
-    """Return the samples of a JSON file, of a batch's folder, or of a run's."""
+    """Return the samples of a JSON file, a batch folder or a run folder."""
     depth = len(SAMPLE_DATA.parts)
     if path.is_file():
         if path.suffix != ".json":
@@ -111,10 +111,10 @@ def _folder_records(path: Path) -> FolderRecords | None:
 
 
 def chosen_ids(source: RecordSource, names: Sequence[str], *, every: bool) -> list[SampleId]:
-    """Return the samples named ``BATCH/SAMPLE``; none named: the newest, or all.
+    """Return the ids of samples named ``BATCH/SAMPLE``; without names the newest one, or all.
 
     Raises:
-        InvalidInputError: A name is none.
+        InvalidInputError: A name is invalid.
         NotFoundError: There is no such sample.
     """
     known = list(source.ids())
@@ -139,13 +139,13 @@ def _parsed(name: str) -> SampleId:
 
 
 class Comparison(NamedTuple):
-    """How a frame that was rendered again compares with the recorded one.
+    """The comparison of a frame that was rendered again with the recorded one.
 
     Attributes:
         different_px: Pixels that differ in any bit.
-        psnr_db: Of colours, infinite where no pixel differs; None for all else.
-        is_equal: Whether it is as it was: to the byte, or colours to the tolerance. Optical flow
-            always is: it tells of the world at the previous sample, too, which is not recorded.
+        psnr_db: PSNR of colours, infinite if no pixel differs; None for other modalities.
+        is_equal: Whether it is the same: byte by byte, or within the tolerance for colours. Always
+            true for optical flow, which also depends on the unrecorded previous sample.
     """
 
     name: FrameName
@@ -156,10 +156,10 @@ class Comparison(NamedTuple):
 
 
 def compared(record: RecordedSample, again: Sample, least_psnr_db: float) -> list[Comparison]:
-    """Compare a record's frames with the same ones rendered again.
+    """Compare the frames of a record with the same frames rendered again.
 
     Raises:
-        NotFoundError: Nothing was recorded that could be compared.
+        NotFoundError: The record contains no frames.
     """
     if not record.frames:
         outline = record.outline

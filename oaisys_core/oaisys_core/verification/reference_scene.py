@@ -31,10 +31,10 @@ MOST_COLUMNS = 32_000
 
 @dataclass(frozen=True)
 class ReferenceView:
-    """What the reference sees: (H, W) planar depth (float64) and ids, (H, W, 3) points, rays.
+    """A view of the reference: (H, W) planar depth (float64) and ids, (H, W, 3) points and rays.
 
     Attributes:
-        is_beyond: (H, W) whether it is ground beyond the stage.
+        is_beyond: (H, W) whether a pixel shows ground beyond the stage.
     """
 
     depth_m: FloatArray
@@ -45,7 +45,7 @@ class ReferenceView:
 
 
 class ReferenceScene:
-    """An independent view of a world, from its exported mesh and what lies beyond the stage."""
+    """The reference scene: the exported ground-truth mesh and the ground beyond the stage."""
 
     def __init__(self, scene: Scene, mesh: TriangleMesh) -> None:
         self.scene = scene
@@ -62,7 +62,7 @@ class ReferenceScene:
     def views(
         self, intrinsics: PinholeIntrinsics, T_map_camera: FloatArray, windows: Sequence[Window]
     ) -> Iterable[ReferenceView]:
-        """Yield what a camera with its optical frame at ``T_map_camera`` sees in windows."""
+        """Yield the views of a camera at ``T_map_camera`` (4, 4) in windows of its image."""
         rays = _camera_rays(intrinsics)
         R, origin_m = T_map_camera[:3, :3], T_map_camera[:3, 3]
         caster = NumpyCaster((self._vertices_m - origin_m) @ R, self._triangles)
@@ -97,10 +97,9 @@ class ReferenceScene:
 
 
 def ground_labels(material: TerrainMaterial, xy_m: FloatArray, level: int) -> NDArray[np.uint16]:
-    """Return the (N,) ids of the heaviest layer at (N, 2) points, by OpenCV's interpolation.
+    """Return the (N,) ids of the layer with the largest weight, interpolated by OpenCV.
 
-    Soft borders and label images have one definition, the material's own; only where the point
-    lies is independent then.
+    For soft borders and label images, the material's own definition is used.
     """
     plain = material.label_cell_m is None and all(la.label_image is None for la in material.layers)
     if not plain:
@@ -118,7 +117,7 @@ def ground_labels(material: TerrainMaterial, xy_m: FloatArray, level: int) -> ND
 
 
 def _remapped(mask: NDArray[np.float32], texels: FloatArray) -> NDArray[np.float32]:
-    """Return the (N,) values at (N, 2) texels; OpenCV's own steps are 1/32 of one, so twofold."""
+    """Return (N,) bilinear values at (N, 2) texels; OpenCV alone would round to 1/32 of a texel."""
     low = np.floor(texels)
     step = (texels - low).astype(np.float32)
     corners = []
@@ -146,7 +145,7 @@ def _camera_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
     pixels = np.stack((cols, rows), axis=-1).reshape(-1, 1, 2).astype(np.float64)
     distortion = np.array(intrinsics.distortion or (0.0,) * 5)
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-    # OpenCV 5 has taken the name away and the parameter into the other function.
+    # OpenCV 5 merged both functions.
     if hasattr(cv2, "undistortPointsIter"):
         flat = cv2.undistortPointsIter(pixels, intrinsics.K, distortion, None, None, stop)
     else:

@@ -1,4 +1,4 @@
-"""Stages and the things on them."""
+"""Import of stages and of the objects on them."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ PRESETS = frozenset(
     }
 )
 BODY_SIZE_M = 500.0
-"""The middle of the sizes that the original scales an asteroid to."""
+"""Mean size to which the original scales an asteroid."""
 
 BODY_HEIGHT_M = 3000.0
-"""Bodies without a stage are this far above the small plate that stands for one."""
+"""Height of bodies above the small plate that replaces a missing stage."""
 
 SPACE = {"preset": "plane", "extent_m": 10.0, "resolution_px": 2}
 LARGEST_FIRST = 0.02
@@ -40,19 +40,19 @@ def stage(document: Json, job: ImportContext) -> tuple[Json, str]:
     """Return the section ``stage`` and the name of its material."""
     found = entries(document, "ASSET_SETUP", "STAGES")
     if not found:
-        job.warn("there is no stage: a plate of 10 m far below stands for it")
+        job.warn("there is no stage: it is replaced by a plate of 10 m far below the objects")
         return dict(SPACE), ""
     if len(found) > 1:
-        job.warn("there is more than one stage: the first is taken")
+        job.warn("there are several stages: the first one is used")
     kind, params = found[0].get("type"), part(found[0], "stageParams")
     name = str(params.get("assetMaterial", "terrain_01"))
     if kind == "StageBlenderObject":
         return _mesh_stage(params, job), name
     if kind != "StageBlenderLandscape":
-        job.warn(f"the stage {kind} is not known: a ground of noise stands in for it")
+        job.warn(f"the stage {kind} is unknown: it is replaced by a ground of noise")
     preset = str(params.get("stageLandscapePreset", "another_noise"))
     if preset not in PRESETS:
-        job.warn(f"the preset {preset} is not known: another_noise stands in for it")
+        job.warn(f"the preset {preset} is unknown: it is replaced by another_noise")
         preset = "another_noise"
     return {"preset": preset, "extent_m": float(params.get("stageSizeX", 200))}, name
 
@@ -61,7 +61,7 @@ def _mesh_stage(params: Json, job: ImportContext) -> Json:
     if params.get("stageDisplacementActive", True):
         relief_m = abs(float(params.get("stageDisplacementStrength", 10.0)))
         return {"preset": "another_noise", "extent_m": 200.0, "relief_m": relief_m}
-    # There is no stand-in for a stage: a plane is one.
+    # A missing stage is replaced by a plane.
     file = job.file(str(params.get("stageFilePath")), "a plane of 200 m")
     if file is None:
         return {"preset": "plane", "extent_m": 200.0}
@@ -72,7 +72,7 @@ def _mesh_stage(params: Json, job: ImportContext) -> Json:
 
 
 def assets(document: Json, job: ImportContext, extent_m: float) -> tuple[Json, dict[str, Json]]:
-    """Return the section ``assets``, and where those objects are that a rig may look at."""
+    """Return the section ``assets``, and the positions of objects that a rig may look at."""
     groups: list[Json] = []
     objects: list[Json] = []
     targets: dict[str, Json] = {}
@@ -90,7 +90,7 @@ def assets(document: Json, job: ImportContext, extent_m: float) -> tuple[Json, d
                 "radius_m": BODY_SIZE_M / 2,
             }
         else:
-            job.warn(f"the mesh {name} of the type {entry.get('type')} is not known and left out")
+            job.warn(f"the mesh {name} of the type {entry.get('type')} is unknown and left out")
     return {"rocks": [], "groups": groups, "objects": objects}, targets
 
 
@@ -100,7 +100,7 @@ def _look(params: Json, job: ImportContext, shape: str) -> Json:
     if file is None:
         return {"shape": shape}
     if file.stem == Path(path).stem and file.suffix != Path(path).suffix:
-        # A stand-in has neither objects nor colours of its own.
+        # A stand-in contains no named objects and no colours.
         return {"file": str(file), "texture": "rock"}
     name = params.get("meshInstanceName")
     return {"file": str(file), **({"object_name": str(name)} if name else {})}
@@ -122,7 +122,7 @@ def _group(name: str, params: Json, job: ImportContext, extent_m: float) -> Json
         **_labels(params, job, name),
         "count": [int(v) for v in span(count)],
         "probability": 0.5 if params.get("randomSwitchOnOff") else 1.0,
-        # A mesh's own size is not known; most original meshes are about 1 m large.
+        # The size of the mesh is unknown; most original meshes are about 1 m large.
         "size_m": [size_m * max(1.0 - spread, LARGEST_FIRST), size_m],
         "size_distribution": "uniform",
         "spacing": 0.0,
@@ -150,7 +150,7 @@ def _attitude(params: Json) -> Json:
 def _density(settings: Json, job: ImportContext, extent_m: float) -> list[Json]:
     kind = settings.get("noiseType", "VORONOI")
     if kind == "BLEND":
-        job.warn("a gradient as density map is left out: things are scattered evenly")
+        job.warn("a gradient as density map is left out: objects are scattered evenly")
         return []
     # Texture coordinates run from -1 to 1 over the stage.
     cell_m = float(settings.get("size", 0.25)) / float(settings.get("scale", 1.0)) * extent_m / 2
@@ -160,10 +160,10 @@ def _density(settings: Json, job: ImportContext, extent_m: float) -> list[Json]:
 
 
 def _cover(settings: Json, power: float) -> float:
-    """Return roughly the share of the stage that a density map leaves things on.
+    """Return the approximate share of the stage on which a density map places objects.
 
-    Things stand where the noise is beyond the middle of the ramp. The distance to the nearest of
-    random points is beyond r with the probability exp(-4/3 pi r**3).
+    Objects stand where the noise exceeds the middle of the ramp. The distance to the nearest of
+    random points exceeds r with probability exp(-4/3 pi r**3).
     """
     ends = [float(settings.get(f"colorStopPosition_{i}", i)) for i in (0, 1)]
     white = [sum(settings.get(f"colorStopColor_{i}", [i, i, i])[:3]) for i in (0, 1)]
@@ -183,7 +183,7 @@ def _body(name: str, params: Json, document: Json, job: ImportContext) -> Json:
             path = str(first.get("path") or first.get("templatePath", "rock"))
             found["texture"] = stand_in(path)
             found["tile_m"] = BODY_SIZE_M / 8
-            job.warn(f"{name}: objects wear built-in textures, here {found['texture']}")
+            job.warn(f"{name}: objects get built-in textures, here {found['texture']}")
             of_material, image = texture_labels(first, job, name)
             labels = of_material if of_material["semantic_id"] else labels
             if image is not None:
@@ -202,7 +202,7 @@ def _body(name: str, params: Json, document: Json, job: ImportContext) -> Json:
 
 
 def _middle_m(body: Json) -> float:
-    """Return how far a body's middle is above its base; built-in rocks are rather flat."""
+    """Return the height of a body's middle above its base; built-in rocks are rather flat."""
     return BODY_SIZE_M * (0.3 if "shape" in body else 0.5)
 
 
@@ -217,7 +217,7 @@ def _place(params: Json) -> tuple[float, float, float]:
 
 
 def _turn(params: Json) -> list[float]:
-    """Return the attitude of Blender's angles about x, then y, then z, all of them fixed axes."""
+    """Return the orientation of Blender's angles about the fixed axes x, y and z, in this order."""
     if "rotation_rad" in params:
         angles = [float(v) for v in params["rotation_rad"]]
     else:

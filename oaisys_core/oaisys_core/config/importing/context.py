@@ -1,4 +1,4 @@
-"""What all parts of an import share: files, names of labels, and what is told to the user."""
+"""The state of an import: where files are, names of labels, and warnings."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NO_LABEL = "unlabelled"
 
 
 class ImportContext:
-    """One import: where files are found, what they are replaced by, and what labels are called."""
+    """The state of one import: its files and their replacements, label names and warnings."""
 
     def __init__(
         self,
@@ -23,7 +23,7 @@ class ImportContext:
         is_strict: bool,
         stand_ins: StandIns | None = None,
     ) -> None:
-        """Take files from ``assets``; write others beside ``out``; make ``stand_ins``."""
+        """Look for files in ``assets``, write files beside ``out``, and make ``stand_ins``."""
         self._assets = assets
         self.out = out
         self._stand_ins = stand_ins
@@ -34,19 +34,19 @@ class ImportContext:
         self.warnings: list[str] = []
 
     def warn(self, text: str) -> None:
-        """Tell the user something, once."""
+        """Add a warning, unless there is the same one already."""
         if text not in self.warnings:
             self.warnings.append(text)
 
     def file(
         self, name: str, stand_in: str, make: Callable[[StandIns], Path] | None = None
     ) -> Path | None:
-        """Return the file of a name, None where it is missing.
+        """Return the file with a name, or None if it is missing.
 
         Args:
-            name: As the original file has it.
-            stand_in: What is used in its place.
-            make: Makes one in its place, where that is wanted.
+            name: Path in the original file.
+            stand_in: Description of what replaces it.
+            make: Makes a file that replaces it, if the user wants that.
         """
         found = None if self._assets is None else self._assets / name
         if found is not None and found.is_file():
@@ -54,11 +54,11 @@ class ImportContext:
         return self._replaced(name, "is missing", stand_in, make)
 
     def material_folder(self, name: str, texture: str) -> Path | None:
-        """Return the folder of a material's maps, None where it is missing or has no colour map.
+        """Return the folder of a material's maps, or None if it is missing or has no colour map.
 
         Args:
-            name: As the original file has it.
-            texture: The built-in texture set that is used in its place.
+            name: Path in the original file.
+            texture: The built-in texture set that replaces it.
         """
         found = None if self._assets is None else self._assets / name
         if found is not None and has_color_map(found):
@@ -75,24 +75,24 @@ class ImportContext:
             self.missing.append(f"{name} {fault}")
         if self._stand_ins is not None and make is not None and not self._is_strict:
             path = make(self._stand_ins)
-            self.warn(f"{name} {fault}: {path}, which was made, stands in for it")
+            self.warn(f"{name} {fault}: it is replaced by the generated {path}")
             return path
-        self.warn(f"{name} {fault}: {stand_in} stands in for it")
+        self.warn(f"{name} {fault}: it is replaced by {stand_in}")
         return None
 
     def name_label(self, semantic_id: int, name: str, thing: str | None = None) -> str:
-        """Return what an id is called for now: the first name that it was given.
+        """Return the preliminary name of an id: the first name that it was given.
 
         Args:
             semantic_id: The id.
-            name: At its level.
-            thing: What has it; None: that is ``name``.
+            name: Name on its level.
+            thing: The object that has the id; None if it is ``name``.
         """
         self._things.setdefault(semantic_id, {})[thing or name] = None
         return self._names.setdefault(semantic_id, name)
 
     def rename_shared(self, node: Any) -> None:
-        """Name ids that different things share after all of them, wherever the result has them."""
+        """Rename ids that several objects share to a combination of their names."""
         if isinstance(node, list):
             for each in node:
                 self.rename_shared(each)
@@ -109,11 +109,11 @@ class ImportContext:
     def _shared_name(self, semantic_id: int) -> str:
         things = list(self._things[semantic_id])
         if len(things) > 1:
-            self.warn(f"the id {semantic_id} is shared by {', '.join(things)}, and called so")
+            self.warn(f"the id {semantic_id} is shared by {', '.join(things)}")
         return " or ".join(things)
 
     def labels(self, ids: Sequence[int], name: str) -> dict[str, Any]:
-        """Return label, id and levels of a thing."""
+        """Return the label, id and levels of an object."""
         named = [
             {
                 "label": self.name_label(i, name if n == 0 else f"{name}_{n}", name),
@@ -128,7 +128,7 @@ class ImportContext:
     def mapping(
         self, entry: dict[str, Any], level: int, ids: list[int], name: str
     ) -> dict[str, Any]:
-        """Return the labels by colour of a label image that stands at a level of ``ids``."""
+        """Return the labels by colour of a label image for one level of ``ids``."""
         found = {}
         for key, (color, told) in entry.get("mappingTable", {}).items():
             of_entry = [*ids[:level], int(told[0]), *ids[level + 1 :]]

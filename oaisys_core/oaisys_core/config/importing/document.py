@@ -1,4 +1,4 @@
-"""Original configuration files as plain data, and the paths of their keys."""
+"""Reading of original configuration files, and the paths of their keys."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def load_document(path: Path) -> Json:
     """Return the data of an original configuration file.
 
     Raises:
-        ConfigError: It cannot be read, or is no such file.
+        ConfigError: It cannot be read, or is not an original configuration.
     """
     try:
         data = json.loads(path.read_text(encoding="utf-8"))
@@ -42,9 +42,9 @@ def load_document(path: Path) -> Json:
 
 
 def key_paths(node: Any, at: str = "") -> Iterator[str]:
-    """Yield the dotted paths of all keys that hold values, without the indices of lists.
+    """Yield the dotted paths of all keys with values, without the indices of lists.
 
-    A mapping within a list of values is part of the value.
+    A mapping inside a list of values is part of the value.
     """
     if isinstance(node, Mapping) and node:
         for key, value in node.items():
@@ -57,7 +57,7 @@ def key_paths(node: Any, at: str = "") -> Iterator[str]:
 
 
 def part(node: Mapping[str, Any], *keys: str) -> Json:
-    """Return a mapping inside others; an empty one where it is missing."""
+    """Return a nested mapping, or an empty one if it is missing."""
     found: Any = node
     for key in keys:
         found = found.get(key, {}) if isinstance(found, Mapping) else {}
@@ -65,7 +65,7 @@ def part(node: Mapping[str, Any], *keys: str) -> Json:
 
 
 def entries(node: Mapping[str, Any], *keys: str) -> list[Json]:
-    """Return the mappings in a list inside others."""
+    """Return the mappings in a nested list."""
     found = part(node, *keys[:-1]).get(keys[-1], [])
     return [dict(entry) for entry in found if isinstance(entry, Mapping)]
 

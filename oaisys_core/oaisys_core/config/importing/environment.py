@@ -1,4 +1,4 @@
-"""Sky and sun."""
+"""Import of sky and sun."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from oaisys_core.config.importing.document import Json, entries, part, span
 from oaisys_core.config.importing.stand_ins import StandIns
 
 BACKGROUND = 0.1
-"""Strength of the original's background at which its sky is as bright as ours at 1."""
+"""Background strength of the original that corresponds to our sky strength of 1."""
 
 SUN_W_M2 = 4.0
-"""Our sun at the original's background of `BACKGROUND` and an intensity of 1."""
+"""Our sun strength for the original's intensity of 1 at a background of `BACKGROUND`."""
 
 CHOICES = {0: "cycle", 1: "random", 2: "shuffle"}
 MOST_ALTITUDE_M = 60000.0
@@ -36,7 +36,7 @@ def environment(document: Json, job: ImportContext) -> Json:
         elif effect.get("type") == "EnvHDRI":
             found |= _hdri(params, job, least, most)
         else:
-            job.warn(f"the environment effect {effect.get('type')} is not known and left out")
+            job.warn(f"the environment effect {effect.get('type')} is unknown and left out")
     return found | {"ground_beyond": False}
 
 
@@ -47,7 +47,7 @@ def _sky(params: Json, job: ImportContext, background: float) -> Json:
     return {
         "sun_angular_diameter_deg": span(params.get("SunSize"), (0.545,)),
         "sun_strength_w_m2": sun,
-        # At the horizon our sun is out.
+        # Our sun does not shine at an elevation of 0.
         "sun_elevation_deg": [v or 0.01 for v in span(params.get("SunElevation"), (15.0, 90.0))],
         "sun_azimuth_deg": [90.0 - turn[1], 90.0 - turn[0]],
         "altitude_m": [min(v, MOST_ALTITUDE_M) for v in altitude_m],

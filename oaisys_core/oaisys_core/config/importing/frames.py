@@ -1,4 +1,4 @@
-"""From Blender's axes, which original files are in, to ours."""
+"""Conversion from Blender's axes, which original files use, to ours."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ LINK_FROM_CAMERA: FloatArray = np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]])
 """Blender's camera looks along -z with y up; a link's x points forward, its z up."""
 
 BODY_FROM_TRACKING: FloatArray = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
-"""A base that turns its z axis to its target, y up, as ``centeredTarget`` has it."""
+"""The base of ``centeredTarget``: its z axis points to the target, y is up."""
 
 
 def blender_rotation(quat_wxyz: ArrayLike) -> FloatArray:
-    """Return the (3, 3) rotation of a quaternion; Blender takes zeros for half a turn about x."""
+    """Return the (3, 3) rotation of a quaternion; Blender treats zeros as a half turn about x."""
     w, x, y, z = (float(v) for v in np.asarray(quat_wxyz, dtype=np.float64))
     if w == x == y == z == 0:
         x = 1.0
@@ -26,7 +26,7 @@ def blender_rotation(quat_wxyz: ArrayLike) -> FloatArray:
 
 
 def mount(transformation: ArrayLike, body_from_base: FloatArray = LINK_FROM_CAMERA) -> Pose:
-    """Return where a camera's link sits on the rig.
+    """Return the pose of a camera's link on the rig.
 
     Args:
         transformation: (x, y, z, qw, qx, qy, qz) of Blender's camera in the original's base.
@@ -38,7 +38,7 @@ def mount(transformation: ArrayLike, body_from_base: FloatArray = LINK_FROM_CAME
 
 
 def rig_pose(row: ArrayLike) -> Pose:
-    """Return the rig's pose of a row (x, y, z, qw, qx, qy, qz) of an original pose file."""
+    """Return the rig pose of a row (x, y, z, qw, qx, qy, qz) of an original pose file."""
     numbers = np.asarray(row, dtype=np.float64)
     return pose_from_matrix(
         transform(blender_rotation(numbers[3:]) @ LINK_FROM_CAMERA.T, numbers[:3])

@@ -1,4 +1,4 @@
-"""An original configuration file as one of ours."""
+"""Conversion of an original configuration file to one of ours."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ from oaisys_core.config.importing.stand_ins import StandIns
 from oaisys_core.errors import ConfigError, InvalidInputError
 
 DEVICES = {"CPU": "cpu", "GPU": "auto"}
-"""The original's devices; ours takes any kind of GPU where there is one."""
+"""Our device for each device of the original."""
 
-UNKNOWN = KeyOutcome("no counterpart", "this key is not known")
+UNKNOWN = KeyOutcome("no counterpart", "this key is unknown")
 
 
 @dataclass(frozen=True)
 class ImportedConfig:
-    """What became of an original file.
+    """The result of an import.
 
     Attributes:
         config: Our configuration, as plain data.
-        outcomes: What became of each key that the file has.
-        warnings: What was replaced or left out.
+        outcomes: What became of each key in the file.
+        warnings: Notes on what was replaced or left out.
     """
 
     config: Json
@@ -47,7 +47,7 @@ class ImportedConfig:
     warnings: tuple[str, ...]
 
     def notes(self) -> list[str]:
-        """Return a line for each key that is not mapped, and for each warning."""
+        """Return one line per key that was not mapped, and one per warning."""
         unmapped = {
             path: outcome for path, outcome in self.outcomes.items() if outcome.kind != "mapped"
         }
@@ -58,7 +58,7 @@ class ImportedConfig:
 
     def text(self, source: str) -> str:
         """Return the YAML file, with the notes as comments."""
-        head = [f"Imported from {source}. What could not be taken over:", *self.notes()]
+        head = [f"Imported from {source}. What could not be imported:", *self.notes()]
         comments = "".join(f"# {line}\n" for line in head)
         return comments + yaml.safe_dump(self.config, sort_keys=False, allow_unicode=True)
 
@@ -75,14 +75,14 @@ def import_file(
 
     Args:
         path: The file.
-        assets_folder: What its relative paths are relative to; without, all files are missing.
-        out: Where the result will be written; pose files are written beside it.
+        assets_folder: Folder from which its relative paths start; None if all files are missing.
+        out: Path of the result; pose files are written beside it.
         strict: Whether missing files and unknown keys are errors.
-        stand_ins: Folder in which files are made for those that are missing; None: built-in
-            textures and shapes stand in for them.
+        stand_ins: Folder for generated files that replace missing ones; None replaces them by
+            built-in textures and shapes.
 
     Raises:
-        ConfigError: The file cannot be used, or strictly not.
+        ConfigError: The file is invalid, or ``strict`` and incomplete.
     """
     document = load_document(path)
     outcomes = {key: outcome_of(key) or UNKNOWN for key in key_paths(document)}
@@ -96,7 +96,7 @@ def import_file(
     try:
         config = _converted(document, job)
     except (TypeError, ValueError, IndexError, KeyError, AttributeError) as error:
-        raise ConfigError(f"{path}: a value has not the form it should have: {error}") from error
+        raise ConfigError(f"{path}: a value has an invalid form: {error}") from error
     if job.missing:
         faults = dict.fromkeys(job.missing)
         raise ConfigError("\n".join(_missing(path, fault, assets_folder) for fault in faults))
@@ -121,7 +121,7 @@ def _missing(path: Path, fault: str, assets_folder: Path | None) -> str:
 def _converted(document: Json, job: ImportContext) -> Json:
     ground, material_name = stage(document, job)
     extent_m = float(ground.get("extent_m", 200.0))
-    # The sky first: its label has a fixed name.
+    # The sky comes first, because its label has a fixed name.
     air = environment(document, job)
     things, targets = assets(document, job, extent_m)
     found: Json = {"backend": "blender", "stage": ground}
@@ -142,7 +142,7 @@ def _render(document: Json, job: ImportContext) -> Json:
     if device in DEVICES:
         found["device"] = DEVICES[device]
     elif device is not None:
-        job.warn(f"the render device {device} is not known: {' and '.join(DEVICES)} are")
+        job.warn(f"the render device {device} is unknown, expected {' or '.join(DEVICES)}")
     for entry in entries(document, "RENDER_SETUP", "RENDER_PASSES"):
         params = part(entry, "passParams")
         if entry.get("type") == "RGBDPass":
@@ -151,15 +151,15 @@ def _render(document: Json, job: ImportContext) -> Json:
     section = "RENDER_POST_PROCESSING_EFFECTS_SETUP"
     for entry in entries(document, section, "POST_EFFECTS"):
         if entry.get("type") != "BloomEffect":
-            job.warn(f"the effect {entry.get('type')} is left out: there is bloom only")
+            job.warn(f"the effect {entry.get('type')} is left out: only bloom is supported")
             continue
         params = part(entry, "effectParams")
         bloom: Json = {"threshold": min(max(float(params.get("threshold", 8.0)), 0.0), 1.0)}
         if "size" in params:
-            # A glow's size counts in powers of two, its whole width in pixels.
+            # The size of a glow is the logarithm, to base 2, of its width in pixels.
             bloom["radius_px"] = 2.0 ** float(params["size"]) / 6
         if "mix" in params:
-            # From -1 (only the image) over 0 (as much of both) to 1 (only the glow).
+            # From -1 (image only) to 1 (glow only); 0 is an equal mix.
             bloom["strength"] = min(max((float(params["mix"]) + 1) / 2, 0.0), 1.0)
         found["effects"] = {"bloom": bloom}
     return found

@@ -1,4 +1,4 @@
-"""Materials of the ground."""
+"""Import of the materials of the ground."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ IGNORED = frozenset({"terrainTextureList"})
 
 
 def material(document: Json, name: str) -> Json:
-    """Return the parameters of a material by its name; without one, of the first."""
+    """Return the parameters of the material with a name, or of the first one."""
     found = entries(document, "ASSET_SETUP", "MATERIALS")
     named = [entry for entry in found if entry.get("name") == name] or found[:1]
     return part(named[0], "materialParams") if named else {}
 
 
 def materials(document: Json, job: ImportContext, name: str, extent_m: float) -> Json:
-    """Return the section ``materials`` of a stage with that material."""
+    """Return the section ``materials`` for a stage with that material."""
     params = material(document, name)
     general = part(params, "general")
     pools = [
@@ -71,12 +71,12 @@ def materials(document: Json, job: ImportContext, name: str, extent_m: float) ->
 
 
 def stand_in(name: str) -> str:
-    """Return the built-in texture set that is nearest to a name."""
+    """Return the built-in texture set that fits a name best."""
     return next((ours for word, ours in STAND_INS.items() if word in name.lower()), NO_STAND_IN)
 
 
 def texture_labels(entry: Json, job: ImportContext, name: str) -> tuple[Json, Json | None]:
-    """Return the labels of a texture, and what tells labels within it, if anything does."""
+    """Return the labels of a texture, and its label image if it has one."""
     vectors = part(entry, "passParams", "semantic_label").get("labelIDVec") or [[]]
     vector: list[Any] = list(vectors[0])
     ids = [0 if isinstance(value, Mapping) else int(value) for value in vector]
@@ -98,7 +98,7 @@ def _stripes(made: StandIns, path: str, mapping: Json) -> Path:
 
 
 def _pools(params: Json) -> list[list[Json]]:
-    """Return the lists of textures; numbered ones take the place of the one without a number."""
+    """Return the lists of textures; numbered lists replace the one without a number."""
     found = {match[1]: value for key, value in params.items() if (match := POOL_KEY.fullmatch(key))}
     if len(found) > 1:
         found.pop("", None)
@@ -107,7 +107,7 @@ def _pools(params: Json) -> list[list[Json]]:
 
 def _count(general: Json) -> list[int]:
     least, most = int(general.get("minNumMixTerrains", 1)), int(general.get("maxNumMixTerrains", 1))
-    # -1 stands for as many as there are; more than there are draws all of them.
+    # -1 means all; larger numbers than there are also draw all.
     least, most = (1000 if n < 0 else n for n in (least, most))
     return [min(least, most), most]
 
@@ -140,11 +140,11 @@ def _layer(entry: Json, general: Json, job: ImportContext, extent_m: float) -> J
 
 
 def _with_template(entry: Json, job: ImportContext) -> Json:
-    """Return a texture's keys on top of those of the template file that it names."""
+    """Return the keys of a texture, merged into those of its template file."""
     name = entry.get("templatePath")
     if name is None:
         return entry
-    file = job.file(str(name), "its folder's name and common values")
+    file = job.file(str(name), "defaults and the name of its folder")
     template = json.loads(file.read_text(encoding="utf-8")) if file is not None else {}
     return {**template, **entry}
 

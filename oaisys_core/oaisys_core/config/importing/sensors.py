@@ -1,4 +1,4 @@
-"""The rig and its cameras."""
+"""Import of the rig and its cameras."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from oaisys_core.output.poses import append_pose
 
 NO_PASSES: dict[str, list[int]] = {"RGBDPass": [1], "SemanticPass": [1, 1], "InstancePass": [1]}
 DOWN_YAW_DEG = -90.0
-"""At angles of 0 the original's base looks down with the image's upper edge towards -y."""
+"""With angles of 0, the original's base looks down with the image's upper edge towards -y."""
 
 
 def sensors(document: Json, job: ImportContext, targets: dict[str, Json]) -> Json:
@@ -28,8 +28,8 @@ def sensors(document: Json, job: ImportContext, targets: dict[str, Json]) -> Jso
 
     Args:
         document: The original file.
-        job: Files and warnings.
-        targets: ``position_m`` and ``radius_m`` of objects by name, that a rig may look at.
+        job: The state of the import.
+        targets: ``position_m`` and ``radius_m`` of the objects that a rig may look at, by name.
     """
     general = part(document, "SENSOR_SETUP", "GENERAL")
     kind = general.get("sensorMovementType", "randomEuclideanTarget")
@@ -40,7 +40,7 @@ def sensors(document: Json, job: ImportContext, targets: dict[str, Json]) -> Jso
     for entry in entries(document, "SENSOR_SETUP", "SENSORS"):
         if entry.get("type") != "SensorCameraRGBD":
             job.warn(
-                f"a sensor of the type {entry.get('type')} is left out: there are cameras only"
+                f"a sensor of the type {entry.get('type')} is left out: only cameras are supported"
             )
             continue
         params = part(entry, "sensorParams")
@@ -123,7 +123,7 @@ def _motion(general: Json, document: Json, job: ImportContext, targets: dict[str
         down = {"look": "down", "yaw_deg": DOWN_YAW_DEG}
         return shared | hover | {"kind": "random", "position_m": _box(general, "Euclidean")} | down
     if kind != "randomEuclideanTarget":
-        job.warn(f"the movement {kind} is not known: the rig hovers over the stage")
+        job.warn(f"the movement {kind} is unknown: the rig hovers over the stage")
         return shared | hover | {"kind": "hover"}
     found: Json = {
         "kind": "look_at",
@@ -156,7 +156,7 @@ def _around(general: Json, document: Json, job: ImportContext, targets: dict[str
     name = str(general.get("targetObject", ""))
     target = targets.get(name) or next(iter(targets.values()), None)
     if target is None:
-        job.warn(f"the object {name!r} that the rig looks at is not there: it looks at the origin")
+        job.warn(f"the target object {name!r} does not exist: the rig looks at the origin")
         target = {"position_m": [0.0, 0.0, 0.0], "radius_m": 1.0}
     radius_m = target["radius_m"]
     least, most = (
@@ -166,7 +166,7 @@ def _around(general: Json, document: Json, job: ImportContext, targets: dict[str
         "kind": "around_target",
         "target_m": target["position_m"],
         "distance_m": [least, most],
-        # The original takes the octants of -x and +y, at any height of the body.
+        # The original uses the octants of -x and +y, at any height.
         "azimuth_deg": [100.0, 170.0],
         "elevation_deg": [-30.0, 30.0],
         "redraw": "batch",
@@ -194,7 +194,7 @@ def _from_file(general: Json, job: ImportContext) -> Json:
 
 
 def _turn_poses(source: Path, target: Path) -> None:
-    """Write the poses of an original file (frame, x, y, z, qw, qx, qy, qz) in our convention."""
+    """Convert the poses of an original file (frame, x, y, z, qw, qx, qy, qz) to our convention."""
     target.unlink(missing_ok=True)
     with source.open(newline="", encoding="utf-8") as file:
         for line, row in enumerate(csv.reader(file), start=1):

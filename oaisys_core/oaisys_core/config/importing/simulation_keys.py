@@ -27,13 +27,13 @@ SIMULATION_RULES: tuple[KeyRule, ...] = (
     mapped("output.samples", f"{RUN}.numSamplesPerBatch"),
     mapped("output.save_blend", f"{RUN}.saveBlenderFiles"),
     mapped("output.batch_offset", f"{RUN}.outputIDOffset"),
-    no_counterpart("images are what `oaisys render` is for", f"{RUN}.renderImages"),
+    no_counterpart("`oaisys render` always writes images", f"{RUN}.renderImages"),
     no_counterpart("poses, provenance and labels are always written", f"{RUN}.saveMetaData"),
     no_effect("nothing reads it", *within(RUN, "defaultCfg", "saveConfigFiles")),
     no_counterpart("colour is always rendered by Cycles", f"{RENDER}.renderEngine"),
     mapped("render.device: auto, a GPU where there is one, or cpu", f"{RENDER}.renderDevice"),
     no_counterpart(
-        "it switches adaptive subdivision on; see stage.detail", f"{RENDER}.renderFeatureSet"
+        "it enables adaptive subdivision; see stage.detail instead", f"{RENDER}.renderFeatureSet"
     ),
     no_effect("the lines that read it are commented out", f"{RENDER}.performanceTiles?"),
     mapped("the modalities of all cameras", f"{IMAGES}.type"),
@@ -48,9 +48,9 @@ SIMULATION_RULES: tuple[KeyRule, ...] = (
     ),
     no_effect("DepthEnabled of a sensor decides", f"{IMAGES}.passParams.renderDepthActive"),
     no_counterpart(
-        "files have the kinds that hold them without loss", f"{IMAGES}.passParams.imageFileType"
+        "the file type is chosen so that nothing is lost", f"{IMAGES}.passParams.imageFileType"
     ),
-    no_effect("there is one image that effects work on", f"{POST}.GENERAL.renderPasses"),
+    no_effect("effects apply to one image only", f"{POST}.GENERAL.renderPasses"),
     mapped("render.effects.bloom", f"{POST}.POST_EFFECTS.type"),
     mapped("render.effects.bloom.threshold", f"{POST}.POST_EFFECTS.effectParams.threshold"),
     mapped("render.effects.bloom.radius_px", f"{POST}.POST_EFFECTS.effectParams.size"),
@@ -64,7 +64,7 @@ SIMULATION_RULES: tuple[KeyRule, ...] = (
         ),
     ),
     mapped("sensors.motion.kind", f"{RIG}.sensorMovementType"),
-    mapped("sensors.motion.path, its poses turned to ours", f"{RIG}.sensorMovementPose"),
+    mapped("sensors.motion.path, with poses in our convention", f"{RIG}.sensorMovementPose"),
     mapped("sensors.motion.offset_m", f"{RIG}.deterministicSensorOffsetPos"),
     mapped("sensors.motion.step_interval", f"{RIG}.stepInterval"),
     mapped(
@@ -72,8 +72,8 @@ SIMULATION_RULES: tuple[KeyRule, ...] = (
         *within(RIG, "hoverBaseModeEnabled", "hoverBaseDistance"),
     ),
     mapped(
-        "sensors.motion.height_above_ground_m: that it is there lets heights vary between half "
-        "and all of hoverBaseDistance where targets hover; its value has no effect there either",
+        "sensors.motion.height_above_ground_m: if present, heights vary between half and all of "
+        "hoverBaseDistance where targets hover; its value has no effect in the original either",
         f"{RIG}.hoverBaseDistanceNoise",
     ),
     mapped(
@@ -82,22 +82,22 @@ SIMULATION_RULES: tuple[KeyRule, ...] = (
     ),
     no_counterpart("there is one stage", *within(RIG, "hoverBaseStage", "hoverTargetStage")),
     mapped("sensors.motion.position_m", f"{RIG}.randomEuclideanPosM??"),
-    mapped("sensors.motion.target_m, counted from the rig", f"{RIG}.randomTargetPosM??"),
+    mapped("sensors.motion.target_m, relative to the rig", f"{RIG}.randomTargetPosM??"),
     mapped("sensors.motion.roll_deg", f"{RIG}.randomTargetRollDeg"),
     no_counterpart(
-        "its quaternions are stored in the wrong order there, so that these are not the angles "
-        "about any axes; at 0 the rig looks down, and so it does here",
+        "the original stores its quaternions in the wrong order, so these are not angles about any "
+        "axes; at 0 the rig looks down, as it does here",
         f"{RIG}.randomEuclideanEulerM??",
     ),
     no_effect("a target has no direction", f"{RIG}.randomTargetEulerM??"),
     no_effect("only the mode `none` is implemented", f"{RIG}.interpolationMode"),
-    mapped("sensors.motion.target_m: where that object stands", f"{RIG}.targetObject"),
+    mapped("sensors.motion.target_m: the position of that object", f"{RIG}.targetObject"),
     mapped(
         "sensors.motion.distance_m, in units of the object's radius", f"{RIG}.sensorDistanceScale"
     ),
     mapped("sensors.motion.approach", *within(RIG, "landingMode", "finalApproachDistance")),
-    no_counterpart("nothing rides on the rig", f"{RIG}.MESH_FOLLOWER.*"),
-    no_counterpart("it is switched on by other keys", f"{RIG}.randomTargetRollRad"),
+    no_counterpart("no meshes move with the rig", f"{RIG}.MESH_FOLLOWER.*"),
+    no_counterpart("other keys enable it", f"{RIG}.randomTargetRollRad"),
     no_effect(
         "nothing reads it",
         *within(RIG, "baseMovement.*", "positionOffsetEnabled", "targetObjectActive"),
@@ -123,13 +123,13 @@ SIMULATION_RULES: tuple[KeyRule, ...] = (
         *within(CAMERA, "cameraFocalLength", "cameraFOVHorizontal", "cameraFOVVertical"),
         *within(CAMERA, "cameraSensorWidth", "cameraPrinciplePoint?", "stereoBaseLine"),
     ),
-    no_effect("sensors never ask for it", f"{CAMERA}.triggerInterval"),
+    no_effect("sensors never use it", f"{CAMERA}.triggerInterval"),
     mapped("environment.sky_strength and sun_strength_w_m2", f"{ENV}.GENERAL.backgroundStrength"),
     mapped("environment.redraw: sample, step_interval", f"{ENV}.GENERAL.stepInterval"),
     mapped("environment.sky or environment.hdri", f"{EFFECT}.type"),
-    no_effect("nothing reads it there", f"{EFFECT}.stepInterval"),
+    no_effect("nothing reads it in this place", f"{EFFECT}.stepInterval"),
     mapped(
-        "environment.step_interval, where it is LOCAL",
+        "environment.step_interval, if it is LOCAL",
         *within(SKY, "stepIntervalOption", "stepInterval"),
     ),
     mapped("environment.sun_angular_diameter_deg", f"{SKY}.SunSize"),
@@ -148,7 +148,7 @@ SIMULATION_RULES: tuple[KeyRule, ...] = (
         "environment.sky_semantic_id, sky_levels", f"{SKY}.passParams.SemanticPass.semanticIDVec"
     ),
     no_effect(
-        "nothing reads it; the sky is no instance",
+        "nothing reads it; the sky is not an instance",
         *within(f"{SKY}.passParams", "RGBDPass.rgbIDVec", "InstancePass.instanceIDVec"),
     ),
     mapped("environment.hdri.choose", f"{SKY}.selectionOption"),

@@ -1,4 +1,4 @@
-"""Generated files in place of those that an original configuration names and that are missing."""
+"""Generated files that replace missing files of an original configuration."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SKY_PX = (128, 256)
 
 
 class StandIns:
-    """Makes files below a folder, at the places that the missing ones have in the original."""
+    """Makes files in a folder, at the relative paths of the missing ones."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder.resolve()
@@ -52,7 +52,7 @@ class StandIns:
         return path
 
     def label_image(self, name: str, mapping: Mapping[str, Any]) -> Path:
-        """Return an image with a stripe of each colour of a mapping, as many as there are."""
+        """Return an image with one stripe for each colour of a mapping."""
         colors = [tuple(bytes.fromhex(code.removeprefix("#"))) for code in mapping] or [(0, 0, 0)]
         stripes = np.arange(LABELS_PX) * len(colors) // LABELS_PX
         image = np.broadcast_to(
@@ -63,7 +63,7 @@ class StandIns:
         return path
 
     def sky(self, name: str) -> Path:
-        """Return a panorama that is brighter towards the horizon, above dull ground."""
+        """Return a panorama that is brighter towards the horizon, above grey ground."""
         rows, columns = SKY_PX
         up = np.cos(np.pi * (np.arange(rows) + 0.5) / rows)[:, None, None]
         sky = 0.3 + 0.5 * (1 - np.abs(up)) * np.array((0.9, 0.8, 0.7))
@@ -73,7 +73,7 @@ class StandIns:
         return path
 
     def _place(self, name: str) -> Path:
-        """Return where a file of a name lies: below the folder, whatever the name."""
+        """Return the path for a name, which is always inside the folder."""
         parts = [part for part in PurePosixPath(name).parts if part not in ("/", "..")]
         return self._folder.joinpath(*parts)
 

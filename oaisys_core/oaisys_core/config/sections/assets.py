@@ -1,6 +1,6 @@
-"""Things that stand on the ground.
+"""Configuration of the objects on the ground.
 
-Lengths are metres, angles degrees (a person types them).
+Lengths are in metres, angles in degrees.
 """
 
 from __future__ import annotations
@@ -22,20 +22,21 @@ from oaisys_core.config.sections.groups import Count, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, unit_quaternion
 
 MOST_GROUPS, MOST_OBJECTS = 1000, 2500
-"""How many there may be, so that each has instance ids of its own."""
+"""Largest numbers, so that each has its own instance ids."""
 
 
 class RockGroupConfig(Labelled):
-    """Rocks of one kind, scattered at random.
+    """Randomly scattered rocks of one kind.
 
     Attributes:
         kind: Shape, see ``oaisys_core.scatter.rocks``.
         count: (least, most) number of rocks.
-        size_m: (smallest, largest) longest axis.
-        size_exponent: Power law of sizes: the number above size D goes as D**-exponent.
-        variants: Different meshes of the kind.
-        sink: (least, most) share of a rock's height that is in the ground.
-        max_slope_deg: No rock stands on ground steeper than this.
+        size_m: (smallest, largest) size along the longest axis.
+        size_exponent: Exponent of the power law of sizes: the number above size D goes as
+            D**-exponent.
+        variants: Number of different meshes.
+        sink: (least, most) share of a rock's height below the ground.
+        max_slope_deg: Steepest ground on which rocks are placed.
     """
 
     kind: str = "angular"
@@ -64,9 +65,9 @@ class RockGroupConfig(Labelled):
 
 
 def _radius_too(schema: dict[str, Any]) -> None:
-    """Tell in the schema that a sphere may be given by its radius."""
+    """Add to the schema that a sphere may be given by its radius."""
     schema["properties"]["radius_m"] = {"exclusiveMinimum": 0, "type": "number"} | {
-        "description": "Radius of a sphere, in place of `size_m`."
+        "description": "Radius of a sphere, instead of `size_m`."
     }
     schema["required"].remove("size_m")
     schema["anyOf"] = [{"required": ["size_m"]}, {"required": ["radius_m"]}]
@@ -76,10 +77,10 @@ class PrimitiveConfig(Labelled):
     """An exact sphere or box, for calibration.
 
     Attributes:
-        shape: What it is.
-        size_m: Radius (thrice, or once as ``radius_m``) of a sphere, edge lengths of a box.
-        position_m, quat_xyzw: Pose of its centre in ``map``.
-        color_srgb: Its plain colour.
+        shape: Kind of primitive.
+        size_m: Edge lengths of a box; for a sphere three times its radius, or use ``radius_m``.
+        position_m, quat_xyzw: Pose of the centre in ``map``.
+        color_srgb: Uniform colour.
     """
 
     model_config = ConfigDict(json_schema_extra=_radius_too)
@@ -95,7 +96,7 @@ class PrimitiveConfig(Labelled):
     @model_validator(mode="before")
     @classmethod
     def _radius_alone(cls, data: object) -> object:
-        """Let a sphere be given by its radius."""
+        """Accept ``radius_m`` instead of ``size_m``."""
         if isinstance(data, dict) and "radius_m" in data and "size_m" not in data:
             radius_m = data["radius_m"]
             rest = {key: value for key, value in data.items() if key != "radius_m"}
@@ -114,16 +115,16 @@ class PrimitiveConfig(Labelled):
 
 
 class AssetsConfig(Section):
-    """Things that stand on the ground.
+    """Objects on the ground.
 
     Attributes:
         rocks: Scattered rocks, all drawn from one random stream.
-        primitives: Exact solids.
-        groups: Scattered things of any shape, each group drawn by itself.
-        objects: Things at fixed places.
-        movers: Things that move from sample to sample.
+        primitives: Exact spheres and boxes.
+        groups: Scattered objects of any shape; each group has its own random stream.
+        objects: Objects at fixed positions.
+        movers: Objects that move from sample to sample.
         rock_texture: Built-in texture set of the rocks.
-        rock_tile_m: Edge length of one tile of it on the rocks.
+        rock_tile_m: Edge length of a tile of this texture.
     """
 
     rocks: tuple[RockGroupConfig, ...] = (
@@ -145,10 +146,10 @@ class AssetsConfig(Section):
             names = [thing.name for thing in part]
             twice = {name for name in names if names.count(name) > 1}
             if twice:
-                raise ValueError(f"two of a kind are called {', '.join(sorted(twice))}")
+                raise ValueError(f"several of a kind have the name {', '.join(sorted(twice))}")
         return self
 
     @property
     def labelled(self) -> tuple[Labelled, ...]:
-        """Everything in it that carries labels."""
+        """Everything in the section that has labels."""
         return (*self.rocks, *self.primitives, *self.groups, *self.objects, *self.movers)

@@ -1,6 +1,6 @@
-"""Where things are more or less likely to stand.
+"""Configuration of the densities of scattered objects.
 
-Lengths are metres, angles degrees (a person types them).
+Lengths are in metres, angles in degrees.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ class NoiseDensity(Section):
 
     Attributes:
         scale_m: Typical width of a patch.
-        cover: Share of the ground that is in patches.
-        softness: 0: patches end at once; 1: they fade over about half their width.
-        least: Density between the patches.
+        cover: Share of the ground inside patches.
+        softness: 0 for sharp borders; with 1 patches fade over about half their width.
+        least: Density outside the patches.
     """
 
     kind: Literal["noise"]
@@ -34,11 +34,11 @@ class NoiseDensity(Section):
 
 
 class VoronoiDensity(Section):
-    """Cells nearest to random points: some hold things, some none.
+    """Voronoi cells of random points, of which only some contain objects.
 
     Attributes:
         cell_m: Typical width of a cell.
-        cover: Share of the cells that hold things.
+        cover: Share of the cells that contain objects.
         border_m: Width over which a cell fades towards its border.
         least: Density in the other cells.
     """
@@ -51,11 +51,11 @@ class VoronoiDensity(Section):
 
 
 class SlopeDensity(Section):
-    """Ground of some slopes.
+    """Ground in a range of slopes.
 
     Attributes:
         range_deg: (least, most) slope.
-        fade_deg: Width of a linear fade, half of it on each side of a bound.
+        fade_deg: Width of the linear fade centred on each bound.
         least: Density elsewhere.
     """
 
@@ -66,12 +66,13 @@ class SlopeDensity(Section):
 
 
 class HeightDensity(Section):
-    """Ground of some heights.
+    """Ground in a range of heights.
 
     Attributes:
-        range_m: (least, most) height in ``map``; None: see ``range_share``.
-        range_share: (least, most) height, 0 the ground's lowest and 1 its highest point.
-        fade_m: Width of a linear fade, half of it on each side of a bound.
+        range_m: (least, most) height in ``map``; None to use ``range_share``.
+        range_share: (least, most) relative height; 0 is the lowest point of the ground, 1 the
+            highest.
+        fade_m: Width of the linear fade centred on each bound.
         least: Density elsewhere.
     """
 
@@ -83,12 +84,12 @@ class HeightDensity(Section):
 
 
 class ImageDensity(Section):
-    """A grey image laid over the whole ground, its upper edge at the largest y.
+    """A grey image over the whole ground, with its upper edge at the largest y.
 
     Attributes:
-        file: 8- or 16-bit image; white is 1. Between its pixels it is interpolated linearly.
+        file: 8- or 16-bit image; white is 1. It is interpolated linearly between pixels.
         invert: Whether black is 1.
-        least: Density where it is 0.
+        least: Density where the image is 0.
     """
 
     kind: Literal["image"]

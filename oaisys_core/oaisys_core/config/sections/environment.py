@@ -1,7 +1,7 @@
-"""Sun, sky and air.
+"""Configuration of sun, sky and air.
 
-Lengths are metres, angles degrees (a person types them). A range is ``[least, most]``, or one
-number for both; it is drawn anew for each batch, or every few samples.
+Lengths are in metres, angles in degrees. A range is ``[least, most]`` or a single number for both;
+its value is drawn for each batch, or every few samples.
 """
 
 from __future__ import annotations
@@ -31,13 +31,13 @@ ColorSrgb = tuple[Channel, Channel, Channel]
 
 
 class SkyConfig(Section):
-    """How the sky looks where no HDRI takes its place.
+    """The sky, if no HDRI replaces it.
 
     Attributes:
-        model: ``atmosphere`` computes the sunlight that Earth's air scatters, ``plain`` takes the
-            colours below, ``none`` is black.
-        zenith_srgb, horizon_srgb: Colours that a plain sky runs between.
-        glow_srgb: What it has in addition around the sun.
+        model: ``atmosphere`` computes the sunlight scattered by Earth's atmosphere, ``plain`` uses
+            the colours below, ``none`` is black.
+        zenith_srgb, horizon_srgb: Colours of a plain sky at the zenith and at the horizon.
+        glow_srgb: Colour that a plain sky has in addition around the sun.
         glow_deg: Angle from the sun at which this glow has fallen to 1 / e.
     """
 
@@ -49,14 +49,14 @@ class SkyConfig(Section):
 
 
 class SunFromTimeConfig(Section):
-    """Where the sun stands over a place on Earth; it overrides elevation and azimuth.
+    """The position of the sun by time and place on Earth; it overrides elevation and azimuth.
 
     Attributes:
-        date_time: With its offset from UTC, such as ``2026-06-21T12:00:00+02:00``.
-        latitude_deg, longitude_deg: North and east are positive.
+        date_time: Date and time with UTC offset, such as ``2026-06-21T12:00:00+02:00``.
+        latitude_deg, longitude_deg: Place on Earth; north and east are positive.
         north_offset_deg: Direction of true north in ``map``, counter-clockwise from +y.
-        later_h: Hours that are added, for a time of day drawn at random.
-        s_per_sample: Seconds by which the clock runs on from one sample to the next.
+        later_h: Range of hours that are added, for a random time of day.
+        s_per_sample: Seconds between one sample and the next.
     """
 
     date_time: AwareDatetime
@@ -68,10 +68,10 @@ class SunFromTimeConfig(Section):
 
 
 class SkyLabelsConfig(LabelImageConfig):
-    """An image of the same layout as an HDRI, whose pixel values stand for labels.
+    """An image with the layout of an HDRI whose pixel values stand for labels.
 
     Attributes:
-        level: Semantic level that a mapping's ``semantic_id`` is of; its ``levels`` follow.
+        level: Semantic level of the ``semantic_id`` in ``mapping``; its ``levels`` follow.
     """
 
     image: ConfigFile
@@ -79,13 +79,13 @@ class SkyLabelsConfig(LabelImageConfig):
 
 
 class HdriImageConfig(Labelled):
-    """One equirectangular image of all directions.
+    """An equirectangular image of all directions.
 
     Attributes:
-        file: ``.hdr`` or ``.exr``, linear.
-        strength, rotation_deg: Of this image; none: those of the list.
-        labels_from: Images that tell labels by direction.
-        label, semantic_id, levels: Where those say nothing; 0: the sky's.
+        file: Linear ``.hdr`` or ``.exr`` image.
+        strength, rotation_deg: Values for this image; None uses those of ``hdri``.
+        labels_from: Label images by direction.
+        label, semantic_id, levels: Labels of all other directions; 0 uses those of the sky.
     """
 
     file: ConfigFile
@@ -97,17 +97,17 @@ class HdriImageConfig(Labelled):
 
 
 class HdriConfig(Section):
-    """Images that take the sky's place.
+    """Images that replace the sky.
 
     Attributes:
-        images: To choose from.
-        folder: All ``.hdr`` and ``.exr`` files in it, by name, come after those.
-        choose: ``random``: any of them; ``shuffle``: at random, but none again before all were
-            shown; ``cycle``: one after the other. The latter two count redraws in a batch.
-        use: File name (without its ending) of the one to show; none: as ``choose`` says.
-        strength: Factor on the image's radiance.
-        rotation_deg: Direction of the image's middle, counter-clockwise from +x.
-        keep_sun: Whether the sun lamp shines as well.
+        images: The images to choose from.
+        folder: Folder whose ``.hdr`` and ``.exr`` files are appended to ``images``, by name.
+        choose: ``random`` picks any image, ``shuffle`` a random one that was not used before all
+            others, ``cycle`` the next one. The last two count the redraws in a batch.
+        use: File name (without suffix) of the image to use; None uses ``choose``.
+        strength: Factor on the radiance of the image.
+        rotation_deg: Azimuth of the middle of the image, counter-clockwise from +x.
+        keep_sun: Whether the sun lamp is on in addition.
     """
 
     images: tuple[HdriImageConfig, ...] = ()
@@ -126,15 +126,15 @@ class HdriConfig(Section):
 
 
 class HazeConfig(Section):
-    """Dust or haze between the camera and what it sees, in colour only.
+    """Dust or haze between the camera and the scene; it changes colour only.
 
     Attributes:
         visibility_m: Distance at which contrast falls to 2 % (Koschmieder's visual range).
-        angstrom_exponent: How much more blue light is dimmed than red: 0 for coarse dust, 1.3 for
-            smoke and haze, 4 for clean air.
-        thickness_m: Of the hazy layer in front of the sky overhead; none: a tenth of the
+        angstrom_exponent: Dependence of the extinction on the wavelength: 0 for coarse dust, 1.3
+            for smoke and haze, 4 for clean air.
+        thickness_m: Thickness of the layer below the sky overhead; None for a tenth of the
             visibility.
-        color_srgb: Of the veil before what is far; it is as bright as the sky at the horizon.
+        color_srgb: Colour of the haze; it is as bright as the sky at the horizon.
     """
 
     visibility_m: Annotated[Range, Within(1.0, 1e6)]
@@ -144,7 +144,7 @@ class HazeConfig(Section):
 
 
 class EffectConfig(BaseModel):
-    """An environment effect of a package that registered one; it checks its own options.
+    """An environment effect of another package, which checks its own options.
 
     Attributes:
         effect: Name in the entry point group ``oaisys.environment_effects``.
@@ -164,29 +164,29 @@ class EnvironmentConfig(Section):
     """Sun, sky and air.
 
     Attributes:
-        sun_elevation_deg: Of the sun's centre above the horizon.
-        sun_azimuth_deg: From +x (east) towards +y (north).
-        sun_strength_w_m2: Irradiance on a surface facing it, in Blender's scene units.
-        sun_angular_diameter_deg: Of the sun; the larger, the softer are the shadows' edges.
-        sun_disc: Brightness of the sun's disc in the picture, 1 is true to its strength; 0: none.
-        sun_from_time: Places the sun by date, time and place instead.
-        sky: How the sky looks.
+        sun_elevation_deg: Elevation of the sun's centre above the horizon.
+        sun_azimuth_deg: Azimuth from +x (east) towards +y (north).
+        sun_strength_w_m2: Irradiance on a surface that faces the sun, in Blender's scene units.
+        sun_angular_diameter_deg: Angular diameter; a larger sun casts softer shadows.
+        sun_disc: Brightness of the visible disc relative to the sun's strength; 0 hides it.
+        sun_from_time: Position of the sun by date, time and place, instead of the angles above.
+        sky: The sky, if no HDRI replaces it.
         sky_strength: Factor on the sky's radiance.
-        air, dust, ozone: Densities of the atmosphere, 1 is a clear day on Earth.
-        altitude_m: Height above the sea from which the atmosphere is seen.
-        hdri: Images that take the sky's place.
+        air, dust, ozone: Densities of the atmosphere; 1 is a clear day on Earth.
+        altitude_m: Height above sea level from which the atmosphere is seen.
+        hdri: Images that replace the sky.
         haze: Dust or haze in the air.
-        sky_semantic_id: Label of pixels that hit nothing; 0 leaves them unlabelled.
-        sky_label: What that label is called.
-        sky_levels: Their labels of the levels from 1 on.
-        ground_beyond: Whether the ground goes on beyond the stage up to the horizon, in colour,
-            depth and labels; not where there is an HDRI. Meshes and heights end with the stage.
-        ground_beyond_label: Of the ground beyond the stage, and of pixels that hit nothing below
-            the horizon; none: that of the ground's material, mirrored at the stage's edges, and
-            the sky's.
-        effects: Effects from other packages, applied in this order.
-        redraw: Whether ranges are drawn when a batch begins or for its samples too.
-        step_interval: With ``redraw: sample``, samples until the next draw.
+        sky_semantic_id: Id of pixels that hit nothing; 0 leaves them unlabelled.
+        sky_label: Name of this label.
+        sky_levels: Labels of the sky on the levels from 1 on.
+        ground_beyond: Whether the ground continues beyond the stage to the horizon, in colour,
+            depth and labels; not with an HDRI. Meshes and height queries end at the stage.
+        ground_beyond_label: Label of the ground beyond the stage, and of pixels below the horizon
+            that hit nothing. None uses that of the ground's material, mirrored at the edges of the
+            stage, and that of the sky.
+        effects: Effects of other packages, applied in this order.
+        redraw: Whether values are drawn once per batch, or again for samples.
+        step_interval: Samples between draws, with ``redraw: sample``.
     """
 
     sun_elevation_deg: Annotated[Range, Within(-90.0, 90.0)] = (38.0, 38.0)
@@ -221,7 +221,7 @@ class EnvironmentConfig(Section):
 
     @property
     def labelled(self) -> tuple[Labelled, ...]:
-        """All that carries labels; an id of 0 means none here."""
+        """Everything in the section that has labels; an id of 0 means no label."""
         images = self.hdri.images if self.hdri else ()
         mapped = [
             m for image in images for labels in image.labels_from for m in labels.mapping.values()

@@ -1,4 +1,4 @@
-"""What real sensors do to true depth and true poses."""
+"""Configuration of sensor faults: noise of depth images and drift of odometry."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ Distance = Annotated[float, Field(ge=0, le=FARTHEST_M)]
 
 
 class FaultsConfig(Section):
-    """Noise of depth, and drift of what the rig takes for its pose; none by default.
+    """Noise of depth images and drift of the estimated rig pose; none by default.
 
-    All is drawn by (seed, batch, sample, sensor): a sample that is rendered again has the same. The
-    bridge's parameters ``faults.*`` of the same names and values do the same to what it publishes;
-    where both are set, images suffer twice.
+    All faults are drawn from (seed, batch, sample, sensor), so a sample that is rendered again has
+    the same ones. The parameters ``faults.*`` of the ROS bridge have the same names and effects; if
+    both are set, the faults are applied twice.
 
     Attributes:
-        enabled: Whether any of it happens; a sample whose metadata says ``false`` is true.
-        seed: Root of all draws.
-        depth_noise: Law of the error of a depth z: ``gaussian`` has a standard deviation of
-            ``depth_sigma_m``, ``quadratic`` of ``depth_sigma_m + depth_sigma_per_m * z**2``,
-            ``kinect`` that of structured light.
+        enabled: Whether faults are applied; metadata may turn them off for a sample.
+        seed: Root seed of the faults.
+        depth_noise: Noise model of a depth z: ``gaussian`` with standard deviation
+            ``depth_sigma_m``, ``quadratic`` with ``depth_sigma_m + depth_sigma_per_m * z**2``, or
+            ``kinect`` for structured light.
         depth_sigma_m: See ``depth_noise``.
         depth_sigma_per_m: See ``depth_noise``; 1/m.
-        min_depth_m: What is measured nearer becomes -inf.
-        max_depth_m: What is measured farther becomes +inf; 0: no limit.
+        min_depth_m: Smaller depths become -inf.
+        max_depth_m: Larger depths become +inf; 0 for no limit.
         missing_ratio: Share of depth pixels that become NaN.
-        drift_m: Standard deviation of what odometry drifts along each axis with every sample.
-        drift_rad: Standard deviation of what odometry turns about each axis with every sample.
+        drift_m: Standard deviation of the odometry's drift per sample along each axis.
+        drift_rad: Standard deviation of the odometry's rotation drift per sample about each axis.
     """
 
     enabled: bool = True
@@ -49,7 +49,7 @@ class FaultsConfig(Section):
 
     @property
     def of_depth(self) -> DepthFaults:
-        """What happens to depth images."""
+        """The faults of depth images."""
         if not self.enabled:
             return DepthFaults()
         return DepthFaults(
@@ -64,7 +64,7 @@ class FaultsConfig(Section):
 
     @property
     def drift_sigmas(self) -> tuple[float, float]:
-        """Standard deviation of odometry's step along each axis (m) and about it (rad)."""
+        """Standard deviations of the odometry's drift per sample, in metres and radians."""
         return (self.drift_m, self.drift_rad) if self.enabled else (0.0, 0.0)
 
     @model_validator(mode="after")

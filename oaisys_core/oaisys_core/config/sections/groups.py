@@ -1,6 +1,6 @@
-"""Things scattered at random in large numbers.
+"""Configuration of groups of scattered objects.
 
-Lengths are metres, angles degrees (a person types them).
+Lengths are in metres, angles in degrees.
 """
 
 from __future__ import annotations
@@ -14,36 +14,36 @@ from oaisys_core.config.sections.density import DensityConfig
 from oaisys_core.config.sections.objects import Fraction, Name, ShapedConfig
 
 MOST_INSTANCES = 1_000_000
-"""Instances of one group at most, metadata's factors included."""
+"""Largest number of instances of a group, including factors from metadata."""
 
 Count = Annotated[int, Field(ge=0, le=MOST_INSTANCES)]
 
 
 class GroupConfig(ShapedConfig):
-    """Things of one kind, scattered at random; its draws do not depend on any other group.
+    """Randomly scattered objects of one kind, independent of all other groups.
 
     Attributes:
-        name: Key of its random stream, and of its metadata.
-        count: (least, most) number of them; fewer are placed where there is no room.
-        probability: How likely a batch has any of them.
-        hidden: Whether they are left out of the picture; they keep their instance ids.
-        variants: Different meshes of a built-in shape.
-        detail: Triangles of a rock are 20 * 4**detail; None: by its size.
-        size_m: (smallest, largest) longest axis.
+        name: Unique name, which is also the key of its metadata and random stream.
+        count: (least, most) number of instances; fewer are placed if there is no room.
+        probability: Probability that a batch has any of them.
+        hidden: Whether they are invisible; they keep their instance ids.
+        variants: Number of different meshes of a built-in shape.
+        detail: A rock has 20 * 4**detail triangles; None derives it from the size.
+        size_m: (smallest, largest) size along the longest axis.
         size_distribution: ``power_law`` (the number above size D goes as D**-size_exponent),
-            ``uniform``, or ``normal`` (cut off at the range's ends).
-        size_exponent: Of the power law.
-        size_mean_m, size_std_m: Of the normal distribution; None: the range's middle, and a
-            quarter of its width.
-        spacing: Least distance of two of them, in units of their mean size.
-        spacing_m: Least distance of two of them (Poisson-disk sampling).
-        density: Where they are likely; all are multiplied.
-        max_slope_deg: None stands on ground steeper than this.
-        yaw_deg: (least, most) turn about the vertical.
-        tilt_deg: Most that one leans at random, about either axis.
-        align: Share of the ground's slope by which they lean with it: 0 stands upright, 1 at right
-            angles to the ground.
-        sink: (least, most) share of the height that is in the ground.
+            ``uniform``, or ``normal`` (truncated to the range).
+        size_exponent: Exponent of the power law.
+        size_mean_m, size_std_m: Parameters of the normal distribution; None uses the middle and a
+            quarter of the width of the range.
+        spacing: Least distance between two instances, in units of their mean size.
+        spacing_m: Least distance between two instances in metres (Poisson-disk sampling).
+        density: Densities over the ground, which are multiplied.
+        max_slope_deg: Steepest ground on which they are placed.
+        yaw_deg: (least, most) rotation about the vertical.
+        tilt_deg: Largest random tilt about either horizontal axis.
+        align: Share of the ground's slope by which they tilt: 0 stands upright, 1 is perpendicular
+            to the ground.
+        sink: (least, most) share of the height below the ground.
     """
 
     name: Name

@@ -1,7 +1,7 @@
-"""The ground's material: which layers there are, how they look and where each of them lies.
+"""Configuration of the ground's material: its layers, how they look and where they lie.
 
-Lengths are metres, angles degrees (a person types them). A range is ``[least, most]``, or one
-number for both; it is drawn anew for each batch.
+Lengths are in metres, angles in degrees. A range is ``[least, most]`` or a single number for both;
+its value is drawn for each batch.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ MaskValue = Annotated[
 
 
 class LabelImageConfig(Section):
-    """Labels of a layer that an image tells; it lies on every tile just as the colour map does.
+    """A label image of a layer, which is laid on every tile like the colour map.
 
     Attributes:
-        image: Grey image of 8 or 16 bits, or a colour image; its nearest pixel decides.
-        mapping: Labels by pixel value. Levels that an entry does not have, and pixels of any
-            other value, are labelled as the layer is.
+        image: Grey image of 8 or 16 bits, or a colour image; the nearest pixel is used.
+        mapping: Labels by pixel value. Other pixel values, and levels that an entry does not have,
+            get the labels of the layer.
     """
 
     image: ConfigFile
@@ -56,13 +56,13 @@ class LabelImageConfig(Section):
 
 
 class ConditionConfig(Section):
-    """Where a layer may lie; all that is given must hold.
+    """Where a layer may lie; all given conditions must hold.
 
     Attributes:
-        slope_deg: Slopes from the first to the second angle.
-        height_m: Heights in ``map``; None: any.
-        height_share: Heights as shares of the ground's relief, 0 its lowest, 1 its highest point.
-        soft_deg, soft_m: Widths over which the layer fades, half of it on each side of a bound.
+        slope_deg: Range of slopes.
+        height_m: Range of heights in ``map``; None for any height.
+        height_share: Range of relative heights; 0 is the lowest point of the ground, 1 the highest.
+        soft_deg, soft_m: Widths of the fades centred on the bounds.
     """
 
     slope_deg: tuple[SlopeDeg, SlopeDeg] = (0.0, 90.0)
@@ -84,8 +84,8 @@ class CurvesConfig(Section):
     """Tone curves of a colour map, through (0, 0), the given points and (1, 1).
 
     Attributes:
-        combined: (from, to) points of all channels, applied first.
-        red, green, blue: Points of one channel.
+        combined: (input, output) points for all channels, applied first.
+        red, green, blue: Points for one channel.
     """
 
     combined: CurvePoints = ()
@@ -98,10 +98,10 @@ class ColorConfig(Section):
     """Change of a layer's colour, drawn for each batch.
 
     Attributes:
-        hue_deg: Turn of the hue.
+        hue_deg: Rotation of the hue.
         saturation: Factor on the saturation.
         value: Factor on the brightness.
-        curves: Tone curves, applied before.
+        curves: Tone curves, applied before the other changes.
     """
 
     hue_deg: Range = (0.0, 0.0)
@@ -114,19 +114,19 @@ class LookConfig(Section):
     """How a layer looks, and where it may lie.
 
     Attributes:
-        texture: Name of a built-in texture set; ignored where ``folder`` is given.
-        folder: A folder of PBR maps named as Poly Haven or the original name them.
-        tile_m: Edge length of one tile; None: the texture set's own.
+        texture: Name of a built-in texture set; ignored if ``folder`` is given.
+        folder: Folder of PBR maps, named as by Poly Haven or the original simulator.
+        tile_m: Edge length of a tile; None uses that of the texture set.
         color: Change of its colour.
-        displacement_m: Height that the height map's full range stands for; None: the relief of
-            the normal map as it is.
+        displacement_m: Height of the full range of the height map; None keeps the normal map.
         normal_strength: Factor on the slopes of the normal map.
-        anti_tiling: How repetition is hidden: ``voronoi`` turns and shifts the texture from cell
-            to cell, ``stochastic`` blends shifted copies on a triangular lattice.
-        cell_tiles: Size of a cell of it, in tiles.
-        rotation_deg: Largest turn of a Voronoi cell to either side.
-        share: Share of the ground, relative to those of the other layers; None: as it comes.
-        when: Where it may lie; None: anywhere.
+        anti_tiling: How repetition is hidden: ``voronoi`` rotates and shifts the texture in each
+            cell, ``stochastic`` blends shifted copies on a triangular lattice.
+        cell_tiles: Cell size of ``anti_tiling``, in tiles.
+        rotation_deg: Largest rotation of a Voronoi cell to either side.
+        share: Share of the ground relative to other layers; None counts as 1 if another layer has
+            a share.
+        when: Where it may lie; None for anywhere.
     """
 
     texture: str = "gravel"
@@ -146,25 +146,25 @@ class LayerConfig(Labelled, LookConfig):
     """One layer of the ground's material.
 
     Attributes:
-        labels_from: An image that tells labels within a tile; None: the layer's own everywhere.
-            Such a layer is projected from above on steep slopes too.
+        labels_from: Label image of a tile; None for the same labels everywhere. A layer with one
+            is projected from above on steep slopes too.
     """
 
     labels_from: LabelImageConfig | None = None
 
 
 class PoolConfig(Section):
-    """Layers some of which are drawn for each batch.
+    """Layers of which some are drawn for each batch.
 
     Attributes:
-        layers: Those to draw from.
-        folder: A folder of folders of PBR maps, each of which is one more layer to draw from,
-            named and labelled as ``labels`` tells or after the folder.
-        look: What the layers of ``folder`` have in common; its texture and folder are ignored.
-        labels: Labels by the name of a folder in ``folder``.
-        first_semantic_id: Id of the first folder, in the order of their names, without ``labels``;
-            the others count on.
-        count: Least and most layers to draw; more than there are draws all of them.
+        layers: The layers to draw from.
+        folder: Folder of folders of PBR maps. Each is a further layer to draw from, labelled as in
+            ``labels`` or named after its folder.
+        look: Settings of the layers in ``folder``; ``texture`` and ``folder`` in it are ignored.
+        labels: Labels by name of the folders in ``folder``.
+        first_semantic_id: Id of the first folder by name; the following folders count up. It
+            applies to folders without ``labels``.
+        count: Least and most layers to draw; if there are fewer, all are drawn.
         replacement: Whether a layer may be drawn more than once.
     """
 
@@ -186,15 +186,15 @@ class PoolConfig(Section):
 
 
 class NoiseConfig(Section):
-    """Noise that lays each layer over those before it, as the original simulator does.
+    """Noise with which each layer covers earlier ones, as in the original simulator.
 
     Attributes:
         scale: Noise cells along the ground's longer edge.
-        detail: Octaves beyond the first; a fraction counts in part.
-        roughness: Height of each octave relative to the one before.
-        distortion: How far the noise is warped by other noise, in cells.
-        borders: Noise below the first value (noise runs from 0 to 1) shows what lies below, above
-            the second one the layer; in between they are mixed.
+        detail: Number of octaves after the first; a fraction scales the last octave.
+        roughness: Amplitude of each octave relative to the one before.
+        distortion: Strength of the domain warp, in cells.
+        borders: Noise values (0 to 1) between which the layer fades in: below the first it is
+            invisible, above the second it covers everything.
     """
 
     scale: PositiveRange = (3.0, 7.0)
@@ -205,13 +205,13 @@ class NoiseConfig(Section):
 
 
 class MaskConfig(Section):
-    """How layers are distributed over the ground.
+    """The distribution of layers over the ground.
 
     Attributes:
-        method: ``patches``: all layers compete for every place; ``noise``: each is laid over
-            those before it, see ``noise``.
+        method: With ``patches`` all layers compete for every point; with ``noise`` each layer
+            covers earlier ones, see ``noise``.
         scale_m: Typical size of a patch.
-        sharpness: 0 soft transitions of patches to 1 hard borders (of the colour).
+        sharpness: Sharpness of the colour borders of patches, from 0 (soft) to 1 (hard).
         noise: Parameters of the method ``noise``.
         size_px: Edge length of the mask images.
     """
@@ -224,12 +224,12 @@ class MaskConfig(Section):
 
 
 class VariationConfig(Section):
-    """The slow change of the ground's colour from place to place.
+    """Slow change of the ground's colour over the stage.
 
     Attributes:
-        brightness: Range of the brightness, around 1.
-        tint: Range of the change between cooler and warmer, as a share of red and blue.
-        scale_m: Size of its pattern; None: 7.3 tiles of the first layer.
+        brightness: Range of the brightness factor around 1.
+        tint: Range of the change between cool and warm, as a share of red and blue.
+        scale_m: Size of the pattern; None for 7.3 tiles of the first layer.
     """
 
     brightness: float = Field(default=0.35, ge=0, le=1)
@@ -238,23 +238,24 @@ class VariationConfig(Section):
 
 
 class MaterialsConfig(Section):
-    """The ground's material: layers blended by masks.
+    """The material of the ground: layers blended by masks.
 
     Attributes:
-        layers: Layers of every batch; by default gravel and sand, none where there are pools.
-        pools: Further layers, drawn for each batch.
+        layers: Layers of every batch; by default gravel and sand, or none if there are pools.
+        pools: Sets of further layers, of which some are drawn for each batch.
         mask: Where the layers lie.
-        label_borders: ``hard``: the heaviest layer's label; ``soft``: labels are scattered where
-            layers mix, each as often as its layer weighs.
-        label_cell_m: Size of the grains of soft borders.
-        displacement: What ``displacement_m`` moves: ``bump`` only shades, ``geometry`` moves the
-            ground's vertices too, as far as their distance carries the relief.
-        projection: Textures come from above; ``sides``: on steep slopes from the side; ``auto``:
-            so where the ground has steep parts.
+        label_borders: With ``hard`` a point has the label of the layer with the largest weight;
+            with ``soft`` labels are mixed at random where layers blend, by their weights.
+        label_cell_m: Cell size of soft borders.
+        displacement: With ``bump`` the height maps only change the shading; with ``geometry`` they
+            also displace the vertices of the ground, as far as its resolution allows.
+        projection: ``top`` projects textures from above, ``sides`` from the side on steep slopes,
+            ``auto`` like ``sides`` if the ground has steep parts.
         variation: Slow change of colour.
         texture_size_px: Edge length of built-in texture maps.
-        texture_seed: Seed of the built-in maps; not redrawn per batch, so that they are cached.
-            ``OAISYS_CACHE_MB`` in the environment bounds that cache (1024); 0 turns it off.
+        texture_seed: Seed of the built-in maps, the same for all batches, so that maps are cached.
+            The environment variable ``OAISYS_CACHE_MB`` limits the cache (default 1024); 0 disables
+            it.
     """
 
     layers: tuple[LayerConfig, ...] = (
@@ -286,7 +287,7 @@ class MaterialsConfig(Section):
 
     @property
     def labelled(self) -> list[Labelled]:
-        """Everything in it that carries labels."""
+        """Everything in the section that has labels."""
         layers = [*self.layers, *(layer for pool in self.pools for layer in pool.layers)]
         images = [layer.labels_from for layer in layers if layer.labels_from is not None]
         return [

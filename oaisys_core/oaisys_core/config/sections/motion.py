@@ -1,8 +1,8 @@
-"""How the rig moves where a sample's metadata gives no pose.
+"""Configuration of the rig's motion, which applies if a sample's metadata gives no pose.
 
-Every motion is a function of the batch's seed and the sample's id alone. Ranges are (least, most),
-drawn evenly; angles are degrees, and act about the fixed axes of ``map`` in the order roll (x),
-pitch (y), yaw (z).
+A motion depends only on the batch's seed and the sample's id. Ranges are (least, most) of a uniform
+distribution. Angles are in degrees, about the fixed axes of ``map`` in the order roll (x), pitch
+(y), yaw (z).
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from oaisys_core.config.section import (
 )
 
 MOST_ELEVATION_DEG = 89.9
-"""Beyond it a rig that looks at a target would have no upright attitude."""
+"""Limit up to which a rig that looks at a target has a defined upright orientation."""
 
 
 def _not_negative(value: tuple[float, float]) -> tuple[float, float]:
@@ -49,13 +49,12 @@ STILL: Range = (0.0, 0.0)
 
 
 class MotionConfig(Section):
-    """What all motions share.
+    """Keys that several motions share.
 
     Attributes:
-        step_interval: Samples for which the rig stays where it is before it moves on.
-        height_above_ground_m: Replaces a position's z by a height drawn from this range above the
-            ground right below; None: z as it is.
-        height_noise_m: Standard deviation of a height above the ground.
+        step_interval: Number of samples for which the rig keeps each pose.
+        height_above_ground_m: Range of heights above the ground, which replace z; None keeps z.
+        height_noise_m: Standard deviation of the height above the ground.
     """
 
     step_interval: int = Field(default=1, ge=1)
@@ -64,12 +63,12 @@ class MotionConfig(Section):
 
 
 class AnglesConfig(Section):
-    """A rig's attitude.
+    """The orientation of a rig.
 
     Attributes:
-        look: Where its x axis points before it is turned: along ``map``'s +x, or straight down
-            with the image's upper edge towards +x.
-        roll_deg, pitch_deg, yaw_deg: Turns about ``map``'s x, y and z axis, in this order.
+        look: Direction of the x axis before the rotation: along ``map``'s +x, or straight down with
+            the image's upper edge towards +x.
+        roll_deg, pitch_deg, yaw_deg: Rotations about ``map``'s x, y and z axes, in this order.
     """
 
     look: Look = "forward"
@@ -79,20 +78,20 @@ class AnglesConfig(Section):
 
 
 class GivenMotion(Section):
-    """The rig stays until metadata moves it."""
+    """No motion: only metadata moves the rig."""
 
     kind: Literal["given"] = "given"
 
 
 class CsvMotion(MotionConfig):
-    """Poses from a file, one after the other.
+    """The poses of a file, one after the other.
 
     Attributes:
-        path: CSV file as ``poses.csv`` is written; relative to the configuration file.
+        path: CSV file in the format of ``poses.csv``, relative to the configuration file.
         columns: Names of the columns of a file without a header, such as sample_id, x_m, y_m, z_m,
-            qw, qx, qy, qz; None: the first line names them.
-        offset_m: Added to every position.
-        at_end: What follows the last pose: it stays, the first one again, or an error.
+            qw, qx, qy, qz; None if the first line is a header.
+        offset_m: Offset added to every position.
+        at_end: After the last pose: keep it, start again, or fail.
     """
 
     kind: Literal["csv"]
@@ -110,10 +109,10 @@ class CsvMotion(MotionConfig):
 
 
 class RandomMotion(MotionConfig, AnglesConfig):
-    """A position and angles drawn from ranges.
+    """Random positions and angles.
 
     Attributes:
-        position_m: (least, most) of x, y and z.
+        position_m: Ranges of x, y and z.
     """
 
     kind: Literal["random"]
@@ -122,10 +121,10 @@ class RandomMotion(MotionConfig, AnglesConfig):
 
 
 class HoverMotion(MotionConfig, AnglesConfig):
-    """A random place at a distance over the stage; lifted where it would be too near to a surface.
+    """Random positions above the stage, lifted if they are too close to a surface.
 
     Attributes:
-        x_m, y_m: Ranges of the place; None: the middle nine tenths of the stage.
+        x_m, y_m: Ranges of the position; None for the middle nine tenths of the stage.
     """
 
     kind: Literal["hover"]
@@ -137,12 +136,12 @@ class HoverMotion(MotionConfig, AnglesConfig):
 
 
 class TargetConfig(MotionConfig):
-    """What all motions share that look at a target.
+    """Keys of the motions that look at a target.
 
     Attributes:
-        target_instance: Look at the object with this instance id, wherever it is by then.
-        target_noise_m: Standard deviation, along each axis, of the point looked at.
-        roll_deg: Turn about the viewing direction.
+        target_instance: Instance id of an object to look at, at its current position.
+        target_noise_m: Standard deviation of the target point along each axis.
+        roll_deg: Rotation about the viewing direction.
     """
 
     target_instance: int | None = Field(default=None, ge=1)
@@ -151,11 +150,11 @@ class TargetConfig(MotionConfig):
 
 
 class ApproachConfig(Section):
-    """A straight way in towards the target.
+    """A straight approach to the target.
 
     Attributes:
-        distance_m: Distance at its end.
-        steps: Steps of the rig from the first to the last.
+        distance_m: Distance at the end.
+        steps: Number of steps.
     """
 
     distance_m: Positive
@@ -163,16 +162,16 @@ class ApproachConfig(Section):
 
 
 class AroundTargetMotion(TargetConfig):
-    """A random place on a shell around a target, looking at it.
+    """Random positions around a target, looking at it.
 
     Attributes:
-        target_m: Where it is, unless ``target_instance`` says.
-        target_above_ground: Whether ``target_m``'s z counts from the ground there.
-        distance_m: From the target.
-        elevation_deg: Above the target's horizon.
-        azimuth_deg: From +x counter-clockwise.
-        redraw: Draw a place for each sample, or one for the whole batch.
-        approach: Move in from there step by step; with ``redraw: batch`` only.
+        target_m: Position of the target, unless ``target_instance`` is given.
+        target_above_ground: Whether the z of ``target_m`` is relative to the ground.
+        distance_m: Distance from the target.
+        elevation_deg: Elevation above the horizon of the target.
+        azimuth_deg: Azimuth counter-clockwise from +x.
+        redraw: Draw a position for each sample, or one for the whole batch.
+        approach: Move towards the target step by step; only with ``redraw: batch``.
     """
 
     kind: Literal["around_target"]
@@ -192,14 +191,13 @@ class AroundTargetMotion(TargetConfig):
 
 
 class LookAtMotion(TargetConfig):
-    """A random position in ranges, looking at a point drawn from other ranges.
+    """Random positions, looking at random targets.
 
     Attributes:
-        position_m: (least, most) of x, y and z of the rig.
-        target_m: (least, most) of x, y and z of the target.
-        target_is_offset: Whether the target is counted from the rig's drawn position.
-        target_above_ground_m: Replaces the target's z by this height above the ground; None: as
-            drawn.
+        position_m: Ranges of the rig's x, y and z.
+        target_m: Ranges of the target's x, y and z.
+        target_is_offset: Whether the target is relative to the rig's drawn position.
+        target_above_ground_m: Height above the ground that replaces the target's z; None keeps z.
     """
 
     kind: Literal["look_at"]
@@ -210,16 +208,16 @@ class LookAtMotion(TargetConfig):
 
 
 class GridMotion(Section):
-    """A survey that looks straight down, row by row and back again.
+    """A survey that looks straight down, row by row in alternating directions.
 
     Attributes:
-        columns, rows: Views along x and y.
-        altitude_m: Height above the ground right below each view.
-        overlap: Share of an image's edge that neighbours share, on flat ground.
-        centre_m: (x, y) of the grid's centre; None: the stage's.
-        camera: Whose footprint settles the spacing; None: the first one's.
-        step_interval: Samples for which the rig stays where it is before it moves on.
-        at_end: What follows the last view: it stays, the first one again, or an error.
+        columns, rows: Number of views along x and y.
+        altitude_m: Height above the ground below each view.
+        overlap: Share of an image's edge that neighbouring views have in common, on flat ground.
+        centre_m: (x, y) of the grid's centre; None for that of the stage.
+        camera: Camera whose footprint determines the spacing; None for the first camera.
+        step_interval: Number of samples for which the rig keeps each pose.
+        at_end: After the last view: keep it, start again, or fail.
     """
 
     kind: Literal["grid"]
@@ -234,15 +232,15 @@ class GridMotion(Section):
 
 
 class SplineMotion(MotionConfig):
-    """A smooth way through waypoints, at constant speed.
+    """A smooth path through waypoints, at constant speed.
 
     Attributes:
-        waypoints_m: (x, y, z) each; no two successive ones the same.
-        quats_xyzw: Attitude at each waypoint; empty: by ``look``.
-        look: Along the way, or straight down with the image's upper edge along it.
-        step_m: Metres from one step to the next.
-        is_closed: Whether it leads back to the first waypoint, and so on round.
-        at_end: What follows the last point of a way that is not closed.
+        waypoints_m: (x, y, z) of each waypoint; successive ones must differ.
+        quats_xyzw: Orientation at each waypoint; empty to use ``look``.
+        look: Along the path, or straight down with the image's upper edge along the path.
+        step_m: Distance between steps.
+        is_closed: Whether the path returns to the first waypoint and repeats.
+        at_end: After the last point of an open path: keep it, start again, or fail.
     """
 
     kind: Literal["spline"]

@@ -1,6 +1,6 @@
-"""Objects with a shape and a place: built in or from a file, standing or moving.
+"""Configuration of single objects, with shapes that are built in or from files.
 
-Lengths are metres, angles degrees (a person types them).
+Lengths are in metres, angles in degrees.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ def unit_quaternion(value: Quaternion) -> Quaternion:
 
 
 class ShapedConfig(Labelled):
-    """What something looks like: a built-in shape or a mesh from a file, one of the two.
+    """The appearance of an object: either a built-in shape or a mesh from a file.
 
     Attributes:
         shape: Built-in shape, see ``oaisys_core.scatter.shapes``.
-        file: A .obj, .glb, .ply or .blend file; scripts in it never run.
-        object_name: Name of the object in a file that has several; None: all of it.
-        up_axis: Which of the file's axes points up; None: as its format has it.
-        texture: Built-in texture set projected onto it; None: rocks wear ``rock_texture``, all
-            else its own colours.
-        tile_m: Edge length of one tile of the texture; None: ``rock_tile_m``.
-        color_srgb: Plain colour in place of the shape's own and of any texture.
+        file: A .obj, .glb, .gltf, .ply, .stl or .blend file; scripts in it are never run.
+        object_name: Name of the object in a file with several; None for all of them.
+        up_axis: Axis of the file that points up; None for that of the format.
+        texture: Built-in texture set projected onto it; None uses ``rock_texture`` for rocks and
+            the shape's own colours for all others.
+        tile_m: Edge length of a tile of the texture; None uses ``rock_tile_m``.
+        color_srgb: Uniform colour instead of the shape's own colours and of any texture.
     """
 
     shape: str | None = None
@@ -63,13 +63,13 @@ class ShapedConfig(Labelled):
 
 
 class PlacedObjectConfig(ShapedConfig):
-    """Something that stands at a place of its own.
+    """An object at a fixed pose.
 
     Attributes:
-        position_m, quat_xyzw: Pose of its base's centre in ``map``.
-        on_ground: Whether the position's z counts from the ground below instead.
-        scale: Factor on its own size, which is in metres; rocks and plants are 1 m large.
-        hidden: Whether it is left out of the picture; it keeps its instance id.
+        position_m, quat_xyzw: Pose of the centre of its base in ``map``.
+        on_ground: Whether z is relative to the ground below.
+        scale: Factor on its own size in metres; rocks and plants are 1 m large.
+        hidden: Whether it is invisible; it keeps its instance id.
     """
 
     position_m: Position
@@ -82,26 +82,27 @@ class PlacedObjectConfig(ShapedConfig):
 
 
 class ObjectConfig(PlacedObjectConfig):
-    """Something at a fixed place.
+    """An object at a fixed pose.
 
     Attributes:
-        name: Key of its metadata, and of its shape's random stream.
+        name: Unique name, which is also the key of its metadata and random stream.
     """
 
     name: Name
 
 
 class TrajectoryConfig(Section):
-    """Where something is at each sample: along waypoints, or as a CSV file says.
+    """The poses of a mover at each sample: along waypoints, or from a CSV file.
 
     Attributes:
-        waypoints_m: (x, y) or (x, y, z) points in ``map``; z is 0 where it is not given.
-        closed: Whether the way leads back to its beginning; else it ends at its last point.
-        smooth: Whether the way is a spline through the points instead of straight lines.
-        step_m: Way from one sample to the next.
-        start_m: Way behind it when the batch begins.
-        csv: Poses by row, in the columns of ``poses.csv``: the first is the batch's own, each
-            sample takes the next; it ends at the last, or starts anew if ``closed``.
+        waypoints_m: (x, y) or (x, y, z) points in ``map``; z defaults to 0.
+        closed: Whether the path returns to its start; otherwise the mover stops at the last point.
+        smooth: Whether the path is a spline through the points instead of straight lines.
+        step_m: Distance along the path from one sample to the next.
+        start_m: Distance along the path at the start of the batch.
+        csv: CSV file in the format of ``poses.csv``. The first row is the pose at the start of the
+            batch, each sample uses the next one. After the last row the mover stops, or starts
+            again if ``closed``.
     """
 
     waypoints_m: tuple[tuple[Metres, Metres] | Position, ...] = ()
@@ -124,15 +125,15 @@ class TrajectoryConfig(Section):
 
 
 class MoverConfig(ShapedConfig):
-    """Something that moves from sample to sample, its x axis forward.
+    """An object that moves from sample to sample, with its x axis forward.
 
     Attributes:
-        name: Key of its metadata, and of its shape's random stream.
-        trajectory: Where it is at each sample.
-        on_ground: Whether its height and tilt follow the ground under it; else a waypoint's z and
-            a CSV row's orientation hold.
-        scale: Factor on its own size, which is in metres.
-        hidden: Whether it is left out of the picture; it keeps its instance id.
+        name: Unique name, which is also the key of its metadata and random stream.
+        trajectory: The poses at each sample.
+        on_ground: Whether its height and tilt follow the ground; otherwise they come from the
+            waypoints or the CSV file.
+        scale: Factor on its own size in metres.
+        hidden: Whether it is invisible; it keeps its instance id.
     """
 
     name: Name

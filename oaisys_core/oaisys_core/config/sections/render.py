@@ -1,6 +1,6 @@
-"""How colour is rendered.
+"""Configuration of the rendering of colour images.
 
-Lengths are metres, angles degrees (a person types them).
+Lengths are in metres, angles in degrees.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ def _is_modality(name: str) -> str:
 
 
 class BloomConfig(Section):
-    """Light that bright parts spill over their surroundings.
+    """Bloom: light that bright parts of the image spread over their surroundings.
 
     Attributes:
-        threshold: Linear brightness, 1 is white, from which a part spills light.
-        radius_px: Standard deviation of the spill.
-        strength: Share of the light above the threshold that is added around it.
+        threshold: Linear brightness above which a part spreads light; 1 is white.
+        radius_px: Standard deviation of the spread.
+        strength: Share of the light above the threshold that is spread.
     """
 
     threshold: Share = 0.8
@@ -38,11 +38,11 @@ class BloomConfig(Section):
 
 
 class SensorNoiseConfig(Section):
-    """Noise of a sensor whose pixels count electrons.
+    """Noise of an image sensor: shot noise and read noise.
 
     Attributes:
-        full_well_e: Electrons at white; the fewer, the more shot noise.
-        read_noise_e: Standard deviation of reading a pixel out, in electrons.
+        full_well_e: Number of electrons at white; fewer electrons mean more shot noise.
+        read_noise_e: Standard deviation of the read noise, in electrons.
     """
 
     full_well_e: Positive = 10_000.0
@@ -50,16 +50,16 @@ class SensorNoiseConfig(Section):
 
 
 class EffectsConfig(Section):
-    """What a lens and a sensor do to colour; all off by default, and in this order.
+    """Effects of lens and sensor on colour, applied in this order; all are off by default.
 
-    They work on the finished picture, in linear light: nothing in it is brighter than white.
+    They are applied to the finished image in linear light, in which nothing is brighter than white.
 
     Attributes:
-        chromatic_aberration: Share by which red is magnified, and blue shrunk.
-        bloom: None: none.
-        vignetting: 1 darkens towards the corners by cos⁴ of the angle off the axis.
-        sensor_noise: Drawn from the batch's seed, the sample's id and the sensor's name; None:
-            none.
+        chromatic_aberration: Share by which red is magnified and blue is reduced.
+        bloom: Bloom of bright parts; None for no bloom.
+        vignetting: With 1 the image darkens by cos⁴ of the angle from the optical axis.
+        sensor_noise: Noise drawn from the batch's seed, the sample's id and the sensor's name; None
+            for no noise.
     """
 
     chromatic_aberration: Annotated[float, Field(ge=-0.1, le=0.1)] = 0.0
@@ -69,30 +69,29 @@ class EffectsConfig(Section):
 
 
 class RenderConfig(Section):
-    """How colour is rendered; depth and labels are exact at every quality.
+    """Rendering of colour images; depth and labels are exact at every quality.
 
     Attributes:
-        quality: Preset of samples per pixel and bounces; ``geometry`` renders no colour at all.
-        samples: Light samples per pixel; None: the preset's.
-        denoise: Whether the denoiser runs after sampling.
-        max_bounces: Bounces of light; None: the preset's.
-        time_budget_s: Seconds that a sample may take, all its cameras together. Light samples are
-            taken until it is over, at most those of ``quality`` or ``samples``: with ``final`` the
-            time is used up, and denoised as thoroughly as the time that they leave allows. Where
-            one sample of each pixel takes too long, colour is rendered with fewer pixels and
-            enlarged. What comes before and after is judged by recent views; the first view has one
-            light sample. Such colour depends on the machine; depth and labels never do. None: as
-            long as it takes.
-        device: What Blender renders on. ``auto`` takes a GPU where there is one; a kind that is not
-            there is replaced by the CPU, with a warning in the log. The provenance of a sample
-            names what was used. The analytic backend always renders on the CPU.
+        quality: Preset of samples per pixel and bounces; ``geometry`` renders no colour.
+        samples: Samples per pixel; None for those of the preset.
+        denoise: Whether the colour image is denoised.
+        max_bounces: Largest number of light bounces; None for that of the preset.
+        time_budget_s: Seconds that all cameras of a sample may take together; None for no limit.
+            Sampling stops when the time is over, or at the samples per pixel of ``quality`` or
+            ``samples``. The quality of the denoising depends on the remaining time. If a single
+            sample per pixel takes too long, colour is rendered at a lower resolution and enlarged.
+            The time of all other work is estimated from recent views; the first view has one sample
+            per pixel. With a time budget colour depends on the machine; depth and labels never do.
+        device: Device on which Blender renders. ``auto`` uses a GPU if there is one. If a device is
+            not available, the CPU is used and the log has a warning. The provenance of a sample
+            names the device that was used. The analytic backend always uses the CPU.
         exposure_ev: Exposure in stops.
-        view_transform: What pixel values mean. ``agx`` and ``filmic`` roll bright parts off as
-            film does, for pictures; ``standard`` is radiance, clipped at white and sRGB-encoded,
-            so that linear values are proportional to light; ``raw`` is the same without the sRGB
-            encoding. The analytic backend always renders ``standard``.
-        passes: Modalities to render of those that the sensors have, for all of them; None: all.
-        effects: What a lens and a sensor do to colour.
+        view_transform: Conversion from radiance to pixel values. ``agx`` and ``filmic`` compress
+            highlights like film; ``standard`` clips radiance at white and encodes it as sRGB, so
+            that linear values are proportional to light; ``raw`` is the same without the encoding.
+            The analytic backend always uses ``standard``.
+        passes: Modalities to render, out of those of the sensors; None for all.
+        effects: Effects of lens and sensor on colour.
     """
 
     quality: Literal["geometry", "preview", "standard", "high", "final"] = "standard"

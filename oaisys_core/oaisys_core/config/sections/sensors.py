@@ -1,4 +1,4 @@
-"""The rig, its cameras and how it moves."""
+"""Configuration of the rig, its cameras and its motion."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, expected_modality
 MAX_IMAGE_SIDE_PX = 16384
 
 LEAST_FOCAL, MOST_FOCAL, MOST_CENTRE = 0.01, 1000.0, 100.0
-"""Bounds of focal lengths and of how far a principal point may be, in widths of the image."""
+"""Bounds of focal lengths and of the principal point, in image widths."""
 
 Coefficient = Annotated[float, Field(ge=-1000, le=1000)]
-"""Of a lens's distortion."""
+"""A distortion coefficient."""
 
 FrameName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
@@ -36,7 +36,7 @@ Modality = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$"), AfterValidator(_k
 
 
 class DistortionConfig(Section):
-    """Brown-Conrady distortion, as OpenCV and ROS's ``plumb_bob`` have it.
+    """Brown-Conrady distortion, as in OpenCV and ROS's ``plumb_bob``.
 
     Attributes:
         k1, k2, k3: Radial coefficients.
@@ -54,11 +54,12 @@ class LensConfig(Section):
     """A lens with an aperture, for depth of field in colour.
 
     Attributes:
-        focus_distance_m: What is sharp, along the optical axis.
-        f_number: Focal length over the aperture's diameter.
-        blades: Of the aperture; below 3: round.
-        blade_rotation_deg: Turn of the blades.
-        ratio: Width over height of blur, 1 for a spherical lens, above it for an anamorphic one.
+        focus_distance_m: Distance in focus, along the optical axis.
+        f_number: Focal length divided by the diameter of the aperture.
+        blades: Number of aperture blades; below 3 the aperture is round.
+        blade_rotation_deg: Rotation of the blades.
+        ratio: Width divided by height of the blur; 1 for a spherical lens, above 1 for an
+            anamorphic one.
     """
 
     focus_distance_m: float = Field(default=10.0, ge=1e-3, le=1e6)
@@ -69,17 +70,17 @@ class LensConfig(Section):
 
 
 class OpticsConfig(Section):
-    """What a sample's metadata may change of a camera.
+    """The optics of a camera, which metadata may change.
 
     Attributes:
-        fx_px, fy_px: Focal lengths; pixels are not square where they differ. From 0.01 to 1,000
-            widths of the image.
-        cx_px, cy_px: Principal point, pixel centres at integers; None: the image's centre. At most
-            100 widths of the image from its corner.
-        distortion: Of the lens; None: none.
-        lens: Depth of field; None: everything is sharp.
-        shutter_share: Share of the way from the camera's previous pose during which the shutter
-            is open; 0: no motion blur.
+        fx_px, fy_px: Focal lengths, from 0.01 to 1,000 image widths; they differ if pixels are not
+            square.
+        cx_px, cy_px: Principal point, with pixel centres at integers, at most 100 image widths from
+            the corner; None for the centre of the image.
+        distortion: Distortion of the lens; None for no distortion.
+        lens: Lens for depth of field; None if everything is in focus.
+        shutter_share: Share of the motion since the camera's previous pose during which the shutter
+            is open; 0 for no motion blur.
     """
 
     fx_px: Positive = 541.14
@@ -92,7 +93,7 @@ class OpticsConfig(Section):
 
 
 def optics_bounds_px(width_px: int) -> dict[str, tuple[float, float]]:
-    """Return the least and the most of each field of a camera's matrix, for images of a width."""
+    """Return the bounds of each field of the camera matrix, for an image width."""
     focal = (LEAST_FOCAL * width_px, MOST_FOCAL * width_px)
     centre = (-MOST_CENTRE * width_px, MOST_CENTRE * width_px)
     return {"fx_px": focal, "fy_px": focal, "cx_px": centre, "cy_px": centre}
@@ -102,14 +103,14 @@ class CameraConfig(OpticsConfig):
     """A camera on the rig.
 
     Attributes:
-        name: Of the sensor, its folder, and its topics.
-        width_px, height_px: Size of its images.
+        name: Name of the sensor, its folder and its topics.
+        width_px, height_px: Image size.
         mount_position_m, mount_quat_xyzw: Pose of the camera's link (x forward) in ``base_link``.
-        modalities: What it renders.
-        step_interval: It renders every so many samples.
-        step_offset: Samples before its first.
-        modality_intervals: It renders these modalities only every so many samples, out of those
-            at which it renders; all others always.
+        modalities: Modalities that it renders.
+        step_interval: Samples from one image to the next.
+        step_offset: Samples before the first image.
+        modality_intervals: For modalities that it renders less often, the number of its images
+            from one to the next.
     """
 
     name: FrameName = "camera"
@@ -126,7 +127,7 @@ class CameraConfig(OpticsConfig):
 
     @property
     def intrinsics(self) -> PinholeIntrinsics:
-        """The camera as all else sees it."""
+        """The intrinsics of the camera."""
         d = self.distortion
         return PinholeIntrinsics(
             width_px=self.width_px,
@@ -170,17 +171,17 @@ class CameraConfig(OpticsConfig):
     def _invertible(self) -> CameraConfig:
         if not geometry.is_invertible(self.intrinsics):
             raise ValueError(
-                "distortion folds the image: two directions would meet in one pixel, or none would"
+                "distortion is not invertible: several directions, or none, map to one pixel"
             )
         return self
 
 
 class StereoConfig(CameraConfig):
-    """Two equal cameras side by side, called ``<name>_left`` and ``<name>_right``.
+    """Two equal cameras side by side, named ``<name>_left`` and ``<name>_right``.
 
     Attributes:
-        baseline_m: The right camera's distance from the left one, along the image's rows; the
-            mount is the left one's.
+        baseline_m: Distance of the right camera from the left one along the image rows; the mount
+            is that of the left camera.
     """
 
     name: FrameName = "stereo"
@@ -204,20 +205,20 @@ _NO_TURN = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 PosePolicy = Literal["reject", "clamp", "allow"]
-"""What happens to a pose under the ground or off the stage."""
+"""How to handle a pose below the ground or outside the stage."""
 
 
 class SensorsConfig(Section):
-    """The rig.
+    """The rig and its cameras.
 
     Attributes:
-        cameras: One each; where only stereo pairs are given, there is no other camera.
-        stereo: Pairs of cameras.
-        motion: How the rig moves where no pose is given.
-        pose_policy: What happens to a pose under the ground or off the stage: ``reject``,
-            ``clamp`` (to the least clearance, inside the stage) or ``allow``.
+        cameras: Single cameras; by default one, or none if stereo pairs are given.
+        stereo: Stereo pairs.
+        motion: Motion of the rig if no pose is given.
+        pose_policy: How to handle a pose below the ground or outside the stage: ``reject`` it,
+            ``clamp`` it to the least clearance inside the stage, or ``allow`` it.
         min_clearance_m: Least height of every camera above the topmost surface.
-        faults: What the sensors get wrong; by default nothing.
+        faults: Faults of the sensors; none by default.
     """
 
     cameras: tuple[CameraConfig, ...] = (CameraConfig(),)
@@ -253,7 +254,7 @@ class SensorsConfig(Section):
         if not names:
             raise ValueError("there must be a camera or a stereo pair")
         if len(set(names)) != len(names):
-            raise ValueError("names of cameras and of those of stereo pairs must differ")
+            raise ValueError("cameras and the cameras of stereo pairs must have different names")
         if self.motion.kind == "grid" and self.motion.camera not in (None, *names):
             raise ValueError(f"motion.camera must be one of {', '.join(names)}")
         return self

@@ -1,6 +1,6 @@
-"""The ground.
+"""Configuration of the ground.
 
-Lengths are metres, angles degrees (a person types them).
+Lengths are in metres, angles in degrees.
 """
 
 from __future__ import annotations
@@ -14,19 +14,19 @@ from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import MOST_M, Positive, Section, Vector3
 
 StageName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
-"""A plain name, never a path."""
+"""A name that cannot be a path."""
 
 
 class DemConfig(Section):
-    """Real relief from a file: a GeoTIFF, a 16-bit PNG or an EXR image, its first row in the north.
+    """A digital elevation model: a GeoTIFF, 16-bit PNG or EXR image, first row in the north.
 
     Attributes:
         file: The image.
-        spacing_m: Distance of the file's pixels; None: what the GeoTIFF says of itself.
-        scale: Factor on its heights, after what the file says itself.
-        offset_m: Added to its heights; None: the median height comes to z = 0.
-        ground_spacing_m: Distance of the ground's points; None: that of the pixels.
-        band: Which band of a GeoTIFF.
+        spacing_m: Distance between pixels; None uses that of the GeoTIFF.
+        scale: Factor on the heights, in addition to that in the file.
+        offset_m: Offset added to the heights; None moves the median height to z = 0.
+        ground_spacing_m: Distance between grid points of the ground; None uses that of the pixels.
+        band: Band of a GeoTIFF.
     """
 
     file: ConfigFile
@@ -38,14 +38,14 @@ class DemConfig(Section):
 
 
 class StageMeshConfig(Section):
-    """A ground of a user's own: .obj, .glb, .gltf, .ply, .stl or .blend; scripts never run.
+    """A mesh as ground: .obj, .glb, .gltf, .ply, .stl or .blend; scripts are never run.
 
     Attributes:
         file: The file.
-        object: Name of the object in it; None: all of them.
+        object: Name of the object in the file; None for all of them.
         scale: Metres per unit of the file.
-        up: Axis of the file that points up, after y-up formats were turned to z.
-        position_m: Where its origin comes to lie.
+        up: Axis that points up, after y-up formats were rotated to z up.
+        position_m: Position of its origin.
     """
 
     file: ConfigFile
@@ -59,11 +59,11 @@ class DetailConfig(Section):
     """Finer ground around the cameras, for depth, labels, colour and queries alike.
 
     Attributes:
-        radius_m: Half the edge of the square that is fine; it moves in steps of half of it.
-        spacing_m: Distance of its points.
-        amplitude_m: Height of the unevenness that the coarse ground is too coarse for.
-        gain: Height of each finer octave relative to the one before.
-        below_m: Height above the ground beyond which cameras have no use for it.
+        radius_m: Half the edge of the refined square, which moves in steps of half this length.
+        spacing_m: Distance between its points.
+        amplitude_m: Amplitude of the relief that the coarse ground cannot represent.
+        gain: Amplitude of each octave relative to the coarser one.
+        below_m: Height of the cameras above the ground up to which it is refined.
     """
 
     radius_m: Positive = 4.0
@@ -74,12 +74,12 @@ class DetailConfig(Section):
 
 
 class ReuseConfig(Section):
-    """A stage that was kept, instead of a new one.
+    """A stored stage, used instead of a new one.
 
     Attributes:
-        name: Its hash, or what it was saved as, in the store; or the hash of the one that stands.
-        file: A stage's file, in place of a name.
-        objects: Whether what was scattered stays, is drawn anew, or is cleared away.
+        name: Its hash, or its name in the store; or the hash of the current stage.
+        file: File of a stage, instead of a name.
+        objects: Whether to keep the objects, draw new ones, or remove them.
     """
 
     name: StageName | None = None
@@ -99,16 +99,16 @@ class StageConfig(Section):
     Attributes:
         preset: Kind of terrain, see ``oaisys_core.terrain.presets``.
         extent_m: Edge length of the square stage, centred on the map's origin.
-        resolution_px: Grid points along an edge.
-        relief_m: Height difference between lowest and highest point; None: the preset's own.
-        roughness: Factor on the fine unevenness, 0 smooth, 1 the preset's own.
-        dem: Real relief, in place of a preset.
-        mesh: A mesh of a user's own, in place of a preset.
-        detail: Finer ground around the cameras; None: the same everywhere.
-        store: Folder that keeps each batch's stage by its hash, so that it can be reused in any
-            later run; relative to where the command runs. None: nothing is kept.
-        save_as: Name that a batch's stage is kept under as well.
-        reuse: A stage that was kept; None: each batch has a new one.
+        resolution_px: Number of grid points along an edge.
+        relief_m: Height difference of the large forms; None for the default of the preset.
+        roughness: Factor on the fine relief; 0 is smooth, 1 is the default of the preset.
+        dem: Digital elevation model, instead of a preset.
+        mesh: Mesh from a file, instead of a preset.
+        detail: Finer ground around the cameras; None for no refinement.
+        store: Folder in which the stage of each batch is stored by its hash, so that later runs can
+            reuse it; relative to the working directory. None stores nothing.
+        save_as: Additional name under which the stage of a batch is stored.
+        reuse: A stored stage; None for a new one in each batch.
     """
 
     preset: str = "mounds"
@@ -130,5 +130,5 @@ class StageConfig(Section):
         if self.mesh is not None and self.detail is not None:
             raise ValueError("expected no detail on a mesh: only grids can be refined")
         if self.save_as is not None and self.store is None:
-            raise ValueError("expected a store, where save_as is given")
+            raise ValueError("expected a store, because save_as is given")
         return self

@@ -25,7 +25,7 @@ def clay_cracks(size_px: int, rng: np.random.Generator) -> TextureMaps:
     old = cells.border_distance(first) * tile_px
     uneven = fields.tile_noise(size_px, 8, rng, 1.6)
     young = cells.border_distance(second) * tile_px
-    # Old cracks had more time to open; a rim that crumbled makes a crack wider.
+    # Old cracks are wider; crumbled rims make a crack wider.
     ragged = 0.0007 * fields.tile_noise(size_px, 50, rng, 1.3)
     gap = np.maximum(
         smoothstep(0.0018, -0.0010, old - 0.0042 - 0.0012 * uneven - ragged),
@@ -70,7 +70,7 @@ def mud(size_px: int, rng: np.random.Generator) -> TextureMaps:
     height = fields.blurred(bed.height, size_px / 1000)
     level = np.float32(np.quantile(height, 0.16))
     above = height - level
-    # Water stands where the ground is lowest; a capillary fringe around it is wet and dark.
+    # Water fills the lowest parts; a capillary fringe around it is wet and dark.
     water = smoothstep(0.0004, -0.0008, above)
     wet = smoothstep(0.026, 0.0, above + 0.0020 * fields.tile_noise(size_px, 9, rng, 1.5))
     tone = 1 + 0.06 * smear + 0.05 * grain + 0.05 * fields.tile_noise(size_px, 3, rng)

@@ -1,4 +1,4 @@
-"""What a recipe makes, and the finish that recipes share: tones, stones, shade, albedo."""
+"""The result of texture recipes, and the steps that they share: tones, shading, albedo."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ Color = tuple[float, float, float]
 """sRGB or, where a name says so, linear reflectance of red, green and blue; 0 to 1."""
 
 LUMINANCE = np.array((0.2126, 0.7152, 0.0722), np.float32)
-"""Weights of linear red, green and blue in brightness (ITU-R BT.709)."""
+"""Weights of linear red, green and blue in the luminance (ITU-R BT.709)."""
 
 
 class TextureMaps(NamedTuple):
-    """A recipe's result.
+    """The maps that a recipe makes, before conversion to `PbrMaps`.
 
     Attributes:
         color: (N, N, 3) float32 sRGB, 0 to 1.
@@ -35,13 +35,13 @@ class TextureMaps(NamedTuple):
 
 
 class Recipe(NamedTuple):
-    """How a texture set is made, and how large it is in the world.
+    """The recipe of a texture set, and its size in the world.
 
     Attributes:
-        make: (size_px, rng) to its surface.
-        tile_m: Edge length of one tile.
-        version: Part of the cache's key; raised whenever this recipe changes.
-        albedo: Range of the mean luminance (linear) that such ground has in nature.
+        make: Function of (size_px, rng) that makes its maps.
+        tile_m: Edge length of a tile.
+        version: Part of the cache key; it must change with the recipe.
+        albedo: Natural range of the mean linear luminance of such ground.
     """
 
     make: Callable[[int, np.random.Generator], TextureMaps]
@@ -56,19 +56,19 @@ def encoded(linear: ArrayLike) -> NDArray[np.float32]:
 
 
 def tinted(tone: Field, color: Color) -> NDArray[np.float32]:
-    """Return (N, N, 3) of one colour, brighter and darker as ``tone`` says."""
+    """Return (N, N, 3) of one colour, multiplied by ``tone``."""
     return np.asarray(tone[..., None] * np.array(color, np.float32), np.float32)
 
 
 def blended(
     below: NDArray[np.float32], above: ArrayLike, share: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """Return (N, N, 3) colours, ``share`` (N, N) of 0 to 1 of the way from one to the other."""
+    """Return (N, N, 3) colours, interpolated with (N, N) ``share`` from 0 to 1."""
     return np.asarray(below + (np.asarray(above, np.float32) - below) * share[..., None])
 
 
 def smoothstep(low: float, high: float, value: Field) -> Field:
-    """Return 0 below ``low``, 1 above ``high`` (which may be the smaller), smooth between."""
+    """Return a smooth step from 0 at ``low`` to 1 at ``high``, which may be less than ``low``."""
     t = np.clip((value - np.float32(low)) / np.float32(high - low), 0, 1)
     return np.asarray(t * t * (3 - 2 * t), np.float32)
 
@@ -81,14 +81,14 @@ def finished(
     albedo: float,
     shade: float = 0.5,
 ) -> TextureMaps:
-    """Return the surface of a given brightness, its hollows darkened, as skylight leaves them.
+    """Return the maps with a given mean albedo, and with hollows darkened by occlusion.
 
     Args:
-        reflectance: (N, N, 3) linear, of any mean.
+        reflectance: (N, N, 3) linear colour with any mean.
         height: (N, N) in tile edges.
         roughness: (N, N) of 0 to 1.
-        albedo: Mean luminance of the result, linear.
-        shade: Exponent of the darkening; 0: none.
+        albedo: Mean linear luminance of the result.
+        shade: Exponent of the darkening; 0 for none.
     """
     size_px = len(height)
     height = height.astype(np.float32)
@@ -101,7 +101,7 @@ def finished(
 def dusty(
     size_px: int, rng: np.random.Generator, color: Color, variation: float, hue: float = 0.012
 ) -> NDArray[np.float32]:
-    """Return (N, N, 3) of one colour; brightness and, less so, hue vary finely and coarsely."""
+    """Return (N, N, 3) of one colour with fine and coarse variation of brightness and hue."""
     tone = 1 + variation * fields.grains(size_px, rng, 0.6)
     tone += 0.6 * variation * fields.tile_noise(size_px, 6, rng)
     shift = hue * fields.tile_noise(size_px, 2, rng)[..., None]
@@ -116,14 +116,14 @@ def covered(
     rng: np.random.Generator,
     roughness: float,
 ) -> TextureMaps:
-    """Return the surface of a bed; each stone has a tone of its own, and dust around its foot."""
+    """Return the maps of a stone bed; each stone has its own tone, with dust around its foot."""
     size_px = len(ground)
     tone = np.array(tones, np.float32)[rng.integers(len(tones), size=bed.count + 1)]
     tone *= rng.normal(1.0, 0.14, (bed.count + 1, 1)).clip(0.65, 1.4).astype(np.float32)
     mottle = 1 + 0.05 * fields.grains(size_px, rng, 0.8)
     mottle += 0.06 * fields.tile_noise(size_px, 30, rng, 1.5)
     stone = tone[bed.ids] * mottle[..., None]
-    # Fine dust lies on the foot of a stone, and thinly on all of it.
+    # Dust covers the foot of a stone, and thinly all of it.
     bare = np.clip(bed.above * 3.0, 0, 1) * np.float32(0.85)
     bare *= bed.ids >= 0
     color = ground + (stone - ground) * bare[..., None]
@@ -137,7 +137,7 @@ def lit(
     rng: np.random.Generator,
     roughness: float,
 ) -> TextureMaps:
-    """Return the surface with its hollows darkened, as skylight leaves them."""
+    """Return the maps with hollows darkened by occlusion."""
     size_px = len(height)
     near, wide = (
         fields.occlusion(height, size_px / 300),

@@ -56,7 +56,7 @@ def ice(size_px: int, rng: np.random.Generator) -> TextureMaps:
     color = blended(color, (0.70, 0.76, 0.775), white)
     scour = fields.windblown(size_px, rng, (7.0, 9.0), 2.5)
     grain = fields.grains(size_px, rng, 0.9)
-    # Snow stays as a film, where the surface is low and along open cracks.
+    # A film of snow remains where the surface is low and along open cracks.
     film = smoothstep(1.2, 3.6, 0.8 * fine + 0.8 * grain - 0.8 * scour)
     color = blended(color, (0.80, 0.82, 0.84), 0.55 * film)
     height = 0.0007 * scour - 0.0006 * split + 0.00004 * fine + 0.0001 * film
@@ -69,7 +69,7 @@ def _fractures(
 ) -> tuple[Field, Field]:
     """Return (N, N) of healed fractures: the white sheet that dips into the ice, and its line.
 
-    A fracture leans to one side, and seen through the ice it fades with depth.
+    A fracture leans to one side; seen through the ice, it fades with depth.
     """
     ids = cells.voronoi(size_px, count, rng, warp=0.04, jitter=0.48, smooth=2.9)
     present = fields.tile_noise(size_px, 2 + count // 3, rng, 2.4) > -0.5

@@ -91,7 +91,7 @@ def _broken_stones(
 
 def sand(size_px: int, rng: np.random.Generator) -> TextureMaps:
     """Wind-blown sand: faint ripples, hummocks, grit and pebbles in patches."""
-    # Without the darkest stones: a few of them in plain sand would show that it repeats.
+    # Without the darkest stones, which would make the repetition of plain sand visible.
     return _gritty_sand(size_px, rng, (0.64, 0.54, 0.41), GRAVEL_STONES[:5])
 
 
@@ -144,7 +144,7 @@ def pebbles(size_px: int, rng: np.random.Generator) -> TextureMaps:
     swell = fields.tile_noise(size_px, 3, rng, 2.2)
     color = dusty(size_px, rng, (0.50, 0.44, 0.36), 0.06)
     bed = StoneBed(0.0015 * swell + 0.0003 * fields.grains(size_px, rng, 1.0))
-    # A stream sorts: here coarse, there fine.
+    # A stream sorts stones into coarse and fine patches.
     coarse = np.clip(0.6 + 0.45 * fields.tile_noise(size_px, 3, rng, 1.8), 0.05, 1)
     bed.add_stones(StoneSpec(15000, (0.003, 0.008), 2.0, flatness=0.6, edge=0.17, buried=0.2), rng)
     bed.add_stones(

@@ -72,13 +72,13 @@ def _scattered(
 
     Args:
         size_px: Edge length of the tile.
-        rng: Gives everything that is random.
-        number: How many are thrown.
+        rng: Draws all random values.
+        number: Number of candidates.
         length, width, low, rise, outline, arch, curl: See `Ribbons`.
-        density: (N, N) 0 to 1, how likely one stays where it falls; None: everywhere.
-        heading: (N, N) radians, which way they point; None: 0.
-        turn: How far, in radians, they point elsewhere, to either side.
-        bend: How far, at most, tips stray to either side, in lengths.
+        density: (N, N) probability, 0 to 1, that a ribbon is kept; None keeps all.
+        heading: (N, N) direction in radians; None for 0.
+        turn: Largest deviation from it to either side, in radians.
+        bend: Largest sideways deviation of the tips, relative to the length.
     """
     root = rng.uniform(0, size_px, (number, 2))
     stays = rng.uniform(size=number)
@@ -217,7 +217,7 @@ def _shoots(size_px: int, rng: np.random.Generator, number: int, cover: Field) -
         np.repeat(v, SHOOT_LEAVES, axis=0)
         for v in (centres.root, centres.width, centres.low, centres.bend)
     )
-    # Leaves stand up from the middle of the star and hang over: the tips are lower.
+    # Leaves rise from the middle of the star and bend over: the tips are lower.
     rise = 0.35 * length
     return Ribbons(root, heading, length, width, bend, low, rise, strokes.blade, strokes.arc)
 
@@ -273,7 +273,7 @@ def leaf_litter(size_px: int, rng: np.random.Generator) -> TextureMaps:
 
 
 def _over(height: Field, width: float) -> Field:
-    """Return (N, N) how much higher a pixel is than what is around it, both in tile edges."""
+    """Return the (N, N) height of pixels above their surroundings, in tile edges."""
     return height - fields.blurred(height, width * len(height))
 
 

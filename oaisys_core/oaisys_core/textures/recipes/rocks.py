@@ -43,7 +43,7 @@ def bedrock(size_px: int, rng: np.random.Generator) -> TextureMaps:
     ragged = fields.tile_noise(size_px, 40, rng, 1.3)
     rough = fields.tile_noise(size_px, 12, rng, 1.8)
     grain = fields.grains(size_px, rng, 0.8)
-    # Layers weather one by one: what is left of each ends in a broken step.
+    # Layers weather one by one and end in broken steps.
     mass = fields.tile_noise(size_px, 4, rng, 1.8) + 0.3 * cells.per_cell(slabs, rng)
     layer = 2.6 * mass + 0.10 * ragged
     part = layer - np.floor(layer)
@@ -79,7 +79,7 @@ def lava(size_px: int, rng: np.random.Generator) -> TextureMaps:
     edge = cells.border_distance(lobes) / np.float32(size_px)
     x, y = cells.from_centre(lobes)
     flow = rng.normal(0.6, 0.5, int(lobes.max()) + 1)[lobes].astype(np.float32)
-    # Folds are arcs around where the lobe came from, a little upstream of it.
+    # Folds are arcs around the origin of the lobe, a little upstream.
     away = np.hypot(x + 0.16 * np.cos(flow), y + 0.16 * np.sin(flow))
     away += 0.010 * fields.tile_noise(size_px, 4, rng, 2.2)
     away += 0.0022 * fields.tile_noise(size_px, 14, rng, 1.9)
@@ -113,7 +113,7 @@ def _weathered(
     rough = fields.tile_noise(size_px, 14, rng, 1.7)
     steps = fields.crests(size_px, 5, rng)
     grain = fields.grains(size_px, rng, 0.8)
-    # A crack runs only where the rock is weak, so that it ends somewhere.
+    # Cracks exist only where the rock is weak, so that they have ends.
     weak = np.clip(1.5 * fields.tile_noise(size_px, 2, rng, 2.2) - 0.2, 0, 1)
     split = weak * fields.cracks(size_px, 6, rng, width=0.022)
     pits = np.clip(fields.tile_noise(size_px, 45, rng, 1.7) - 1.6, 0, 1.5)

@@ -1,4 +1,4 @@
-"""Stones poured over a tile: convex, faceted, overlapping, each resting on what lies below it."""
+"""Stones on a tile: convex, faceted and overlapping, each resting on what is below it."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from oaisys_core.terrain.noise import Field
 from oaisys_core.types import FloatArray
 
 SIDES, TOPS = 8, 3
-"""Facets around a stone and on top of it."""
+"""Number of facets around a stone and on top of it."""
 
 CHUNK_PX = 400_000
-"""Pixels computed at once; the stones of one chunk do not rest on each other."""
+"""Pixels computed at once; stones of one chunk do not rest on each other."""
 
 
 class StoneSpec(NamedTuple):
-    """One pour of stones.
+    """The parameters of a set of stones.
 
     Attributes:
-        number: How many fall on the tile.
+        number: Number of stones on the tile.
         radius: (smallest, largest) radius as a share of the tile's edge.
-        exponent: Power law of sizes: the number above radius R goes as R**-exponent.
+        exponent: Exponent of the power law: the number above radius R goes as R**-exponent.
         flatness: Height of a stone relative to its radius.
-        edge: Softness of its edges, 0.02 for broken and 0.15 for worn stones.
-        buried: Share of its height that is in the ground.
+        edge: Softness of the edges, 0.02 for broken and 0.15 for worn stones.
+        buried: Share of the height below the ground.
     """
 
     number: int
@@ -38,13 +38,13 @@ class StoneSpec(NamedTuple):
 
 
 class StoneBed:
-    """A tile's surface while stones are poured on it.
+    """The surface of a tile to which stones are added.
 
     Attributes:
         height: (N, N) float32 in tile edges.
-        ids: (N, N) int64, the stone on top, -1 on bare ground.
-        above: (N, N) float32, height over the stone's foot relative to its top, 0 on bare ground.
-        count: Stones so far.
+        ids: (N, N) int64 index of the stone on top, -1 on bare ground.
+        above: (N, N) float32 height above the stone's foot relative to its top; 0 on bare ground.
+        count: Number of stones so far.
     """
 
     def __init__(self, height: Field) -> None:
@@ -59,9 +59,9 @@ class StoneBed:
         """Add stones, small ones first.
 
         Args:
-            pour: Which stones.
-            rng: Gives their places and shapes.
-            density: (N, N) 0 to 1, how likely a stone stays where it falls; None: everywhere.
+            spec: The stones to add.
+            rng: Draws their positions and shapes.
+            density: (N, N) probability, 0 to 1, that a stone is kept; None keeps all.
         """
         size_px = len(self.height)
         centre = rng.uniform(0, size_px, (spec.number, 2))
@@ -112,7 +112,7 @@ class StoneBed:
         base = rest - np.float32(spec.buried) * top * rise
         z = base[:, None, None] + dome * rise[:, None, None]
         stone, y, x = np.nonzero(inside & (z > ground))
-        # Written from low to high, so that the highest stone of the chunk stays.
+        # Write from low to high, so that the highest stone of the chunk remains.
         order = np.argsort(z[stone, y, x], kind="stable")
         stone, y, x = stone[order], y[order], x[order]
         target = flat[stone, y, x]
@@ -123,7 +123,7 @@ class StoneBed:
 
 
 def _power_law(count: int, spec: StoneSpec, rng: np.random.Generator) -> FloatArray:
-    """Return (count,) radii by the inverse of the truncated power law's distribution."""
+    """Return (count,) radii from a truncated power law, by inverse transform."""
     low, high = spec.radius
     tail = 1 - (low / high) ** spec.exponent
     share = rng.uniform(size=count) * tail
@@ -142,7 +142,7 @@ def _facets(count: int, rng: np.random.Generator) -> NDArray[np.float32]:
     distance = np.concatenate(
         (rng.uniform(0.62, 0.92, shape), rng.uniform(0.5, 0.85, (count, TOPS))), axis=1
     )
-    # Stones are longer one way: planes of a stretched shape are stretched planes.
+    # Stretch each stone in one direction by stretching its planes.
     turn, narrow = rng.uniform(0, np.pi, (count, 1)), rng.uniform(0.55, 1.0, (count, 1))
     along, across = np.cos(azimuth), np.sin(azimuth) / narrow
     tilt = 1 / np.tan(elevation)

@@ -1,7 +1,7 @@
-"""Thousands of ribbons laid over a tile: blades, leaves, twigs; what is highest is seen.
+"""Thousands of ribbons on a tile, for blades, leaves and twigs; the highest one is visible.
 
-Each ribbon is a bent strip that tapers, rises and falls. All are sampled at once, and each pixel
-keeps the highest sample that falls on it: a depth buffer for a view from straight above.
+A ribbon is a bent strip that tapers, rises and falls. Ribbons are sampled densely, and each pixel
+keeps the highest sample, as in a depth buffer for a view from above.
 """
 
 from __future__ import annotations
@@ -17,28 +17,28 @@ from oaisys_core.types import FloatArray
 
 SAMPLES_AT_ONCE = 1_500_000
 STEP_PX = 0.7
-"""Distance between samples: less than a pixel, so that a ribbon has no holes."""
+"""Distance between samples, less than a pixel so that ribbons have no holes."""
 
 HEIGHT_BITS, SHARE_BITS = 20, 8
-"""A pixel's key: height, number of the ribbon plus 1, share along it and across it, high to low."""
+"""Bits of a pixel's key: height, ribbon index + 1, position along and across the ribbon."""
 
 Profile = Callable[[NDArray[np.float32]], NDArray[np.float32]]
 
 
 class Ribbons(NamedTuple):
-    """Many ribbons; each field but the profiles has one value for each of them.
+    """A set of ribbons, with one value per ribbon in each field except the profiles.
 
     Attributes:
         root: (R, 2) row and column of the foot, in pixels.
         heading: (R,) radians, from columns towards rows.
         length: (R,) pixels, as seen from above.
         width: (R,) pixels at the widest.
-        bend: (R,) how far the tip strays sideways, in lengths.
+        bend: (R,) sideways deviation of the tip, relative to the length.
         low: (R,) height of the foot, in pixels.
         rise: (R,) height of the highest point above the foot, in pixels.
-        outline: Share along the ribbon (0 to 1) to its half width, 0 to 1.
-        arch: Share along the ribbon to its height, 0 to 1.
-        curl: How much its edges are higher (or lower, negative) than its middle, in widths.
+        outline: Function of the position along the ribbon (0 to 1): half width, 0 to 1.
+        arch: Function of the position along the ribbon (0 to 1): height, 0 to 1.
+        curl: Height of the edges above the middle, relative to the width; may be negative.
     """
 
     root: FloatArray
@@ -65,20 +65,20 @@ def leaf(t: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def arc(t: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the height of a blade that rises and hangs over."""
+    """Return the height of a blade that rises and bends over."""
     return np.asarray(np.sin(2.2 * t), np.float32)
 
 
 def level(t: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the height of what lies flat."""
+    """Return the height of a flat ribbon."""
     return np.ones_like(t)
 
 
 class RibbonLayer:
-    """A tile on which ribbons are laid; see `ids` and its neighbours for what is on top.
+    """A tile on which ribbons are laid; its properties describe the ribbon on top of each pixel.
 
     Attributes:
-        count: Ribbons so far.
+        count: Number of ribbons so far.
     """
 
     def __init__(self, size_px: int, highest_px: float) -> None:
@@ -89,7 +89,7 @@ class RibbonLayer:
 
     def lay(self, ribbons: Ribbons) -> None:
         """Add ribbons."""
-        # Equally long ones are sampled together.
+        # Sample ribbons of similar length together.
         order = np.argsort(ribbons.length)
         first = 0
         while first < len(order):
@@ -127,22 +127,22 @@ class RibbonLayer:
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """(N, N) number of the ribbon on top, -1 on bare ground."""
+        """(N, N) index of the ribbon on top, -1 on bare ground."""
         bits = 64 - HEIGHT_BITS - 1 - 2 * SHARE_BITS
         return ((self._key >> (2 * SHARE_BITS)) & ((1 << bits) - 1)) - 1
 
     @property
     def height_px(self) -> Field:
-        """(N, N) height of what is on top, 0 on bare ground."""
+        """(N, N) height of the ribbon on top, 0 on bare ground."""
         share = (self._key >> (64 - HEIGHT_BITS - 1)) / ((1 << HEIGHT_BITS) - 1)
         return np.asarray(share * self._highest_px, np.float32)
 
     @property
     def along(self) -> Field:
-        """(N, N) share of the way from the foot of the ribbon on top to its tip."""
+        """(N, N) position along the ribbon on top, 0 at its foot to 1 at its tip."""
         return np.asarray(((self._key >> SHARE_BITS) & 255) / 255, np.float32)
 
     @property
     def across(self) -> Field:
-        """(N, N) -1 to 1 from one edge of the ribbon on top to the other."""
+        """(N, N) position across the ribbon on top, -1 to 1."""
         return np.asarray((self._key & 255) / 127.5 - 1, np.float32)
