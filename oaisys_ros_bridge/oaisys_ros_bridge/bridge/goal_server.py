@@ -18,7 +18,7 @@ from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.node import Node
 
 from oaisys_core.errors import CancelledError, OaisysError
-from oaisys_ros_bridge.bridge.cancellation import Cancellation
+from oaisys_ros_bridge.bridge.requests import Cancellation
 
 CANCELLING_TIMEOUT_S = 1.0
 END_TIMEOUT_S = 3.0

@@ -15,9 +15,8 @@ from builtin_interfaces.msg import Time
 
 from oaisys_core.errors import NotReadyError, OaisysError
 from oaisys_core.types import Pose, Sample, SampleOutline
-from oaisys_ros_bridge.bridge.cancellation import Cancellation
 from oaisys_ros_bridge.bridge.readers import Readers
-from oaisys_ros_bridge.bridge.requests import PendingMetadata, ViewRequest, rig_pose
+from oaisys_ros_bridge.bridge.requests import Cancellation, PendingMetadata, ViewRequest, rig_pose
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.publishing.sample_publisher import Publication

@@ -1,10 +1,10 @@
-"""Requests to the bridge, converted to what the simulator understands."""
+"""Requests to the bridge: cancelled by a token, converted to what the simulator understands."""
 
 from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +14,7 @@ from geometry_msgs.msg import Pose as PoseMsg
 from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
 from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo
 from oaisys_ros_bridge.conversions import pose_from_msg
@@ -39,6 +39,48 @@ class ViewRequest:
     sensor: str = ""
     modalities: Sequence[str] = ()
     is_step: bool = False
+
+
+class Cancellation:
+    """Requested by any thread; cancels the call that is under way, and refuses all later ones."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._reason = ""
+        self._stop: Callable[[], object] | None = None
+
+    @property
+    def reason(self) -> str:
+        """Why the work is cancelled; empty: it is not."""
+        return self._reason
+
+    def request(self, reason: str) -> None:
+        """Cancel the work; the first reason stays."""
+        with self._lock:
+            self._reason = self._reason or reason
+            if self._stop is not None:
+                self._stop()
+
+    def check(self) -> None:
+        """Raise `CancelledError` if the work is cancelled."""
+        if self._reason:
+            raise CancelledError(self._reason)
+
+    @contextmanager
+    def stopping_by(self, stop: Callable[[], object]) -> Iterator[None]:
+        """Call ``stop`` if the work is cancelled while the block runs.
+
+        Raises:
+            CancelledError: It was cancelled before.
+        """
+        with self._lock:
+            self.check()
+            self._stop = stop
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._stop = None
 
 
 def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: str) -> Pose:

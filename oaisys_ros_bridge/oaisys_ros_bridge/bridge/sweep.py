@@ -8,10 +8,9 @@ from rclpy.node import Node
 
 from oaisys_core.errors import CancelledError, OaisysError
 from oaisys_msgs.action import Sweep
-from oaisys_ros_bridge.bridge.cancellation import Cancellation
 from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
 from oaisys_ros_bridge.bridge.rendering import Renderer
-from oaisys_ros_bridge.bridge.requests import ViewRequest, checked_frame
+from oaisys_ros_bridge.bridge.requests import Cancellation, ViewRequest, checked_frame
 
 
 def sweep_server(node: Node, renderer: Renderer) -> GoalServer:

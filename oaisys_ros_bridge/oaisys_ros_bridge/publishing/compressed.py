@@ -1,10 +1,10 @@
-"""Compressed images as ROS's image_transport plugins write them, without those plugins.
+"""Compressed images in the formats of ROS's image_transport plugins, without those plugins.
 
-``compressed``: a JPEG or PNG file, and a format that begins with the encoding of the image that a
-reader gets back. ``compressedDepth``: twelve bytes (int32 0, float32 A, float32 B), then a PNG of
-16 bits a pixel: either whole millimetres, 0 for no measurement, or, where the format begins with
-``32FC1``, q = A / z + B rounded to a whole number, from which z = A / (q - B); 0 is no measurement.
-Rounding shifts z by no more than ``depth_error_bound_m``.
+``compressed``: a JPEG or PNG file; the message's format begins with the encoding of the image.
+``compressedDepth``: twelve bytes (int32 0, float32 A, float32 B), then a PNG of 16 bits per pixel.
+Its values are depth in millimetres or, if the format begins with ``32FC1``, q = A / z + B rounded,
+from which z = A / (q - B). 0 is no measurement. The error of z by rounding is at most
+``depth_error_bound_m``.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DepthEncoding = Literal["32FC1", "16UC1"]
 ColorFormat = Literal["jpeg", "png"]
 
 INVERSE_DEPTH = 0
-"""The only kind of compressedDepth's header."""
+"""The only compression kind in a compressedDepth header."""
 CONFIG_HEADER = struct.Struct("<iff")
 MOST_UINT16 = 65535
 MM_PER_M = 1000.0
@@ -36,21 +36,21 @@ COLORS = frozenset({"rgb8"})
 LABELS = frozenset({"16UC1"})
 IDS = frozenset({"32SC1"})
 DEPTHS = frozenset({"32FC1"})
-"""Encodings of images that have a compressed variant; all others have none."""
+"""Encodings of images that have compressed variants."""
 
 
 @dataclass(frozen=True)
 class Compression:
-    """How images are compressed.
+    """Options of compression.
 
     Attributes:
-        color_format: Of colour; labels and ids are always PNG, which loses nothing.
+        color_format: Of colour; labels and ids are always PNG, which is lossless.
         jpeg_quality: 1 to 100.
         png_level: 0 (fast) to 9 (small).
-        depth_encoding: ``32FC1`` rounds the inverse of depth, ``16UC1`` depth to millimetres.
-        depth_max_m: What is farther is sent as no measurement.
-        depth_quantization: Greater is finer, but what is nearer than about a 65,535th of its
-            square, in metres, is sent as no measurement.
+        depth_encoding: ``32FC1`` rounds inverse depth, ``16UC1`` rounds depth to millimetres.
+        depth_max_m: Greater depth is sent as no measurement.
+        depth_quantization: Greater is finer; but depth below about its square divided by 65,535
+            (m) is sent as no measurement.
     """
 
     color_format: ColorFormat = "jpeg"
@@ -69,7 +69,7 @@ class Compression:
 
 
 def depth_error_bound_m(depth_m: float, compression: Compression) -> float:
-    """Return how far a depth that is sent may be from what it was, float32's rounding apart."""
+    """Return the largest error of a depth by compression, in m, besides rounding to float32."""
     if compression.depth_encoding == "16UC1":
         return 0.5 / MM_PER_M
     a, _ = compression.quantization
@@ -83,14 +83,13 @@ def compressed_to_msg(
 
     Args:
         data: (H, W, 3) uint8 for ``rgb8``, (H, W) uint16 for ``16UC1``; (H, W) int32 or uint32 for
-            ``32SC1``, whose four bytes become a PNG's blue, green, red and alpha: what is read
-            back unchanged holds the bytes of the ids.
-        encoding: Of the image that is not compressed.
+            ``32SC1``, whose four bytes become the blue, green, red and alpha of a PNG.
+        encoding: Encoding of the raw image.
         header: Stamp and frame.
-        compression: How.
+        compression: Options.
 
     Raises:
-        InvalidInputError: No such image is compressed.
+        InvalidInputError: Images of this encoding are not compressed.
     """
     checked_type(data, np.ndarray, "image.data")
     if encoding in COLORS:

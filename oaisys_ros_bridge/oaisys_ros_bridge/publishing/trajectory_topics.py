@@ -41,8 +41,8 @@ World = tuple[str, int, int]
 
 
 @dataclass(frozen=True)
-class Viewpoint:
-    """A view of a complete sample.
+class Frustum:
+    """What a camera saw of a sample, as it is drawn.
 
     Attributes:
         number: Id of its marker.
@@ -76,7 +76,7 @@ class TrajectoryTopics:
         self._world: World | None = None
         self._header = Header(frame_id=map_frame)
         self._poses: deque[PoseStamped] = deque()
-        self._views: deque[Viewpoint] = deque()
+        self._views: deque[Frustum] = deque()
         self._taken = 0
         self._depth_m = 0.0
         self._path = publishers.offer(Path, "path", PATH_QOS)
@@ -129,12 +129,12 @@ class TrajectoryTopics:
                 markers += map(self._marker, added)
                 self._publishers.send(self._viewpoints, MarkerArray(markers=markers))
 
-    def _add_views(self, sample: Sample, most: int) -> tuple[list[Viewpoint], list[Viewpoint]]:
+    def _add_views(self, sample: Sample, most: int) -> tuple[list[Frustum], list[Frustum]]:
         """Add a sample's views; return the new ones and the ones that are no longer shown."""
         for sensor, frame in {frame.sensor: frame for frame in sample.frames}.items():
             self._taken += 1
             self._views.append(
-                Viewpoint(self._taken, sensor, frame.intrinsics, frame.T_map_camera, self._header)
+                Frustum(self._taken, sensor, frame.intrinsics, frame.T_map_camera, self._header)
             )
         removed = []
         while len(self._views) > most:
@@ -160,7 +160,7 @@ class TrajectoryTopics:
     def _path_msg(self) -> Path:
         return Path(header=self._header, poses=list(self._poses))
 
-    def _marker(self, view: Viewpoint) -> Marker:
+    def _marker(self, view: Frustum) -> Marker:
         return frustum_to_marker(
             view.intrinsics,
             view.T_map_camera,

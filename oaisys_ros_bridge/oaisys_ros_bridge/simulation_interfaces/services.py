@@ -12,9 +12,9 @@ from simulation_interfaces.action import SimulateSteps
 from simulation_interfaces.msg import Resource, Result, SimulatorFeatures, WorldResource
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
-from oaisys_ros_bridge.bridge.cancellation import Cancellation
 from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
 from oaisys_ros_bridge.bridge.rendering import Renderer
+from oaisys_ros_bridge.bridge.requests import Cancellation
 from oaisys_ros_bridge.simulation_interfaces.entity_services import EntityServices
 from oaisys_ros_bridge.simulation_interfaces.results import RefusedError, offer_service
 from oaisys_ros_bridge.simulation_interfaces.simulation_control import (

@@ -9,9 +9,8 @@ from std_msgs.msg import Header
 
 from oaisys_core.errors import NotReadyError, OaisysError
 from oaisys_core.types import Pose, SimulatorInfo
-from oaisys_ros_bridge.bridge.cancellation import Cancellation
 from oaisys_ros_bridge.bridge.rendering import Renderer
-from oaisys_ros_bridge.bridge.requests import ViewRequest
+from oaisys_ros_bridge.bridge.requests import Cancellation, ViewRequest
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
 from oaisys_ros_bridge.simulation_interfaces.worlds import WorldRequest
