@@ -42,11 +42,11 @@ World = tuple[str, int, int]
 
 @dataclass(frozen=True)
 class Frustum:
-    """What a camera saw of a sample, as it is drawn.
+    """The frustum of one camera at one sample.
 
     Attributes:
         number: Id of its marker.
-        sensor: Which camera took it.
+        sensor: Name of the camera.
         intrinsics: The camera as it was then.
         T_map_camera: (4, 4) pose of its optical frame.
         header: Stamp of its sample, frame of the world.
