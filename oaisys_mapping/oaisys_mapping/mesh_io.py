@@ -77,7 +77,7 @@ def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
     if not len(triangles):
         raise InvalidInputError(field, str(path), "a mesh file with triangles")
     if len(vertices_m) < _announced(path, b"vertex") or len(triangles) < _announced(path, b"face"):
-        raise InvalidInputError(field, str(path), "a whole file; this one ends too early")
+        raise InvalidInputError(field, str(path), "a complete file; this one is truncated")
     if not np.isfinite(vertices_m).all():
         raise InvalidInputError(field, str(path), "a mesh with finite coordinates")
     if triangles.min() < 0 or triangles.max() >= len(vertices_m):

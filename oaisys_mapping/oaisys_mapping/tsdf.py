@@ -21,9 +21,13 @@ from oaisys_mapping.voxels.block_cache import (
     VolumeFullError,
     check_capacity,
 )
-from oaisys_mapping.voxels.block_coordinates import NO_BLOCKS, BlockCoordinates
+from oaisys_mapping.voxels.block_layout import (
+    CELL_FIELDS,
+    NO_BLOCKS,
+    SEMANTIC_FIELDS,
+    BlockCoordinates,
+)
 from oaisys_mapping.voxels.config import TsdfConfig
-from oaisys_mapping.voxels.fields import CELL_FIELDS, SEMANTIC_FIELDS
 from oaisys_mapping.voxels.free_space import DepthPyramid, FreeBlocks
 from oaisys_mapping.voxels.incremental_mesh import IncrementalMesh
 from oaisys_mapping.voxels.integration import POOL, integrate_view

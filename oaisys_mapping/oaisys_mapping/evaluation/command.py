@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -118,12 +118,16 @@ def evaluate(
         "missed": missed,
         "closed": not missed,
     }
+    _print(figures, json_path)
+    if missed:
+        raise typer.Exit(1)
+
+
+def _print(figures: dict[str, Any], json_path: Path | None) -> None:
     text = json.dumps(figures, indent=2)
     if json_path is not None:
         json_path.write_text(f"{text}\n", encoding="utf-8")
     typer.echo(text)
-    if missed:
-        raise typer.Exit(1)
 
 
 def _volume(path: Path, voxel_size_m: float) -> TsdfVolume:

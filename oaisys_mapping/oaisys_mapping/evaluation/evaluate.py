@@ -68,7 +68,7 @@ class Extras:
         taus_m: Tolerances of further F-scores.
         volume: The signed distances that the mesh was extracted from.
         labels: Names of semantic ids.
-        classes: The classes that the mesh's were taken from, at a finer resolution than vertices.
+        classes: The classes of the volume, at a finer resolution than the mesh's vertices.
         on_progress: Called with what is being measured.
     """
 

@@ -132,7 +132,7 @@ class Completeness:
     """Distances from parts of the truth to the reconstruction.
 
     Attributes:
-        parts: (N,) distances in metres, and the area in square metres that each point stands for.
+        parts: (N,) distances in metres, and the area in square metres that each point represents.
     """
 
     parts: tuple[tuple[FloatArray, float], ...]

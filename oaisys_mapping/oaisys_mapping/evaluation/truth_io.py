@@ -70,7 +70,7 @@ def read_truth(path: Path) -> TriangleMesh:
         vertex = np.fromfile(file, VERTEX, counts[0])
         face = np.fromfile(file, FACE, counts[1])
     if len(face) < counts[1]:
-        raise InvalidInputError("truth", str(path), "a whole file; this one ends too early")
+        raise InvalidInputError("truth", str(path), "a complete file; this one is truncated")
     vertices_m = np.column_stack([vertex[axis] for axis in "xyz"]).astype(np.float64)
     triangles = np.ascontiguousarray(face["corners"])
     if not np.isfinite(vertices_m).all():

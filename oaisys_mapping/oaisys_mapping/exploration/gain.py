@@ -84,10 +84,10 @@ class ViewScorer:
         is_blocked = self._occupied[flat] & is_inside
         hit = is_blocked.any(axis=0)
         first = np.where(hit, is_blocked.argmax(axis=0), len(steps))
-        seen = is_inside & (np.arange(len(steps))[:, None] < first)
+        is_visible = is_inside & (np.arange(len(steps))[:, None] < first)
         # The cross-section that a ray represents grows with the square of the depth.
         volume_m3 = self._ray_share * self._depths_m**2 * voxels.voxel_size_m
-        gain = float((np.where(seen, self._value[flat], 0).sum(axis=1) * volume_m3).sum())
+        gain = float((np.where(is_visible, self._value[flat], 0).sum(axis=1) * volume_m3).sum())
         return gain + self._surface_gain(
             flat[first[hit], np.flatnonzero(hit)], first[hit], directions[hit]
         )

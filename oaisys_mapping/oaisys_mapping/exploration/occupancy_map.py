@@ -203,8 +203,8 @@ class OccupancyMap:
         stride = (slice(None, None, POINT_STRIDE_PX),) * 2
         points_m, normals = points_m[stride].reshape(-1, 3), normals[stride].reshape(-1, 3)
         with np.errstate(invalid="ignore"):
-            seen = np.isfinite(points_m).all(axis=1) & (points_m[:, 2] <= max_range_m)
-        points_m, normals = points_m[seen], normals[seen]
+            is_valid = np.isfinite(points_m).all(axis=1) & (points_m[:, 2] <= max_range_m)
+        points_m, normals = points_m[is_valid], normals[is_valid]
         R = T_map_camera[:3, :3]
         cells, inside = self.indices(points_m @ R.T + T_map_camera[:3, 3])
         cells = cells[inside]

@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import FloatArray
-from oaisys_mapping.voxels.block_coordinates import (
+from oaisys_mapping.voxels.block_layout import (
+    BLOCK_VOXELS,
     NO_BLOCKS,
     BlockCoordinates,
     Slots,
+    VoxelField,
     block_order,
     union_of_blocks,
 )
 from oaisys_mapping.voxels.block_store import BlockStore
 from oaisys_mapping.voxels.blocks import VoxelBlocks
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VoxelField
 from oaisys_mapping.voxels.free_space import DepthPyramid
 
 EVICTED_SHARE = 0.1

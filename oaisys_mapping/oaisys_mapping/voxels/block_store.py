@@ -11,8 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_mapping.voxels.block_coordinates import BlockCoordinates, block_keys, blocks_of_keys
-from oaisys_mapping.voxels.fields import VoxelField
+from oaisys_mapping.voxels.block_layout import (
+    BlockCoordinates,
+    VoxelField,
+    block_keys,
+    blocks_of_keys,
+)
 
 
 class BlockStore:

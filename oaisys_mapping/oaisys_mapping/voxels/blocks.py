@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 
 from oaisys_core.geometry import invert
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-from oaisys_mapping.voxels.block_coordinates import NO_BLOCKS, BlockCoordinates, Slots
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VoxelField
+from oaisys_mapping.voxels.block_layout import (
+    BLOCK_VOXELS,
+    NO_BLOCKS,
+    BlockCoordinates,
+    Slots,
+    VoxelField,
+)
 
 COPIED_BLOCKS = 256
 """Blocks that are copied at a time when the grid grows."""

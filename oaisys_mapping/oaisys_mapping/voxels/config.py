@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_mapping.voxels.fields import (
+from oaisys_mapping.voxels.block_layout import (
     BLOCK_VOXELS,
     CELL_BLOCKS_PER_BLOCK,
     CELL_FIELDS,

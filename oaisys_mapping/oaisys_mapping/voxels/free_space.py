@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
-from oaisys_mapping.voxels.block_coordinates import (
+from oaisys_mapping.voxels.block_layout import (
+    BLOCK_VOXELS,
     NO_BLOCKS,
     BlockCoordinates,
     block_keys,
     blocks_of_keys,
 )
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS
 from oaisys_mapping.voxels.padded_images import PaddedImages
 
 COARSE_BLOCKS = 8

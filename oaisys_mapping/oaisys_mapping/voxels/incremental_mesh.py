@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
 from oaisys_mapping.mesh import ColoredMesh
-from oaisys_mapping.voxels.block_coordinates import (
+from oaisys_mapping.voxels.block_layout import (
+    BLOCK_VOXELS,
     BlockCoordinates,
     BlockReader,
     block_keys,
     blocks_of_keys,
 )
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS
 from oaisys_mapping.voxels.integration import POOL
 from oaisys_mapping.voxels.marching_cubes import (
     NEIGHBOURS,

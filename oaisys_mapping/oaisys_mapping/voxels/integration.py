@@ -17,9 +17,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_mapping.voxels.block_coordinates import BlockCoordinates, Slots, voxel_offsets
+from oaisys_mapping.voxels.block_layout import (
+    BLOCK_VOXELS,
+    VOXELS,
+    BlockCoordinates,
+    Slots,
+    voxel_offsets,
+)
 from oaisys_mapping.voxels.config import TsdfConfig
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VOXELS
 from oaisys_mapping.voxels.padded_images import PaddedImages
 from oaisys_mapping.voxels.semantic_fusion import fuse_classes
 

@@ -1,4 +1,4 @@
-"""Classes in cells finer than voxels, taken from the points that pixels show.
+"""Classes in cells finer than voxels, from the points that pixels show.
 
 A voxel takes the label of the pixel it projects to. Near a step or a small object that pixel shows
 what lies beside or below, so classes of voxels are right only to about a voxel. Here each pixel
@@ -15,14 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_mapping.voxels.block_cache import BlockCache
-from oaisys_mapping.voxels.block_coordinates import (
+from oaisys_mapping.voxels.block_layout import (
+    BLOCK_VOXELS,
+    CELL_BLOCKS_PER_BLOCK,
+    CELL_FIELDS,
     NO_BLOCKS,
+    VOXELS,
     BlockCoordinates,
     block_keys,
     unique_blocks,
 )
 from oaisys_mapping.voxels.blocks import INITIAL_BLOCKS
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS, CELL_BLOCKS_PER_BLOCK, CELL_FIELDS, VOXELS
 from oaisys_mapping.voxels.labelled_points import LabelledPoints, labelled_points
 from oaisys_mapping.voxels.padded_images import PaddedImages
 from oaisys_mapping.voxels.semantic_fusion import fuse_classes

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS
+from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS
 from oaisys_mapping.voxels.padded_images import PaddedImages
 from oaisys_mapping.voxels.semantic_fusion import UNLABELLED
 

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray
-from oaisys_mapping.voxels.block_coordinates import BlockCoordinates
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VOXELS
+from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS, VOXELS, BlockCoordinates
 
 PADDED = BLOCK_VOXELS + 1
 """Samples along an edge of a block's cubes: its own, and the first of its neighbour."""
@@ -143,10 +142,7 @@ def region_surfaces(
     """
     samples = _padded_samples(arrays, slots)
     cells, cubes = _crossed(samples)
-    triangles, first, end = triangle_table()
-    count = (end - first)[cubes]
-    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    edges = triangles[np.repeat(first[cubes], count) + within]
+    edges, count = _crossed_edges(cubes)
     corner = _corner_in_region(blocks, cells)
     place = 3 * (region[cells // _SAMPLES] * REGION_SAMPLES**3 + corner @ _REGION_STEPS)
     keys = np.repeat(place, count)[:, None] + _edge_keys(REGION_SAMPLES)[edges]
@@ -172,6 +168,14 @@ def region_surfaces(
         vertex_ends=np.searchsorted(vertices, starts),
         triangle_ends=np.searchsorted(keys[:, 0], starts),
     )
+
+
+def _crossed_edges(cubes: NDArray[np.uint8]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """Return the (T, 3) edges of all cubes' triangles, and each cube's number of triangles."""
+    triangles, first, end = triangle_table()
+    count = (end - first)[cubes]
+    within = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    return triangles[np.repeat(first[cubes], count) + within], count
 
 
 def _corner_in_region(blocks: BlockCoordinates, cells: NDArray[np.int64]) -> NDArray[np.int64]:

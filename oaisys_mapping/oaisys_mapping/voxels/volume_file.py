@@ -28,9 +28,8 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.voxels.block_cache import BlockCache
-from oaisys_mapping.voxels.block_coordinates import BlockCoordinates
+from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS, VOXELS, BlockCoordinates, VoxelField
 from oaisys_mapping.voxels.config import TsdfConfig
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VOXELS, VoxelField
 
 FORMAT = "oaisys tsdf 1"
 

@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
 from oaisys_mapping.voxels.block_cache import BlockCache
-from oaisys_mapping.voxels.block_coordinates import BlockReader, Slots, block_keys, unique_blocks
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS, VOXELS, VoxelField
+from oaisys_mapping.voxels.block_layout import (
+    BLOCK_VOXELS,
+    VOXELS,
+    BlockReader,
+    Slots,
+    VoxelField,
+    block_keys,
+    unique_blocks,
+)
 from oaisys_mapping.voxels.semantic_fusion import most_likely
 
 MAX_BOX_VOXELS = 200_000_000

@@ -121,7 +121,7 @@ def test_a_missing_file_is_exit_2(files: tuple[Path, Path], tmp_path: Path, name
 @pytest.mark.parametrize(
     ("damage", "expected"),
     [
-        (lambda data: data[:-9], "ends too early"),
+        (lambda data: data[:-9], "truncated"),
         (lambda data: b"junk" * 50, "with triangles"),
         (lambda data: data.replace(np.float32(-2).tobytes(), b"\0\0\xc0\x7f"), "finite"),
         (lambda data: data[:-4] + np.int32(9).tobytes(), "vertices that are in the file"),

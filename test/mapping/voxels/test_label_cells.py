@@ -8,8 +8,7 @@ from synthetic_views import CAMERA, UP, camera_at, plane_depth_m, sphere_depth_m
 
 from oaisys_core.types import FloatArray
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_mapping.voxels.block_coordinates import unique_blocks
-from oaisys_mapping.voxels.fields import CELL_BLOCKS_PER_BLOCK
+from oaisys_mapping.voxels.block_layout import CELL_BLOCKS_PER_BLOCK, unique_blocks
 
 GROUND, ROCK = 4, 9
 RADIUS_M = 0.4

@@ -10,7 +10,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert
 from oaisys_mapping.mesh_io import read_class_names, read_ply, write_ply
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_mapping.voxels.fields import CLASSES_KEPT
+from oaisys_mapping.voxels.block_layout import CLASSES_KEPT
 from oaisys_mapping.voxels.semantic_fusion import (
     class_color,
     fuse_classes,

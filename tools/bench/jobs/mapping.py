@@ -17,8 +17,8 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import DEPTH, RGB, SEMANTIC_0, Frame, ModuleMetadata, merged
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS
 from oaisys_mapping.voxels.blocks import INITIAL_BLOCKS
-from oaisys_mapping.voxels.fields import BLOCK_VOXELS
 from tools.bench.jobs.processes import SMALL_WORLD, camera
 from tools.bench.settings import Say, Settings
 
