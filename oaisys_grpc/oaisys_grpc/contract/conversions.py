@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core import geometry
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import (
     FloatArray,
@@ -44,7 +43,7 @@ def pose_to_proto(pose: Pose) -> pb.Pose:
 
 
 def pose_from_proto(message: pb.Pose) -> Pose:
-    """Return the pose exactly as it was sent; `metadata_from_proto` checks those it takes."""
+    """Return the pose as it was sent; the simulation checks it."""
     p, q = message.position_m, message.orientation
     return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
@@ -86,8 +85,8 @@ def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
     """Return a step's metadata; an absent part stays absent.
 
     Raises:
-        InvalidInputError: The pose has a number that is not finite, or no unit quaternion; or it
-            is among the other settings; or a key came both typed and in a Struct.
+        InvalidInputError: The pose is among the other settings, or a key came both typed and in a
+            Struct.
     """
     parts: dict[str, Any] = {}
     if message.HasField("sensor"):
@@ -98,9 +97,7 @@ def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
             received = parts["sensor"]["pose"]
             raise InvalidInputError("metadata.sensor.settings.pose", received, "the field pose")
         if message.sensor.HasField("pose"):
-            pose = pose_from_proto(message.sensor.pose)
-            geometry.checked_pose(pose.position_m, pose.quat_xyzw, "metadata.sensor.pose")
-            parts["sensor"]["pose"] = pose
+            parts["sensor"]["pose"] = pose_from_proto(message.sensor.pose)
     present = {field.name for field, _ in message.ListFields()}
     for name in _TYPED:
         if present & {name, f"typed_{name}"}:
