@@ -103,11 +103,12 @@ class Simulation:
             seed: Seed of this world; None derives it from the root seed and the batch id.
             reuse_stage: Keep the ground and its material, draw all else anew. Stages of earlier
                 batches and runs are reused with ``custom={"stage": {"reuse": ...}}``.
-            progress: Told how far it is; may raise `CancelledError`.
+            progress: Called with the progress; may raise `CancelledError`.
 
         Raises:
-            InvalidInputError: The metadata cannot be applied; the old world still stands.
-            CancelledError: Likewise while the new world is drawn; later there is none.
+            InvalidInputError: The metadata cannot be applied; the old world stays.
+            CancelledError: It was cancelled; the old world stays if the new one was still being
+                drawn, else there is none.
             NotReadyError: ``reuse_stage`` before any batch.
             RenderError: The backend failed; there is no world until the next batch.
         """
@@ -117,11 +118,11 @@ class Simulation:
             seed = randomness.batch_seed(self._config.seed, batch_id)
         if not 0 <= seed < 2**63:
             raise InvalidInputError("seed", seed, "a whole number from 0 to 2**63 - 1")
-        standing = self._current() if reuse_stage else self._batch
+        before = self._current() if reuse_stage else self._batch
         self._modules.check(metadata, is_batch=True)
         metadata_text(metadata)
         origin, drawn_with = batch_seeds(
-            self._stage, self._assets_sha256, metadata, seed, standing, reuse_stage
+            self._stage, self._assets_sha256, metadata, seed, before, reuse_stage
         )
         self._build(batch_id, origin, drawn_with, progress)
         self._keep_stage(origin, metadata)
@@ -140,16 +141,16 @@ class Simulation:
         Args:
             metadata: What changes from here on; ``sensor["pose"]`` moves the rig, for this sample
                 alone where it moves by itself.
-            modalities: Which of them to render; none named: all of each sensor whose turn it is.
-            sensors: Which of them to render; none named: all whose turn it is. Sensors or
-                modalities that are named render whether it is their turn or not.
-            progress: Told how far it is; may raise `CancelledError`.
+            modalities: Modalities to render; none: all of each sensor that is due.
+            sensors: Sensors to render; none: all that are due. Named sensors and sensors with a
+                named modality render whether they are due or not.
+            progress: Called with the progress; may raise `CancelledError`.
 
         Raises:
             NotReadyError: Before the first batch.
-            InvalidInputError: Metadata, pose, modality or sensor are refused, and nothing changed;
-                or the rig's motion finds no pose.
-            CancelledError, RenderError: It was stopped; everything is as before.
+            InvalidInputError: Metadata, pose, modality or sensor are refused, or the rig's motion
+                finds no pose; nothing changed.
+            CancelledError, RenderError: It was stopped; nothing changed.
         """
         return _returned(
             self.stream_sample(metadata, modalities=modalities, sensors=sensors, progress=progress)
@@ -206,13 +207,13 @@ class Simulation:
     def repeat(
         self, outline: SampleOutline, progress: ProgressCallback = ignore_progress
     ) -> Sample:
-        """Render a recorded sample again, from what its outline says alone.
+        """Render a recorded sample again from its outline alone.
 
-        The world of that sample stands afterwards, as after the sample itself.
+        Afterwards the simulation is as it was after that sample.
 
         Raises:
-            InvalidInputError: The record is of another configuration, or says too little, or its
-                metadata does not fit.
+            InvalidInputError: The record is of another configuration or incomplete, or its metadata
+                does not fit.
         """
         how = outline.provenance
         if how.config_sha256 != self._config_sha256:
@@ -244,7 +245,7 @@ class Simulation:
         self._backend.withdrawn()
 
     def info(self) -> SimulatorInfo:
-        """Return what this simulator is and where it stands."""
+        """Return what this simulator is and its current batch and sample."""
         batch = self._batch
         ground = batch.world.ground if batch else None
         render = batch.world.render if batch else None
@@ -264,7 +265,7 @@ class Simulation:
 
     @property
     def scene(self) -> Scene:
-        """The world that stands now, as the backend was given it."""
+        """The current world, as the backend was given it."""
         return self._current().world.scene()
 
     def ground_truth_mesh(self) -> TriangleMesh:
@@ -291,11 +292,11 @@ class Simulation:
     def list_objects(
         self, query: ObjectQuery, metadata: ModuleMetadata | None = None
     ) -> ObjectPage:
-        """Return things of the world, as they stand and are shown; nothing changes.
+        """Return objects of the world that are shown; nothing changes.
 
         Args:
             query: Which of them.
-            metadata: As they will be once a sample has brought this, too.
+            metadata: Return them as they will be after a sample with this metadata.
 
         Raises:
             InvalidInputError: The query cannot be answered, or the metadata applied.
@@ -317,7 +318,7 @@ class Simulation:
         Args:
             resolution_m: Edge of a cell.
             extent_m: (min_x, min_y, max_x, max_y) in ``map``; None: the whole stage.
-            progress: Told how far it is; may raise `CancelledError`.
+            progress: Called with the progress; may raise `CancelledError`.
 
         Raises:
             InvalidInputError: It would have no cells, or too many.
@@ -327,21 +328,21 @@ class Simulation:
         return height_grid(resolution_m, extent_m, self.query_height, progress)
 
     def state(self) -> dict[str, Any]:
-        """Return, as JSON-able data, all that another process needs to go on from here."""
+        """Return all that another process needs to continue from here, as JSON-able data."""
         pose = self._sensors.rig_pose
-        batch, standing = self._batch, None
+        batch, state = self._batch, None
         if batch is not None and pose is not None:
-            standing = batch.to_state(pose, self._modules.in_force(batch.metadata))
-        return {"last_batch_id": self._last_batch_id, "batch": standing}
+            state = batch.to_state(pose, self._modules.in_force(batch.metadata))
+        return {"last_batch_id": self._last_batch_id, "batch": state}
 
     def restore(
         self, state: Mapping[str, Any], progress: ProgressCallback = ignore_progress
     ) -> None:
-        """Build the world of a `state` again; what follows is what would have followed there."""
+        """Build the world of a `state` again and continue as that simulation would have."""
         self._batch = None
-        standing = state["batch"]
-        if standing is not None:
-            wanted = Batch.from_state(standing)
+        batch_state = state["batch"]
+        if batch_state is not None:
+            wanted = Batch.from_state(batch_state)
             origin = BatchSeeds(wanted.seed, wanted.stage_seed, wanted.asset_seed)
             self._build(wanted.id, origin, wanted.metadata, progress)
             if wanted.sample_id:
@@ -353,7 +354,7 @@ class Simulation:
         self._last_batch_id = int(state["last_batch_id"])
 
     def save(self, path: Path) -> None:
-        """Write the world that stands now as a file of the backend's own kind (``.blend``).
+        """Write the current world as a file of the backend's own kind (``.blend``).
 
         Raises:
             NotReadyError: Before the first batch.
@@ -379,7 +380,7 @@ class Simulation:
         metadata: ModuleMetadata,
         progress: ProgressCallback,
     ) -> None:
-        """Draw a world and have the backend build it; if that fails there is no world at all."""
+        """Draw a world and let the backend build it; if building fails there is no world."""
         states = ModuleSnapshot(self._modules.all)
         try:
             world = self._modules.draw(origin, metadata, self._batch, progress)
@@ -398,7 +399,7 @@ class Simulation:
         self._last_batch_id = batch_id
 
     def _keep_stage(self, origin: BatchSeeds, metadata: ModuleMetadata) -> None:
-        """Save the stage of a new batch where the configuration or ``metadata`` says so."""
+        """Save the stage of a new batch if the configuration or ``metadata`` says so."""
         batch = self._current()
         record = StageRecord(
             stage_hash=batch.world.stage_notes["hash"],
@@ -412,7 +413,7 @@ class Simulation:
 
     @contextmanager
     def _undone_on_failure(self, batch: Batch) -> Iterator[None]:
-        """Have a sample that fails or is cancelled leave everything as it was before."""
+        """Undo the sample if the block raises."""
         self._undo = None
         undo = SampleSnapshot(batch, self._modules.all, self._backend)
         try:
@@ -423,7 +424,7 @@ class Simulation:
         self._undo = undo
 
     def _with_admitted_pose(self, batch: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
-        """Return the metadata with the pose that is admitted, and without the policy for it."""
+        """Return the metadata with the admitted pose and without the pose policy."""
         sensor = dict(metadata.sensor or {})
         policy = sensor.pop("pose_policy", None)
         if "pose" not in sensor and self._sensors.moves_itself:
@@ -448,7 +449,7 @@ class Simulation:
     def _outline(
         self, batch: Batch, cameras: Sequence[PlacedCamera], settings: RenderSettings
     ) -> SampleOutline:
-        """Return what is known of the next sample before it is rendered."""
+        """Return the outline of the next sample."""
         names = [FrameName(camera.name, m) for camera in cameras for m in camera.modalities]
         faults, rig_pose = self._sensors.faults, drawn(self._sensors.rig_pose)
         shot = (batch.id, batch.sample_id + 1)

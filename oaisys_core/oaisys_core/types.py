@@ -147,7 +147,7 @@ class PinholeIntrinsics:
 
 @dataclass(frozen=True)
 class Provenance:
-    """What must be known to render a frame again, byte for byte in depth and labels.
+    """All that is needed to render a frame again, byte for byte in depth and labels.
 
     Attributes:
         seed: Root seed of the simulation's random draws.
@@ -215,7 +215,7 @@ class FrameName:
 
 @dataclass(frozen=True)
 class Odometry:
-    """Where a drifting rig takes itself to be.
+    """A drifting rig's estimate of its pose.
 
     Attributes:
         pose: Of the rig, in ``map``.
@@ -231,11 +231,11 @@ class Odometry:
 class SampleOutline:
     """A sample before all of its frames are there.
 
-    Its ids are taken by the next sample that is asked for if this one never gets complete.
+    If the sample is never completed, the next one gets its ids.
 
     Attributes:
-        frames: What it will consist of, in its order.
-        provenance: That of the sample, but that ``render_samples`` is 0 as long as it renders.
+        frames: The frames that it will consist of, in their order.
+        provenance: That of the sample, except that ``render_samples`` is 0.
         from_cache, odometry: See `Sample`.
     """
 
@@ -258,10 +258,10 @@ class Sample:
         frames: One per sensor and modality.
         render_time_s: Wall-clock seconds the backend worked.
         provenance: How to render it again.
-        from_cache: Whether the frames were rendered for an earlier sample that saw the same.
+        from_cache: Whether the frames were rendered for an earlier sample of the same view.
         finished_ns: When its last frame existed, by the clock of `time.monotonic_ns` on the machine
             that renders, which is the same in all processes there; 0: not known.
-        odometry: Where the rig takes itself to be, where ``sensors.faults`` has that drift.
+        odometry: The rig's estimate of its pose; None without drift in ``sensors.faults``.
     """
 
     batch_id: int
@@ -276,7 +276,7 @@ class Sample:
 
     @property
     def outline(self) -> SampleOutline:
-        """What was known before its frames were rendered."""
+        """The outline of this sample."""
         return SampleOutline(
             batch_id=self.batch_id,
             sample_id=self.sample_id,

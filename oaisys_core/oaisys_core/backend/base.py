@@ -1,4 +1,4 @@
-"""What a backend must do: make a scene so, and see it from cameras."""
+"""The interface of a backend, which builds a scene and renders it from cameras."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from oaisys_core.sensing.effects import NO_EFFECTS, Effects
 from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh, ignore_progress
 
 ProgressCallback = Callable[[Progress], None]
-"""Called between steps of long work; it may raise `CancelledError` to stop it."""
+"""Called during long work; it may raise `CancelledError` to stop it."""
 
 
 class FrameGroup:
@@ -68,7 +68,7 @@ Device = Literal["auto", "cpu", "cuda", "optix", "hip", "oneapi", "metal"]
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How one sample's colour is rendered; depth and labels do not depend on it.
+    """How a sample's colour is rendered; depth and labels do not depend on it.
 
     Attributes:
         quality: Name of the preset, for provenance.
@@ -77,12 +77,12 @@ class RenderSettings:
         denoise: Whether the denoiser runs after sampling.
         exposure_ev: Exposure in stops, applied before the view transform.
         seed: Seed of the light sampling.
-        view_transform: From radiance to pixel values.
-        time_budget_s: For all cameras of a sample together; None: as long as it takes.
+        view_transform: Maps radiance to pixel values.
+        time_budget_s: For all cameras of a sample together; None: no limit.
         passes: Modalities that may be rendered; None: all.
-        effects: What happens to colour after rendering.
-        noise_seed: Of this sample's sensor noise.
-        device: What is wanted to render on.
+        effects: Lens and sensor effects, applied to colour after rendering.
+        noise_seed: Seed of this sample's sensor noise.
+        device: Device to render on.
     """
 
     quality: str
@@ -111,7 +111,7 @@ class RenderSettings:
 
 
 class Backend(ABC):
-    """Renders `Scene`s; one instance lives as long as the simulation and keeps what it can.
+    """Renders a `Scene`; one instance lives as long as its simulation.
 
     Every method may raise `RenderError`; none of them draws a random number.
     """
@@ -120,7 +120,7 @@ class Backend(ABC):
     """``blender`` or ``analytic``."""
 
     device: str = "cpu"
-    """What colour is rendered on, for provenance."""
+    """Device that colour is rendered on, for provenance."""
 
     samples_per_pixel: int | None = None
     """Samples per pixel of the last colour images, where a time budget chose them."""
@@ -128,7 +128,7 @@ class Backend(ABC):
     @property
     @abstractmethod
     def version(self) -> str:
-        """Version of what renders, for provenance."""
+        """Version of the renderer, for provenance."""
 
     @abstractmethod
     def build(self, scene: Scene, progress: ProgressCallback) -> None:
@@ -136,10 +136,9 @@ class Backend(ABC):
 
     @abstractmethod
     def update(self, scene: Scene) -> None:
-        """Take over what a sample changed in the built world.
+        """Change the built world to ``scene``, which differs by what a sample may change.
 
-        Parts that are the same objects as before, or equal where they are small, are kept: a
-        placement that did not move costs nothing.
+        Parts that are the same Python objects as before are kept, and so are small equal ones.
         """
 
     @abstractmethod
@@ -175,10 +174,10 @@ class Backend(ABC):
 
     @abstractmethod
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
-        """Take note that these views were answered without being rendered."""
+        """Note that these views came from the cache and were not rendered."""
 
     def withdrawn(self) -> None:  # noqa: B027 - most backends remember nothing of a sample
-        """Take note that the last sample is as if it had not been."""
+        """Forget the last sample."""
 
     @abstractmethod
     def ground_truth_mesh(self) -> TriangleMesh:
@@ -189,7 +188,7 @@ class Backend(ABC):
         """Return (N,) heights of the topmost surface (ground or object) at (N, 2); NaN off it."""
 
     def save(self, path: Path) -> None:
-        """Write the built world as a file of the backend's own kind, such as ``.blend``.
+        """Write the built world as a file of the backend's own format, such as ``.blend``.
 
         Raises:
             InvalidInputError: The backend has no such files.
@@ -199,7 +198,7 @@ class Backend(ABC):
         )
 
     def close(self) -> None:  # noqa: B027 - most backends hold nothing
-        """Release what the backend holds; nothing may be called afterwards."""
+        """Release all resources; no method may be called afterwards."""
 
 
 def _in_order(cameras: Sequence[PlacedCamera], frames: Sequence[Frame]) -> tuple[Frame, ...]:

@@ -1,8 +1,8 @@
-"""What real sensors do to true depth and true poses, drawn from seeds.
+"""Errors of real depth sensors and of odometry, drawn from seeds.
 
-Everything is a function of (seed, batch, sample, sensor), whatever was asked for before: a sample
-that is rendered again is spoilt in the same way. Each kind of fault has a stream of its own, so
-that switching one on leaves the others as they were.
+Each error is a function of (seed, batch, sample, sensor) alone, so a sample that is rendered again
+has the same errors. Each kind of error has its own random stream, so that switching one on does not
+change the others.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Shot(NamedTuple):
 
 @dataclass(frozen=True)
 class DepthFaults:
-    """What happens to a depth image; by default nothing.
+    """Errors of a depth image; by default none.
 
     Attributes:
         seed: Root of all draws.
@@ -61,8 +61,8 @@ class DepthFaults:
               ``sqrt(1 / 36 + 1 / 12) = 1 / 3`` of a step, that is ``z**2 / (24 * fx * 0.075)``.
         sigma_m: See ``noise``.
         sigma_per_m: See ``noise``; 1/m.
-        min_depth_m: What is measured nearer becomes ``-inf``.
-        max_depth_m: What is measured farther becomes ``+inf``; 0: no limit.
+        min_depth_m: Smaller measurements become ``-inf``.
+        max_depth_m: Larger measurements become ``+inf``; 0: no limit.
         missing_ratio: Share of pixels that become NaN, drawn one by one.
     """
 
@@ -76,7 +76,7 @@ class DepthFaults:
 
     @property
     def active(self) -> bool:
-        """Whether any image could look different from the true one."""
+        """Whether any error is switched on."""
         return (
             self.noise != "none"
             or self.min_depth_m > 0
@@ -86,7 +86,7 @@ class DepthFaults:
 
 
 def generator(seed: int, purpose: str, *shot: int | str) -> np.random.Generator:
-    """Return the generator of one purpose's draws for one shot."""
+    """Return the random generator for one purpose and one image."""
     name = "/".join(map(str, (purpose, *shot))).encode()
     key = int.from_bytes(hashlib.sha256(name).digest()[:16], "big")
     return np.random.default_rng(np.random.SeedSequence([seed, key]))
@@ -102,9 +102,9 @@ def measured_depth(
     far, NaN no measurement.
 
     Args:
-        depth_m: Left as it is.
+        depth_m: True depth; it is not changed.
         fx_px: Focal length, for the disparities of ``kinect``.
-        faults: What happens to it.
+        faults: The errors.
         shot: Which image this is.
     """
     if not faults.active:
@@ -123,9 +123,9 @@ def measured_depth(
 
 
 def measured_frame(frame: Frame, faults: DepthFaults, shot: Shot) -> Frame:
-    """Return what a frame's sensor measures instead of the truth.
+    """Return the frame that its sensor measures instead of the true one.
 
-    Depth, and the ranges that belong to it, suffer the same; nothing else suffers.
+    Depth and range have the same errors; other modalities have none.
     """
     if frame.modality not in (DEPTH, RANGE) or not faults.active:
         return frame
@@ -183,11 +183,11 @@ def _too_near_where_not_positive(measured_m: DepthImage) -> DepthImage:
 
 
 class PoseDrift:
-    """Random walks of a pose: it drifts a little further with every sample of a batch.
+    """Random walks of a pose, which drifts with every sample of a batch.
 
-    The first sample of a batch is where it says; until sample n each of x, y, z and of the three
-    turns about the map's axes has become normal with ``sqrt(n - 1)`` times the step's standard
-    deviation. Safe to use from several threads.
+    The first sample of a batch has no error. At sample n, the errors of x, y, z and of rotations
+    about the map's axes are normal with ``sqrt(n - 1)`` times the standard deviation of a step.
+    Safe to use from several threads.
     """
 
     def __init__(self) -> None:
@@ -214,7 +214,7 @@ class PoseDrift:
     def drifted(
         self, pose: Pose, sigmas: tuple[float, float], seed: int, batch_id: int, sample_id: int
     ) -> Pose:
-        """Return what a robot takes a true pose for.
+        """Return the pose that a robot estimates instead of the true one.
 
         Args:
             pose: In ``map``.
@@ -242,7 +242,7 @@ def drift_sigma(sigmas: tuple[float, float], sample_id: int) -> tuple[float, flo
 def odometry_of(
     drift: PoseDrift, pose: Pose, sigmas: tuple[float, float], seed: int, shot: tuple[int, int]
 ) -> Odometry | None:
-    """Return where the rig takes itself to be at a batch's sample; None where nothing drifts."""
+    """Return the rig's estimate of its pose at a batch's sample; None without drift."""
     if sigmas == (0.0, 0.0):
         return None
     return Odometry(drift.drifted(pose, sigmas, seed, *shot), *drift_sigma(sigmas, shot[1]))
