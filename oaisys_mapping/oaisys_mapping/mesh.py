@@ -22,7 +22,7 @@ class ColoredMesh(ShortRepr):
         vertices_m: (V, 3) float64.
         triangles: (T, 3) int32 vertex indices.
         colors_rgb: (V, 3) uint8.
-        class_ids: (V,) uint16 semantic ids, 0 for none; None where none were fused.
+        class_ids: (V,) uint16 semantic ids, 0 for none; None for a map without classes.
         class_probabilities: (V,) float32 probabilities of those classes, or None.
     """
 

@@ -109,7 +109,7 @@ def _unchanged(frame: PosedDepth, _: int) -> PosedDepth:
     return frame
 
 
-def _wrong_focal_length(frame: PosedDepth, _: int) -> PosedDepth:
+def _with_wrong_focal_length(frame: PosedDepth, _: int) -> PosedDepth:
     camera = frame.intrinsics
     fx_px, fy_px = FOCAL_FACTOR * camera.fx_px, FOCAL_FACTOR * camera.fy_px
     return replace(frame, intrinsics=replace(camera, fx_px=fx_px, fy_px=fy_px))
@@ -121,15 +121,15 @@ def _shifted(frame: PosedDepth, shift_m: FloatArray) -> PosedDepth:
     return replace(frame, T_map_camera=T_map_camera)
 
 
-def _beside(frame: PosedDepth, _: int) -> PosedDepth:
+def _shifted_sideways(frame: PosedDepth, _: int) -> PosedDepth:
     return _shifted(frame, POSE_ERROR_M * np.array((1.0, 0.0, 0.0)))
 
 
-def _above(frame: PosedDepth, _: int) -> PosedDepth:
+def _shifted_up(frame: PosedDepth, _: int) -> PosedDepth:
     return _shifted(frame, POSE_ERROR_M * np.array((0.0, 0.0, 1.0)))
 
 
-def _scattered(frame: PosedDepth, index: int) -> PosedDepth:
+def _shifted_randomly(frame: PosedDepth, index: int) -> PosedDepth:
     direction = np.random.default_rng([SCATTER_SEED, index]).normal(size=3)
     return _shifted(frame, POSE_ERROR_M * direction / np.linalg.norm(direction))
 
@@ -142,13 +142,15 @@ def _range_as_depth(frame: PosedDepth, _: int) -> PosedDepth:
 
 UNPERTURBED = Perturbation("none", "the frames as they are", _unchanged)
 PERTURBATIONS = (
-    Perturbation("focal_length", f"focal length times {FOCAL_FACTOR:g}", _wrong_focal_length),
-    Perturbation("pose_beside", f"every pose {POSE_ERROR_M * 100:g} cm to the east", _beside),
-    Perturbation("pose_above", f"every pose {POSE_ERROR_M * 100:g} cm too high", _above),
+    Perturbation("focal_length", f"focal length times {FOCAL_FACTOR:g}", _with_wrong_focal_length),
+    Perturbation(
+        "pose_beside", f"every pose {POSE_ERROR_M * 100:g} cm to the east", _shifted_sideways
+    ),
+    Perturbation("pose_above", f"every pose {POSE_ERROR_M * 100:g} cm too high", _shifted_up),
     Perturbation(
         "pose_scattered",
         f"every pose {POSE_ERROR_M * 100:g} cm off, each to another side",
-        _scattered,
+        _shifted_randomly,
     ),
     Perturbation("range_as_depth", "length along the ray taken for depth along z", _range_as_depth),
 )

@@ -37,8 +37,8 @@ def check_capacity(needed: int, max_blocks: int) -> None:
     """Raise `VolumeFullError` where more blocks are needed than allowed."""
     if needed > max_blocks:
         raise VolumeFullError(
-            f"the map would need {needed} blocks of {BLOCK_VOXELS} voxels, and {max_blocks} may "
-            "be used: choose larger voxels or a shorter range"
+            f"the map would need {needed} blocks of {BLOCK_VOXELS}^3 voxels, but only "
+            f"{max_blocks} may be used: choose larger voxels or a shorter range"
         )
 
 

@@ -63,7 +63,7 @@ class IncrementalMesh:
     def __init__(self, voxel_size_m: float, classes_at: ClassesAt | None) -> None:
         self._voxel_size_m = voxel_size_m
         self._classes_at = classes_at
-        self._pieces: dict[int, _RegionMesh] = {}
+        self._meshes: dict[int, _RegionMesh] = {}
         self._stale: list[NDArray[np.int64]] = []
 
     def mark_changed(self, blocks: BlockCoordinates) -> None:
@@ -76,7 +76,7 @@ class IncrementalMesh:
         """Forget all regions that contain none of (N, 3) blocks."""
         kept = np.unique(block_keys(blocks // REGION_BLOCKS))
         known = set(kept.tolist())
-        self._pieces = {number: piece for number, piece in self._pieces.items() if number in known}
+        self._meshes = {number: mesh for number, mesh in self._meshes.items() if number in known}
         self._stale = [np.intersect1d(stale, kept) for stale in self._stale]
 
     def update(self, read: BlockReader) -> None:
@@ -84,19 +84,19 @@ class IncrementalMesh:
         stale = np.unique(np.concatenate([_NO_KEYS, *self._stale]))
         self._stale.clear()
         for number in stale.tolist():
-            self._pieces.pop(number, None)
-        self._pieces.update(self._surfaces(stale, read))
+            self._meshes.pop(number, None)
+        self._meshes.update(self._surfaces(stale, read))
 
     def mesh(self, others: BlockCoordinates, read: BlockReader) -> ColoredMesh:
         """Return the mesh of all regions kept here, and of the regions of (N, 3) other blocks.
 
         Vertices are ordered by region, so equal surfaces have equal bytes.
         """
-        pieces = dict(self._pieces)
+        meshes = dict(self._meshes)
         regions = np.unique(block_keys(others // REGION_BLOCKS))
-        missing = np.setdiff1d(regions, np.fromiter(pieces, np.int64, len(pieces)))
-        pieces.update(self._surfaces(missing, read))
-        return self._joined([pieces[number] for number in sorted(pieces)])
+        missing = np.setdiff1d(regions, np.fromiter(meshes, np.int64, len(meshes)))
+        meshes.update(self._surfaces(missing, read))
+        return self._joined([meshes[number] for number in sorted(meshes)])
 
     def _surfaces(
         self, regions: NDArray[np.int64], read: BlockReader
@@ -117,23 +117,23 @@ class IncrementalMesh:
         for done in POOL.map(work, parts):
             yield from done
 
-    def _joined(self, pieces: list[_RegionMesh]) -> ColoredMesh:
-        if not pieces:
+    def _joined(self, meshes: list[_RegionMesh]) -> ColoredMesh:
+        if not meshes:
             return _no_mesh(has_classes=self._classes_at is not None)
-        counts = np.array([len(piece.vertices_m) for piece in pieces])
-        faces = np.array([len(piece.triangles) for piece in pieces])
+        counts = np.array([len(mesh.vertices_m) for mesh in meshes])
+        faces = np.array([len(mesh.triangles) for mesh in meshes])
         first = np.cumsum(counts) - counts
-        kept, number = _welded(pieces, first, int(counts.sum()))
-        local = np.concatenate([piece.triangles for piece in pieces])
+        kept, number = _welded(meshes, first, int(counts.sum()))
+        local = np.concatenate([mesh.triangles for mesh in meshes])
         local += np.repeat(first, faces).astype(np.int32)[:, None]
         ids, probabilities = None, None
         if self._classes_at is not None:
-            ids = np.concatenate([piece.class_ids for piece in pieces])[kept]
-            probabilities = np.concatenate([piece.class_probabilities for piece in pieces])[kept]
+            ids = np.concatenate([mesh.class_ids for mesh in meshes])[kept]
+            probabilities = np.concatenate([mesh.class_probabilities for mesh in meshes])[kept]
         return ColoredMesh(
-            np.concatenate([piece.vertices_m for piece in pieces]).take(kept, axis=0),
+            np.concatenate([mesh.vertices_m for mesh in meshes]).take(kept, axis=0),
             number[local],
-            np.concatenate([piece.colors_rgb for piece in pieces]).take(kept, axis=0),
+            np.concatenate([mesh.colors_rgb for mesh in meshes]).take(kept, axis=0),
             ids,
             probabilities,
         )
@@ -145,7 +145,7 @@ def _split(
     """Return the surfaces of those regions that have one, by region key."""
     samples = np.column_stack(np.unravel_index(found.key // 3, 3 * (REGION_SAMPLES,)))[:, ::-1]
     is_shared = ((samples == 0) | (samples == _REGION_VOXELS)).any(axis=1)
-    pieces = []
+    meshes = []
     for index, number in enumerate(regions.tolist()):
         part = slice(*found.vertex_ends[index : index + 2].tolist())
         if part.start == part.stop:
@@ -153,7 +153,7 @@ def _split(
         faces = slice(*found.triangle_ends[index : index + 2].tolist())
         shared = np.flatnonzero(is_shared[part])
         sample = samples[part][shared] + _REGION_VOXELS * corners[index].astype(np.int64)
-        piece = _RegionMesh(
+        mesh = _RegionMesh(
             found.vertices_m[part].copy(),
             found.triangles[faces] - np.int32(part.start),
             found.colors_rgb[part].copy(),
@@ -164,8 +164,8 @@ def _split(
             shared,
             _edge_numbers(sample, found.key[part][shared] % 3),
         )
-        pieces.append((number, piece))
-    return pieces
+        meshes.append((number, mesh))
+    return meshes
 
 
 def _edge_numbers(sample: NDArray[np.int64], axis: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -175,12 +175,12 @@ def _edge_numbers(sample: NDArray[np.int64], axis: NDArray[np.int32]) -> NDArray
 
 
 def _welded(
-    pieces: list[_RegionMesh], first: NDArray[np.int64], count: int
+    meshes: list[_RegionMesh], first: NDArray[np.int64], count: int
 ) -> tuple[NDArray[np.intp], NDArray[np.int32]]:
     """Return the vertices kept, the first on each edge, and every vertex's new number."""
-    sizes = [len(piece.shared) for piece in pieces]
-    shared = np.concatenate([piece.shared for piece in pieces]) + np.repeat(first, sizes)
-    key = np.concatenate([piece.shared_key for piece in pieces])
+    sizes = [len(mesh.shared) for mesh in meshes]
+    shared = np.concatenate([mesh.shared for mesh in meshes]) + np.repeat(first, sizes)
+    key = np.concatenate([mesh.shared_key for mesh in meshes])
     order = np.argsort(key, kind="stable")
     is_first = np.ones(len(order), bool)
     is_first[1:] = key[order[1:]] != key[order[:-1]]
