@@ -21,6 +21,7 @@ from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_ros_bridge.experiments.configuration import ExperimentOptions, write_config
+from oaisys_ros_bridge.experiments.interruption import deferred_interruption
 from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from oaisys_ros_bridge.experiments.progress import Reporter
@@ -173,9 +174,12 @@ class _Processes:
     def _start(self, name: str, module: str, arguments: Sequence[str]) -> ManagedProcess:
         command = [sys.executable, "-m", module, *arguments]
         log = self._options.out / "logs" / f"{name}.log"
-        process = ManagedProcess(name, command, log, self._environment)
+        # A process that was started must be on the stack, or nothing would end it.
+        with deferred_interruption():
+            process = ManagedProcess(name, command, log, self._environment)
+            self._stack.enter_context(process)
         self._running.append(process)
-        return self._stack.enter_context(process)
+        return process
 
 
 def _wait_for_world(

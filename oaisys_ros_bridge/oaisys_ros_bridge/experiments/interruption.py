@@ -4,8 +4,20 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 
 _requested = threading.Event()
+
+
+@dataclass
+class _Deferral:
+    depth: int = 0
+    pending: bool = False
+
+
+_deferral = _Deferral()
 
 
 def interrupt_on_signals() -> None:
@@ -17,7 +29,10 @@ def interrupt_on_signals() -> None:
 
     def interrupt(*_: object) -> None:
         _requested.set()
-        raise KeyboardInterrupt
+        if _deferral.depth:
+            _deferral.pending = True
+        else:
+            raise KeyboardInterrupt
 
     _requested.clear()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -28,3 +43,16 @@ def raise_if_interrupted() -> None:
     """Raise `KeyboardInterrupt` if a signal has been received, even if it was dropped since."""
     if _requested.is_set():
         raise KeyboardInterrupt
+
+
+@contextmanager
+def deferred_interruption() -> Iterator[None]:
+    """Raise the `KeyboardInterrupt` of a signal only after the block; for the main thread."""
+    _deferral.depth += 1
+    try:
+        yield
+    finally:
+        _deferral.depth -= 1
+        if _deferral.pending and not _deferral.depth:
+            _deferral.pending = False
+            raise KeyboardInterrupt

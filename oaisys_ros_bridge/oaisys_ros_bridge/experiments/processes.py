@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import Self
 
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
+from oaisys_ros_bridge.experiments.interruption import deferred_interruption
 
 END_TIMEOUT_S = 20.0
 """From SIGINT to SIGKILL; a recorder closes its bag in between."""
@@ -56,8 +57,9 @@ class ManagedProcess:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """End it."""
-        self.end()
+        """End it; a second signal does not interrupt that."""
+        with deferred_interruption():
+            self.end()
 
     def wait_for_line(self, prefix: str, timeout_s: float) -> str:
         """Wait for a line of standard output that begins with ``prefix``; return the rest of it.
