@@ -104,7 +104,7 @@ def test_pairs_and_cameras_share_a_space_of_names() -> None:
     rig = {"stereo": [{"name": "s"}], "cameras": [{"name": "front"}]}
     cameras = config_from_mapping({"sensors": rig}).sensors.all_cameras
     assert [camera.name for camera in cameras] == ["front", "s_left", "s_right"]
-    with pytest.raises(ConfigError, match="names of cameras"):
+    with pytest.raises(ConfigError, match="different names"):
         config_from_mapping({"sensors": {**rig, "cameras": [{"name": "s_left"}]}})
     with pytest.raises(ConfigError, match="a camera or a stereo pair"):
         config_from_mapping({"sensors": {"cameras": []}})

@@ -20,7 +20,7 @@ TARGET_GROUP = "textures by themselves"
 
 
 @dataclass(frozen=True)
-class Viewpoint:
+class StageViewpoint:
     """A viewpoint relative to the stage.
 
     Attributes:
@@ -53,10 +53,10 @@ class Viewpoint:
         )
 
 
-EYE = Viewpoint("eye height", (-0.3, -0.35), EYE_HEIGHT_M, (0.25, 0.2), 0.8)
-ABOVE = Viewpoint("from above", (-0.85, -0.85), 0.62, (0.05, 0.05), 0.0, is_relative=True)
-CLOSE = Viewpoint("close", (0.0, -0.25), 1.5, (0.0, 0.05))
-TOWARDS_SKY = Viewpoint("towards the sky", (-0.3, -0.35), EYE_HEIGHT_M, (0.9, 0.75), 5.0)
+EYE = StageViewpoint("eye height", (-0.3, -0.35), EYE_HEIGHT_M, (0.25, 0.2), 0.8)
+ABOVE = StageViewpoint("from above", (-0.85, -0.85), 0.62, (0.05, 0.05), 0.0, is_relative=True)
+CLOSE = StageViewpoint("close", (0.0, -0.25), 1.5, (0.0, 0.05))
+TOWARDS_SKY = StageViewpoint("towards the sky", (-0.3, -0.35), EYE_HEIGHT_M, (0.9, 0.75), 5.0)
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Picture:
     name: str
     caption: str
     config: SimulationConfig
-    views: tuple[Viewpoint, ...]
+    views: tuple[StageViewpoint, ...]
 
 
 def pictures(examples: Path, only: str, backend: str, quality: str) -> Iterator[Picture]:
@@ -82,7 +82,7 @@ def pictures(examples: Path, only: str, backend: str, quality: str) -> Iterator[
         )
 
 
-def _views(group: str, config: SimulationConfig) -> tuple[Viewpoint, ...]:
+def _views(group: str, config: SimulationConfig) -> tuple[StageViewpoint, ...]:
     if config.sensors.motion.kind != "given":
         return ()
     if group == "stage":

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import timedelta
 from math import log, radians
+from typing import TypeVar
 
 import numpy as np
 
+from oaisys_core import randomness
 from oaisys_core.color import linear
 from oaisys_core.config.sections.environment import (
     EnvironmentConfig,
@@ -14,7 +18,6 @@ from oaisys_core.config.sections.environment import (
     HdriConfig,
     SkyConfig,
 )
-from oaisys_core.environment.draws import NamedDraws
 from oaisys_core.environment.effects import load_effects
 from oaisys_core.environment.hdri import SkyImages, images_of
 from oaisys_core.environment.sun import azimuth_in_map, sun_position
@@ -30,6 +33,40 @@ THICKNESS = 0.1
 
 WAVELENGTHS_NM = np.array((680.0, 550.0, 440.0))
 """Wavelengths of red, green and blue; the visual range refers to green."""
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class NamedDraws:
+    """The random draws of one redraw; draws with different names are independent.
+
+    Attributes:
+        seed: Seed of the batch.
+        index: Index of the redraw within the batch, from 0.
+    """
+
+    seed: int
+    index: int = 0
+
+    def rng(self, name: str) -> np.random.Generator:
+        """Return a new generator for a name."""
+        return randomness.stream(self.seed, name, self.index)
+
+    def number(self, name: str, bounds: tuple[float, float]) -> float:
+        """Return a number drawn uniformly from a range."""
+        least, most = bounds
+        return least if least == most else float(self.rng(name).uniform(least, most))
+
+    def pick(self, name: str, options: Sequence[T]) -> T:
+        """Return one of the options, drawn uniformly."""
+        return options[int(self.rng(name).integers(len(options)))]
+
+    def pick_shuffled(self, name: str, options: Sequence[T]) -> T:
+        """Return one option per redraw, in random order, none twice before all were returned."""
+        turn, place = divmod(self.index, len(options))
+        order = randomness.stream(self.seed, name, turn).permutation(len(options))
+        return options[int(order[place])]
 
 
 class EnvironmentModule(SectionModule[EnvironmentConfig]):

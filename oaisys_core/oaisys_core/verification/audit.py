@@ -167,10 +167,12 @@ def _audit_window(
 ) -> AuditResult:
     if frame.modality == DEPTH:
         inner = _off_edges(seen.instance_ids, np.isfinite(seen.depth_m))
-        known, told = seen.depth_m[inner], frame.data[inner].astype(np.float64)
-        error_m = np.abs(np.subtract(told, known, where=told != known, out=np.zeros_like(known)))
+        known, rendered = seen.depth_m[inner], frame.data[inner].astype(np.float64)
+        error_m = np.abs(
+            np.subtract(rendered, known, where=rendered != known, out=np.zeros_like(known))
+        )
         wrong = ~(error_m <= DEPTH_TOLERANCE * known)
-        wrong &= told != known
+        wrong &= rendered != known
         worst_m = float(error_m.max(initial=0.0))
         return AuditResult(
             frame.sensor, frame.modality, int(inner.sum()), int(wrong.sum()), worst_m

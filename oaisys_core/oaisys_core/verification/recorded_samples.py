@@ -68,9 +68,9 @@ class FolderRecords:
 
     def __init__(self, files: Sequence[Path], top: Path) -> None:
         self._top = top
-        told = {path: read_json(path) for path in files}
+        records = {path: read_json(path) for path in files}
         self._files: dict[SampleId, Path] = {}
-        for path, record in told.items():
+        for path, record in records.items():
             try:
                 self._files[int(record["batch_id"]), int(record["sample_id"])] = path
             except (KeyError, TypeError, ValueError) as error:

@@ -130,8 +130,8 @@ class ImportContext:
     ) -> dict[str, Any]:
         """Return the labels by colour of a label image for one level of ``ids``."""
         found = {}
-        for key, (color, told) in entry.get("mappingTable", {}).items():
-            of_entry = [*ids[:level], int(told[0]), *ids[level + 1 :]]
+        for key, (color, entry_ids) in entry.get("mappingTable", {}).items():
+            of_entry = [*ids[:level], int(entry_ids[0]), *ids[level + 1 :]]
             labels = [
                 {"label": self.name_label(i, f"{name}_{key}", name), "semantic_id": i}
                 for i in of_entry
