@@ -21,7 +21,7 @@ def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
 
 
 def small(config: SimulationConfig) -> SimulationConfig:
-    """Return the configuration, small: ground, number of rocks, images and light samples."""
+    """Return the configuration, small: ground, number of rocks, images and samples per pixel."""
     data = adjusted(config, size="64x48", quality="preview").model_dump()
     data["stage"]["resolution_px"] = min(config.stage.resolution_px, MOST_GRID_PX)
     data["materials"]["texture_size_px"] = 128

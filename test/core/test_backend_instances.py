@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.raycast import placement_targets as objects
-from oaisys_core.backend.raycast import visible_pixels as sight
+from oaisys_core.backend.raycast import placement_targets, visible_pixels
 from oaisys_core.backend.raycast.instance_arrays import PlacedPrototype, PrototypeMeshes
 from oaisys_core.backend.raycast.instances import InstanceCaster
 from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, RayCaster
@@ -35,7 +34,7 @@ VIEWS = (
 )
 
 
-def crowd(count: int = 600) -> list[PlacedPrototype]:
+def overlapping_rocks(count: int = 600) -> list[PlacedPrototype]:
     """Rocks of two kinds, close together, that overlap."""
     rock = rocky_world().prototypes[0]
     stretch = np.array((0.4, 0.4, 2.0), np.float32)
@@ -60,7 +59,7 @@ def _placed_prototypes(
 
 @pytest.mark.parametrize("view", range(3))
 def test_instances_are_hit_as_copies_of_them_are(view: int) -> None:
-    placed = crowd()
+    placed = overlapping_rocks()
     instances = InstanceCaster(placed, PrototypeMeshes())
     copies = RayCaster([each.mesh() for each in placed])
     directions = pixel_rays(WIDE) @ VIEWS[view].T_map_camera[:3, :3].T
@@ -91,7 +90,7 @@ def rays(view: int) -> tuple[FloatArray, FloatArray]:
 def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
     """Also far from the map's origin, where a float32 step is 6 cm."""
     away_m = np.array((5e5, -4e5, 300.0))
-    placed = [moved(each, away_m) for each in crowd()]
+    placed = [moved(each, away_m) for each in overlapping_rocks()]
     copies = RayCaster([each.mesh() for each in placed])
     views = [(o + away_m, d, None) for o, d in map(rays, range(3))]
     limits = np.full(views[1][1].shape[:-1], 6.0)
@@ -127,7 +126,7 @@ def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
 
 @pytest.mark.blender
 def test_blenders_embree_and_open3ds_see_the_same_of_a_mesh() -> None:
-    mesh = merge_meshes([each.mesh() for each in crowd()])
+    mesh = merge_meshes([each.mesh() for each in overlapping_rocks()])
     views: list[tuple[Any, ...]] = [(*rays(view), None) for view in range(3)]
     views.append((views[1][0] + np.zeros((7, 3)), views[1][1][60:67, 80], None))
     found = in_blender("blender_jobs_instances.mesh_casts", mesh, views)
@@ -143,7 +142,7 @@ def test_blenders_embree_and_open3ds_see_the_same_of_a_mesh() -> None:
 @pytest.mark.blender
 def test_embrees_structures_are_given_back() -> None:
     """Twenty that are not take 100 MB."""
-    resident = in_blender("blender_jobs_instances.resident_mb", crowd(20_000), 22)
+    resident = in_blender("blender_jobs_instances.resident_mb", overlapping_rocks(20_000), 22)
     assert resident[-1] - resident[2] < 30
 
 
@@ -154,7 +153,7 @@ def moved(placed: PlacedPrototype, by_m: FloatArray) -> PlacedPrototype:
 
 
 def test_what_lies_beyond_the_limits_is_left_out() -> None:
-    instances = InstanceCaster(crowd(), PrototypeMeshes())
+    instances = InstanceCaster(overlapping_rocks(), PrototypeMeshes())
     directions = pixel_rays(WIDE) @ VIEWS[1].T_map_camera[:3, :3].T
     origin_m = VIEWS[1].T_map_camera[:3, 3]
     depth_m, triangles = instances.intersect(origin_m, directions)
@@ -168,7 +167,7 @@ def test_what_lies_beyond_the_limits_is_left_out() -> None:
 
 
 def test_heights_over_instances_are_those_over_copies() -> None:
-    placed = crowd()
+    placed = overlapping_rocks()
     xy_m = np.random.default_rng(2).uniform(-10, 10, (3000, 2))
     heights_m = InstanceCaster(placed, PrototypeMeshes()).surface_height_m(xy_m)
     expected_m = RayCaster([each.mesh() for each in placed]).surface_height_m(xy_m)
@@ -209,7 +208,7 @@ def test_one_large_mesh_many_times_is_seen_without_copies() -> None:
 def test_both_ways_show_the_same_world(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = rocky_world()
     merged = images_of(scene)
-    monkeypatch.setattr(objects, "MERGED_TRIANGLES", 0)
+    monkeypatch.setattr(placement_targets, "MERGED_TRIANGLES", 0)
     for one, other in zip(merged, images_of(scene), strict=True):
         assert np.isclose(one, other, atol=1e-6).mean() > 0.9995
 
@@ -222,32 +221,32 @@ def images_of(scene: Scene) -> list[NDArray[Any]]:
 
 
 def test_rays_that_are_not_cast_at_instances_miss_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(objects, "MERGED_TRIANGLES", 0)
+    monkeypatch.setattr(placement_targets, "MERGED_TRIANGLES", 0)
     some = images_of(rocky_world())
-    *_, from_among_them = in_sight_of_rocks()
+    *_, from_among_them = pixels_of_rocks()
     assert 0.3 < from_among_them.mean() < 0.7
-    monkeypatch.setattr(sight, "MAX_BOXES", 0)
-    assert all(part is None for part in in_sight_of_rocks())
+    monkeypatch.setattr(visible_pixels, "MAX_BOXES", 0)
+    assert all(part is None for part in pixels_of_rocks())
     for one, other in zip(some, images_of(rocky_world()), strict=True):
         np.testing.assert_array_equal(one, other)
 
 
-def in_sight_of_rocks() -> list[Any]:
-    (part,) = objects.PlacementTargets(rocky_world()).targets
+def pixels_of_rocks() -> list[Any]:
+    (part,) = placement_targets.PlacementTargets(rocky_world()).targets
     return [part.visible_pixels(each) for each in VIEWS]
 
 
 def test_a_lens_that_distorts_may_see_instances_anywhere(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(objects, "MERGED_TRIANGLES", 0)
-    (part,) = objects.PlacementTargets(rocky_world()).targets
+    monkeypatch.setattr(placement_targets, "MERGED_TRIANGLES", 0)
+    (part,) = placement_targets.PlacementTargets(rocky_world()).targets
     assert (
         part.visible_pixels(replace(VIEWS[0], intrinsics=replace(WIDE, distortion=(0.1,) * 5)))
         is None
     )
 
 
-def crowded(count: int) -> Scene:
-    placed = crowd(count)
+def rocky_scene(count: int) -> Scene:
+    placed = overlapping_rocks(count)
     return replace(
         rocky_world(),
         prototypes=tuple(each.prototype for each in placed),
@@ -257,7 +256,7 @@ def crowded(count: int) -> Scene:
 
 @pytest.mark.blender
 def test_blender_stands_instances_and_objects_where_they_were_placed() -> None:
-    scene = crowded(400)
+    scene = rocky_scene(400)
     many, few = scene.placements
     other = replace(many, T_map_object=many.T_map_object[::-1].copy())
     fewer = replace(few, T_map_object=few.T_map_object[:50], instance_ids=few.instance_ids[:50])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import defaultdict
 from typing import Any
 
 from oaisys_core.errors import OaisysError
@@ -18,7 +19,7 @@ MODALITIES = (RGB, DEPTH, SEMANTIC_0, INSTANCE)
 WARM_UP = 3
 CACHE_MB = 512
 STEP_M = 0.01
-"""From view to view, where each is rendered."""
+"""Motion of the camera between views that are rendered."""
 
 
 def samples(
@@ -34,24 +35,21 @@ def samples(
 
     Args:
         settings: Of the run.
-        say: Told how far it is.
+        say: Called with the progress.
         size_px: Of the images.
-        shared_memory: Whether they come by shared memory; otherwise through the connection.
-        cached: Whether the worker has all four images at once, in its cache of views. Otherwise
-            each view is rendered, and depth and labels go ahead of the colours.
-        count: How many samples.
+        shared_memory: Whether images come by shared memory; otherwise through the connection.
+        cached: Whether the worker takes all four images from its cache of views. Otherwise each
+            view is rendered, and depth and labels are sent before colour.
+        count: Number of samples.
 
     Returns:
-        ``transfer_ms``: from when the worker has the last image to when the client has them all.
-        ``overhead_ms``: the whole call, less what the worker says it rendered. ``call_ms``: the
-        whole call. ``stored_ms``: `GetSample` of the same.
+        ``transfer_ms``: from the worker's last image until the client has all of them.
+        ``overhead_ms``: the whole call without the worker's rendering. ``call_ms``: the whole
+        call. ``stored_ms``: `GetSample` of the same sample.
     """
     keep_freed_memory()
     world = merged(SMALL_WORLD, camera(*size_px))
-    found: dict[str, list[float]] = {
-        name: [] for name in ("transfer_ms", "overhead_ms", "call_ms", "stored_ms")
-    }
-    bytes_sent = 0
+    found: defaultdict[str, list[float]] = defaultdict(list)
     with (
         server(settings, world, "--pose-cache-mb", str(CACHE_MB if cached else 0)) as address,
         SimulatorClient(address, shared_memory=shared_memory) as client,
@@ -67,16 +65,19 @@ def samples(
                     found[name].append(milliseconds)
         sample = client.render_sample(pose, modalities=MODALITIES)
         bytes_sent = sum(frame.data.nbytes for frame in sample.frames)
-        memory = {
-            name: peak_memory_mb(str(child(text).pid))
-            for name, text in (("worker", WORKER), ("server", SERVER))
-        }
-    memory["client"] = peak_memory_mb()
+        memory = _peak_memory_mb()
     return {**found, "memory": memory, "megabytes": bytes_sent / 1e6}
 
 
+def _peak_memory_mb() -> dict[str, float]:
+    """Return the peak memory of worker, server and client, which is this process."""
+    children = {"worker": WORKER, "server": SERVER}
+    peaks = {name: peak_memory_mb(str(child(text).pid)) for name, text in children.items()}
+    return {**peaks, "client": peak_memory_mb()}
+
+
 def _one(client: SimulatorClient, pose: Pose, cached: bool) -> dict[str, float]:
-    """Return what one sample took, in milliseconds."""
+    """Return the milliseconds of one sample."""
     begun_ns = time.monotonic_ns()
     sample = client.render_sample(pose, modalities=MODALITIES)
     rendered_ns = time.monotonic_ns()

@@ -138,6 +138,6 @@ def sky_irradiance_w_m2(sky: Sky) -> float:
 
 def in_haze(radiance: FloatArray, distance_m: FloatArray, haze: Haze, sky: Sky) -> FloatArray:
     """Return (N, 3) radiances seen through haze at (N,) distances (Koschmieder's law)."""
-    veil = np.array(veil_radiance(sky, haze))
+    airlight = np.array(veil_radiance(sky, haze))
     clear = np.exp(-distance_m[:, None] * np.array(haze.extinction_per_m))
-    return np.asarray(radiance * clear + veil * (1 - clear))
+    return np.asarray(radiance * clear + airlight * (1 - clear))

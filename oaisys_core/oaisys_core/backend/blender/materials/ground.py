@@ -108,13 +108,13 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
     surfaces = [
         in_group(tree, "ground_level", partial(level_surface, level=level)) for level in levels
     ]
-    _, veil = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
+    _, airlight = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
     surface = by_footprint(tree, footprints_m[1:], surfaces)
     # An image of the whole ground has no meaningful mean colour.
     if not any(layer.label_image is not None for layer in material.layers):
         mean = in_group(tree, "ground_mean", partial(_mean_surface, level=levels[-1]))
         surface = without_detail(tree, surface, mean)
-    show(tree, surface, veil)
+    show(tree, surface, airlight)
     return result
 
 

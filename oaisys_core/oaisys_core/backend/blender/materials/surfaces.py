@@ -58,7 +58,7 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     place = tree.scaled(position, 1.0 / maps.tile_m)
     least, range_ = ROCK_BRIGHTNESS
     brightness = tree.math("MULTIPLY_ADD", info.outputs["Random"], range_, least)
-    veil: Socket = None
+    airlight: Socket = None
     surfaces = []
     levels = images.levels(maps)
     for level in levels:
@@ -66,7 +66,7 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
         height = _box(tree, images.height(level), place).outputs["Color"]
         bump = tree.add("Bump", {"Height": height, "Distance": ROCK_BUMP_M, "Strength": 1.0})
         roughness = float(level.roughness.mean()) / 255
-        surface, veil = diffuse(tree, color, roughness, bump.outputs[0])
+        surface, airlight = diffuse(tree, color, roughness, bump.outputs[0])
         surfaces.append(surface)
     texel_m = maps.tile_m / len(maps.color_srgb)
     bounds_m = [texel_m * 2**step for step in range(1, len(levels))]
@@ -74,7 +74,7 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     red, green, blue = mean_color(levels[-1])
     color = tree.scaled((red, green, blue), brightness)
     mean = tree.add("BsdfDiffuse", {"Color": color, "Roughness": roughness}).outputs[0]
-    show(tree, without_detail(tree, seen, mean), veil)
+    show(tree, without_detail(tree, seen, mean), airlight)
     return result
 
 
@@ -111,17 +111,17 @@ def _box(tree: NodeTree, image: Any, place: Socket) -> Any:
 def diffuse(
     tree: NodeTree, color: Any, roughness: Any, normal: Socket | None
 ) -> tuple[Socket, Socket]:
-    """Return a diffuse surface seen through haze, and the air light in front of it."""
-    color, veil = through_haze(tree, color)
+    """Return a diffuse surface seen through haze, and the airlight in front of it."""
+    color, airlight = through_haze(tree, color)
     inputs: dict[str | int, Any] = {"Color": color, "Roughness": roughness}
     if normal is not None:
         inputs["Normal"] = normal
-    return tree.add("BsdfDiffuse", inputs).outputs[0], veil
+    return tree.add("BsdfDiffuse", inputs).outputs[0], airlight
 
 
-def show(tree: NodeTree, surface: Socket, veil: Socket) -> None:
-    """Make a surface, plus the air light in front of it, the output of a material."""
-    air = tree.add("Emission", {"Color": veil}).outputs[0]
+def show(tree: NodeTree, surface: Socket, airlight: Socket) -> None:
+    """Make a surface, plus the airlight in front of it, the output of a material."""
+    air = tree.add("Emission", {"Color": airlight}).outputs[0]
     both = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
     tree.add("OutputMaterial", {"Surface": both})
 

@@ -100,11 +100,11 @@ class SceneObjects:
         self._update_solids(scene)
 
     def _update_groups(self, scene: Scene) -> None:
-        standing = [(scene.prototypes[p.prototype], p) for p in scene.placements]
+        placed = [(scene.prototypes[p.prototype], p) for p in scene.placements]
         left = {id(group.placement): group for group in self._groups}
-        kept = {id(p): left.pop(id(p)) for _, p in standing if id(p) in left}
+        kept = {id(p): left.pop(id(p)) for _, p in placed if id(p) in left}
         groups: list[ShownPlacement] = []
-        for prototype, placement in standing:
+        for prototype, placement in placed:
             group = kept.get(id(placement))
             if group is None or group.prototype is not prototype:
                 group = self._moved_or_new(prototype, placement, left)

@@ -112,8 +112,10 @@ def _behind_haze(tree: NodeTree, sky: Sky, haze: Haze, ray: Socket, color: Socke
     """Return the sky's colour behind a horizontal layer of haze."""
     up = tree.math("MAXIMUM", _up(tree, ray), LEAST_UP)
     clear = clear_share(tree, haze, tree.math("DIVIDE", haze.thickness_m, up))
-    veil = tree.vector("MULTIPLY", tree.vector("SUBTRACT", 1.0, clear), veil_radiance(sky, haze))
-    return tree.vector("ADD", tree.vector("MULTIPLY", color, clear), veil)
+    airlight = tree.vector(
+        "MULTIPLY", tree.vector("SUBTRACT", 1.0, clear), veil_radiance(sky, haze)
+    )
+    return tree.vector("ADD", tree.vector("MULTIPLY", color, clear), airlight)
 
 
 def _up(tree: NodeTree, ray: Socket) -> Socket:
