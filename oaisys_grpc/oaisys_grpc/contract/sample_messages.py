@@ -45,9 +45,9 @@ class SampleMessages:
     """A sample, or the pieces of it that have come so far.
 
     Attributes:
-        header: None: it came with an earlier piece.
-        frames: Those without light first.
-        end: None: it comes with a later piece.
+        header: None if it came with an earlier piece.
+        frames: Depth and labels before colour.
+        end: None if it comes with a later piece.
     """
 
     header: pb.SampleHeader | None = None
