@@ -250,5 +250,5 @@ def test_changes_that_make_no_sense_are_refused_and_change_nothing(
 
 
 def test_a_lens_that_folds_its_image_is_refused_with_its_path() -> None:
-    with pytest.raises(ConfigError, match=r"cameras\.0.*folds"):
+    with pytest.raises(ConfigError, match=r"cameras\.0.*not invertible"):
         config_from_mapping({"sensors": {"cameras": [{"distortion": {"k1": -1}}]}})
