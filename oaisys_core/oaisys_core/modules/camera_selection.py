@@ -59,22 +59,30 @@ def select(
     """Return the named cameras with the named modalities; no names mean all.
 
     Raises:
-        InvalidInputError: There is no such sensor, or none of these has such a modality.
+        InvalidInputError: There is no such sensor or modality, or the named sensors have none of
+            the named modalities.
     """
     names = [camera.name for camera in cameras]
     for sensor in sensors:
         if sensor not in names:
             raise InvalidInputError("sensors", sensor, one_of(names, sensor))
     chosen = [camera for camera in cameras if not sensors or camera.name in sensors]
-    offered = {modality for camera in chosen for modality in camera.modalities}
-    for modality in modalities:
-        if modality not in offered:
-            known = ", ".join(sorted(offered))
-            raise InvalidInputError("modalities", modality, f"one of {known}")
+    _check_modalities(cameras, modalities)
+    if not any(set(modalities) & set(camera.modalities) for camera in chosen):
+        _check_modalities(chosen, modalities)
     return tuple(
         replace(c, modalities=tuple(m for m in c.modalities if not modalities or m in modalities))
         for c in chosen
     )
+
+
+def _check_modalities(cameras: Sequence[PlacedCamera], modalities: Sequence[str]) -> None:
+    """Refuse a modality that none of the cameras has."""
+    offered = {modality for camera in cameras for modality in camera.modalities}
+    for modality in modalities:
+        if modality not in offered:
+            known = ", ".join(sorted(offered))
+            raise InvalidInputError("modalities", modality, f"one of {known}")
 
 
 def _due(camera: PlacedCamera, config: CameraConfig, sample_id: int) -> PlacedCamera:
