@@ -39,7 +39,13 @@ from oaisys_ros_bridge.conversions import image_from_msg, odometry_from_msg, tra
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.publishing import sensor_topics
 from oaisys_ros_bridge.publishing.sample_publisher import SamplePublisher
-from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SENSOR_QOS, TF_QOS
+from oaisys_ros_bridge.qos import (
+    LATCHED_HISTORY_QOS,
+    LATCHED_QOS,
+    SAMPLE_INFO_QOS,
+    SENSOR_QOS,
+    TF_QOS,
+)
 
 pytestmark = pytest.mark.ros
 
@@ -147,7 +153,7 @@ def test_a_sample_at_which_nobody_rendered_is_told_of(user: User) -> None:
     info = pair()
     publisher = SamplePublisher(user.node, info, lambda: DEFAULTS)
     topic = f"{user.node.get_name()}/sample_info"
-    user.listen(SampleInfo, topic, SENSOR_QOS)
+    user.listen(SampleInfo, topic, SAMPLE_INFO_QOS)
     empty = Sample(1, 6, RIG, (), 0.0, HOW)
 
     def arrived() -> bool:
