@@ -189,6 +189,9 @@ def test_reference_consumers_see_what_we_publish(stage: Stage) -> None:
 def check_transforms(user: User, stamp: Any, name: str, pose: Pose) -> None:
     T_map_base = matrix(pose.position_m, pose.quat_xyzw)
     T_map_optical = T_map_base @ mount(name) @ OPTICAL
+    user.wait_until(
+        lambda: any(t.header.stamp == stamp for m in user.received["/tf"] for t in m.transforms)
+    )
 
     np.testing.assert_allclose(chained(user, stamp, "base_link"), T_map_base, atol=1e-9)
     found = chained(user, stamp, f"{name}_optical_frame")

@@ -39,7 +39,7 @@ from oaisys_ros_bridge.clouds import cloud_from_msg
 from oaisys_ros_bridge.conversions import image_from_msg, odometry_from_msg, transform_from_msg
 from oaisys_ros_bridge.parameters import BRIDGE
 from oaisys_ros_bridge.publication import Publication
-from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS, TF_QOS, TRACE_QOS
+from oaisys_ros_bridge.qos import LATCHED_QOS, SAMPLE_INFO_QOS, SENSOR_QOS, TF_QOS, TRACE_QOS
 from oaisys_ros_bridge.sample_publisher import SamplePublisher
 
 pytestmark = pytest.mark.ros
@@ -147,7 +147,7 @@ def test_a_sample_at_which_nobody_rendered_is_told_of(user: User) -> None:
     info = pair()
     publisher = SamplePublisher(user.node, info, lambda: DEFAULTS)
     topic = f"{user.node.get_name()}/sample_info"
-    user.listen(SampleInfo, topic, SENSOR_QOS)
+    user.listen(SampleInfo, topic, SAMPLE_INFO_QOS)
     empty = Sample(1, 6, RIG, (), 0.0, HOW)
 
     def arrived() -> bool:
