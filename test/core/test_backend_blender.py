@@ -68,6 +68,8 @@ def test_mesh_and_heights_are_those_of_the_scene() -> None:
 
 
 def test_without_bpy_the_backend_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith("oaisys_core.backend.blender")]:
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "bpy", None)
     with pytest.raises(BackendUnavailableError, match="bpy cannot be imported"):
         make_backend("blender")

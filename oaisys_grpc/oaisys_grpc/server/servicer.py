@@ -16,7 +16,7 @@ from google.protobuf.message import Message
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import FrameName
-from oaisys_grpc.contract import chunks
+from oaisys_grpc.contract import chunks, conversions
 from oaisys_grpc.contract.errors import abort
 from oaisys_grpc.contract.limits import request_id_of
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State, status_to_proto
@@ -116,6 +116,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     @_translated
     def StepBatch(self, request: pb.StepBatchRequest, context: Context) -> pb.StepBatchResponse:
         """Enqueue a batch."""
+        _check_metadata(request)
         job = Job(
             kind=Kind.BATCH,
             method="step_batch",
@@ -276,6 +277,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
 def _sample_job(
     request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float, context: Context
 ) -> Job:
+    _check_metadata(request)
     step = pb.StepSampleRequest(modalities=request.modalities, sensors=request.sensors)
     if request.HasField("metadata"):
         step.metadata.CopyFrom(request.metadata)
@@ -291,6 +293,18 @@ def _sample_job(
         request_bytes=request.ByteSize(),
         peer=context.peer(),
     )
+
+
+def _check_metadata(
+    request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest,
+) -> None:
+    """Refuse metadata that are none before anything is enqueued or overtaken.
+
+    Raises:
+        InvalidInputError: As `conversions.metadata_from_proto`, with which the worker reads them.
+    """
+    if request.HasField("metadata"):
+        conversions.metadata_from_proto(request.metadata)
 
 
 def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest) -> bytes:
