@@ -18,7 +18,7 @@ from simulation_interfaces.srv import SetSimulationState
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Pose
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.qos import SAMPLE_INFO_QOS, SENSOR_QOS
+from oaisys_ros_bridge.qos import SENSOR_QOS, SMALL_MESSAGE_QOS
 
 pytestmark = pytest.mark.ros
 
@@ -81,7 +81,7 @@ def down() -> Pose:
 def test_it_goes_where_it_is_told(stage: Stage) -> None:
     user, address = stage.user, free_address()
     manager = Manager(user)
-    user.listen(SampleInfo, "oaisys_bridge/sample_info", SAMPLE_INFO_QOS)
+    user.listen(SampleInfo, "oaisys_bridge/sample_info", SMALL_MESSAGE_QOS)
     options = ("--ros-args", "-p", f"address:={address}", "-p", "autostart:=false")
     bridge = stage.start_node("bridge", *options)
     assert manager.state() == UNCONFIGURED

@@ -15,7 +15,7 @@ from ros_peer import Stage
 from served_simulator import FLAT_WORLD, PATIENCE_S
 
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.qos import SAMPLE_INFO_QOS
+from oaisys_ros_bridge.qos import SMALL_MESSAGE_QOS
 
 ROOT = Path(__file__).resolve().parents[2]
 PLANNER = ROOT / "examples" / "03_planner.py"
@@ -56,7 +56,7 @@ def test_the_readme_quotes_the_planner() -> None:
 
 @pytest.mark.ros
 def test_the_planner_gets_its_views(stage: Stage) -> None:
-    stage.user.listen(SampleInfo, SAMPLES, SAMPLE_INFO_QOS)
+    stage.user.listen(SampleInfo, SAMPLES, SMALL_MESSAGE_QOS)
     stage.start_bridge(stage.start_world(FLAT_WORLD).address)
     stage.user.wait_until_ready()
     code, output, errors = ended(started(PATIENCE_S))

@@ -42,8 +42,8 @@ from oaisys_ros_bridge.publishing.sample_publisher import SamplePublisher
 from oaisys_ros_bridge.qos import (
     LATCHED_HISTORY_QOS,
     LATCHED_QOS,
-    SAMPLE_INFO_QOS,
     SENSOR_QOS,
+    SMALL_MESSAGE_QOS,
     TF_QOS,
 )
 
@@ -153,7 +153,7 @@ def test_a_sample_at_which_nobody_rendered_is_told_of(user: User) -> None:
     info = pair()
     publisher = SamplePublisher(user.node, info, lambda: DEFAULTS)
     topic = f"{user.node.get_name()}/sample_info"
-    user.listen(SampleInfo, topic, SAMPLE_INFO_QOS)
+    user.listen(SampleInfo, topic, SMALL_MESSAGE_QOS)
     empty = Sample(1, 6, RIG, (), 0.0, HOW)
 
     def arrived() -> bool:

@@ -36,7 +36,7 @@ from oaisys_core.types import Pose
 from oaisys_msgs.msg import SampleInfo
 from oaisys_msgs.srv import SetPose, StepBatch
 from oaisys_ros_bridge.conversions import image_from_msg
-from oaisys_ros_bridge.qos import SAMPLE_INFO_QOS, SENSOR_QOS
+from oaisys_ros_bridge.qos import SENSOR_QOS, SMALL_MESSAGE_QOS
 
 pytestmark = pytest.mark.ros
 
@@ -93,7 +93,7 @@ def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator
 
 def started(stage: Stage, world: dict[str, Any]) -> Simulator:
     server = stage.start_world(world)
-    stage.user.listen(SampleInfo, SAMPLES, SAMPLE_INFO_QOS)
+    stage.user.listen(SampleInfo, SAMPLES, SMALL_MESSAGE_QOS)
     stage.user.listen(Image, DEPTH, SENSOR_QOS)
     stage.start_bridge(server.address)
     stage.user.wait_until_ready()

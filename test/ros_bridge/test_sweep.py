@@ -21,7 +21,7 @@ from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Pose
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.qos import SAMPLE_INFO_QOS
+from oaisys_ros_bridge.qos import SMALL_MESSAGE_QOS
 
 pytestmark = pytest.mark.ros
 
@@ -38,7 +38,7 @@ def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator
 
 def bridged(stage: Stage, **env: str) -> User:
     server = stage.start_world(FLAT_WORLD, **env)
-    stage.user.listen(SampleInfo, SAMPLES, SAMPLE_INFO_QOS)
+    stage.user.listen(SampleInfo, SAMPLES, SMALL_MESSAGE_QOS)
     stage.start_bridge(server.address)
     stage.user.wait_until_ready()
     return stage.user

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import checked_pose
 from oaisys_core.types import (
     FloatArray,
     HeightQuery,
@@ -43,7 +44,7 @@ def pose_to_proto(pose: Pose) -> pb.Pose:
 
 
 def pose_from_proto(message: pb.Pose) -> Pose:
-    """Return the pose as it was sent; the simulation checks it."""
+    """Return the pose exactly as it was sent; `metadata_from_proto` checks those it takes."""
     p, q = message.position_m, message.orientation
     return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
 
@@ -85,8 +86,8 @@ def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
     """Return a step's metadata; an absent part stays absent.
 
     Raises:
-        InvalidInputError: The pose is among the other settings, or a key came both typed and in a
-            Struct.
+        InvalidInputError: The pose is none or among the other settings, or a key came both typed
+            and in a Struct.
     """
     parts: dict[str, Any] = {}
     if message.HasField("sensor"):
@@ -97,7 +98,9 @@ def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
             received = parts["sensor"]["pose"]
             raise InvalidInputError("metadata.sensor.settings.pose", received, "the field pose")
         if message.sensor.HasField("pose"):
-            parts["sensor"]["pose"] = pose_from_proto(message.sensor.pose)
+            pose = pose_from_proto(message.sensor.pose)
+            checked_pose(pose.position_m, pose.quat_xyzw, "metadata.sensor.pose")
+            parts["sensor"]["pose"] = pose
     present = {field.name for field, _ in message.ListFields()}
     for name in _TYPED:
         if present & {name, f"typed_{name}"}:
