@@ -5,7 +5,7 @@
 SHELL := /bin/bash
 .SHELLFLAGS := -euo pipefail -c
 .DEFAULT_GOAL := help
-.PHONY: help setup demo bench test fuzz lint format schema contract clean
+.PHONY: help setup demo gallery bench test test-full fuzz lint format schema contract clean
 
 VENV ?= .venv
 PYTHON ?=
@@ -23,7 +23,7 @@ TEST_TYPES := --allow-untyped-defs --allow-incomplete-defs --allow-any-generics 
 TYPED := oaisys_core oaisys_grpc oaisys_mapping oaisys_ros_bridge
 
 help: ## Show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-8s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: ## Make the virtual environment and build what the project needs
 	@VENV='$(VENV)' PYTHON='$(PYTHON)' tools/setup.sh
@@ -37,8 +37,11 @@ gallery: setup ## Render every example and texture set with its labels: out/gall
 bench: setup ## Measure everything: out/bench/bench.md (an hour; BENCH_ARGS='--only transfer', --quick)
 	@$(IN_ENV) python -m tools.bench $(BENCH_ARGS)
 
-test: setup ## Run every test
-	@$(IN_ENV) pytest $(PYTEST_ARGS)
+test: setup ## Run the tests but for the long ones (about 7 minutes)
+	@$(IN_ENV) pytest $(PYTEST_ARGS) -m 'not long'
+
+test-full: setup ## Run the long tests: every example, soaks, fuzzing, both sizes of survey (about 10 minutes)
+	@$(IN_ENV) pytest $(PYTEST_ARGS) -m long
 
 fuzz: setup ## Send a server random and mutated requests for FUZZ_SECONDS (60)
 	@$(IN_ENV) FUZZ_SECONDS='$(FUZZ_SECONDS)' pytest -q -s test/grpc/test_fuzz.py

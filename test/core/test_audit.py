@@ -50,6 +50,7 @@ def audited(config: dict, views: int = 3) -> dict[str, AuditResult]:
     return {f.modality: f for f in found}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", sorted(PRESETS))
 def test_every_kind_of_terrain_is_right_off_edges(preset: str) -> None:
     found = audited(WORLD | {"stage": {**WORLD["stage"], "preset": preset}})
@@ -113,6 +114,7 @@ def test_an_error_of_embree_itself_is_found(monkeypatch: pytest.MonkeyPatch) -> 
     assert found["depth"].wrong_share > 0.9
 
 
+@pytest.mark.long
 def test_level_views_are_right_up_to_the_horizon() -> None:
     simulation = Simulation(config_from_mapping(WORLD))
     simulation.step_batch()

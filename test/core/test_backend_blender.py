@@ -96,6 +96,7 @@ def test_light_and_exposure_change_the_colour(life: dict[str, Any]) -> None:
     assert life["night"].mean() < 0.3 * life["sunny"].mean()
 
 
+@pytest.mark.long
 def test_cycles_looks_at_all_that_changed_and_at_nothing_for_a_moved_camera() -> None:
     found = in_blender("moves")
     for name, (marks, image, alone) in found.items():

@@ -76,6 +76,7 @@ def _found(frames: Any, mesh: Any, height_m: Any) -> dict[str, Any]:
     return {frame.modality: frame.data for frame in frames} | {"mesh": mesh, "height_m": height_m}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("step", range(7))
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_an_updated_world_is_as_one_built_anew(backend: str, step: int) -> None:

@@ -150,6 +150,7 @@ def test_meshes_and_heights_end_with_the_stage_and_no_plain_is_no_ground() -> No
     assert depth_m[np.isfinite(depth_m)].max() <= HALF_M + 0.01
 
 
+@pytest.mark.long
 @pytest.mark.blender
 @pytest.mark.parametrize("example", ["stage_plane", "environment_moon", "stage_dem", "stage_dunes"])
 def test_no_pixel_that_shows_ground_is_infinitely_far(example: str) -> None:

@@ -39,6 +39,7 @@ def small(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 def test_render_writes_the_batches_and_samples_asked_for(small: Path, tmp_path: Path) -> None:
     result = oaisys(
         "render", "--config", small, "--out", tmp_path, "--batches", "2", "--samples", "2"
@@ -77,6 +78,7 @@ def test_a_terminal_shows_a_bar_with_the_stage() -> None:
     assert "2/4" in screen.getvalue()
 
 
+@pytest.mark.long
 def test_a_run_is_resumed_where_it_stood_and_never_written_over(
     small: Path, tmp_path: Path
 ) -> None:

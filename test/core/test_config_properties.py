@@ -88,6 +88,7 @@ def other() -> Iterator[OtherProcess]:
     other.process.wait(timeout=60)
 
 
+@pytest.mark.long
 @given(data=configs())
 @BOUNDED
 def test_two_processes_render_the_same_bytes_whatever_module_is_added(

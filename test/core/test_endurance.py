@@ -23,6 +23,7 @@ def figures(backend: str, samples: int) -> dict[str, float]:
     return json.loads(ended.stdout.splitlines()[-1])
 
 
+@pytest.mark.long
 def test_memory_stays_flat_over_samples() -> None:
     found = figures("analytic", 300)
     assert found["last_mb"] - found["half_mb"] < 10, found
@@ -30,6 +31,7 @@ def test_memory_stays_flat_over_samples() -> None:
     assert found["files"] < 30
 
 
+@pytest.mark.long
 @pytest.mark.blender
 def test_memory_stays_flat_over_samples_in_blender() -> None:
     skip_without_blender()

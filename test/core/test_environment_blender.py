@@ -51,6 +51,7 @@ def from_texel_borders(rays: FloatArray, rotation_rad: float) -> NDArray[Any]:
     return np.minimum(np.abs(across - np.rint(across)), np.abs(down - np.rint(down)))
 
 
+@pytest.mark.long
 def test_labels_lie_where_a_sky_image_shows_them() -> None:
     """In all directions, poles and seam among them, for any rotation."""
     above = (0.0, 0.0, 50.0)

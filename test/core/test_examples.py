@@ -44,6 +44,7 @@ def test_every_example_is_valid_and_says_what_it_shows(path: Path) -> None:
     assert path.read_text(encoding="utf-8").startswith("# ")
 
 
+@pytest.mark.long
 @pytest.mark.blender
 @pytest.mark.parametrize("topic", TOPICS)
 def test_examples_render(topic: str) -> None:

@@ -63,6 +63,7 @@ def cases() -> Iterator[tuple[dict[str, Any], Path]]:
                 yield with_value(data, at, wrong), file.parent
 
 
+@pytest.mark.long
 def test_whatever_is_wrong_is_told_without_pydantic_s_words() -> None:
     kinds: set[str] = set()
     refused = 0

@@ -95,6 +95,7 @@ def test_each_kind_has_a_short_example() -> None:
         assert len(source.read_text(encoding="utf-8").splitlines()) <= 45
 
 
+@pytest.mark.long
 def test_a_module_adds_and_leaves_all_else_as_it_was(samples: dict[str, Sample]) -> None:
     sample = samples["module"]
     ids = sample.frame("camera", "semantic_0").data

@@ -157,6 +157,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
 
 
+@pytest.mark.long
 def test_the_command_writes_a_file_or_says_why_not(tmp_path: Path) -> None:
     config = tmp_path / "world.yaml"
     config.write_text(yaml.safe_dump(world({"preset": "mounds"})))

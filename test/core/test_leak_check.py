@@ -138,6 +138,7 @@ def test_memory_that_nobody_owns_is_left_behind(processes: Processes, segment: s
     assert check.left_behind() == [f"shared memory: {segment}"]
 
 
+@pytest.mark.long
 def test_a_process_that_drops_its_mark_is_left_behind(processes: Processes) -> None:
     drops = (
         "import os, sys, time; time.sleep(float(sys.argv[1])); "

@@ -103,6 +103,7 @@ def seen() -> dict[str, Any]:
     return dict(zip(made, frames, strict=True))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["plain", "voronoi", "stochastic"])
 def test_colours_lie_where_labels_do(seen: dict[str, Any], name: str) -> None:
     rgb, depth, semantic = (frame.data for frame in seen[name])

@@ -107,6 +107,7 @@ def test_what_is_no_mesh_is_refused_by_name(
         load_mesh(tmp_path / name, field="stage.mesh.file")
 
 
+@pytest.mark.long
 @pytest.mark.blender
 def test_a_blend_file_is_read_evaluated_and_its_scripts_never_run(tmp_path: Path) -> None:
     path, trap = tmp_path / "two.blend", tmp_path / "trap"

@@ -76,6 +76,7 @@ def views() -> dict[str, list[tuple[Images, Images]]]:
     return dict(found)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", sorted(PRESETS))
 def test_samples_show_what_cycles_sees(
     preset: str, views: dict[str, list[tuple[Images, Images]]]

@@ -171,6 +171,7 @@ def pictures() -> dict[str, Any]:
     return {name: frame.data for name, frame in zip(cases, frames, strict=True)}
 
 
+@pytest.mark.long
 @pytest.mark.blender
 def test_colour_through_a_lens_lies_where_the_labels_do(pictures: dict[str, Any]) -> None:
     backend = AnalyticBackend()

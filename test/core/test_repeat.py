@@ -185,6 +185,7 @@ def step(sim: Simulation, rng: np.random.Generator, seen: list[int]) -> Sample:
     return sim.step_sample(metadata, modalities=modalities)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_the_newest_record_alone_repeats_its_sample(seed: int, tmp_path: Path) -> None:
     config = config_from_mapping({**WORLD, "stage": {**WORLD["stage"], "store": str(tmp_path)}})
@@ -322,6 +323,7 @@ def sample_file(folder: Path, batch: int, sample: int) -> Path:
     return folder / f"batch_{batch + 4:04d}/meta_data/sample_data/{sample:04d}.json"
 
 
+@pytest.mark.long
 def test_repeat_finds_every_sample_of_a_folder_equal(folder: Path) -> None:
     done = run("repeat", folder, "--all")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -330,6 +332,7 @@ def test_repeat_finds_every_sample_of_a_folder_equal(folder: Path) -> None:
     assert "left/depth: equal, 432 pixels" in done.stdout
 
 
+@pytest.mark.long
 def test_repeat_takes_the_newest_or_the_one_named(folder: Path) -> None:
     assert "batch 2 sample 3: equal" in run("repeat", folder).stdout
     assert "batch 1 sample 2: equal" in run("repeat", folder, "--sample", "1/2").stdout
@@ -354,6 +357,7 @@ def test_repeat_tells_a_pixel_that_differs(folder: Path) -> None:
     assert "1 of 1 samples differ from the record" in done.stderr
 
 
+@pytest.mark.long
 def test_repeat_needs_the_same_configuration(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "other.yaml").write_text(json.dumps({**WORLD, "seed": 12}))
     done = run("repeat", folder, "--config", tmp_path / "other.yaml")
@@ -370,6 +374,7 @@ def test_repeat_needs_the_same_configuration(folder: Path, tmp_path: Path) -> No
     assert "--config FILE" in without.stderr
 
 
+@pytest.mark.long
 def test_repeat_refuses_what_is_no_record(tmp_path: Path) -> None:
     (tmp_path / "some.json").write_text("{}")
     for path in (tmp_path / "none", tmp_path, tmp_path / "some.json"):
@@ -378,6 +383,7 @@ def test_repeat_refuses_what_is_no_record(tmp_path: Path) -> None:
         assert "Traceback" not in done.stderr
 
 
+@pytest.mark.long
 @pytest.mark.blender
 def test_blender_repeats_noise_light_and_additions(tmp_path: Path) -> None:
     camera = {**CAMERA, "width_px": 64, "height_px": 48, "lens": None, "shutter_share": 0.0}

@@ -134,6 +134,7 @@ def sunward(rng: np.random.Generator) -> FloatArray:
     return np.column_stack((across, np.cross(looking, across), looking))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("is_bent", [False, True], ids=["straight", "bent"])
 def test_landmarks_reproject_in_colour(is_bent: bool) -> None:
     rng = np.random.default_rng(12)

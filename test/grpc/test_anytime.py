@@ -167,6 +167,7 @@ def test_a_batch_after_depth_aborts_the_sample(late_server: Server) -> None:
         assert settled(client) == 0
 
 
+@pytest.mark.long
 def test_a_crash_after_depth_takes_the_sample_back_and_its_id_goes_on(
     start_server: StartServer,
 ) -> None:

@@ -93,6 +93,7 @@ def test_crashes_far_apart_are_no_loop(clock: Clock) -> None:
         clock.now_s += CRASH_WINDOW_S / (CRASHES_ALLOWED - 1)
 
 
+@pytest.mark.long
 def test_after_a_crash_loop_the_server_tries_again_and_health_says_when(
     start_server: Callable[..., Server],
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import psutil
+import pytest
 from served_simulator import FLAT_WORLD, PATIENCE_S, Server, wait_until
 
 from oaisys_core.geometry import pose_looking_down
@@ -18,6 +19,7 @@ def images(sample: Sample) -> list[bytes]:
     return [frame.data.tobytes() for frame in sample.frames]
 
 
+@pytest.mark.long
 def test_a_view_that_comes_again_has_the_same_bytes_and_a_new_id(start_server: StartServer) -> None:
     server = start_server(FLAT_WORLD)
     with server.client() as client:

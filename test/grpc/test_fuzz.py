@@ -12,6 +12,7 @@ from pathlib import Path
 
 import grpc
 import numpy as np
+import pytest
 from fuzzing import OURS, Mutator, Target
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from served_simulator import FLAT_WORLD, PATIENCE_S, Server
@@ -28,6 +29,7 @@ REQUESTS = 10_000
 BLOCK = 1_000
 
 
+@pytest.mark.long
 def test_nothing_in_10000_requests_does_harm(start_server: StartServer, tmp_path: Path) -> None:
     """Another server takes only the steps that were accepted: in the end both stand alike."""
     seconds = float(os.environ.get("FUZZ_SECONDS", "0"))

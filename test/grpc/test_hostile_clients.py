@@ -102,6 +102,7 @@ def test_bytes_that_are_no_message(data: bytes) -> None:
         check_bounds(data, pb.StepBatchRequest.DESCRIPTOR)
 
 
+@pytest.mark.long
 def test_refused_requests_leave_no_memory_behind(start_server: StartServer) -> None:
     server = start_server(FLAT_WORLD)
     shapes = (list_of_structs, mapping_of_structs, deep_structs)
@@ -129,6 +130,7 @@ def test_refused_requests_leave_no_memory_behind(start_server: StartServer) -> N
         assert client.render_sample(pose_looking_down(0, 0, 5)).sample_id == 1
 
 
+@pytest.mark.long
 def test_requests_that_failed_are_not_kept(start_server: StartServer) -> None:
     """Each is within the bounds, but the worker refuses it: only a digest of it stays."""
     server = start_server(FLAT_WORLD)
@@ -177,6 +179,7 @@ def assert_ends(server: Server) -> None:
     assert "Traceback" not in server.stderr.read_text()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("connections", [1, STREAMS])
 def test_streams_that_nobody_reads_hold_up_nobody(
     start_server: StartServer, connections: int
@@ -229,6 +232,7 @@ EXTREMES: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.long
 def test_cameras_at_the_edge_of_floats_keep_nobody_waiting(start_server: StartServer) -> None:
     """Typed and open-ended; in a world of a hundred times the rocks."""
     server = start_server(ROCKY_WORLD)

@@ -232,6 +232,7 @@ def _begun(client: OriginalClient, sample_id: int) -> Any:
     return None if reply.state == before else reply
 
 
+@pytest.mark.long
 def test_states_tell_the_truth(
     start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
 ) -> None:
@@ -361,6 +362,7 @@ def test_a_failed_step_is_not_finished(
     assert "could not be written" in client.why
 
 
+@pytest.mark.long
 def test_a_second_run_leaves_the_files_of_the_first(
     start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
 ) -> None:

@@ -150,6 +150,7 @@ def test_what_metadata_would_bring_is_listed_and_checked_but_not_done(
     assert names(client, kinds=("added",)) == []
 
 
+@pytest.mark.long
 def test_twenty_thousand_stones_are_read_in_bounded_pages(start_server: StartServer) -> None:
     stones: dict[str, Any] = {"name": "gravel", "shape": "rounded", "count": [20_000, 20_000]}
     stones |= {"size_m": [0.02, 0.05], "label": "stone", "semantic_id": 11, "spacing_m": 0.0}

@@ -135,6 +135,7 @@ def test_an_operation_that_nobody_watches_ends_at_its_deadline(
     assert slow_client.info().sample_id == 0
 
 
+@pytest.mark.long
 def test_the_seconds_left_are_known_from_work_done_before(
     start_server: Callable[..., Server],
 ) -> None:

@@ -155,6 +155,7 @@ def test_no_metadata_are_an_error_of_the_server(
         assert simulator.info().sample_id == kept
 
 
+@pytest.mark.long
 @FEW
 @given(
     seed=st.integers(0, 2**63 - 1),

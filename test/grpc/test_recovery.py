@@ -60,6 +60,7 @@ def render_until(client: SimulatorClient, begun: threading.Event) -> Sample:
     return client.render_sample(POSES[1], on_progress=listen)
 
 
+@pytest.mark.long
 def test_a_worker_killed_while_idle_is_replaced_unasked(start_server: StartServer) -> None:
     server = start_server(ROCKY_WORLD)
     with server.client() as client:
@@ -93,6 +94,7 @@ def test_a_killed_server_takes_its_worker_along(start_server: StartServer) -> No
             client.info()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "signals", [[number] * count for number in (signal.SIGINT, signal.SIGTERM) for count in (1, 2)]
 )
@@ -226,6 +228,7 @@ def test_a_shutdown_blames_nobody_for_the_worker_that_it_kills(start_server: Sta
     assert "SIGKILL" not in server.stderr.read_text()
 
 
+@pytest.mark.long
 def test_what_a_killed_server_left_is_gone_after_the_next_start(
     start_server: StartServer, tmp_path: Path
 ) -> None:
@@ -272,6 +275,7 @@ def spinning(nice: int, count: int = 1) -> Iterator[list[subprocess.Popen[bytes]
             process.wait()
 
 
+@pytest.mark.long
 def test_a_cancelled_worker_is_judged_by_its_work_not_by_the_clock() -> None:
     cancelled = threading.Event()
     cancelled.set()
@@ -300,6 +304,7 @@ def test_a_cancelled_worker_is_judged_by_its_work_not_by_the_clock() -> None:
         assert not patient.must_kill(hung)
 
 
+@pytest.mark.long
 def test_a_question_whose_caller_is_gone_leaves_no_traceback(start_server: StartServer) -> None:
     server = start_server(ROCKY_WORLD, OAISYS_FAULT="slow:3", **TEST_BUILD)
     with (

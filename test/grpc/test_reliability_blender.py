@@ -87,6 +87,7 @@ def assert_alike(sample: Sample, control: Sample) -> None:
             np.testing.assert_array_equal(frame.data, other.data)
 
 
+@pytest.mark.long
 def test_a_blender_that_is_killed_crashes_or_grows_is_replaced_and_renders_the_same(
     start_server: Callable[..., Server],
 ) -> None:
@@ -117,6 +118,7 @@ def cpu_s(process: psutil.Process) -> float:
     return float(sum(process.cpu_times()[:2]))
 
 
+@pytest.mark.long
 @pytest.mark.timeout(3600)
 def test_one_worker_s_memory_and_work_stay_flat_over_many_samples(
     start_server: Callable[..., Server],

@@ -350,6 +350,7 @@ bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
 """
 
 
+@pytest.mark.long
 def test_scripts_in_a_blend_file_never_run(start_server: StartServer, tmp_path: Path) -> None:
     skip_without_blender()
     roots, attacked = tmp_path / "roots", tmp_path / "attacked"

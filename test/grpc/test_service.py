@@ -245,6 +245,7 @@ def test_height_fields_come_in_chunks_and_are_what_queries_say(
             client.height_grid(1.0, (0, 0, 0, 0))
 
 
+@pytest.mark.long
 def test_the_heights_of_a_server_are_written_by_the_command(
     start_server: StartServer, tmp_path: Path
 ) -> None:

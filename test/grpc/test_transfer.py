@@ -400,6 +400,7 @@ def test_large_files_are_copied_rather_than_kept() -> None:
     del segment
 
 
+@pytest.mark.long
 def test_a_killed_server_leaves_nothing_and_the_next_one_is_found(
     start_server: StartServer,
 ) -> None:

@@ -93,6 +93,7 @@ def test_signals_end_it_in_peace_even_while_it_renders(
     assert "Traceback" not in bridge.log.read_text()
 
 
+@pytest.mark.long
 def test_a_first_batch_that_fails_is_built_once_more(stage: Stage, tmp_path: Path) -> None:
     user = stage.user
     crash = f"batch-crash-once:{tmp_path / 'crashed'}"
@@ -115,6 +116,7 @@ def test_a_first_batch_that_fails_is_built_once_more(stage: Stage, tmp_path: Pat
     assert "built once more" in bridge.log.read_text()
 
 
+@pytest.mark.long
 def test_two_bridges_of_one_name_are_told_apart_before_a_survey(
     stage: Stage, monkeypatch: pytest.MonkeyPatch, ros_domain_id: int
 ) -> None:
@@ -130,6 +132,7 @@ def test_two_bridges_of_one_name_are_told_apart_before_a_survey(
             client.status.wait_for_bridge(PATIENCE_S, lambda: None)
 
 
+@pytest.mark.long
 def test_a_second_bridge_that_is_discovered_late_ends_a_survey_before_its_next_view(
     stage: Stage, monkeypatch: pytest.MonkeyPatch, ros_domain_id: int
 ) -> None:

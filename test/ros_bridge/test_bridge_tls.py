@@ -31,6 +31,7 @@ def start_bridge(stage: Stage, address: str, **tls: Path) -> NodeProcess:
     return stage.start_node("bridge", "--ros-args", *pairs)
 
 
+@pytest.mark.long
 def test_a_bridge_gets_in_with_its_certificate_only(stage: Stage, tmp_path: Path) -> None:
     authority = Authority(tmp_path)
     cert, key = authority.pair("server")

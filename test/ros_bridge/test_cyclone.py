@@ -37,6 +37,7 @@ def documented_setting() -> str:
     return found[1]
 
 
+@pytest.mark.long
 def test_a_reader_of_cyclone_dds_gets_an_image_bit_for_bit(stage: Stage) -> None:
     user = stage.user
     user.listen(Image, DEPTH, SENSOR_QOS)

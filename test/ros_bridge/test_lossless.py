@@ -143,6 +143,12 @@ def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
     assert "/receipts" not in told.stdout, "a bag that is played must not speak for a recorder"
 
 
+def incomplete_samples(bag: Path) -> int:
+    """Return how many samples a bag lacks a message of, whichever topic's it is."""
+    stamps, announced = stamps_of(bag)
+    return len(announced.keys() - set.intersection(*(stamps[topic] for topic in RECORDED)))
+
+
 def stop_in_the_middle(crew: Crew, node: NodeProcess, views: int) -> Sweep.Result:
     """Stop a node while a sweep goes on, and let it go on afterwards."""
     assert crew.user.set_pose(pose_looking_down(0.0, 0.0, 6.0)).success
@@ -153,6 +159,7 @@ def stop_in_the_middle(crew: Crew, node: NodeProcess, views: int) -> Sweep.Resul
         node.process.send_signal(signal.SIGCONT)
 
 
+@pytest.mark.long
 def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_path: Path) -> None:
     crew = Crew(stage, tmp_path, "readers.when_behind:=drop")
 
@@ -173,7 +180,8 @@ def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_pat
     assert losses.lost == missing
     assert {loss.what: loss.count for loss in receipt.lost} == missing
     assert losses.announced == receipt.samples == published
-    assert losses.incomplete == max(missing.values())
+    # Not every topic lacks the same samples.
+    assert losses.incomplete == incomplete_samples(crew.bag) >= max(missing.values())
     said = crew.recorder.log.read_text()
     assert f"{losses.incomplete} of {published} samples are incomplete; lost:" in said
     told = subprocess.run(
@@ -185,6 +193,7 @@ def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_pat
     )
 
 
+@pytest.mark.long
 def test_views_that_a_stopped_mapper_loses_are_told_with_its_mesh(
     stage: Stage, tmp_path: Path
 ) -> None:
@@ -206,6 +215,7 @@ def test_views_that_a_stopped_mapper_loses_are_told_with_its_mesh(
     assert f"{published - saved.frames} of {published} samples are incomplete" in saved.message
 
 
+@pytest.mark.long
 def test_a_stopped_reader_holds_the_bridge_up_once_and_no_longer_than_it_may(
     stage: Stage, tmp_path: Path
 ) -> None:
@@ -235,6 +245,7 @@ def wait_for(condition: Callable[[], bool], process: subprocess.Popen[bytes]) ->
         time.sleep(0.02)
 
 
+@pytest.mark.long
 def test_a_survey_whose_recorder_ends_early_says_so_and_fails(
     tmp_path: Path, ros_domain_id: int, no_process_left: None
 ) -> None:

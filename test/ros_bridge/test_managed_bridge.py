@@ -78,6 +78,7 @@ def down() -> Pose:
     return pose_looking_down(0.0, 0.0, 5.0)
 
 
+@pytest.mark.long
 def test_it_goes_where_it_is_told(stage: Stage) -> None:
     user, address = stage.user, free_address()
     manager = Manager(user)
@@ -126,6 +127,7 @@ def test_it_goes_where_it_is_told(stage: Stage) -> None:
     assert "Traceback" not in bridge.log.read_text()
 
 
+@pytest.mark.long
 def test_it_comes_back_to_where_it_was_when_the_simulator_does(stage: Stage) -> None:
     user, address = stage.user, free_address()
     manager = Manager(user)

@@ -176,6 +176,7 @@ def peer(ros_domain_id: int, no_process_left: None) -> Iterator[Peer]:
     started.end()
 
 
+@pytest.mark.long
 def test_images_of_a_plane_become_that_plane(peer: Peer, tmp_path: Path) -> None:
     peer.show_all()
 
@@ -202,6 +203,7 @@ def test_images_of_a_plane_become_that_plane(peer: Peer, tmp_path: Path) -> None
     assert peer.latest["surface_points"].width == saved.vertices
 
 
+@pytest.mark.long
 def test_it_measures_its_map_against_the_truth(peer: Peer, tmp_path: Path) -> None:
     far = [(x, y, SLOPE * x) for x in (-30.0, 30.0) for y in (-30.0, 30.0)]
     truth = o3d.geometry.TriangleMesh(
@@ -237,6 +239,7 @@ def test_a_reset_empties_the_map(peer: Peer, tmp_path: Path) -> None:
     assert peer.call(SaveMesh, "save_mesh", request).triangles == 0
 
 
+@pytest.mark.long
 def test_topics_of_nvblox_do_by_remapping_alone(
     ros_domain_id: int, no_process_left: None, tmp_path: Path
 ) -> None:
@@ -252,6 +255,7 @@ def test_topics_of_nvblox_do_by_remapping_alone(
         peer.end()
 
 
+@pytest.mark.long
 def test_labels_become_classes_and_the_same_frames_the_same_bytes(
     ros_domain_id: int, no_process_left: None, tmp_path: Path
 ) -> None:

@@ -67,6 +67,7 @@ def test_the_planner_gets_its_views(stage: Stage) -> None:
     assert [s.rig_pose.position.x for s in samples] == [-4, 0, 4]
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_a_planner_that_is_started_first_waits_for_the_bridge(stage: Stage) -> None:
     planner = started(PATIENCE_S)
@@ -87,6 +88,7 @@ def test_a_planner_without_a_bridge_says_so(ros_domain_id: int) -> None:
     assert time.monotonic() - began_s < 30  # start-up on a loaded machine included
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_a_planner_whose_bridge_hangs_says_so(stage: Stage) -> None:
     server = stage.start_world(FLAT_WORLD)

@@ -94,6 +94,7 @@ def offered(stage: Stage, node: DescribedNode, kind: InterfaceKind) -> Names:
     }
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_all_names_and_types_and_parameters_are_on_the_page(stage: Stage) -> None:
     for node in RUNNING:

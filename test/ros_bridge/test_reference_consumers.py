@@ -163,6 +163,7 @@ def messages_of(user: User, stamp: Any) -> dict[str, Any]:
     return messages
 
 
+@pytest.mark.long
 def test_reference_consumers_see_what_we_publish(stage: Stage) -> None:
     user = stage.user
     server = stage.start_world(WORLD)

@@ -63,6 +63,7 @@ def begin_set_pose(user: User, where: Pose, **fields: Any) -> Any:
     return user.begin(SetPose, "set_pose", SetPose.Request(pose=stamped(where), **fields))
 
 
+@pytest.mark.long
 def test_diagnostics_tell_of_a_worker_that_crashed_and_of_its_end(stage: Stage) -> None:
     user = stage.user
     user.listen(DiagnosticArray, "/diagnostics", SENSOR_QOS)
@@ -153,6 +154,7 @@ def record_until_full(stage: Stage, folder: Path, inject: Callable[[NodeProcess]
     assert "Traceback" not in said
 
 
+@pytest.mark.long
 def test_a_full_disk_ends_the_recording_alone(stage: Stage, tmp_path: Path) -> None:
     user = stage.user
     user.listen(Image, DEPTH, SENSOR_QOS)
@@ -178,6 +180,7 @@ def test_a_recording_is_not_begun_where_there_is_no_room(stage: Stage) -> None:
     ]
 
 
+@pytest.mark.long
 def test_signals_end_all_nodes_while_they_work(stage: Stage, tmp_path: Path) -> None:
     user, bag = stage.user, tmp_path / "bag"
     user.listen(Image, DEPTH, SENSOR_QOS)
@@ -226,6 +229,7 @@ except (KeyboardInterrupt, ExternalShutdownException):
 """
 
 
+@pytest.mark.long
 def test_a_subscriber_that_is_stopped_costs_no_memory_and_misses_the_oldest(
     stage: Stage, tmp_path: Path
 ) -> None:
@@ -263,6 +267,7 @@ def test_a_subscriber_that_is_stopped_costs_no_memory_and_misses_the_oldest(
     assert held[-1] - held[15] < 15 * image_bytes, "of the 44 images sent between them"
 
 
+@pytest.mark.long
 def test_a_batch_ends_the_sample_under_way_and_the_map(stage: Stage) -> None:
     user = stage.user
     user.listen(Image, DEPTH, SENSOR_QOS)

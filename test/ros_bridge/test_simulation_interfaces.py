@@ -310,6 +310,7 @@ def id_of(simulator: Simulator, entity: str) -> int:
     return int(number)
 
 
+@pytest.mark.long
 def test_things_are_spawned_moved_and_deleted_and_the_picture_agrees(
     stage: Stage, tmp_path: Path
 ) -> None:
@@ -346,6 +347,7 @@ def test_things_are_spawned_moved_and_deleted_and_the_picture_agrees(
     assert {"mark"} == {"mark", "stone"} & set(simulator.entities())
 
 
+@pytest.mark.long
 def test_meshes_within_the_asset_roots_can_be_spawned_and_no_others(
     stage: Stage, tmp_path: Path
 ) -> None:

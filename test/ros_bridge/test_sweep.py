@@ -76,6 +76,7 @@ def down(height_m: float) -> Pose:
     return pose_looking_down(0.0, 0.0, height_m)
 
 
+@pytest.mark.long
 def test_a_sweep_renders_every_pose_and_tells_how_far_it_is(stage: Stage) -> None:
     user = bridged(stage)
     sweeper = Sweeper(user)
@@ -127,6 +128,7 @@ def test_a_sweep_is_cancelled_in_the_middle_of_a_render_and_keeps_what_it_has(
     assert heights_m(user) == [4, 5]
 
 
+@pytest.mark.long
 def test_services_and_commands_go_between_two_poses_of_a_sweep(stage: Stage) -> None:
     user = bridged(stage)
     sweeper = Sweeper(user)

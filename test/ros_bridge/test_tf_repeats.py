@@ -40,6 +40,7 @@ def heights_m(user: User) -> list[float]:
     return [t.transform.translation.z for m in user.received["/tf"] for t in m.transforms]
 
 
+@pytest.mark.long
 def test_a_late_reader_gets_the_last_transform_and_no_count_is_changed(
     stage: Stage, tmp_path: Path
 ) -> None:
@@ -90,6 +91,7 @@ def past(end_s: float) -> bool:
     return time.monotonic() > end_s
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("option", ["publish_clock:=true", "tf_rate:=0.0"])
 def test_nothing_is_repeated_without_time_or_rate(stage: Stage, option: str) -> None:
     user = stage.user

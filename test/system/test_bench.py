@@ -183,6 +183,7 @@ def test_a_job_that_fails_tells_why(tmp_path: Path) -> None:
         run_job("nowhere.at_all", Settings(tmp_path), lambda _share, _text: None)
 
 
+@pytest.mark.long
 @pytest.mark.system
 def test_one_topic_runs_as_a_user_runs_it(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tools.bench", "--only", "transfer", "--quick"]

@@ -103,6 +103,7 @@ def test_labels(world: Path, tmp_path: Path) -> None:
     assert 0 < seen <= total == 60
 
 
+@pytest.mark.long
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
 def test_survey(world: Path, tmp_path: Path, ros_domain_id: int) -> None:

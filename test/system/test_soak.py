@@ -16,6 +16,7 @@ REPOSITORY = Path(__file__).parents[2]
 PROCESSES = {"bridge", "mapper", "recorder", "server", "worker"}
 
 
+@pytest.mark.long
 @pytest.mark.system
 @pytest.mark.ros
 def test_nothing_grows(tmp_path: Path, leaks: LeakCheck, ros_domain_id: int) -> None:

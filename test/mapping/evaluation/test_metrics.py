@@ -144,6 +144,7 @@ def test_a_surface_without_area_is_an_error() -> None:
         measure(mesh, TriangleMesh(*grid_mesh((-1, 1), (-1, 1), 0.0)))
 
 
+@pytest.mark.long
 def test_triangles_larger_than_the_view_count() -> None:
     """Two triangles make the ground, with all corners far outside of the image."""
     corners_m = np.array([(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0.0)])

@@ -157,6 +157,7 @@ def explored(simulation: Simulation, name: str, views: int):
     return clearances_m, share, len(visited)
 
 
+@pytest.mark.long
 def test_the_next_best_view_sees_more_than_the_others_and_none_comes_near_the_ground(world):
     views = {"next_best_view": 20, "frontier": 20, "random": 20, "grid": 5}
     assert views.keys() == BUILT_IN_PLANNERS.keys()

@@ -72,6 +72,7 @@ def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
 
 
+@pytest.mark.long
 def test_a_bag_repeats_all_of_its_samples_noise_included(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path / "bag", [{"name": "left", **CAMERA}, {"name": "right", **CAMERA}])
     with recorded.bag:
@@ -91,6 +92,7 @@ def test_a_bag_repeats_all_of_its_samples_noise_included(tmp_path: Path) -> None
     assert "left/depth: not in the record" in done.stdout
 
 
+@pytest.mark.long
 def test_a_bag_without_a_configuration_needs_one(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
     with recorded.bag:

@@ -90,6 +90,7 @@ def test_a_bag_holds_all_topics_with_their_types_and_counts(stage: Stage, tmp_pa
         np.testing.assert_array_equal(depth_m, image_from_msg(original))
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_a_killed_recorder_leaves_what_it_had_taken(stage: Stage, tmp_path: Path) -> None:
     folder = tmp_path / "bag"

@@ -71,6 +71,7 @@ def map_of(stage: Stage, file: Path) -> bytes:
     return file.read_bytes()
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_a_replayed_bag_gives_the_same_map_byte_for_byte(stage: Stage, tmp_path: Path) -> None:
     stage.user.listen(MapStatus, METRICS, LATCHED_QOS)
@@ -149,6 +150,7 @@ def test_a_part_of_a_bag_is_played_over_and_over(stage: Stage, small_bag: Path) 
     assert [m.data for m in stage.user.received["/plain"][:12]] == [*"12345"] * 2 + [*"12"]
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_readers_that_come_late_are_waited_for(stage: Stage, small_bag: Path) -> None:
     """They came seconds after the player; waiting for calm had begun without them."""

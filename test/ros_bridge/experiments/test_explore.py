@@ -62,6 +62,7 @@ def world(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
 def test_planners_explore_the_same_worlds_over_ros(world, tmp_path, ros_domain_id):
@@ -92,6 +93,7 @@ def test_planners_explore_the_same_worlds_over_ros(world, tmp_path, ros_domain_i
     assert list((out / "bag").glob("*.mcap"))
 
 
+@pytest.mark.long
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
 def test_views_are_flown_to_on_a_trajectory_topic(world, tmp_path, ros_domain_id):

@@ -30,6 +30,7 @@ def evaluation(folder: Path, truth: Path) -> dict[str, Any]:
     return json.loads(told.stdout)
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_two_surveys_at_once_map_each_its_own_world(
     tmp_path: Path, leaks: LeakCheck, ros_domain_id: int

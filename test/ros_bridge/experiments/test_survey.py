@@ -174,6 +174,7 @@ def _check_bag(bag: Path, views: int) -> None:
         assert found[topic][1] >= 1
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_process_left")
 def test_a_survey_whose_images_are_too_coarse_does_not_close(
     world: Path, tmp_path: Path, ros_domain_id: int
@@ -206,6 +207,7 @@ def test_wrong_input_is_exit_2_at_once(
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_process_left")
 def test_a_grid_larger_than_the_stage_is_exit_2(
     world: Path, tmp_path: Path, ros_domain_id: int
@@ -216,6 +218,7 @@ def test_a_grid_larger_than_the_stage_is_exit_2(
     assert "30 m x 30 m" in result.stderr
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_process_left")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_everything(
@@ -247,6 +250,7 @@ def _read_until(readline: Callable[[], str], wanted: str) -> str:
     return seen
 
 
+@pytest.mark.long
 @pytest.mark.blender
 @pytest.mark.usefixtures("no_process_left")
 def test_a_survey_with_blender(world: Path, tmp_path: Path, ros_domain_id: int) -> None:
@@ -261,6 +265,7 @@ def test_a_survey_with_blender(world: Path, tmp_path: Path, ros_domain_id: int) 
     _check_bag(out / "bag", views=2)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("no_process_left")
 def test_a_world_that_cannot_be_built_names_cause_and_log(
     world: Path, tmp_path: Path, ros_domain_id: int

@@ -61,6 +61,7 @@ def server(tmp_path: Path) -> Iterator[Server]:
     server.end()
 
 
+@pytest.mark.long
 def test_what_others_render_is_shown_over_grpc(server, tmp_path):
     with (
         watching(tmp_path, "--address", server.address) as (process, out),
@@ -98,6 +99,7 @@ main()
 """
 
 
+@pytest.mark.long
 def test_a_page_that_cannot_be_stopped_holds_up_no_end_once_the_scene_is_saved(server, tmp_path):
     with server.client() as client:
         client.step_batch(seed=2)
@@ -116,6 +118,7 @@ def test_a_page_that_cannot_be_stopped_holds_up_no_end_once_the_scene_is_saved(s
     assert scene.stat().st_size > 1_000_000
 
 
+@pytest.mark.long
 @pytest.mark.ros
 @pytest.mark.usefixtures("no_process_left")
 def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
