@@ -112,6 +112,7 @@ def test_the_version_is_blenders(life: dict[str, Any]) -> None:
     assert life["version"] in ("4.5.15", "5.2.3")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("azimuth_deg", [0.0, 90.0])
 def test_shadows_fall_away_from_the_sun(azimuth_deg: float) -> None:
     box = replace(BOX, size_m=(1.0, 1.0, 3.0), T_map_object=transform(np.eye(3), (0, 0, 1.75)))

@@ -57,6 +57,7 @@ def _placed_prototypes(
     return PlacedPrototype(prototype, Placement(index, (10 + index,), T, ids))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("view", range(3))
 def test_instances_are_hit_as_copies_of_them_are(view: int) -> None:
     placed = overlapping_rocks()

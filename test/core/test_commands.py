@@ -98,6 +98,7 @@ def test_a_run_is_resumed_where_it_stood_and_never_written_over(
             assert (whole / file).read_bytes() == (halves / file).read_bytes(), file
 
 
+@pytest.mark.long
 def test_metadata_of_each_sample_comes_from_a_file(small: Path, tmp_path: Path) -> None:
     pose = {"position_m": [1.0, 2.0, 9.0], "quat_xyzw": [0.0, 0.6, 0.0, 0.8]}
     steps = [
@@ -124,6 +125,7 @@ def test_saved_worlds_need_blender(small: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.long
 def test_config_import_writes_what_config_check_takes(tmp_path: Path) -> None:
     out = tmp_path / "ours.yaml"
     result = oaisys("config", "import", write(document(), tmp_path), "--out", out)

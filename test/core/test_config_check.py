@@ -47,6 +47,7 @@ def checked(path: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("text", "path", "meant"), WRONG, ids=[each[1] for each in WRONG])
 def test_a_name_that_is_not_there_is_refused_with_the_one_that_was_meant(
     text: str, path: str, meant: str | None, tmp_path: Path

@@ -57,6 +57,7 @@ def test_guides_of_another_size_are_refused(denoised: dict[str, Any]) -> None:
     assert denoised["error"] == "albedo: received (47, 64, 3) beside color (48, 64, 3)"
 
 
+@pytest.mark.long
 def test_views_come_nearer_to_converged_ones() -> None:
     found = in_blender("blender_jobs_denoising.pictures")
     truth = found["converged"]

@@ -94,6 +94,7 @@ def test_haze_dims_and_veils_by_distance() -> None:
     assert np.abs(with_haze[on_ground] - expected).max() < 1.5 / 255
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", ["atmosphere", "plain", "none"])
 def test_the_disc_stands_where_the_sun_is(model: Any) -> None:
     sky = replace(SUNNY, model=model, sun_disc=1.0, sun_angular_diameter_rad=0.1)

@@ -103,6 +103,7 @@ def test_a_module_adds_and_leaves_all_else_as_it_was(samples: dict[str, Sample])
     assert set(np.unique(ids)) <= {1, 2, 10, 999}
 
 
+@pytest.mark.long
 def test_an_effect_changes_colour_alone(samples: dict[str, Sample]) -> None:
     plain, dimmed = samples["plain"], samples["environment_effect"]
     for modality in ("depth", "semantic_0", "instance"):

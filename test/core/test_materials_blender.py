@@ -127,6 +127,7 @@ def _ground_xy(placed: PlacedCamera, depth_m: NDArray[np.float32]) -> FloatArray
     return np.asarray((points @ placed.T_map_camera[:3, :3].T + placed.T_map_camera[:3, 3])[:, :2])
 
 
+@pytest.mark.long
 def test_a_steep_slope_shows_its_texture_undistorted(seen: dict[str, Any]) -> None:
     # Stripes are 1 m wide in height from the side, but tan(75 deg) = 3.7 m from above.
     def changes(name: str) -> int:

@@ -96,6 +96,7 @@ def test_samples_show_what_cycles_sees(
     assert differing <= 5e-4 * pixels
 
 
+@pytest.mark.long
 def test_views_show_something_of_everything(
     views: dict[str, list[tuple[Images, Images]]],
 ) -> None:

@@ -192,6 +192,7 @@ def sharpness(image: Any) -> float:
     return float(np.hypot(sobel(red, 0), sobel(red, 1)).max())
 
 
+@pytest.mark.long
 @pytest.mark.blender
 def test_what_is_out_of_focus_is_blurred(pictures: dict[str, Any]) -> None:
     assert sharpness(pictures["unfocused"]) < 0.6 * sharpness(pictures["focused"])

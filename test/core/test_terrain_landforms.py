@@ -23,6 +23,7 @@ def slopes_deg(elevation_m: np.ndarray, spacing_m: float) -> np.ndarray:
     return np.degrees(np.arctan(np.hypot(*np.gradient(elevation_m, spacing_m))))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("preset", ROUGH)
 def test_a_seed_gives_one_landscape_at_any_resolution(preset: str) -> None:
     coarse, _ = smooth_ground(preset, 193)

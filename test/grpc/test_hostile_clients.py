@@ -292,6 +292,7 @@ def test_a_reader_that_reads_nothing_is_told_why_it_was_ended(hasty_server: str)
         )
 
 
+@pytest.mark.long
 def test_requests_that_never_come_leave_room_for_others(start_server: StartServer) -> None:
     server = start_server(FLAT_WORLD)
     paths = [HEALTH + "Check", HEALTH + "Watch", OURS + "GetSimulatorInfo", REFLECTION]

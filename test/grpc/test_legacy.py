@@ -157,6 +157,7 @@ def rocky(start_server: StartServer, tmp_path: Path) -> Server:
     return start_server(world, "--legacy-out", str(tmp_path / "out"))
 
 
+@pytest.mark.long
 def test_the_originals_client_reads_the_frames_that_ours_gets(
     rocky: Server, connect: Callable[[Server], OriginalClient], tmp_path: Path
 ) -> None:
@@ -190,6 +191,7 @@ def test_the_originals_client_reads_the_frames_that_ours_gets(
     assert len(np.unique(frames["instance"])) > 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("roll_deg", [0, 70])
 def test_a_pose_is_that_of_the_sensor_base(
     start_server: StartServer,

@@ -75,6 +75,7 @@ def test_a_worker_killed_while_idle_is_replaced_unasked(start_server: StartServe
     assert after.sample_id == before.sample_id + 1
 
 
+@pytest.mark.long
 def test_faults_strike_in_test_builds_only(start_server: StartServer) -> None:
     with start_server(ROCKY_WORLD, OAISYS_FAULT="crash").client() as client:
         client.step_batch()
@@ -121,6 +122,7 @@ def test_signals_end_everything_quietly_even_while_it_renders(
     assert not list(server.stderr.parent.glob("oaisys-worker-*"))
 
 
+@pytest.mark.long
 def test_a_render_that_is_nearly_done_may_end_after_a_signal(start_server: StartServer) -> None:
     server = start_server(ROCKY_WORLD, OAISYS_FAULT="slow:0.3", **TEST_BUILD)
     with server.client() as client, ThreadPoolExecutor() as pool:

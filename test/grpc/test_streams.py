@@ -73,6 +73,7 @@ HEIGHTS_M = (3.0 + 0.01 * number for number in count())
 """Each but once: a view that comes again is not rendered."""
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "use", [use_to_the_end, leave, cancel, leave_while_another_thread_reads, fail]
 )

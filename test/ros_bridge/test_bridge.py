@@ -345,6 +345,7 @@ def test_of_many_commands_the_newest_wins(bridged: User) -> None:
     assert stamps == sorted(set(stamps))
 
 
+@pytest.mark.long
 def test_sensors_of_a_rig_have_topics_and_frames_of_their_own(stage: Stage) -> None:
     user = stage.user
     mounted = {"right": [0.0, -0.1, 0.0], "left": [0.0, 0.1, 0.0]}

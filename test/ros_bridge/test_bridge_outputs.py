@@ -73,6 +73,7 @@ def sample(user: User, height_m: float) -> dict[str, Any]:
     return messages
 
 
+@pytest.mark.long
 def test_parameters_change_what_is_published_while_it_runs(stage: Stage) -> None:
     user = stage.user
     server = stage.start_world(FLAT_WORLD)

@@ -294,6 +294,7 @@ def test_ctrl_c_ends_it_without_a_word(ros_domain_id: int, no_process_left: None
     assert "Traceback" not in said
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "parameter", ["voxel_size:=-0.1", "weighting:=heavy", "use_color:=perhaps"]
 )

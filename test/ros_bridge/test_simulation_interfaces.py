@@ -198,6 +198,7 @@ def test_entities_are_found_asked_and_put_somewhere(stage: Stage) -> None:
     assert "sensor" in simulator.call("GetEntityInfo", entity="camera")[2].info.tags
 
 
+@pytest.mark.long
 def test_worlds_are_loaded_and_begun_again_with_the_same_bytes(stage: Stage) -> None:
     simulator = started(stage, ROCKY_WORLD)
     user = stage.user
@@ -404,6 +405,7 @@ def test_what_cannot_be_spawned_is_refused_with_its_reason(stage: Stage) -> None
     assert simulator.entities(tags=TagsFilter(tags=["added"])) == ["mark_1"]
 
 
+@pytest.mark.long
 def test_scattered_things_are_listed_by_filter_and_never_without_a_bound(stage: Stage) -> None:
     simulator = started(stage, THINGS)
     everything = simulator.entities()
@@ -435,6 +437,7 @@ def test_scattered_things_are_listed_by_filter_and_never_without_a_bound(stage: 
     assert "left out" in message
 
 
+@pytest.mark.long
 def test_a_paused_simulation_shows_what_was_spawned_at_its_next_step(stage: Stage) -> None:
     stage.user.listen(Image, INSTANCE, SENSOR_QOS)
     simulator = started(stage, THINGS)

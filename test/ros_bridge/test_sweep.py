@@ -163,6 +163,7 @@ def trajectory(heights: Sequence[float], frame: str = "map") -> MultiDOFJointTra
     return MultiDOFJointTrajectory(header=header, joint_names=["base", "arm"], points=points)
 
 
+@pytest.mark.long
 def test_a_trajectory_is_flown_point_by_point_until_a_newer_command_comes(stage: Stage) -> None:
     user = bridged(stage)
     paths = user.node.create_publisher(MultiDOFJointTrajectory, "command/trajectory", 1)

@@ -112,6 +112,7 @@ def test_a_bag_without_a_configuration_needs_one(tmp_path: Path) -> None:
     assert named.returncode == 0, named.stdout
 
 
+@pytest.mark.long
 def test_a_pixel_that_differs_in_a_bag_is_told(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
     with recorded.bag:

@@ -173,6 +173,7 @@ def test_readers_that_come_late_are_waited_for(stage: Stage, small_bag: Path) ->
     assert "/plain: 5 messages, 1 reader, acknowledged\n" in told
 
 
+@pytest.mark.long
 @pytest.mark.ros
 def test_topics_without_a_reader_are_named(stage: Stage, small_bag: Path) -> None:
     stage.user.listen(String, "/plain", RELIABLE_QOS)
