@@ -12,6 +12,7 @@ import sys
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PoseStamped, Quaternion, TransformStamped, Vector3
 from geometry_msgs.msg import Pose as PoseMsg
 from nav_msgs.msg import Odometry
@@ -77,6 +78,8 @@ COLOR_ORDERS = {
 }
 """Indices of red, green and blue among the channels of a colour image."""
 
+NS_PER_S = 1_000_000_000
+
 UNKNOWN_VARIANCE = 1e6
 """Variance of an unknown velocity, (m/s)^2 or (rad/s)^2."""
 
@@ -108,6 +111,17 @@ def buffer_of(data: NDArray[Any]) -> array.array[int]:
     buffer = array.array("B")
     buffer.frombytes(np.ascontiguousarray(data).ravel().view(np.uint8).data)
     return buffer
+
+
+def nanoseconds(stamp: Time) -> int:
+    """Return a stamp as one number; inverse: `stamp_from_nanoseconds`."""
+    return int(stamp.sec) * NS_PER_S + int(stamp.nanosec)
+
+
+def stamp_from_nanoseconds(stamp_ns: int) -> Time:
+    """Return the stamp of nanoseconds since the epoch, 0 or more."""
+    sec, nanosec = divmod(stamp_ns, NS_PER_S)
+    return Time(sec=sec, nanosec=nanosec)
 
 
 def pose_to_msg(pose: Pose) -> PoseMsg:

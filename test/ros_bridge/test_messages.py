@@ -20,7 +20,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics, Pose
 from oaisys_ros_bridge import clouds, conversions
-from oaisys_ros_bridge.publishing import trajectory_topics
+from oaisys_ros_bridge.publishing import rig_topics
 
 HEADER = Header(stamp=Time(sec=7, nanosec=9), frame_id="somewhere")
 CAMERA = PinholeIntrinsics(8, 6, 7.5, 7.25, 3.5, 2.25)
@@ -338,7 +338,7 @@ def test_a_frustum_ends_in_the_corners_of_the_image() -> None:
     T[:3, 3] = (1.0, 2.0, 3.0)
     bent = replace(WIDE, distortion=(-0.05, 0.01, 0.002, -0.001, 0.0003))
 
-    marker = trajectory_topics.frustum_to_marker(bent, T, 2.0, HEADER, ns="left", number=7)
+    marker = rig_topics.frustum_to_marker(bent, T, 2.0, HEADER, ns="left", number=7)
 
     assert (marker.ns, marker.id, marker.header) == ("left", 7, HEADER)
     assert (marker.type, marker.action) == (Marker.LINE_LIST, Marker.ADD)

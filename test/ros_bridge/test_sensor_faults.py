@@ -19,13 +19,13 @@ from oaisys_core.sensing.faults import (
     Shot,
     drift_covariance,
     measured_depth,
+    measured_frame,
     odometry_covariance,
 )
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Pose
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
-from oaisys_ros_bridge.publishing.options import PublishingOptions
-from oaisys_ros_bridge.publishing.sample_publisher import measured as of_the_bridge
+from oaisys_ros_bridge.publishing.sample_publisher import depth_faults
 
 SHAPE = (240, 320)
 FX_PX = 541.14
@@ -52,16 +52,15 @@ def test_parameters_offer_all_laws_and_no_fault_by_default() -> None:
     defaults = {row.name: row.default for row in BRIDGE}
 
     assert BRIDGE["faults.depth_noise"].choices == NOISE_LAWS
-    options = PublishingOptions.of(defaults)
-    assert options.depth_faults == DepthFaults()
-    assert options.drift_sigmas == (0.0, 0.0)
+    assert depth_faults(defaults) == DepthFaults()
+    assert (defaults["faults.drift_m"], defaults["faults.drift_rad"]) == (0.0, 0.0)
     for name, value in (
         ("faults.depth_noise", "kinect"),
         ("faults.min_depth_m", 0.1),
         ("faults.max_depth_m", 9.0),
         ("faults.missing_ratio", 0.1),
     ):
-        assert PublishingOptions.of({**defaults, name: value}).depth_faults.active
+        assert depth_faults({**defaults, name: value}).active
 
 
 @pytest.mark.parametrize("noise", [law for law in NOISE_LAWS if law != "none"])
@@ -281,16 +280,16 @@ def test_the_simulator_makes_the_noise_that_the_bridge_makes(law: NoiseLaw) -> N
         samples.append([sim.step_sample() for _ in range(2)][-1])
     true, simulated = samples
     values = {row.name: row.default for row in BRIDGE}
-    options = PublishingOptions.of(values | {f"faults.{k}": v for k, v in faults.items()})
+    added = depth_faults(values | {f"faults.{k}": v for k, v in faults.items()})
     for frame in true.frames:
-        published = of_the_bridge(frame, true.outline, options).data
+        published = measured_frame(frame, added, Shot(true.batch_id, true.sample_id, "front")).data
         found = simulated.frame("front", frame.modality).data
         np.testing.assert_array_equal(published, found)
         assert (published != frame.data).any()
-    drift = PoseDrift().drifted(true.rig_pose, options.drift_sigmas, options.drift_seed, 1, 2)
+    drift = PoseDrift().drifted(true.rig_pose, (0.5, 0.1), 12, 1, 2)
     assert simulated.odometry is not None
     assert simulated.odometry.pose == drift
-    covariance = np.diag(drift_covariance(options.drift_sigmas, 2).reshape(6, 6))
+    covariance = np.diag(drift_covariance((0.5, 0.1), 2).reshape(6, 6))
     np.testing.assert_allclose(
         np.diag(odometry_covariance(simulated.odometry).reshape(6, 6)), covariance
     )

@@ -21,7 +21,7 @@ from rclpy.node import Node
 from oaisys_core.types import Sample
 from oaisys_msgs.msg import SampleReceipt
 from oaisys_ros_bridge.bridge.requests import Cancellation
-from oaisys_ros_bridge.publishing.stamps import nanoseconds
+from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, WINDOW
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, SampleName, shortfall
 

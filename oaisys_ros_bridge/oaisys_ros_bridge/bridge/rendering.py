@@ -19,8 +19,8 @@ from oaisys_ros_bridge.bridge.readers import Readers
 from oaisys_ros_bridge.bridge.requests import Cancellation, PendingMetadata, ViewRequest, rig_pose
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
+from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.publishing.sample_publisher import Publication
-from oaisys_ros_bridge.publishing.stamps import nanoseconds
 
 R = TypeVar("R")
 

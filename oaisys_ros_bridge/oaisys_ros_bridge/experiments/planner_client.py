@@ -18,12 +18,11 @@ from oaisys_core.errors import DeadlineExceededError, RenderError
 from oaisys_core.types import Pose
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.srv import SaveMesh, SetPose, StepBatch
-from oaisys_ros_bridge.conversions import image_from_msg, pose_to_stamped_msg
+from oaisys_ros_bridge.conversions import image_from_msg, nanoseconds, pose_to_stamped_msg
 from oaisys_ros_bridge.experiments.status import DISCOVERY_TIMEOUT_S, StackStatus
 from oaisys_ros_bridge.namespaces import namespace_arguments
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of
 from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY
-from oaisys_ros_bridge.publishing.stamps import nanoseconds
 from oaisys_ros_bridge.qos import SENSOR_QOS
 
 ARRIVAL_TIMEOUT_S = 20.0

@@ -13,9 +13,9 @@ from oaisys_core.errors import RenderError
 from oaisys_msgs.msg import MapStatus, SampleReceipt
 from oaisys_ros_bridge.bridge.readers import state_of
 from oaisys_ros_bridge.bridge.status import FIRST_BATCH_ERROR, SUBSCRIBERS
+from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.namespaces import DOMAIN_VARIABLE
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode
-from oaisys_ros_bridge.publishing.stamps import nanoseconds
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import shortfall
 

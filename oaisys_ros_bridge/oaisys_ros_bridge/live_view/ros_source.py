@@ -19,10 +19,10 @@ from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report.web_viewer import PosedImages
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
 from oaisys_ros_bridge.clouds import mesh_from_marker
+from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.live_view.source import LiveSource, LiveUpdate, posed_images
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode
-from oaisys_ros_bridge.publishing.stamps import nanoseconds
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SENSOR_QOS, TF_QOS
 from oaisys_ros_bridge.subscribing.frame_assembly import COLOR_WAIT_S, FrameAssembler
 

@@ -20,8 +20,8 @@ from tf2_msgs.msg import TFMessage
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import DEPTH, RGB
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
+from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.mapper.fusion import DepthFrame, Fusion
-from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK, nanoseconds
 from oaisys_ros_bridge.qos import (
     DEEP_QOS,
     LATCHED_HISTORY_QOS,
@@ -31,6 +31,7 @@ from oaisys_ros_bridge.qos import (
 from oaisys_ros_bridge.subscribing.frame_assembly import COLOR_WAIT_S, FrameAssembler
 from oaisys_ros_bridge.subscribing.sample_ledger import SampleLedger
 from oaisys_ros_bridge.subscribing.sample_watch import counting_losses, name_of
+from oaisys_ros_bridge.timers import steady_timer
 
 BATCH_TOPIC = "oaisys_bridge/batch"
 SAMPLE_INFO_TOPIC = "oaisys_bridge/sample_info"
@@ -132,7 +133,8 @@ class MapperInputs:
             SampleInfo, SAMPLE_INFO_TOPIC, partial(self._end_sample, camera), SMALL_MESSAGE_QOS
         )
         if values["use_color"] or values["use_semantics"]:
-            self._node.create_timer(COLOR_WAIT_S / 2, self._give_up_color, clock=STEADY_CLOCK)
+            group = self._node.default_callback_group
+            steady_timer(self._node, COLOR_WAIT_S / 2, self._give_up_color, group)
         if values["clear_on_batch"]:
             self._node.create_subscription(SampleInfo, BATCH_TOPIC, self._on_batch, LATCHED_QOS)
         for kind, message_type, topic in inputs:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from rclpy.node import Node
-from rclpy.time import Time
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
@@ -17,6 +16,7 @@ from oaisys_core.errors import OaisysError
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.voxels.semantic_fusion import class_colors
 from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
+from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.mapper.fusion import Fusion
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
@@ -57,7 +57,7 @@ class MeshTopics:
 
     def publish(self, mesh: ColoredMesh) -> None:
         """Publish a surface; triangles are merged if there are too many for a message."""
-        stamp = Time(nanoseconds=self._fusion.state.stamp_ns).to_msg()
+        stamp = stamp_from_nanoseconds(self._fusion.state.stamp_ns)
         header = Header(stamp=stamp, frame_id=self._settings()["map_frame"])
         if self._settings()["mesh_colors"] == "class" and mesh.class_ids is not None:
             mesh = replace(mesh, colors_rgb=class_colors(mesh.class_ids))

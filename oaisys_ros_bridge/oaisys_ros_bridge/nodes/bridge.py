@@ -37,9 +37,9 @@ from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow
-from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK
 from oaisys_ros_bridge.simulation_interfaces.simulation_control import SimulationControl
 from oaisys_ros_bridge.simulation_interfaces.worlds import WorldRequest
+from oaisys_ros_bridge.timers import steady_timer
 
 if TYPE_CHECKING:
     from oaisys_ros_bridge.simulation_interfaces.services import SimulationServices
@@ -217,12 +217,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         for kind, name, callback in services:
             group = MutuallyExclusiveCallbackGroup()
             self.create_service(kind, name, callback, callback_group=group)
-        self.create_timer(
-            DIAGNOSTICS_PERIOD_S,
-            self._publish_diagnostics,
-            callback_group=MutuallyExclusiveCallbackGroup(),
-            clock=STEADY_CLOCK,
-        )
+        steady_timer(self, DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
 
     def _on_set_pose(self, request: SetPose.Request, response: SetPose.Response) -> Any:
         try:

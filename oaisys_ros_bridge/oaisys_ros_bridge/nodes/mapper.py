@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
-from rclpy.time import Time
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
@@ -27,16 +26,17 @@ from oaisys_mapping.mesh_io import write_ply
 from oaisys_mapping.tsdf import TsdfVolume
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import Evaluate, SaveMesh
+from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.mapper.fusion import Fusion
 from oaisys_ros_bridge.mapper.inputs import IN_MAP, SAMPLE_INFO_TOPIC, MapperInputs
 from oaisys_ros_bridge.mapper.mesh_topics import MeshTopics
 from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.parameters.mapper import MAPPER, tsdf_config
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
-from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
 from oaisys_ros_bridge.subscribing.sample_watch import SampleWatch, losses_msg
+from oaisys_ros_bridge.timers import steady_timer
 
 VOLUME_SUFFIX = ".npz"
 """Suffix with which ``~/save_mesh`` writes the whole volume instead of its mesh."""
@@ -127,12 +127,7 @@ class MapperNode(ParameterNode, Node):
         ):
             self.create_service(kind, name, callback, callback_group=group)
         if mesh_period_s > 0:
-            self.create_timer(
-                mesh_period_s,
-                self._mesh_topics.publish_new,
-                callback_group=group,
-                clock=STEADY_CLOCK,
-            )
+            steady_timer(self, mesh_period_s, self._mesh_topics.publish_new, group)
 
     def _on_save_mesh(self, request: SaveMesh.Request, response: SaveMesh.Response) -> Any:
         try:
@@ -228,7 +223,7 @@ class MapperNode(ParameterNode, Node):
         with self._status_lock:  # an older state must not follow a newer one
             state = self._fusion.state
             samples = self._samples.ledger.state.since(self._before_map)
-            stamp = Time(nanoseconds=state.stamp_ns).to_msg()
+            stamp = stamp_from_nanoseconds(state.stamp_ns)
             status = MapStatus(
                 header=Header(stamp=stamp, frame_id=self.parameters["map_frame"]),
                 frames_received=state.received,

@@ -36,7 +36,6 @@ from oaisys_ros_bridge.namespaces import TF
 from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.parameters.bags import RECORDER
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
-from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK
 from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 from oaisys_ros_bridge.subscribing.sample_watch import (
     SAMPLE_INFO,
@@ -44,6 +43,7 @@ from oaisys_ros_bridge.subscribing.sample_watch import (
     counting_losses,
     name_of,
 )
+from oaisys_ros_bridge.timers import steady_timer
 
 WARNING_PERIOD_S = 3.0
 """How often requested topics without a publisher are looked for, to warn of them."""
@@ -111,10 +111,11 @@ class RecorderNode(ParameterNode, Node):
         self._counted: set[str] = set()
         self._recording = self.create_publisher(Bool, "~/recording", LATCHED_QOS)
         self._missing = ""
-        self.create_timer(DISCOVERY_PERIOD_S, self._discover, clock=STEADY_CLOCK)
-        self.create_timer(WARNING_PERIOD_S, self._warn_of_missing, clock=STEADY_CLOCK)
+        group = self.default_callback_group
+        steady_timer(self, DISCOVERY_PERIOD_S, self._discover, group)
+        steady_timer(self, WARNING_PERIOD_S, self._warn_of_missing, group)
         if values["duration_s"]:
-            self.create_timer(values["duration_s"], stop.set, clock=STEADY_CLOCK)
+            steady_timer(self, values["duration_s"], stop.set, group)
 
     def close(self) -> None:
         """Record what has been sent but not received, then close the bag."""

@@ -1,29 +1,39 @@
-"""Publishes samples: every message of one sample with one stamp."""
+"""Publishes samples: every message of one sample with one stamp, and ``~/sample_info`` about it."""
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from itertools import count
 from typing import Any
 
 from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Pose as PoseMsg
 from rclpy.node import Node
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from oaisys_core.sensing.faults import Shot, measured_frame
-from oaisys_core.types import DEPTH, RGB, Frame, FrameName, Sample, SampleOutline, SimulatorInfo
-from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.publishing.options import PublishingOptions
+from oaisys_core.geometry import pose_from_matrix
+from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
+from oaisys_core.types import (
+    DEPTH,
+    RGB,
+    Frame,
+    FrameName,
+    Pose,
+    Provenance,
+    Sample,
+    SampleOutline,
+    SimulatorInfo,
+)
+from oaisys_msgs.msg import SampleInfo, SensorPose
+from oaisys_ros_bridge.conversions import pose_to_msg
 from oaisys_ros_bridge.publishing.publishers import Publishers
-from oaisys_ros_bridge.publishing.rig_topics import RigTopics
-from oaisys_ros_bridge.publishing.sample_info import sample_info_msg
+from oaisys_ros_bridge.publishing.rig_topics import RigTopics, TrajectoryTopics
 from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, sensor_namespace
-from oaisys_ros_bridge.publishing.trajectory_topics import TrajectoryTopics
 from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 
 
@@ -36,6 +46,11 @@ class SamplePublisher:
         settings: Returns the values of the node's parameters; the names of frames are read now,
             everything else once for each sample.
         numbers: Sequence numbers of the samples.
+
+    Attributes:
+        publishers: All of them.
+        rig, trajectory: The topics of the rig.
+        sensors: The topics of each sensor, by its name.
     """
 
     def __init__(
@@ -51,15 +66,15 @@ class SamplePublisher:
         values = settings()
         self._map_frame = values["map_frame"]
         self._numbers = numbers or count(1)
-        self._publishers = Publishers(node)
-        self._rig = RigTopics(
-            self._publishers, self._map_frame, values["base_frame"], values["odom_frame"]
+        self.publishers = Publishers(node)
+        self.rig = RigTopics(
+            self.publishers, self._map_frame, values["base_frame"], values["odom_frame"]
         )
-        self._sample_info = self._publishers.offer(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
-        self._trajectory = TrajectoryTopics(node, self._publishers, self._map_frame)
-        self._sensors = {
+        self._sample_info = self.publishers.offer(SampleInfo, "~/sample_info", SMALL_MESSAGE_QOS)
+        self.trajectory = TrajectoryTopics(node, self.publishers, self._map_frame)
+        self.sensors = {
             sensor.name: SensorTopics(
-                self._publishers,
+                self.publishers,
                 sensor,
                 sensor_namespace(sensor.name, info.sensors),
                 values["frame_prefix"],
@@ -78,43 +93,22 @@ class SamplePublisher:
         before, self._info = self._info, info
         if dict(info.semantic_labels) != dict(before.semantic_labels):
             self._publish_labels()
-        self._trajectory.enter((info.config_sha256, info.seed, info.batch_id))
+        self.trajectory.enter((info.config_sha256, info.seed, info.batch_id))
 
     def destroy(self) -> None:
         """Take the publishers off the node."""
-        self._trajectory.destroy()
-        self._publishers.destroy()
-
-    def repeat_transforms(self, stamp: Time) -> None:
-        """Publish the rig's last transforms again under another stamp."""
-        self._rig.repeat(stamp)
+        self.trajectory.destroy()
+        self.publishers.destroy()
 
     def begin(self, outline: SampleOutline, stamp: Time) -> Publication:
         """Begin to publish a sample: publish where the rig is."""
-        self._publishers.used.clear()
-        options = PublishingOptions.of(self._settings())
-        publication = Publication(self, outline, stamp, options)
-        with publication.timed():
-            self._rig.publish(outline, stamp, options)
-        return publication
+        return Publication(self, outline, stamp, self._settings())
 
-    def publish_frame(self, frame: Frame, stamp: Time, options: PublishingOptions) -> None:
-        """Publish an image and its camera."""
-        self._sensors[frame.sensor].publish_frame(frame, stamp, options)
-
-    def publish_cloud(
-        self, depth: Frame, color: Frame | None, stamp: Time, options: PublishingOptions
-    ) -> None:
-        """Publish the cloud of a sensor's depth, in colour if there is one."""
-        self._sensors[depth.sensor].publish_cloud(depth, color, stamp, options)
-
-    def finish(self, sample: Sample, stamp: Time, options: PublishingOptions) -> None:
-        """Publish path and viewpoints, and announce that the sample is complete."""
-        self._trajectory.add(sample, stamp, options)
+    def announce(self, sample: Sample, stamp: Time, faults: DepthFaults) -> None:
+        """Announce that a sample is complete."""
         header = Header(stamp=stamp, frame_id=self._map_frame)
-        faults = options.depth_faults
         faults_json = json.dumps(asdict(faults)) if faults.active else ""
-        number, topics = next(self._numbers), self._publishers.used
+        number, topics = next(self._numbers), self.publishers.used
         self._sample_info.publish(
             sample_info_msg(sample, header, faults_json, sequence=number, topics=topics)
         )
@@ -122,13 +116,13 @@ class SamplePublisher:
     def _publish_mounts(self, base_frame: str) -> None:
         """Latch where each camera sits on the rig."""
         stamp = self._node.get_clock().now().to_msg()
-        mounts = [m for topics in self._sensors.values() for m in topics.mount(base_frame, stamp)]
-        publisher = self._publishers.offer(TFMessage, "/tf_static", LATCHED_QOS)
+        mounts = [m for topics in self.sensors.values() for m in topics.mount(base_frame, stamp)]
+        publisher = self.publishers.offer(TFMessage, "/tf_static", LATCHED_QOS)
         publisher.publish(TFMessage(transforms=mounts))
 
     def _publish_labels(self) -> None:
         stamp = self._node.get_clock().now().to_msg()
-        for topics in self._sensors.values():
+        for topics in self.sensors.values():
             topics.publish_labels(self._info.semantic_labels, stamp)
 
 
@@ -150,31 +144,38 @@ class Publication:
         publisher: SamplePublisher,
         outline: SampleOutline,
         stamp: Time,
-        options: PublishingOptions,
+        values: Mapping[str, Any],
     ) -> None:
         self.stamp = stamp
         self.seconds = 0.0
         self._publisher = publisher
         self._outline = outline
-        self._options = options
+        self._values = values
+        self._faults = depth_faults(values)
         self._frames: dict[FrameName, Frame] = {}
+        publisher.publishers.used.clear()
+        with self._timed():
+            publisher.rig.publish(outline, stamp, values)
 
     def add(self, frame: Frame) -> None:
-        """Publish a frame, and the cloud that it completes."""
-        with self.timed():
-            frame = measured(frame, self._outline, self._options)
-            self._publisher.publish_frame(frame, self.stamp, self._options)
+        """Publish a frame with the faults of its sensor, and the cloud that it completes."""
+        with self._timed():
+            shot = Shot(self._outline.batch_id, self._outline.sample_id, frame.sensor)
+            frame = measured_frame(frame, self._faults, shot)
+            topics = self._publisher.sensors[frame.sensor]
+            topics.publish_frame(frame, self.stamp, self._values)
             self._frames[FrameName(frame.sensor, frame.modality)] = frame
             if frame.modality in (DEPTH, RGB):
                 self._publish_cloud(frame.sensor)
 
     def finish(self, sample: Sample) -> None:
-        """Announce that all of the sample has been published."""
-        with self.timed():
-            self._publisher.finish(sample, self.stamp, self._options)
+        """Publish path and viewpoints, and announce that the sample is complete."""
+        with self._timed():
+            self._publisher.trajectory.add(sample, self.stamp, self._values)
+            self._publisher.announce(sample, self.stamp, self._faults)
 
     @contextmanager
-    def timed(self) -> Iterator[None]:
+    def _timed(self) -> Iterator[None]:
         """Count the time of a block as spent on publishing."""
         started_s = time.monotonic()
         yield
@@ -185,8 +186,8 @@ class Publication:
         depth, color = FrameName(sensor, DEPTH), FrameName(sensor, RGB)
         needed = {depth, color}.intersection(self._outline.frames)
         if depth in self._frames and needed <= self._frames.keys():
-            self._publisher.publish_cloud(
-                self._frames[depth], self._frames.get(color), self.stamp, self._options
+            self._publisher.sensors[sensor].publish_cloud(
+                self._frames[depth], self._frames.get(color), self.stamp, self._values
             )
 
 
@@ -196,7 +197,89 @@ def _sensors(info: SimulatorInfo) -> list[object]:
     ]
 
 
-def measured(frame: Frame, outline: SampleOutline, options: PublishingOptions) -> Frame:
-    """Return a frame with the faults of its sensor."""
-    shot = Shot(outline.batch_id, outline.sample_id, frame.sensor)
-    return measured_frame(frame, options.depth_faults, shot)
+def depth_faults(values: Mapping[str, Any]) -> DepthFaults:
+    """Return the faults of depth images from the values of the bridge's parameters."""
+    return DepthFaults(
+        seed=values["faults.seed"],
+        noise=values["faults.depth_noise"],
+        sigma_m=values["faults.depth_sigma_m"],
+        sigma_per_m=values["faults.depth_sigma_per_m"],
+        min_depth_m=values["faults.min_depth_m"],
+        max_depth_m=values["faults.max_depth_m"],
+        missing_ratio=values["faults.missing_ratio"],
+    )
+
+
+def sample_info_msg(
+    sample: Sample,
+    header: Header,
+    faults_json: str = "",
+    *,
+    sequence: int = 0,
+    topics: Collection[str] = (),
+) -> SampleInfo:
+    """Return the message that describes a sample: its frames, poses and provenance.
+
+    Args:
+        sample: A complete sample.
+        header: Stamp of the sample, and frame of its poses.
+        faults_json: Faults that were added to its depth; empty: none.
+        sequence: Its number among all published samples; 0: unknown.
+        topics: Full names of the topics on which its messages were published.
+    """
+    frames: dict[str, list[Frame]] = {}
+    for frame in sample.frames:
+        frames.setdefault(frame.sensor, []).append(frame)
+    how = {field.name: getattr(sample.provenance, field.name) for field in fields(Provenance)}
+    return SampleInfo(
+        header=header,
+        batch_id=sample.batch_id,
+        sample_id=sample.sample_id,
+        rig_pose=pose_to_msg(sample.rig_pose),
+        sensors=[_sensor_pose_msg(sensor, of_it) for sensor, of_it in frames.items()],
+        render_time=sample.render_time_s,
+        from_cache=sample.from_cache,
+        faults_json=faults_json,
+        sequence=sequence,
+        topics=sorted(topics),
+        **how,
+    )
+
+
+def outline_from_msg(msg: SampleInfo) -> SampleOutline:
+    """Return the outline of the sample that a message describes; see `sample_info_msg`."""
+    how = {field.name: getattr(msg, field.name) for field in fields(Provenance)}
+    names = [FrameName(sensor.sensor, m) for sensor in msg.sensors for m in sensor.modalities]
+    return SampleOutline(
+        batch_id=msg.batch_id,
+        sample_id=msg.sample_id,
+        rig_pose=_exact_pose(msg.rig_pose),
+        frames=tuple(names),
+        provenance=Provenance(**how),
+        from_cache=msg.from_cache,
+    )
+
+
+def _exact_pose(msg: PoseMsg) -> Pose:
+    """Return the pose of a message bit for bit, without normalising it."""
+    p, q = msg.position, msg.orientation
+    return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+
+
+def batch_info_msg(info: SimulatorInfo, header: Header) -> SampleInfo:
+    """Return the message that announces a new world, before there is a sample of it."""
+    known = {field.name for field in fields(Provenance)} & {field.name for field in fields(info)}
+    return SampleInfo(
+        header=header,
+        batch_id=info.batch_id,
+        **{name: getattr(info, name) for name in known},
+    )
+
+
+def _sensor_pose_msg(sensor: str, frames: list[Frame]) -> SensorPose:
+    return SensorPose(
+        sensor=sensor,
+        modalities=[frame.modality for frame in frames],
+        pose=pose_to_msg(pose_from_matrix(frames[0].T_map_camera)),
+        k=frames[0].intrinsics.K.ravel(),
+    )

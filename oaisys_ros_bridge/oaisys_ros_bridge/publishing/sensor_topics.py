@@ -30,7 +30,7 @@ from oaisys_core.types import (
     semantic_level,
 )
 from oaisys_msgs.msg import SemanticLabel, SemanticLabels
-from oaisys_ros_bridge.clouds import depth_to_cloud_msg
+from oaisys_ros_bridge.clouds import CloudOptions, depth_to_cloud_msg
 from oaisys_ros_bridge.conversions import (
     image_to_msg,
     intrinsics_to_msg,
@@ -41,10 +41,10 @@ from oaisys_ros_bridge.publishing.compressed import (
     COLORS,
     IDS,
     LABELS,
+    Compression,
     compressed_depth_to_msg,
     compressed_to_msg,
 )
-from oaisys_ros_bridge.publishing.options import PublishingOptions
 from oaisys_ros_bridge.publishing.publishers import Publishers, is_heard
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
@@ -135,8 +135,14 @@ class SensorTopics:
                 topic = f"{self._namespace}/{modality}/labels"
                 self._publishers.offer(SemanticLabels, topic, LATCHED_QOS).publish(message)
 
-    def publish_frame(self, frame: Frame, stamp: Time, options: PublishingOptions) -> None:
-        """Publish an image, raw and compressed, and its camera_info."""
+    def publish_frame(self, frame: Frame, stamp: Time, values: Mapping[str, Any]) -> None:
+        """Publish an image, raw and compressed, and its camera_info.
+
+        Args:
+            frame: The image.
+            stamp: Of its sample.
+            values: Of the bridge's parameters.
+        """
         header = self._header(stamp)
         camera_info = self._camera_info(frame.modality)
         if is_heard(camera_info):
@@ -148,20 +154,22 @@ class SensorTopics:
             self._publishers.send(image, image_to_msg(frame.data, encoding_of(frame), header))
         heard = [p for p in self._compressed(frame.modality) if is_heard(p)]
         if heard:
-            compressed = _compressed_msg(frame, header, options)
+            compression = Compression(**_section(values, "compressed"))
+            compressed = _compressed_msg(frame, header, compression)
             for publisher in heard:
                 self._publishers.send(publisher, compressed)
 
     def publish_cloud(
-        self, depth: Frame, color: Frame | None, stamp: Time, options: PublishingOptions
+        self, depth: Frame, color: Frame | None, stamp: Time, values: Mapping[str, Any]
     ) -> None:
         """Publish the cloud of a depth image, black where there is no colour image."""
         publisher = self._cloud()
-        if not (options.points and is_heard(publisher)):
+        if not (values["publish_points"] and is_heard(publisher)):
             return
         rgb = None if color is None else color.data
         header = self._header(stamp)
-        cloud = depth_to_cloud_msg(depth.data, rgb, depth.intrinsics, header, options.cloud)
+        options = CloudOptions(**_section(values, "cloud"))
+        cloud = depth_to_cloud_msg(depth.data, rgb, depth.intrinsics, header, options)
         self._publishers.send(publisher, cloud)
 
     def _header(self, stamp: Time) -> Header:
@@ -186,7 +194,13 @@ class SensorTopics:
         return self._publishers.offer(PointCloud2, topic, SENSOR_QOS)
 
 
-def _compressed_msg(frame: Frame, header: Header, options: PublishingOptions) -> Any:
+def _compressed_msg(frame: Frame, header: Header, compression: Compression) -> Any:
     if COMPRESSED_DEPTH in compressed_variants(frame.modality):
-        return compressed_depth_to_msg(frame.data, header, options.compression)
-    return compressed_to_msg(frame.data, encoding_of(frame), header, options.compression)
+        return compressed_depth_to_msg(frame.data, header, compression)
+    return compressed_to_msg(frame.data, encoding_of(frame), header, compression)
+
+
+def _section(values: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Return the parameters ``NAME.*`` without the prefix."""
+    prefix = f"{name}."
+    return {k.removeprefix(prefix): v for k, v in values.items() if k.startswith(prefix)}

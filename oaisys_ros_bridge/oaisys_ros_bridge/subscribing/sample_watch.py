@@ -7,16 +7,15 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.time import Time
 from std_msgs.msg import Header
 
 from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt
-from oaisys_ros_bridge.publishing.stamps import STEADY_CLOCK, nanoseconds
+from oaisys_ros_bridge.conversions import nanoseconds, stamp_from_nanoseconds
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import SampleLedger, SampleName
+from oaisys_ros_bridge.timers import steady_timer
 
 SAMPLE_INFO, RECEIPTS = "sample_info", "receipts"
 EXPIRY_PERIOD_S = 0.5
@@ -48,8 +47,7 @@ class SampleWatch:
         self.ledger = SampleLedger(info_topic, self._settled)
         topic = f"{info_topic.rpartition('/')[0]}/{RECEIPTS}"
         self._publisher = node.create_publisher(SampleReceipt, topic, LATCHED_QOS)
-        group = MutuallyExclusiveCallbackGroup()
-        node.create_timer(EXPIRY_PERIOD_S, self.ledger.expire, group, STEADY_CLOCK)
+        steady_timer(node, EXPIRY_PERIOD_S, self.ledger.expire)
         self._tell()
 
     def end(self) -> None:
@@ -69,7 +67,7 @@ class SampleWatch:
             last = state.last or SampleName(0, 0, 0)
             self._publisher.publish(
                 SampleReceipt(
-                    header=Header(stamp=Time(nanoseconds=last.stamp_ns).to_msg()),
+                    header=Header(stamp=stamp_from_nanoseconds(last.stamp_ns)),
                     node=self._node_name,
                     batch_id=last.batch_id,
                     sample_id=last.sample_id,

@@ -20,7 +20,7 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Sample
 from oaisys_ros_bridge.bags.writing import BagWriter, RecordedTopic, qos_entry
 from oaisys_ros_bridge.conversions import image_to_msg
-from oaisys_ros_bridge.publishing.sample_info import outline_from_msg, sample_info_msg
+from oaisys_ros_bridge.publishing.sample_publisher import outline_from_msg, sample_info_msg
 from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY, encoding_of
 
 MODALITIES = ["rgb", "depth", "range", "semantic_0", "instance", "normal"]

@@ -20,11 +20,10 @@ from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectory
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.planner import level_poses_towards
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.conversions import pose_to_msg
+from oaisys_ros_bridge.conversions import nanoseconds, pose_to_msg
 from oaisys_ros_bridge.experiments.planner_client import PlannerClient, ReceivedView
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC
-from oaisys_ros_bridge.publishing.stamps import nanoseconds
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, SENSOR_QOS, TF_QOS
 from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler
 
