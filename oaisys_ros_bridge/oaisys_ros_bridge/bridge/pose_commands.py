@@ -1,8 +1,4 @@
-"""Topics ``command/pose`` and ``command/trajectory``: the poses of the newest command are rendered.
-
-The poses that are left of a command are kept here: the middleware's queue of one message cannot let
-a pose replace a trajectory, which comes on another topic.
-"""
+"""Requests for several poses: ``command/pose``, ``command/trajectory`` and action ``~/sweep``."""
 
 from __future__ import annotations
 
@@ -12,13 +8,21 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
+from rclpy.action.server import ServerGoalHandle
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import CancelledError, OaisysError
+from oaisys_msgs.action import Sweep
+from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
 from oaisys_ros_bridge.bridge.rendering import Renderer
-from oaisys_ros_bridge.bridge.requests import ViewRequest, poses_of_trajectory
+from oaisys_ros_bridge.bridge.requests import (
+    Cancellation,
+    ViewRequest,
+    checked_frame,
+    poses_of_trajectory,
+)
 from oaisys_ros_bridge.qos import NEWEST_QOS
 
 
@@ -26,15 +30,13 @@ class PoseCommands:
     """Renders the poses of the newest command, each as a request of its own.
 
     A newer command replaces what is left of the one before as soon as it comes; the view that is
-    being rendered is finished first.
+    being rendered is finished first. The poses that are left are kept here: the middleware's queue
+    of one message cannot let a pose replace a trajectory, which comes on another topic.
 
     Args:
         node: The bridge.
         renderer: Renders the poses.
         settings: Returns the bridge's parameters.
-
-    Attributes:
-        dropped: How many poses were replaced before they were rendered.
     """
 
     def __init__(
@@ -45,7 +47,6 @@ class PoseCommands:
         self._node = node
         self._lock = threading.Lock()
         self._poses: deque[PoseStamped] = deque()
-        self.dropped = 0
         self._has_come = node.create_guard_condition(
             self._render, callback_group=MutuallyExclusiveCallbackGroup()
         )
@@ -56,11 +57,6 @@ class PoseCommands:
         )
         for kind, name, callback in commands:
             node.create_subscription(kind, name, callback, NEWEST_QOS, callback_group=group)
-
-    @property
-    def waiting(self) -> int:
-        """How many poses are still to be rendered."""
-        return len(self._poses)
 
     def clear(self) -> None:
         """Drop all poses."""
@@ -78,8 +74,9 @@ class PoseCommands:
 
     def _replace(self, poses: Sequence[PoseStamped]) -> None:
         with self._lock:
-            self.dropped += len(self._poses)
+            self._renderer.counts.dropped_commands += len(self._poses)
             self._poses = deque(poses)
+            self._renderer.counts.waiting_commands = len(self._poses)
         self._has_come.trigger()
 
     def _render(self) -> None:
@@ -92,4 +89,45 @@ class PoseCommands:
     def _pop(self) -> ViewRequest | None:
         """Return the next pose of the command that is the newest by now."""
         with self._lock:
-            return ViewRequest(self._poses.popleft()) if self._poses else None
+            if not self._poses:
+                return None
+            pose = self._poses.popleft()
+            self._renderer.counts.waiting_commands = len(self._poses)
+            return ViewRequest(pose)
+
+
+def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
+    """Offer the action; each pose is a request of its own, so other requests come in between.
+
+    A sweep ends once our mapper and recorders have taken all samples. Otherwise its result says
+    which of them have not, and what they have lost.
+    """
+
+    def run(goal: ServerGoalHandle, cancellation: Cancellation, result: Sweep.Result) -> None:
+        array = goal.request.poses
+        before = renderer.readers.states()
+        checked_frame(array.header.frame_id, "poses.header.frame_id", renderer.map_frame)
+        for index, pose in enumerate(array.poses):
+            request = ViewRequest(PoseStamped(header=array.header, pose=pose))
+            try:
+                sample, _ = renderer.render(request, cancellation)
+            except CancelledError:
+                raise
+            except OaisysError as error:
+                raise OaisysError(f"poses.poses[{index}]: {error}") from error
+            result.sample_ids.append(sample.sample_id)
+            done, render_s = index + 1, sample.render_time_s
+            goal.publish_feedback(
+                Sweep.Feedback(index=done, total=len(array.poses), render_time=render_s)
+            )
+        renderer.readers.wait_until_taken(cancellation)
+        result.success = True
+        result.message = "; ".join(renderer.readers.shortfalls(before))
+
+    return GoalServer(node, GoalWork(Sweep, "~/sweep", run, _explain))
+
+
+def _explain(goal: ServerGoalHandle, result: Sweep.Result, reason: str) -> None:
+    """Write into a result why the sweep has failed, and how many poses it had rendered."""
+    total = len(goal.request.poses.poses)
+    result.message = f"{reason}; {len(result.sample_ids)} of {total} poses were rendered"

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, NamedTuple, TypeVar
@@ -43,6 +42,8 @@ class RenderCounts:
     Attributes:
         rendered: Samples that were published.
         failed: Requests that were refused or failed.
+        waiting_commands: Poses of the newest command that are still to be rendered.
+        dropped_commands: Poses of older commands that were replaced before they were rendered.
         last_stamp_ns: Stamp of the newest sample.
         last_render_s: How long the simulator took to render it.
         last_transfer_s: How long the bridge waited for it beyond that.
@@ -51,6 +52,8 @@ class RenderCounts:
 
     rendered: int = 0
     failed: int = 0
+    waiting_commands: int = 0
+    dropped_commands: int = 0
     last_stamp_ns: int = 0
     last_render_s: float = float("nan")
     last_transfer_s: float = float("nan")
@@ -202,9 +205,14 @@ class Renderer:
         try:
             cancellation.check()
             link = self._ready_link()
-            with self._rendering(cancellation):
+            self._current = cancellation  # from here on, `stop` can cancel it
+            self._idle.clear()
+            try:
                 self.readers.wait_for_room(cancellation)
                 return self._render(request, link, cancellation)
+            finally:
+                self._current = None
+                self._idle.set()
         except OaisysError:
             self.counts.failed += 1
             raise
@@ -225,17 +233,6 @@ class Renderer:
         ):
             raise NotReadyError(link.state.reason or "the bridge is not active yet")
         return link
-
-    @contextmanager
-    def _rendering(self, cancellation: Cancellation) -> Iterator[None]:
-        """Let `stop` cancel what runs in the block."""
-        self._current = cancellation
-        self._idle.clear()
-        try:
-            yield
-        finally:
-            self._current = None
-            self._idle.set()
 
     def _render(
         self, request: ViewRequest, link: SimulatorLink, cancellation: Cancellation

@@ -187,12 +187,10 @@ class SimulatorLink:
             yield client
         except InvalidInputError:
             raise
-        except WorkerLostError as error:
-            with self._lock:
-                self._enter(self._state.info, str(error))
-            self._wake.set()
-            raise
-        except OaisysError:
+        except OaisysError as error:
+            if isinstance(error, WorkerLostError):
+                with self._lock:
+                    self._enter(self._state.info, str(error))
             self._wake.set()
             raise
 

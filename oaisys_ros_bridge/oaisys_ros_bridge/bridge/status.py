@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rclpy.node import Node
 from std_msgs.msg import Bool
 
 from oaisys_core.types import SimulatorInfo
-from oaisys_ros_bridge.bridge.pose_commands import PoseCommands
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
+from oaisys_ros_bridge.nodes.managed_node import ACTIVE, ManagedNode
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
 BYTES_PER_MB = 1e6
@@ -30,76 +29,59 @@ SUBSCRIBERS = "subscribers "
 """Prefix of the keys that hold how many subscribers of a topic the bridge is matched with."""
 
 
-@dataclass(frozen=True)
-class BridgeState:
-    """The lifecycle state of the node.
-
-    Attributes:
-        name: Of the state.
-        is_active: Whether the bridge is active.
-        is_meant: Whether the bridge is meant to be active.
-    """
-
-    name: str
-    is_active: bool
-    is_meant: bool
-
-
 class BridgeStatus:
     """Publishes whether a view can be requested, and diagnostics of simulator and readers.
 
     Args:
         node: The bridge.
         renderer: Whose counts, link and readers are reported.
-        commands: Whose queue is reported.
+        settings: Returns the bridge's parameters.
     """
 
-    def __init__(self, node: Node, renderer: Renderer, commands: PoseCommands) -> None:
+    def __init__(
+        self, node: ManagedNode, renderer: Renderer, settings: Callable[[], Mapping[str, Any]]
+    ) -> None:
         self._node = node
         self._renderer = renderer
-        self._commands = commands
+        self._settings = settings
         self._ready_lock = threading.Lock()
         self._is_ready: bool | None = None
         self._ready = node.create_publisher(Bool, "~/ready", LATCHED_QOS)
         self._diagnostics = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
 
-    def publish_ready(self, state: BridgeState) -> None:
+    def publish_ready(self) -> None:
         """Publish whether a view can be requested, if that has changed."""
         with self._ready_lock:
             link = self._renderer.link
-            ready = link is not None and link.state.ready and state.is_active
+            ready = link is not None and link.state.ready and self._node.state == ACTIVE
             if ready != self._is_ready:
                 self._is_ready = ready
                 self._ready.publish(Bool(data=ready))
 
-    def publish_diagnostics(
-        self, state: BridgeState, address: str, reason: str | None = None
-    ) -> None:
+    def publish_diagnostics(self, reason: str | None = None) -> None:
         """Publish the status of the simulator and that of the readers.
 
         Args:
-            state: Of the node.
-            address: Where the simulator is, or shall be.
             reason: Why the simulator is not ready; None: the current reason.
         """
-        simulator = self._simulator_status(state, address, reason)
+        address = self._settings()["address"]
+        simulator = self._simulator_status(address, reason)
         array = DiagnosticArray(status=[simulator, self._readers_status(address)])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._diagnostics.publish(array)
 
-    def _simulator_status(
-        self, state: BridgeState, address: str, reason: str | None
-    ) -> DiagnosticStatus:
-        link = self._renderer.link
+    def _simulator_status(self, address: str, reason: str | None) -> DiagnosticStatus:
+        link, state_name = self._renderer.link, self._node.state_name
         if reason is None:
             reason = "" if link is None else link.state.reason
-        level = DiagnosticStatus.ERROR if state.is_meant else DiagnosticStatus.WARN
-        message = (reason if state.is_meant else "") or state.name
+        level, message = DiagnosticStatus.WARN, state_name
+        if self._node.aim == ACTIVE:
+            level, message = DiagnosticStatus.ERROR, reason or state_name
         if self._is_ready:
             level, message = DiagnosticStatus.OK, "ready"
         values = {
             "address": address,
-            "lifecycle_state": state.name,
+            "lifecycle_state": state_name,
             **_link_values(link),
             **self._renderer_values(),
             "memory_mb": resident_mb(),
@@ -115,10 +97,10 @@ class BridgeStatus:
         counts = self._renderer.counts
         return {
             "renderer": self._renderer.activity,
-            "queue": self._renderer.waiting + self._commands.waiting,
+            "queue": self._renderer.waiting + counts.waiting_commands,
             "rendered": counts.rendered,
             "failed": counts.failed,
-            "dropped_commands": self._commands.dropped,
+            "dropped_commands": counts.dropped_commands,
             "last_stamp_ns": counts.last_stamp_ns,
             "last_render_s": counts.last_render_s,
             "last_transfer_s": counts.last_transfer_s,

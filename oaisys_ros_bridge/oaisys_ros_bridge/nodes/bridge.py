@@ -14,7 +14,7 @@ from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_grpc.client.simulator_client import client_tls
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
-from oaisys_ros_bridge.bridge.pose_commands import PoseCommands
+from oaisys_ros_bridge.bridge.pose_commands import PoseCommands, sweep_server
 from oaisys_ros_bridge.bridge.readers import Readers
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.requests import (
@@ -23,8 +23,7 @@ from oaisys_ros_bridge.bridge.requests import (
     metadata_of_modules,
 )
 from oaisys_ros_bridge.bridge.simulator_link import LinkChange, SimulatorLink
-from oaisys_ros_bridge.bridge.status import BridgeState, BridgeStatus
-from oaisys_ros_bridge.bridge.sweep import sweep_server
+from oaisys_ros_bridge.bridge.status import BridgeStatus
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.nodes.managed_node import (
     ACTIVE,
@@ -74,12 +73,12 @@ class BridgeNode(ParameterNode, ManagedNode):
         )
         self._renderer.refusal = self._refusal("unconfigured")
         self._commands = PoseCommands(self, self._renderer, lambda: self.parameters)
-        self._status = BridgeStatus(self, self._renderer, self._commands)
+        self._status = BridgeStatus(self, self._renderer, lambda: self.parameters)
         self._sweeps = sweep_server(self, self._renderer)
         self._simulation = SimulationControl(self._renderer, self._topics)
         self._simulation_services = self._simulation_interfaces()
         self._offer_services()
-        self._status.publish_ready(self._bridge_state())
+        self._status.publish_ready()
         if self.parameters["autostart"]:
             self._renderer.refusal = ""
             self._start_link(self._new_link())
@@ -148,8 +147,8 @@ class BridgeNode(ParameterNode, ManagedNode):
 
     def on_settled(self) -> None:
         """Publish the new state; end the process after a shutdown."""
-        self._status.publish_ready(self._bridge_state())
-        self._publish_diagnostics()
+        self._status.publish_ready()
+        self._status.publish_diagnostics()
         if self.state == FINALIZED:
             self._stop.set()
 
@@ -217,7 +216,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         for kind, name, callback in services:
             group = MutuallyExclusiveCallbackGroup()
             self.create_service(kind, name, callback, callback_group=group)
-        steady_timer(self, DIAGNOSTICS_PERIOD_S, self._publish_diagnostics)
+        steady_timer(self, DIAGNOSTICS_PERIOD_S, self._status.publish_diagnostics)
 
     def _on_set_pose(self, request: SetPose.Request, response: SetPose.Response) -> Any:
         try:
@@ -271,28 +270,21 @@ class BridgeNode(ParameterNode, ManagedNode):
         link = self._renderer.link
         while link is not None and not link.changes.empty():
             self._follow(link, link.changes.get())
-        self._publish_diagnostics()
+        self._status.publish_diagnostics()
 
     def _follow(self, link: SimulatorLink, change: LinkChange) -> None:
         info, reason = change.after.info, change.after.reason
         self._topics.publish_configuration(link.config_json)
         self._renderer.update_topics()
-        self._status.publish_ready(self._bridge_state())
+        self._status.publish_ready()
         self.settle()
         if reason == change.before.reason:
             return
-        self._publish_diagnostics(reason)
+        self._status.publish_diagnostics(reason)
         if info is not None:
             self.get_logger().info(f"simulator at {link.address}: {reason or 'ready'}")
         else:
             self.get_logger().warning(f"simulator lost: {reason}")
-
-    def _bridge_state(self) -> BridgeState:
-        return BridgeState(self.state_name, self.state == ACTIVE, self.aim == ACTIVE)
-
-    def _publish_diagnostics(self, reason: str | None = None) -> None:
-        state, address = self._bridge_state(), self.parameters["address"]
-        self._status.publish_diagnostics(state, address, reason)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
