@@ -17,7 +17,7 @@ from oaisys_core.errors import DeadlineExceededError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Frame, FrameName, ModuleMetadata, SampleOutline
 from oaisys_grpc.client.simulator_client import SimulatorClient
-from oaisys_grpc.contract import conversions
+from oaisys_grpc.contract.metadata import metadata_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 
@@ -53,7 +53,7 @@ def parts_of(server: Server) -> list[pb.SamplePart]:
     """The parts of one sample, as they come over the wire."""
     with grpc.insecure_channel(server.address) as channel:
         stub = simulator_pb2_grpc.SimulatorServiceStub(channel)
-        metadata = conversions.metadata_to_proto(ModuleMetadata(sensor={"pose": POSE}))
+        metadata = metadata_to_proto(ModuleMetadata(sensor={"pose": POSE}))
         request = pb.RenderSampleRequest(metadata=metadata)
         events = stub.RenderSample(request, timeout=PATIENCE_S)
         return [event.part for event in events if event.HasField("part")]

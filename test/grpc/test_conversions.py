@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import fields, is_dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -30,9 +31,11 @@ from oaisys_core.types import (
     TriangleMesh,
 )
 from oaisys_grpc.client.sample_stream import sample_from_parts
-from oaisys_grpc.contract import chunks, conversions, encodings
+from oaisys_grpc.contract import metadata, operation, sample_messages, world_messages
+from oaisys_grpc.contract.arrays import CHUNK_BYTES, ArrayAssembly, array_chunks, raw_header
 from oaisys_grpc.contract.errors import STATUS_CODES, error_from_status, status_from_error
 from oaisys_grpc.contract.faults import ERROR_TYPES, error_from_fault, fault_from_error
+from oaisys_grpc.contract.metadata import metadata_to_proto
 from oaisys_grpc.contract.operation import (
     Kind,
     OperationStatus,
@@ -46,10 +49,11 @@ from oaisys_grpc.contract.sample_messages import (
     sample_from_messages,
     sample_to_messages,
 )
-from oaisys_grpc.contract.transfer import CHUNK_BYTES
+from oaisys_grpc.contract.shared_memory import copied_to_segment, segment_of
+from oaisys_grpc.contract.transfer import sample_to_parts
+from oaisys_grpc.contract.world_messages import mesh_from_parts, mesh_to_message
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.worker.protocol import Connection, WorkerMessage
-from oaisys_grpc.worker.shared_memory import copied_to_segment, segment_of
 
 POSE = Pose((1.25, -2.5, 1e-9), (0.5, -0.5, 0.5, math.sqrt(0.25)))
 INTRINSICS = PinholeIntrinsics(640, 480, 541.14, 540.9, 319.5, 239.25)
@@ -140,30 +144,30 @@ def assert_same(a: Any, b: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
+    ("module", "name", "value"),
     [
-        ("pose", POSE),
-        ("intrinsics", INTRINSICS),
-        ("provenance", PROVENANCE),
-        ("progress", Progress("terrain", 0.25)),
-        ("matrix", T),
-        ("metadata", METADATA),
-        ("metadata", ModuleMetadata()),
-        ("metadata", ModuleMetadata(sensor={}, render={})),
-        ("info", INFO),
-        ("heights", HEIGHTS),
+        (metadata, "pose", POSE),
+        (sample_messages, "intrinsics", INTRINSICS),
+        (sample_messages, "provenance", PROVENANCE),
+        (operation, "progress", Progress("terrain", 0.25)),
+        (sample_messages, "matrix", T),
+        (metadata, "metadata", METADATA),
+        (metadata, "metadata", ModuleMetadata()),
+        (metadata, "metadata", ModuleMetadata(sensor={}, render={})),
+        (world_messages, "info", INFO),
+        (world_messages, "heights", HEIGHTS),
     ],
 )
-def test_a_value_comes_back_as_it_was(name: str, value: Any) -> None:
-    message = getattr(conversions, f"{name}_to_proto")(value)
+def test_a_value_comes_back_as_it_was(module: ModuleType, name: str, value: Any) -> None:
+    message = getattr(module, f"{name}_to_proto")(value)
     if hasattr(message, "SerializeToString"):
         message = type(message).FromString(message.SerializeToString())
-    assert_same(getattr(conversions, f"{name}_from_proto")(message), value)
+    assert_same(getattr(module, f"{name}_from_proto")(message), value)
 
 
 def parts_of(sample: Sample) -> list[pb.SamplePart]:
     """The parts of a sample for a client that says nothing."""
-    return list(chunks.sample_to_parts(sample_to_messages(sample)))
+    return list(sample_to_parts(sample_to_messages(sample)))
 
 
 @pytest.mark.parametrize("size", [(480, 640), (1, 1), (1200, 1600)])
@@ -185,10 +189,10 @@ def test_a_frame_says_its_camera_matrix() -> None:
 
 @pytest.mark.parametrize("mesh", [MESH, TriangleMesh(MESH.vertices_m, MESH.triangles)])
 def test_a_mesh_comes_back_from_its_parts(mesh: TriangleMesh) -> None:
-    header, arrays = chunks.mesh_to_message(mesh)
-    pieces = [c for i, data in enumerate(arrays) for c in chunks.array_chunks(data, i)]
+    header, arrays = mesh_to_message(mesh)
+    pieces = [c for i, data in enumerate(arrays) for c in array_chunks(data, i)]
     parts = [header, *(pb.GetGroundTruthMeshResponse(chunk=chunk) for chunk in pieces)]
-    assert_same(chunks.mesh_from_parts(parts), mesh)
+    assert_same(mesh_from_parts(parts), mesh)
 
 
 @pytest.mark.parametrize("missing", [0, 1, 2, 3, -1])
@@ -200,10 +204,10 @@ def test_a_stream_with_a_gap_is_refused(missing: int) -> None:
 
 
 def test_a_header_that_contradicts_itself_allocates_nothing() -> None:
-    header = encodings.raw_header(np.zeros((2, 2), np.float32))
+    header = raw_header(np.zeros((2, 2), np.float32))
     header.shape[0] = 2**40
     with pytest.raises(OaisysError, match="shape"):
-        chunks.ArrayAssembly(header)
+        ArrayAssembly(header)
 
 
 @pytest.mark.parametrize(
@@ -216,7 +220,7 @@ def test_a_header_that_contradicts_itself_allocates_nothing() -> None:
 )
 def test_metadata_that_no_message_can_hold_is_refused(metadata: ModuleMetadata, field: str) -> None:
     with pytest.raises(InvalidInputError) as refused:
-        conversions.metadata_to_proto(metadata)
+        metadata_to_proto(metadata)
     assert refused.value.field == field
 
 

@@ -15,7 +15,7 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from oaisys_core.errors import InvalidInputError, OaisysError
-from oaisys_grpc.contract import encodings
+from oaisys_grpc.contract import arrays
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 LIMIT = 1 << 30
@@ -50,11 +50,11 @@ def smooth(dtype: str, shape: tuple[int, ...]) -> Any:
 
 def carried(array: Any, accepted: Sequence[Any]) -> tuple[pb.ArrayHeader, Any]:
     """The header and the array as they arrive."""
-    header, data = encodings.encoded(array, accepted)
+    header, data = arrays.encoded(array, accepted)
     assert data.size == header.byte_size
     header = pb.ArrayHeader.FromString(header.SerializeToString())
-    assert encodings.checked_nbytes(header, LIMIT) == array.nbytes
-    return header, encodings.decoded(header, np.frombuffer(data.tobytes(), np.uint8))
+    assert arrays.checked_nbytes(header, LIMIT) == array.nbytes
+    return header, arrays.decoded(header, np.frombuffer(data.tobytes(), np.uint8))
 
 
 def assert_same_bits(a: Any, b: Any) -> None:
@@ -65,16 +65,16 @@ def assert_same_bits(a: Any, b: Any) -> None:
 @given(ARRAYS)
 @BOUNDED
 def test_any_array_comes_back_bit_for_bit(array: Any) -> None:
-    for accepted in ([], [pb.ENCODING_PNG], [pb.ENCODING_SHUFFLED_ZLIB], [99, *encodings.CODECS]):
+    for accepted in ([], [pb.ENCODING_PNG], [pb.ENCODING_SHUFFLED_ZLIB], [99, *arrays.CODECS]):
         _, back = carried(array, accepted)
         assert_same_bits(back, array)
 
 
-@pytest.mark.parametrize("encoding", list(encodings.CODECS))
+@pytest.mark.parametrize("encoding", list(arrays.CODECS))
 @given(array=IMAGES)
 @BOUNDED
 def test_a_codec_loses_nothing_even_where_it_gains_nothing(encoding: int, array: Any) -> None:
-    codec = encodings.CODECS[encoding]
+    codec = arrays.CODECS[encoding]
     data = codec.encoded(array)
     assert data is not None
     assert_same_bits(codec.decoded(data, array.dtype, array.shape), array)
@@ -93,7 +93,7 @@ def test_special_floats_keep_their_bits(dtype: str) -> None:
 @pytest.mark.parametrize("dtype", TYPES)
 def test_zlib_and_the_words_of_the_proto_are_enough_to_decode(dtype: str) -> None:
     array = smooth(dtype, (30, 50)) * np.array(3, dtype)
-    header, data = encodings.encoded(array, [pb.ENCODING_SHUFFLED_ZLIB])
+    header, data = arrays.encoded(array, [pb.ENCODING_SHUFFLED_ZLIB])
     assert header.encoding == pb.ENCODING_SHUFFLED_ZLIB
     planes = zlib.decompress(data.tobytes())
     count, size = array.size, array.itemsize
@@ -106,7 +106,7 @@ def test_others_read_our_png_files(dtype: str, channels: tuple[int, ...]) -> Non
     array = smooth(dtype, (40, 60, *channels)) * np.array(1 if dtype == "u1" else 263, dtype)
     if dtype == "u4":
         array += np.uint32(200 << 24)
-    header, data = encodings.encoded(array, [pb.ENCODING_PNG])
+    header, data = arrays.encoded(array, [pb.ENCODING_PNG])
     assert header.encoding == pb.ENCODING_PNG
     pixels = np.asarray(Image.open(io.BytesIO(data.tobytes())))
     if dtype == "u4":
@@ -126,7 +126,7 @@ def test_png_files_of_others_are_read() -> None:
     for level in (1, 9):
         file = io.BytesIO()
         Image.fromarray(rgb).save(file, "PNG", compress_level=level, optimize=level == 9)
-        codec = encodings.CODECS[pb.ENCODING_PNG]
+        codec = arrays.CODECS[pb.ENCODING_PNG]
         assert_same_bits(codec.decoded(file.getvalue(), rgb.dtype, rgb.shape), rgb)
 
 
@@ -140,31 +140,31 @@ def test_the_first_encoding_that_makes_it_smaller_is_taken() -> None:
 
 
 def header_of(array: Any, encoding: Any, size: int) -> pb.ArrayHeader:
-    header = encodings.raw_header(array)
+    header = arrays.raw_header(array)
     header.encoding, header.byte_size = encoding, size
     return header
 
 
-@pytest.mark.parametrize("encoding", [pb.ENCODING_RAW, *encodings.CODECS])
+@pytest.mark.parametrize("encoding", [pb.ENCODING_RAW, *arrays.CODECS])
 def test_what_is_announced_is_checked_before_anything_is_allocated(encoding: Any) -> None:
     image = np.zeros((4, 4), np.uint16)
     header = header_of(image, encoding, 10**15)
     with pytest.raises(OaisysError, match="is not 1000000000000000 bytes"):
-        encodings.checked_nbytes(header, LIMIT)
+        arrays.checked_nbytes(header, LIMIT)
     header = header_of(image, encoding, 32)
     header.shape[:] = [2**40, 2**40]
     header.byte_size = 2**63
     with pytest.raises(OaisysError, match="this client takes 1073741824 at most"):
-        encodings.checked_nbytes(header, LIMIT)
+        arrays.checked_nbytes(header, LIMIT)
     header = header_of(image, encoding, 32)
     with pytest.raises(OaisysError, match="this client takes 31 at most"):
-        encodings.checked_nbytes(header, 31)
+        arrays.checked_nbytes(header, 31)
     header.data_type = pb.DATA_TYPE_UNSPECIFIED
     with pytest.raises(OaisysError, match="cannot read"):
-        encodings.checked_nbytes(header, LIMIT)
+        arrays.checked_nbytes(header, LIMIT)
     header = header_of(image, 57, 32)
     with pytest.raises(OaisysError, match="encoding 57"):
-        encodings.checked_nbytes(header, LIMIT)
+        arrays.checked_nbytes(header, LIMIT)
 
 
 def bomb() -> bytes:
@@ -197,10 +197,10 @@ def png(width: int, height: int) -> bytes:
 def test_bytes_that_are_not_the_array_are_refused(encoding: Any, data: bytes) -> None:
     header = header_of(np.zeros((4, 4), np.uint16), encoding, len(data))
     with pytest.raises(OaisysError):
-        encodings.decoded(header, np.frombuffer(data, np.uint8))
+        arrays.decoded(header, np.frombuffer(data, np.uint8))
 
 
 def test_an_encoding_that_there_is_not_is_refused_by_name() -> None:
     with pytest.raises(InvalidInputError) as refused:
-        encodings.encodings_from_names(["png", "jpeg"])
+        arrays.encodings_from_names(["png", "jpeg"])
     assert (refused.value.field, refused.value.received) == ("encodings", "jpeg")

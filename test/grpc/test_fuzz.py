@@ -18,7 +18,7 @@ from grpc_health.v1 import health_pb2, health_pb2_grpc
 from served_simulator import FLAT_WORLD, PATIENCE_S, Server
 
 from oaisys_core.geometry import pose_looking_down
-from oaisys_grpc.contract import conversions
+from oaisys_grpc.contract.metadata import pose_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 StartServer = Callable[..., Server]
@@ -68,7 +68,7 @@ def test_nothing_in_10000_requests_does_harm(start_server: StartServer, tmp_path
 
 def _stands(target: Target) -> tuple[int, int, bytes]:
     """Ids and the depth that comes next at one pose: equal for simulators that stand alike."""
-    pose = conversions.pose_to_proto(pose_looking_down(1, 2, 7))
+    pose = pose_to_proto(pose_looking_down(1, 2, 7))
     request = pb.RenderSampleRequest(
         metadata=pb.ModuleMetadata(sensor=pb.SensorMetadata(pose=pose)), modalities=["depth"]
     )

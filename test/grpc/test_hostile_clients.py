@@ -30,7 +30,7 @@ from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, wait_u
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import ModuleMetadata
-from oaisys_grpc.contract import conversions
+from oaisys_grpc.contract.metadata import metadata_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.server.limits import open_calls
 from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
@@ -244,9 +244,7 @@ def test_cameras_at_the_edge_of_floats_keep_nobody_waiting(start_server: StartSe
         worker = server.worker().pid
         step: Any = channel.unary_stream(OURS + "RenderSample")
         for extreme in EXTREMES:
-            typed = conversions.metadata_to_proto(
-                ModuleMetadata(sensor={"cameras": {"camera": extreme}})
-            )
+            typed = metadata_to_proto(ModuleMetadata(sensor={"cameras": {"camera": extreme}}))
             loose = pb.ModuleMetadata()
             loose.sensor.settings.update({"cameras": {"camera": extreme}})
             for metadata in (typed, loose):

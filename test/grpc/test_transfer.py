@@ -23,20 +23,32 @@ from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Frame, Sample
 from oaisys_grpc.client.sample_stream import SampleStream, sample_from_parts
-from oaisys_grpc.client.shared_memory_reader import Reader, SharedMemoryError, found_token, opened
 from oaisys_grpc.client.simulator_client import SimulatorClient
-from oaisys_grpc.contract import chunks, transfer
 from oaisys_grpc.contract.sample_messages import sample_to_messages
-from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
-from oaisys_grpc.worker import shared_memory
-from oaisys_grpc.worker.shared_memory import (
+from oaisys_grpc.contract.shared_memory import (
     Place,
     Probe,
+    Reader,
     Segment,
+    SharedMemoryError,
     copied_to_segment,
+    found_token,
+    opened,
+    place_of,
     segment_of,
 )
+from oaisys_grpc.contract.transfer import (
+    DEFAULT_TRANSFER,
+    Transfer,
+    frame_response,
+    granted,
+    place_from_proto,
+    sample_to_parts,
+    transfer_from_proto,
+    transfer_to_proto,
+)
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 
 StartServer = Callable[..., Server]
 CAMERA = {"width_px": 320, "height_px": 240, "fx_px": 270.0, "fy_px": 270.0}
@@ -44,7 +56,7 @@ WORLD = {**ROCKY_WORLD, "sensors": {"cameras": [CAMERA]}}
 POSE = pose_looking_down(1, 2, 7)
 
 TRANSFERS = st.builds(
-    transfer.Transfer,
+    Transfer,
     encodings=st.lists(st.sampled_from([1, 2, 3, 99]), unique=True).map(tuple),
     inline_bytes=st.integers(0, 200_000),
     chunk_bytes=st.integers(1_000, 500_000),
@@ -74,11 +86,9 @@ def clients(server: Server) -> dict[str, SimulatorClient]:
     }
 
 
-def parts_of(
-    sample: Sample, wanted: transfer.Transfer = transfer.DEFAULT_TRANSFER
-) -> list[pb.SamplePart]:
+def parts_of(sample: Sample, wanted: Transfer = DEFAULT_TRANSFER) -> list[pb.SamplePart]:
     """Parts of a sample as they come over a channel."""
-    parts = chunks.sample_to_parts(sample_to_messages(sample), wanted)
+    parts = sample_to_parts(sample_to_messages(sample), wanted)
     return [pb.SamplePart.FromString(part.SerializeToString()) for part in parts]
 
 
@@ -98,12 +108,12 @@ def descriptors() -> int:
 
 
 def lies_in_shared_memory(frame: Frame) -> bool:
-    return shared_memory.place_of(frame.data) is not None
+    return place_of(frame.data) is not None
 
 
 @given(TRANSFERS)
 @settings(max_examples=40, deadline=None)
-def test_a_sample_comes_back_whichever_way_it_goes(wanted: transfer.Transfer) -> None:
+def test_a_sample_comes_back_whichever_way_it_goes(wanted: Transfer) -> None:
     sample = make_sample(60, 80)
     parts = parts_of(sample, wanted)
     groups = [list(p.group.parts) if p.HasField("group") else [p] for p in parts]
@@ -114,13 +124,13 @@ def test_a_sample_comes_back_whichever_way_it_goes(wanted: transfer.Transfer) ->
     inline = [sum(len(p.frame.data) for p in group) for group in groups]
     assert all(size <= wanted.inline_bytes for size in inline)
     assert_same(sample_from_parts(parts), sample)
-    again = transfer.transfer_from_proto(transfer.transfer_to_proto(wanted))
+    again = transfer_from_proto(transfer_to_proto(wanted))
     assert again == wanted
 
 
 def test_a_small_sample_is_one_message_where_the_client_takes_groups() -> None:
     sample = make_sample(48, 64)
-    wanted = transfer.Transfer(inline_bytes=1 << 20, grouped=True)
+    wanted = Transfer(inline_bytes=1 << 20, grouped=True)
     (part,) = parts_of(sample, wanted)
     assert len(part.group.parts) == len(sample.frames) + 2
     assert_same(sample_from_parts([part]), sample)
@@ -192,7 +202,7 @@ def plain_stub(server: Server) -> Any:
 def test_memory_is_offered_to_none_but_those_who_read_it(server: Server) -> None:
     stub = plain_stub(server)
     info = stub.GetSimulatorInfo(pb.GetSimulatorInfoRequest())
-    place = transfer.place_from_proto(info.shared_memory_probe)
+    place = place_from_proto(info.shared_memory_probe)
     assert place.token == b""
     token = found_token(place)
     with server.client() as client:
@@ -244,9 +254,9 @@ def test_a_frame_too_large_for_one_message_is_refused() -> None:
     name = make_sample(2, 2).outline.frames[1]
     sample = sample_to_messages(make_sample(1200, 1600))
     with pytest.raises(InvalidInputError, match="GetSample"):
-        chunks.frame_response(sample, name, ())
+        frame_response(sample, name, ())
     with pytest.raises(NotFoundError, match="nose/depth"):
-        chunks.frame_response(sample, replace(name, sensor="nose"), ())
+        frame_response(sample, replace(name, sensor="nose"), ())
 
 
 def test_limits_hold_on_both_sides(server: Server) -> None:
@@ -265,12 +275,12 @@ def test_limits_hold_on_both_sides(server: Server) -> None:
         assert code_of(refused.value) == grpc.StatusCode.INVALID_ARGUMENT
         with pytest.raises(OaisysError, match="100000 at most"):
             client.ground_truth_mesh()
-    huge = transfer.Transfer(inline_bytes=1 << 31, chunk_bytes=1 << 31)
-    granted = transfer.granted(huge, None)
-    assert granted.inline_bytes == limits.max_inline_bytes
-    assert granted.chunk_bytes == limits.max_chunk_bytes
+    huge = Transfer(inline_bytes=1 << 31, chunk_bytes=1 << 31)
+    transfer = granted(huge, None)
+    assert transfer.inline_bytes == limits.max_inline_bytes
+    assert transfer.chunk_bytes == limits.max_chunk_bytes
     with pytest.raises(InvalidInputError, match=r"transfer\.max_chunk_bytes.*at least 1000"):
-        transfer.granted(transfer.Transfer(chunk_bytes=1), None)
+        granted(Transfer(chunk_bytes=1), None)
 
 
 def test_a_stream_with_a_frame_beyond_the_limit_is_refused_at_its_header() -> None:
@@ -288,7 +298,7 @@ def shared_parts(sample: Sample) -> tuple[list[Any], Segment]:
     assert segment is not None
     frames = tuple(replace(f, data=i) for f, i in zip(sample.frames, images, strict=True))
     shared = replace(sample, frames=frames)
-    wanted = transfer.Transfer(token=bytes(32))
+    wanted = Transfer(token=bytes(32))
     return parts_of(shared, wanted), segment
 
 
@@ -395,7 +405,7 @@ def test_large_files_are_copied_rather_than_kept() -> None:
     reader = Reader(max_bytes=5000)
     place, segment = a_file(bytes(range(250)) * 40)
     array = reader.read(place, 10_000, {})
-    assert shared_memory.place_of(array) is None
+    assert place_of(array) is None
     assert array.tobytes() == bytes(range(250)) * 40
     del segment
 

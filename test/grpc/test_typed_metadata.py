@@ -26,7 +26,7 @@ from oaisys_core.config.sections.sensors import DistortionConfig, LensConfig, Op
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.modules.assets.metadata import AssetMetadata, GroupEdit, ObjectEdit
 from oaisys_core.types import ModuleMetadata
-from oaisys_grpc.contract import conversions
+from oaisys_grpc.contract.metadata import metadata_from_proto, metadata_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 
@@ -110,8 +110,8 @@ metadata = st.builds(
 @given(metadata)
 @settings(max_examples=40, deadline=None)
 def test_all_metadata_come_back_typed_or_not(sent: ModuleMetadata) -> None:
-    message = pb.ModuleMetadata.FromString(conversions.metadata_to_proto(sent).SerializeToString())
-    came = conversions.metadata_from_proto(message)
+    message = pb.ModuleMetadata.FromString(metadata_to_proto(sent).SerializeToString())
+    came = metadata_from_proto(message)
     for part in ("sensor", "environment", "asset", "render", "custom"):
         assert getattr(came, part) == getattr(sent, part)
 
@@ -126,10 +126,10 @@ def test_typed_messages_say_what_structs_say(sent: ModuleMetadata) -> None:
         if values is not None:
             getattr(plain, part).SetInParent()
             getattr(plain, part).update(json.loads(json.dumps(values)))
-    typed = conversions.metadata_to_proto(sent)
+    typed = metadata_to_proto(sent)
     typed.ClearField("sensor")
     typed.ClearField("custom")
-    came = [vars(conversions.metadata_from_proto(message)) for message in (plain, typed)]
+    came = [vars(metadata_from_proto(message)) for message in (plain, typed)]
     assert json.dumps(came[0], sort_keys=True) == json.dumps(came[1], sort_keys=True)
 
 
@@ -142,7 +142,7 @@ def test_typed_fields_are_the_modules_keys(message: Any) -> None:
 
 
 def test_what_the_client_says_in_plain_cases_is_typed() -> None:
-    message = conversions.metadata_to_proto(
+    message = metadata_to_proto(
         ModuleMetadata(
             sensor={"cameras": {"left": {"lens": {"f_number": 4}, "cx_px": 1.5}}},
             environment={"sun_elevation_deg": [10, 20], "air": 2, "haze": {"visibility_m": 100}},
@@ -185,7 +185,7 @@ DOUBLED = dict(doubled())
 @pytest.mark.parametrize("path", DOUBLED)
 def test_a_key_that_comes_both_ways_is_refused(path: str) -> None:
     with pytest.raises(InvalidInputError) as refused:
-        conversions.metadata_from_proto(DOUBLED[path])
+        metadata_from_proto(DOUBLED[path])
     assert refused.value.field == path
     assert "not in both" in refused.value.expected
 

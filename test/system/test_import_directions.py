@@ -68,7 +68,7 @@ ROS = {
 }  # fmt: skip
 CLIENT_SIDE = (
     "oaisys_grpc.client.simulator_client",
-    "oaisys_grpc.contract.conversions",
+    "oaisys_grpc.contract.world_messages",
     "oaisys_grpc.memory",
 )
 

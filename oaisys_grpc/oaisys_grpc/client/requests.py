@@ -9,7 +9,7 @@ from google.protobuf.duration_pb2 import Duration
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata, Pose
-from oaisys_grpc.contract import conversions
+from oaisys_grpc.contract.metadata import metadata_to_proto, pose_to_proto
 from oaisys_grpc.contract.transfer import Transfer, transfer_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
@@ -80,9 +80,9 @@ def render_sample(
 
 def _metadata(pose: Pose | None, metadata: ModuleMetadata | None) -> pb.ModuleMetadata | None:
     if pose is None:
-        return None if metadata is None else conversions.metadata_to_proto(metadata)
-    message = conversions.metadata_to_proto(metadata or ModuleMetadata())
-    message.sensor.pose.CopyFrom(conversions.pose_to_proto(pose))
+        return None if metadata is None else metadata_to_proto(metadata)
+    message = metadata_to_proto(metadata or ModuleMetadata())
+    message.sensor.pose.CopyFrom(pose_to_proto(pose))
     return message
 
 

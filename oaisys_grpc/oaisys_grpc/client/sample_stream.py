@@ -8,18 +8,17 @@ from collections.abc import Callable, Iterable, Iterator
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import Frame, FrameName, Sample, SampleOutline
-from oaisys_grpc.client.shared_memory_reader import Reader, SharedMemoryError
-from oaisys_grpc.contract import encodings
-from oaisys_grpc.contract.chunks import ArrayAssembly
+from oaisys_grpc.contract import arrays
+from oaisys_grpc.contract.arrays import MAX_FRAME_BYTES, ArrayAssembly
 from oaisys_grpc.contract.sample_messages import (
     FrameMessage,
     complete_sample,
     frame_from_message,
     outline_from_proto,
 )
-from oaisys_grpc.contract.transfer import MAX_FRAME_BYTES, place_from_proto
+from oaisys_grpc.contract.shared_memory import Reader, Segment, SharedMemoryError
+from oaisys_grpc.contract.transfer import place_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-from oaisys_grpc.worker.shared_memory import Segment
 
 _LOG = logging.getLogger(__name__)
 
@@ -132,7 +131,7 @@ class SampleStream:
             yield from self._shared(header)
             return
         self._begun = header, ArrayAssembly(header.array, self._limit)
-        size = encodings.checked_nbytes(header.array, self._limit)
+        size = arrays.checked_nbytes(header.array, self._limit)
         self.largest_copied_bytes = max(self.largest_copied_bytes, size)
         if content == "data":
             yield from self._add(pb.Chunk(index=header.index, data=header.data))
@@ -154,7 +153,7 @@ class SampleStream:
 
     def _shared(self, header: pb.FrameHeader) -> Iterator[Frame]:
         """Yield a frame that lies in the server's memory, or note that it must be fetched."""
-        size = encodings.checked_nbytes(header.array, self._limit)
+        size = arrays.checked_nbytes(header.array, self._limit)
         try:
             if self._reader is None:
                 raise SharedMemoryError("this client reads no shared memory")
@@ -163,7 +162,7 @@ class SampleStream:
             _LOG.info("%s; the frame is fetched instead", error)
             self._unread.append(FrameName(header.sensor, header.modality))
             return
-        yield self._kept(FrameMessage(header, encodings.decoded(header.array, data)))
+        yield self._kept(FrameMessage(header, arrays.decoded(header.array, data)))
 
     def _fetched(self) -> Iterator[Frame]:
         if not self._unread or self._fetch is None:

@@ -14,15 +14,15 @@ from oaisys_core.types import Progress, Sample
 from oaisys_grpc.addresses import is_this_machine
 from oaisys_grpc.client.channel import Channel, translated
 from oaisys_grpc.client.sample_stream import SampleStream
-from oaisys_grpc.client.shared_memory_reader import Reader, SharedMemoryError, found_token
-from oaisys_grpc.contract import conversions
-from oaisys_grpc.contract.transfer import (
-    Transfer,
-    place_from_proto,
-    transfer_to_proto,
+from oaisys_grpc.contract.operation import progress_from_proto
+from oaisys_grpc.contract.shared_memory import (
+    SHARED_FROM_BYTES,
+    Reader,
+    SharedMemoryError,
+    found_token,
 )
+from oaisys_grpc.contract.transfer import Transfer, place_from_proto, transfer_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-from oaisys_grpc.worker.shared_memory import SHARED_FROM_BYTES
 
 _LOG = logging.getLogger(__name__)
 
@@ -143,4 +143,4 @@ def _parts_after_progress(
             if event.HasField("part"):
                 yield event.part
             elif on_progress is not None:
-                on_progress(conversions.progress_from_proto(event.operation.progress))
+                on_progress(progress_from_proto(event.operation.progress))

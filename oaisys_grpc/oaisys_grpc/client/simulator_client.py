@@ -27,10 +27,16 @@ from oaisys_grpc.client import requests
 from oaisys_grpc.client.channel import SERVICE, Channel, translated
 from oaisys_grpc.client.sample_stream import SampleStream
 from oaisys_grpc.client.samples import MAX_FRAME_BYTES, ProgressListener, SampleClient
-from oaisys_grpc.contract import chunks, conversions
-from oaisys_grpc.contract.encodings import encodings_from_names
-from oaisys_grpc.contract.object_messages import page_from_proto, query_to_proto
+from oaisys_grpc.contract.arrays import encodings_from_names
 from oaisys_grpc.contract.operation import OperationStatus, status_from_proto
+from oaisys_grpc.contract.world_messages import (
+    heights_from_parts,
+    heights_from_proto,
+    info_from_proto,
+    mesh_from_parts,
+    page_from_proto,
+    query_to_proto,
+)
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.tls import ClientTls, client_tls
 
@@ -122,7 +128,7 @@ class SimulatorClient:
         with translated():
             request = pb.GetSimulatorInfoRequest()
             message = self._stub.GetSimulatorInfo(request, timeout=self._timeout_s)
-        return conversions.info_from_proto(message)
+        return info_from_proto(message)
 
     def config_json(self) -> str:
         """Return the simulator's whole configuration as JSON; empty: the server is older."""
@@ -273,7 +279,7 @@ class SimulatorClient:
         """Return the surface of the world as rendered, in ``map``."""
         request = pb.GetGroundTruthMeshRequest()
         with self._channel.stream("GetGroundTruthMesh", request, self._timeout_s) as parts:
-            return chunks.mesh_from_parts(parts, self._max_array_bytes)
+            return mesh_from_parts(parts, self._max_array_bytes)
 
     def height_grid(
         self, resolution_m: float, extent_m: tuple[float, float, float, float] | None = None
@@ -290,7 +296,7 @@ class SimulatorClient:
             extent = pb.StageExtent(min_x_m=x0, min_y_m=y0, max_x_m=x1, max_y_m=y1)
             request.extent.CopyFrom(extent)
         with self._channel.stream("GetHeightField", request, self._timeout_s) as parts:
-            return chunks.heights_from_parts(parts, self._max_array_bytes)
+            return heights_from_parts(parts, self._max_array_bytes)
 
     def query_height(self, points_m: ArrayLike) -> HeightQuery:
         """Return the heights under (N, 3) points in ``map``; NaN off the stage."""
@@ -303,7 +309,7 @@ class SimulatorClient:
             request = pb.QueryHeightRequest(points_m=block.ravel().tolist())
             with translated():
                 message = self._stub.QueryHeight(request, timeout=self._timeout_s)
-            answers.append(conversions.heights_from_proto(message))
+            answers.append(heights_from_proto(message))
         return HeightQuery(
             ground_height_m=np.concatenate([a.ground_height_m for a in answers]),
             surface_height_m=np.concatenate([a.surface_height_m for a in answers]),

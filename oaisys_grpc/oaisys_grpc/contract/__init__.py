@@ -1,1 +1,1 @@
-"""The contract's messages and the simulator's types, in pairs of conversions; errors and limits."""
+"""The contract's messages and the simulator's types, in pairs of conversions; errors; shared memory."""

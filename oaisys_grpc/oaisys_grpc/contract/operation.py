@@ -7,7 +7,6 @@ from enum import Enum
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import Progress
-from oaisys_grpc.contract import conversions
 from oaisys_grpc.contract.errors import code_of
 from oaisys_grpc.contract.faults import Fault, error_from_fault, fault_from_error
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -60,7 +59,7 @@ def status_to_proto(status: OperationStatus) -> pb.Operation:
         name=status.name,
         kind=status.kind.value,
         state=status.state.value,
-        progress=conversions.progress_to_proto(status.progress),
+        progress=progress_to_proto(status.progress),
         batch_id=status.batch_id,
         sample_id=status.sample_id,
     )
@@ -78,7 +77,7 @@ def status_from_proto(message: pb.Operation) -> OperationStatus:
         name=message.name,
         kind=Kind(message.kind),
         state=State(message.state),
-        progress=conversions.progress_from_proto(message.progress),
+        progress=progress_from_proto(message.progress),
         error=error_from_fault(_fault(error)) if message.HasField("error") else None,
         batch_id=message.batch_id,
         sample_id=message.sample_id,
@@ -87,3 +86,16 @@ def status_from_proto(message: pb.Operation) -> OperationStatus:
 
 def _fault(message: pb.OperationError) -> Fault:
     return Fault(message.reason, message.message, message.field, message.received, message.expected)
+
+
+def progress_to_proto(progress: Progress) -> pb.Progress:
+    """Return the message of a progress; inverse: `progress_from_proto`."""
+    return pb.Progress(
+        stage=progress.stage, fraction=progress.fraction, seconds_left=progress.seconds_left
+    )
+
+
+def progress_from_proto(message: pb.Progress) -> Progress:
+    """Return a progress."""
+    left_s = message.seconds_left if message.HasField("seconds_left") else None
+    return Progress(message.stage, message.fraction, left_s)

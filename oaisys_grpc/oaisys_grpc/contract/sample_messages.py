@@ -8,24 +8,26 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import (
+    FloatArray,
     Frame,
     FrameName,
+    Odometry,
     PinholeIntrinsics,
     Provenance,
     Sample,
     SampleOutline,
     early_first,
 )
-from oaisys_grpc.contract import conversions, encodings
+from oaisys_grpc.contract import arrays
+from oaisys_grpc.contract.arrays import AnyArray
+from oaisys_grpc.contract.metadata import pose_from_proto, pose_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-
-AnyArray = NDArray[Any]
 
 
 class FrameMessage(NamedTuple):
@@ -99,12 +101,12 @@ def outline_to_proto(outline: SampleOutline, render_time_s: float = 0.0) -> pb.S
     return pb.SampleHeader(
         batch_id=outline.batch_id,
         sample_id=outline.sample_id,
-        rig_pose=conversions.pose_to_proto(outline.rig_pose),
+        rig_pose=pose_to_proto(outline.rig_pose),
         render_time_s=render_time_s,
-        provenance=conversions.provenance_to_proto(outline.provenance),
+        provenance=provenance_to_proto(outline.provenance),
         frame_count=len(outline.frames),
         from_cache=outline.from_cache,
-        odometry=conversions.odometry_to_proto(outline.odometry),
+        odometry=odometry_to_proto(outline.odometry),
         frames=[pb.FrameName(sensor=n.sensor, modality=n.modality) for n in outline.frames],
     )
 
@@ -114,11 +116,11 @@ def outline_from_proto(header: pb.SampleHeader) -> SampleOutline:
     return SampleOutline(
         batch_id=header.batch_id,
         sample_id=header.sample_id,
-        rig_pose=conversions.pose_from_proto(header.rig_pose),
+        rig_pose=pose_from_proto(header.rig_pose),
         frames=tuple(FrameName(name.sensor, name.modality) for name in header.frames),
-        provenance=conversions.provenance_from_proto(header.provenance),
+        provenance=provenance_from_proto(header.provenance),
         from_cache=header.from_cache,
-        odometry=conversions.odometry_from_proto(header),
+        odometry=odometry_from_proto(header),
     )
 
 
@@ -127,10 +129,10 @@ def frame_to_message(frame: Frame, outline: SampleOutline) -> FrameMessage:
     header = pb.FrameHeader(
         sensor=frame.sensor,
         modality=frame.modality,
-        t_map_camera=conversions.matrix_to_proto(frame.T_map_camera),
-        provenance=conversions.provenance_to_proto(_brief(outline.provenance)),
+        t_map_camera=matrix_to_proto(frame.T_map_camera),
+        provenance=provenance_to_proto(_brief(outline.provenance)),
         index=outline.frames.index(FrameName(frame.sensor, frame.modality)),
-        array=encodings.raw_header(frame.data),
+        array=arrays.raw_header(frame.data),
     )
     header.MergeFrom(_camera(frame.intrinsics))
     return FrameMessage(header, frame.data)
@@ -143,8 +145,8 @@ def frame_from_message(message: FrameMessage) -> Frame:
         sensor=header.sensor,
         modality=header.modality,
         data=message.image,
-        intrinsics=conversions.intrinsics_from_proto(header.intrinsics),
-        T_map_camera=conversions.matrix_from_proto(header.t_map_camera),
+        intrinsics=intrinsics_from_proto(header.intrinsics),
+        T_map_camera=matrix_from_proto(header.t_map_camera),
     )
 
 
@@ -152,7 +154,7 @@ def end_to_proto(sample: Sample) -> pb.SampleEnd:
     """Return the message that follows the last frame of a sample."""
     return pb.SampleEnd(
         render_time_s=sample.render_time_s,
-        provenance=conversions.provenance_to_proto(_brief(sample.provenance)),
+        provenance=provenance_to_proto(_brief(sample.provenance)),
         finished_monotonic_ns=sample.finished_ns,
     )
 
@@ -188,7 +190,7 @@ def complete_sample(
         frames=tuple(frames[name] for name in outline.frames),
         render_time_s=end.render_time_s,
         provenance=replace(
-            conversions.provenance_from_proto(end.provenance),
+            provenance_from_proto(end.provenance),
             metadata_json=begun.metadata_json,
             previous_poses_json=begun.previous_poses_json,
         ),
@@ -214,7 +216,7 @@ def messages_from_bytes(content: bytes, images: Sequence[NDArray[np.uint8]]) -> 
         if part.HasField("sample"):
             messages.header = part.sample
         elif part.HasField("frame"):
-            image = encodings.decoded(part.frame.array, images[len(messages.frames)])
+            image = arrays.decoded(part.frame.array, images[len(messages.frames)])
             messages.frames.append(FrameMessage(part.frame, image))
         else:
             messages.end = part.end
@@ -231,6 +233,74 @@ def _brief(provenance: Provenance) -> Provenance:
 def _camera(intrinsics: PinholeIntrinsics) -> pb.FrameHeader:
     """Return what the headers of all frames of a camera share; it must not be changed."""
     return pb.FrameHeader(
-        intrinsics=conversions.intrinsics_to_proto(intrinsics),
-        k=conversions.matrix_to_proto(intrinsics.K),
+        intrinsics=intrinsics_to_proto(intrinsics),
+        k=matrix_to_proto(intrinsics.K),
     )
+
+
+def intrinsics_to_proto(intrinsics: PinholeIntrinsics) -> pb.Intrinsics:
+    """Return the message of a camera's intrinsics; inverse: `intrinsics_from_proto`."""
+    values = {name: getattr(intrinsics, name) for name in _INTRINSICS}
+    return pb.Intrinsics(**values, distortion=intrinsics.distortion)
+
+
+def intrinsics_from_proto(message: pb.Intrinsics) -> PinholeIntrinsics:
+    """Return a camera's intrinsics."""
+    values = {name: getattr(message, name) for name in _INTRINSICS}
+    return PinholeIntrinsics(**values, distortion=tuple(message.distortion))
+
+
+_INTRINSICS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
+
+
+def odometry_to_proto(odometry: Odometry | None) -> pb.Odometry | None:
+    """Return the message of an odometry; inverse: `odometry_from_proto`."""
+    if odometry is None:
+        return None
+    pose = pose_to_proto(odometry.pose)
+    return pb.Odometry(pose=pose, sigma_m=odometry.sigma_m, sigma_rad=odometry.sigma_rad)
+
+
+def odometry_from_proto(message: pb.SampleHeader) -> Odometry | None:
+    """Return the odometry in a sample's header, if it has one."""
+    if not message.HasField("odometry"):
+        return None
+    found = message.odometry
+    return Odometry(pose_from_proto(found.pose), found.sigma_m, found.sigma_rad)
+
+
+def provenance_to_proto(provenance: Provenance) -> pb.Provenance:
+    """Return the message of a provenance; inverse: `provenance_from_proto`."""
+    return pb.Provenance(**{name: getattr(provenance, name) for name in _PROVENANCE})
+
+
+def provenance_from_proto(message: pb.Provenance) -> Provenance:
+    """Return a provenance."""
+    return Provenance(**{name: getattr(message, name) for name in _PROVENANCE})
+
+
+_PROVENANCE = (
+    "seed",
+    "batch_seed",
+    "config_sha256",
+    "backend",
+    "backend_version",
+    "quality",
+    "render_samples",
+    "device",
+    "stage_seed",
+    "asset_seed",
+    "metadata_json",
+    "previous_poses_json",
+)
+
+
+def matrix_from_proto(values: Sequence[float]) -> FloatArray:
+    """Return the (4, 4) float64 transform of 16 row-major values; inverse: `matrix_to_proto`."""
+    return np.array(values[:], dtype=np.float64).reshape(4, 4)
+
+
+def matrix_to_proto(T: FloatArray) -> list[float]:
+    """Return a matrix's values, row by row."""
+    values: list[float] = np.asarray(T, dtype=np.float64).ravel().tolist()
+    return values

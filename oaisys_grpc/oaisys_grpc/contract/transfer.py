@@ -1,18 +1,23 @@
-"""How a client wants its frames sent, and what a server grants."""
+"""How a client wants its frames sent, what a server grants, and a sample as it is sent then."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import MAX_IMAGE_PX
-from oaisys_grpc.contract.encodings import CODECS
-from oaisys_grpc.contract.limits import MAX_REQUEST_BYTES
-from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-from oaisys_grpc.worker.shared_memory import Place, Probe
+import numpy as np
+from numpy.typing import NDArray
 
-CHUNK_BYTES = 1 << 20
-"""For a client that says nothing."""
+from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_core.types import FrameName
+from oaisys_grpc.contract import arrays
+from oaisys_grpc.contract.arrays import CHUNK_BYTES, CODECS, MAX_FRAME_BYTES
+from oaisys_grpc.contract.sample_messages import FrameMessage, SampleMessages
+from oaisys_grpc.contract.shared_memory import Place, Probe, place_of
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+
+MAX_REQUEST_BYTES = 4 * 1024 * 1024
+"""Of one request; a larger one is refused unread, with RESOURCE_EXHAUSTED."""
 
 MIN_CHUNK_BYTES = 1000
 """Smaller chunks are refused, because an image would take millions of messages."""
@@ -22,9 +27,6 @@ MAX_MESSAGE_BYTES = 3 << 20
 
 MAX_GROUP_BYTES = 2 << 20
 """Array data of one message's chunks at most; larger messages are slower."""
-
-MAX_FRAME_BYTES = 12 * MAX_IMAGE_PX
-"""The largest image with three floats a pixel."""
 
 
 @dataclass(frozen=True)
@@ -120,3 +122,99 @@ def place_to_proto(place: Place) -> pb.SharedMemory:
 def place_from_proto(message: pb.SharedMemory) -> Place:
     """Return a place in shared memory."""
     return Place(*(getattr(message, name) for name in Place._fields))
+
+
+def sample_to_parts(
+    sample: SampleMessages, transfer: Transfer = DEFAULT_TRANSFER
+) -> Iterator[pb.SamplePart]:
+    """Yield a sample, or pieces of it, as a client wants them; inverse: `sample_from_parts`."""
+
+    def parts() -> Iterator[pb.SamplePart]:
+        if sample.header is not None:
+            yield pb.SamplePart(sample=sample.header)
+        for frame in sample.frames:
+            yield from _frame_parts(frame, transfer)
+        if sample.end is not None:
+            yield pb.SamplePart(end=sample.end)
+
+    yield from _grouped(parts(), transfer)
+
+
+def _frame_parts(frame: FrameMessage, transfer: Transfer) -> Iterator[pb.SamplePart]:
+    """Yield a frame's header and chunks.
+
+    Raises:
+        InvalidInputError: The client does not take frames as large as this one.
+    """
+    header, image = frame
+    if image.nbytes > transfer.frame_bytes:
+        expected = f"at least {image.nbytes}, which {header.sensor}/{header.modality} has"
+        raise InvalidInputError("transfer.max_frame_bytes", transfer.frame_bytes, expected)
+    place = place_of(image) if transfer.token else None
+    if place is not None:
+        part = pb.SamplePart(frame=header)  # which copies the header
+        part.frame.shared_memory.CopyFrom(place_to_proto(place))
+        yield part
+        return
+    part, data = _encoded_part(frame, transfer.encodings)
+    if data.size <= transfer.inline_bytes:
+        part.frame.data = data.tobytes()
+        yield part
+        return
+    yield part
+    for chunk in arrays.array_chunks(data, header.index, transfer.chunk_bytes):
+        yield pb.SamplePart(chunk=chunk)
+
+
+def _encoded_part(
+    frame: FrameMessage, accepted: Iterable[int]
+) -> tuple[pb.SamplePart, NDArray[np.uint8]]:
+    """Return a copy of a frame's header for its encoded image, and the image's bytes."""
+    part = pb.SamplePart(frame=frame.header)
+    array, data = arrays.encoded(frame.image, accepted)
+    part.frame.array.CopyFrom(array)
+    return part, data
+
+
+def frame_response(
+    sample: SampleMessages, name: FrameName, accepted: Iterable[int]
+) -> pb.GetFrameResponse:
+    """Return one frame of a sample in one message.
+
+    Raises:
+        NotFoundError: The sample has no such frame.
+        InvalidInputError: It is too large for one message.
+    """
+    found = [f for f in sample.frames if FrameName(f.header.sensor, f.header.modality) == name]
+    if not found:
+        raise NotFoundError(f"the sample has no frame {name.sensor}/{name.modality}")
+    part, data = _encoded_part(found[0], accepted)
+    if data.size > MAX_MESSAGE_BYTES:
+        expected = f"a frame of at most {MAX_MESSAGE_BYTES} bytes: GetSample sends larger ones"
+        raise InvalidInputError("modality", f"{name.modality} of {data.size} bytes", expected)
+    part.frame.data = data.tobytes()
+    return pb.GetFrameResponse(sample=sample.header, frame=part.frame)
+
+
+def _grouped(parts: Iterable[pb.SamplePart], transfer: Transfer) -> Iterator[pb.SamplePart]:
+    """Yield parts with neighbours put together, for a client that takes them so."""
+    group: list[pb.SamplePart] = []
+    inline_bytes = chunk_bytes = 0
+    for part in parts:
+        in_chunk, inline = len(part.chunk.data), len(part.frame.data)
+        inline_bytes, chunk_bytes = inline_bytes + inline, chunk_bytes + in_chunk
+        if inline_bytes > transfer.inline_bytes or chunk_bytes > transfer.group_bytes:
+            yield from _group(group)
+            group, inline_bytes, chunk_bytes = [], inline, in_chunk
+        group.append(part)
+        if not transfer.grouped or in_chunk > transfer.group_bytes:
+            yield from _group(group)
+            group, inline_bytes, chunk_bytes = [], 0, 0
+    yield from _group(group)
+
+
+def _group(parts: list[pb.SamplePart]) -> Iterator[pb.SamplePart]:
+    if len(parts) < 2:
+        yield from parts
+    else:
+        yield pb.SamplePart(group=pb.SamplePartGroup(parts=parts))

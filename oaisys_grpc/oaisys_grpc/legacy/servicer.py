@@ -17,8 +17,8 @@ from oaisys_core import geometry
 from oaisys_core.config.sections.sensors import PosePolicy
 from oaisys_core.errors import OaisysError, QueueFullError
 from oaisys_core.types import ModuleMetadata, Pose
-from oaisys_grpc.contract.conversions import metadata_to_proto
 from oaisys_grpc.contract.errors import forget_frames, printable
+from oaisys_grpc.contract.metadata import metadata_to_proto
 from oaisys_grpc.contract.operation import Kind, OperationStatus
 from oaisys_grpc.contract.sample_messages import SampleMessages, sample_from_messages
 from oaisys_grpc.legacy.files import LegacyFiles

@@ -16,16 +16,19 @@ from google.protobuf.message import Message
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import FrameName
-from oaisys_grpc.contract import chunks, conversions
+from oaisys_grpc.contract.arrays import array_chunks
 from oaisys_grpc.contract.errors import abort
-from oaisys_grpc.contract.limits import request_id_of
+from oaisys_grpc.contract.metadata import metadata_from_proto
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State, status_to_proto
 from oaisys_grpc.contract.sample_messages import SampleMessages
+from oaisys_grpc.contract.shared_memory import AVAILABLE, Probe
 from oaisys_grpc.contract.transfer import (
     Transfer,
+    frame_response,
     granted,
     limits_message,
     place_to_proto,
+    sample_to_parts,
     transfer_from_proto,
 )
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -35,7 +38,6 @@ from oaisys_grpc.server.jobs.queue import OperationQueue
 from oaisys_grpc.server.jobs.sample_store import SampleStore
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 from oaisys_grpc.worker.protocol import WorkerMessage
-from oaisys_grpc.worker.shared_memory import AVAILABLE, Probe
 
 OPERATION_TIMEOUT_S = 600.0
 """For a job whose caller sets no limit, and the largest limit that a caller may set."""
@@ -45,6 +47,9 @@ STATUS_PATIENCE_S = 0.02
 
 MAX_POINTS = 100_000
 """Of one QueryHeight."""
+
+MAX_ID_CHARACTERS = 256
+"""Of a request's id, which is remembered after its operation has ended."""
 
 Context = grpc.ServicerContext
 
@@ -122,7 +127,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             method="step_batch",
             request=request.SerializeToString(),
             timeout_s=_operation_timeout_s(request),
-            request_id=request_id_of(request.request_id),
+            request_id=_checked_id(request.request_id),
             body=_body(request),
             estimate_key=("batch", request.reuse_stage),
             request_bytes=request.ByteSize(),
@@ -169,7 +174,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     ) -> Iterator[pb.GetSampleResponse]:
         """Send a recent sample."""
         sample = self._samples.get(request.batch_id, request.sample_id)
-        for part in chunks.sample_to_parts(sample, self._granted(request)):
+        for part in sample_to_parts(sample, self._granted(request)):
             yield pb.GetSampleResponse(part=part)
 
     @_translated
@@ -177,7 +182,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         """Answer with one frame of a recent sample."""
         sample = self._samples.get(request.batch_id, request.sample_id)
         name = FrameName(request.sensor, request.modality)
-        return chunks.frame_response(sample, name, request.accepted_encodings)
+        return frame_response(sample, name, request.accepted_encodings)
 
     @_translated
     def RenderSample(
@@ -190,7 +195,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         with operation.followed():
             for event in operation.events(_gone(context), STATUS_PATIENCE_S):
                 if isinstance(event, SampleMessages):
-                    for part in chunks.sample_to_parts(event, transfer):
+                    for part in sample_to_parts(event, transfer):
                         yield pb.RenderSampleResponse(part=part)
                     is_complete = event.end is not None
                 elif not event.state.ended:
@@ -200,7 +205,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             raise status.error
         if status.state is State.SUCCEEDED and not is_complete:  # an earlier request made it
             sample = self._samples.get(status.batch_id, status.sample_id)
-            for part in chunks.sample_to_parts(sample, transfer):
+            for part in sample_to_parts(sample, transfer):
                 yield pb.RenderSampleResponse(part=part)
 
     @_translated
@@ -211,7 +216,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         answer = self._asked("ground_truth_mesh", request, context)
         yield pb.GetGroundTruthMeshResponse.FromString(answer.content)
         for index, data in enumerate(answer.arrays):
-            for chunk in chunks.array_chunks(data, index):
+            for chunk in array_chunks(data, index):
                 yield pb.GetGroundTruthMeshResponse(chunk=chunk)
 
     @_translated
@@ -222,7 +227,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         answer = self._asked("height_grid", request, context)
         yield pb.GetHeightFieldResponse.FromString(answer.content)
         for index, data in enumerate(answer.arrays):
-            for chunk in chunks.array_chunks(data, index):
+            for chunk in array_chunks(data, index):
                 yield pb.GetHeightFieldResponse(chunk=chunk)
 
     @_translated
@@ -287,7 +292,7 @@ def _sample_job(
         method="step_sample",
         request=step.SerializeToString(),
         timeout_s=timeout_s,
-        request_id=request_id_of(request.request_id),
+        request_id=_checked_id(request.request_id),
         body=_body(request),
         estimate_key=("sample", hash((*request.modalities, "", *request.sensors, "", quality))),
         request_bytes=request.ByteSize(),
@@ -301,10 +306,10 @@ def _check_metadata(
     """Refuse metadata that are none before anything is enqueued or overtaken.
 
     Raises:
-        InvalidInputError: As `conversions.metadata_from_proto`, with which the worker reads them.
+        InvalidInputError: As `metadata_from_proto`, with which the worker reads them.
     """
     if request.HasField("metadata"):
-        conversions.metadata_from_proto(request.metadata)
+        metadata_from_proto(request.metadata)
 
 
 def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest) -> bytes:
@@ -315,6 +320,13 @@ def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleR
         request.ClearField("transfer")
     content = request.DESCRIPTOR.name.encode() + request.SerializeToString(deterministic=True)
     return hashlib.sha256(content).digest()
+
+
+def _checked_id(request_id: str) -> str:
+    if len(request_id) > MAX_ID_CHARACTERS:
+        expected = f"at most {MAX_ID_CHARACTERS} characters"
+        raise InvalidInputError("request_id", f"{len(request_id)} characters", expected)
+    return request_id
 
 
 def _operation_timeout_s(request: pb.StepBatchRequest | pb.StepSampleRequest) -> float:

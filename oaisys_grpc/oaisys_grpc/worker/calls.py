@@ -22,9 +22,8 @@ from oaisys_core.config.paths import AssetRoots, confined
 from oaisys_core.errors import NotReadyError
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, ModuleMetadata, Sample, SampleOutline
-from oaisys_grpc.contract import chunks, conversions
-from oaisys_grpc.contract.limits import names
-from oaisys_grpc.contract.object_messages import page_to_proto, query_from_proto
+from oaisys_grpc.contract.arrays import AnyArray
+from oaisys_grpc.contract.metadata import metadata_from_proto, names
 from oaisys_grpc.contract.sample_messages import (
     SampleMessages,
     end_to_proto,
@@ -32,16 +31,22 @@ from oaisys_grpc.contract.sample_messages import (
     messages_to_bytes,
     outline_to_proto,
 )
-from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
-from oaisys_grpc.worker import fault_injection
-from oaisys_grpc.worker.protocol import WorkerMessage
-from oaisys_grpc.worker.shared_memory import (
+from oaisys_grpc.contract.shared_memory import (
     SHARED_FROM_BYTES,
-    AnyArray,
     Segment,
     copied_to_segment,
     segment_of,
 )
+from oaisys_grpc.contract.world_messages import (
+    height_grid_to_message,
+    heights_to_proto,
+    mesh_to_message,
+    page_to_proto,
+    query_from_proto,
+)
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+from oaisys_grpc.worker import fault_injection
+from oaisys_grpc.worker.protocol import WorkerMessage
 
 MAX_SEGMENTS = 400
 """That frames, such as those of the cache, may lie in; each takes two descriptors."""
@@ -146,7 +151,7 @@ class SimulationCalls:
         return Reply()
 
     def _ground_truth_mesh(self, _call: WorkerMessage, _context: CallContext) -> Reply:
-        message, arrays = chunks.mesh_to_message(self._ready().ground_truth_mesh())
+        message, arrays = mesh_to_message(self._ready().ground_truth_mesh())
         return Reply(message.SerializeToString(), arrays)
 
     def _list_objects(self, call: WorkerMessage, _context: CallContext) -> Reply:
@@ -160,14 +165,14 @@ class SimulationCalls:
         extent_m = (extent.min_x_m, extent.min_y_m, extent.max_x_m, extent.max_y_m)
         given = extent_m if request.HasField("extent") else None
         grid = self._ready().height_grid(request.resolution_m, given, context.progress)
-        message, arrays = chunks.height_grid_to_message(grid)
+        message, arrays = height_grid_to_message(grid)
         return Reply(message.SerializeToString(), arrays)
 
     def _query_height(self, call: WorkerMessage, _context: CallContext) -> Reply:
         request = pb.QueryHeightRequest.FromString(call.content)
         points_m = np.array(request.points_m, dtype=np.float64).reshape(-1, 3)
         heights = self._ready().query_height(points_m)
-        return Reply(conversions.heights_to_proto(heights).SerializeToString())
+        return Reply(heights_to_proto(heights).SerializeToString())
 
     def _ready(self) -> Simulation:
         if self.simulation is None:
@@ -240,4 +245,4 @@ def _metadata(
 ) -> ModuleMetadata | None:
     if not request.HasField("metadata"):
         return None
-    return conversions.metadata_from_proto(request.metadata)
+    return metadata_from_proto(request.metadata)

@@ -28,8 +28,8 @@ from oaisys_core.errors import CancelledError, OaisysError, RenderError
 from oaisys_core.interruption import interruptible
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Progress, SimulatorInfo
-from oaisys_grpc.contract import conversions
 from oaisys_grpc.contract.faults import fault_from_error
+from oaisys_grpc.contract.world_messages import info_to_proto
 from oaisys_grpc.worker.calls import CallContext, Reply, SimulationCalls
 from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
@@ -96,7 +96,7 @@ class Worker:
         lasting = replace(info, batch_id=0, sample_id=0)
         if self._sent_info is None or _differs(lasting, self._sent_info):
             self._sent_info = lasting
-            content = conversions.info_to_proto(lasting).SerializeToString()
+            content = info_to_proto(lasting).SerializeToString()
             self._connection.send({"type": "info", "id": call}, content)
         state = json.dumps(simulation.state())
         return {"batch_id": info.batch_id, "sample_id": info.sample_id, "state": state}

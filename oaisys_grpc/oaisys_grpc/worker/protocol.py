@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_grpc.worker.shared_memory import (
+from oaisys_grpc.contract.arrays import AnyArray
+from oaisys_grpc.contract.shared_memory import (
     SHARED_FROM_BYTES,
-    AnyArray,
     Segment,
     copied_to_segment,
     segment_of,

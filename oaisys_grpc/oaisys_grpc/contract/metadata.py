@@ -1,11 +1,12 @@
-"""Metadata of modules as typed messages and as Structs, and back; in pairs.
+"""A step's pose, names and metadata as messages, and back; in pairs.
 
-The contract's fields have the names of the modules' keys, so that a new field needs no code here.
+Metadata travel as typed messages, and as Structs what these do not hold. The typed fields have the
+names of the modules' keys, so that a new field needs no code here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from google.protobuf.descriptor import FieldDescriptor
@@ -13,7 +14,15 @@ from google.protobuf.message import Message
 from google.protobuf.struct_pb2 import Struct, Value
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import checked_pose
+from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+
+MAX_NAMES = 1000
+"""Sensors or modalities in one request."""
+
+_TYPED = ("environment", "asset", "render")
+"""Parts of metadata that come as a typed message, as a Struct, or as both."""
 
 _LISTS = {
     kind.DESCRIPTOR.full_name: tuple(kind.DESCRIPTOR.fields_by_name)
@@ -22,8 +31,99 @@ _LISTS = {
 """Messages that stand for a list of numbers, and their fields in its order."""
 
 _STRUCT = Struct.DESCRIPTOR.full_name
+
 _RANGE = pb.Range.DESCRIPTOR.full_name
+
 _INT32 = range(-(2**31), 2**31)
+
+
+def pose_to_proto(pose: Pose) -> pb.Pose:
+    """Return the message of a pose; inverse: `pose_from_proto`."""
+    px, py, pz = pose.position_m
+    x, y, z, w = pose.quat_xyzw
+    return pb.Pose(
+        position_m=pb.Vector3(x=px, y=py, z=pz), orientation=pb.Quaternion(x=x, y=y, z=z, w=w)
+    )
+
+
+def pose_from_proto(message: pb.Pose) -> Pose:
+    """Return the pose exactly as it was sent; `metadata_from_proto` checks those it takes."""
+    p, q = message.position_m, message.orientation
+    return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+
+
+def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:
+    """Return the message of a step's metadata, typed as far as it goes.
+
+    Inverse: `metadata_from_proto`.
+
+    Raises:
+        InvalidInputError: A value is neither JSON nor, in the part ``sensor``, a pose.
+    """
+    message = pb.ModuleMetadata()
+    if metadata.sensor is not None:
+        message.sensor.SetInParent()
+    settings = dict(metadata.sensor or {})
+    if "pose" in settings:
+        pose = settings.pop("pose")
+        if not isinstance(pose, Pose):
+            raise InvalidInputError("metadata.sensor.pose", pose, "a Pose")
+        message.sensor.pose.CopyFrom(pose_to_proto(pose))
+    settings = fill(message.sensor, settings, ["cameras"]) if settings else settings
+    if settings:
+        message.sensor.settings.CopyFrom(struct_to_proto(settings, "metadata.sensor"))
+    for name in _TYPED:
+        part = metadata.part(name)
+        if part is None:
+            continue
+        typed = getattr(message, f"typed_{name}")
+        rest = fill(typed, part, typed.DESCRIPTOR.fields_by_name)
+        if rest or not part:
+            getattr(message, name).CopyFrom(struct_to_proto(rest, f"metadata.{name}"))
+    if metadata.custom:
+        message.custom.CopyFrom(struct_to_proto(metadata.custom, "metadata.custom"))
+    return message
+
+
+def metadata_from_proto(message: pb.ModuleMetadata) -> ModuleMetadata:
+    """Return a step's metadata; an absent part stays absent.
+
+    Raises:
+        InvalidInputError: The pose is none or among the other settings, or a key came both typed
+            and in a Struct.
+    """
+    parts: dict[str, Any] = {}
+    if message.HasField("sensor"):
+        typed = values_of(pb.SensorMetadata(cameras=message.sensor.cameras))
+        settings = struct_from_proto(message.sensor.settings)
+        parts["sensor"] = joined("metadata.sensor", settings, typed)
+        if "pose" in parts["sensor"]:
+            received = parts["sensor"]["pose"]
+            raise InvalidInputError("metadata.sensor.settings.pose", received, "the field pose")
+        if message.sensor.HasField("pose"):
+            pose = pose_from_proto(message.sensor.pose)
+            checked_pose(pose.position_m, pose.quat_xyzw, "metadata.sensor.pose")
+            parts["sensor"]["pose"] = pose
+    present = {field.name for field, _ in message.ListFields()}
+    for name in _TYPED:
+        if present & {name, f"typed_{name}"}:
+            typed = values_of(getattr(message, f"typed_{name}"))
+            open_ended = struct_from_proto(getattr(message, name))
+            parts[name] = joined(f"metadata.{name}", open_ended, typed)
+    if message.HasField("custom"):
+        parts["custom"] = struct_from_proto(message.custom)
+    return ModuleMetadata(**parts)
+
+
+def names(given: Sequence[str], field: str) -> tuple[str, ...]:
+    """Return the names in a field of a request.
+
+    Raises:
+        InvalidInputError: There are more than `MAX_NAMES`.
+    """
+    if len(given) > MAX_NAMES:
+        raise InvalidInputError(field, f"{len(given)} names", f"at most {MAX_NAMES}")
+    return tuple(given)
 
 
 class _NotTypedError(ValueError):

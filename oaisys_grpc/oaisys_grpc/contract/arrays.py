@@ -1,11 +1,11 @@
-"""The contract's lossless encodings of arrays as bytes; in pairs."""
+"""Arrays as headers and bytes, raw or losslessly encoded, whole or in chunks; in pairs."""
 
 from __future__ import annotations
 
 import math
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import cv2
@@ -13,10 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.types import MAX_IMAGE_PX
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 AnyArray = NDArray[Any]
+
 Raw = NDArray[np.uint8]
+
+CHUNK_BYTES = 1 << 20
+"""For a client that says nothing."""
+
+MAX_FRAME_BYTES = 12 * MAX_IMAGE_PX
+"""The largest image with three floats a pixel."""
 
 _DTYPES: dict[int, np.dtype[Any]] = {
     pb.DATA_TYPE_UINT8: np.dtype("<u1"),
@@ -26,6 +34,7 @@ _DTYPES: dict[int, np.dtype[Any]] = {
     pb.DATA_TYPE_FLOAT32: np.dtype("<f4"),
     pb.DATA_TYPE_FLOAT64: np.dtype("<f8"),
 }
+
 _DATA_TYPES: dict[np.dtype[Any], Any] = {dtype: data_type for data_type, dtype in _DTYPES.items()}
 
 _FAST = 1
@@ -101,6 +110,59 @@ def checked_nbytes(header: pb.ArrayHeader, limit: int) -> int:
     return nbytes
 
 
+class ArrayAssembly:
+    """Puts an array together from its header and its chunks, in one allocation."""
+
+    def __init__(self, header: pb.ArrayHeader, limit: int = MAX_FRAME_BYTES) -> None:
+        """Check the header and allocate.
+
+        Args:
+            limit: Most bytes that the array may have, decoded.
+
+        Raises:
+            OaisysError: The header contradicts itself, or says what this client cannot read.
+        """
+        checked_nbytes(header, limit)
+        self._header = header
+        self._bytes = np.empty(header.byte_size, dtype=np.uint8)
+        self._received = 0
+
+    def add(self, chunk: pb.Chunk) -> None:
+        """Take the next piece.
+
+        Raises:
+            OaisysError: It does not follow the piece before, or runs over the end.
+        """
+        end = chunk.offset + len(chunk.data)
+        if chunk.offset != self._received or end > self._bytes.size:
+            raise OaisysError(f"a chunk is out of order: offset {chunk.offset}")
+        self._bytes[chunk.offset : end] = np.frombuffer(chunk.data, dtype=np.uint8)
+        self._received = end
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether all pieces have come."""
+        return self._received == self._bytes.size
+
+    def array(self) -> AnyArray:
+        """Return the array.
+
+        Raises:
+            OaisysError: Pieces are missing, or cannot be decoded.
+        """
+        if not self.is_complete:
+            raise OaisysError(f"{self._received} of {self._bytes.size} bytes came")
+        return decoded(self._header, self._bytes)
+
+
+def array_chunks(
+    data: NDArray[np.uint8], index: int, size: int = CHUNK_BYTES
+) -> Iterator[pb.Chunk]:
+    """Yield an encoded array's bytes in pieces; inverse: `ArrayAssembly`."""
+    for offset in range(0, data.size, size):
+        yield pb.Chunk(index=index, offset=offset, data=data[offset : offset + size].tobytes())
+
+
 def _to_png(array: AnyArray) -> bytes | None:
     """Return an image as a PNG file; None if the contract has none for its kind."""
     image = _png_image(array)
@@ -136,6 +198,7 @@ def _from_png(data: bytes, dtype: np.dtype[Any], shape: tuple[int, ...]) -> AnyA
 
 
 _PNG_START = struct.Struct(">8sI4sIIBB")
+
 _PNG_KINDS = {
     ("|u1", (3,)): (8, 2),
     ("|u1", ()): (8, 0),

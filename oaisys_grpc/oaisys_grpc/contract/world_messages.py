@@ -1,0 +1,299 @@
+"""Answers about a simulator and its world: description, mesh, heights, objects; in pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import OaisysError
+from oaisys_core.types import (
+    HeightGrid,
+    HeightQuery,
+    ModuleMetadata,
+    ObjectPage,
+    ObjectQuery,
+    SceneObject,
+    SensorInfo,
+    SimulatorInfo,
+    TriangleMesh,
+)
+from oaisys_grpc.contract import arrays
+from oaisys_grpc.contract.arrays import MAX_FRAME_BYTES, ArrayAssembly
+from oaisys_grpc.contract.metadata import (
+    metadata_to_proto,
+    names,
+    pose_from_proto,
+    pose_to_proto,
+)
+from oaisys_grpc.contract.sample_messages import (
+    intrinsics_from_proto,
+    intrinsics_to_proto,
+    matrix_from_proto,
+    matrix_to_proto,
+)
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
+
+Triple = tuple[float, float, float]
+
+
+def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
+    """Return the message of a simulator's description; inverse: `info_from_proto`."""
+    message = pb.GetSimulatorInfoResponse(
+        backend=info.backend,
+        backend_version=info.backend_version,
+        seed=info.seed,
+        config_sha256=info.config_sha256,
+        quality=info.quality,
+        sensors=[_sensor_to_proto(sensor) for sensor in info.sensors],
+        semantic_labels=dict(info.semantic_labels),
+        batch_id=info.batch_id,
+        sample_id=info.sample_id,
+        worker_restarts=info.worker_restarts,
+        device=info.device,
+    )
+    if info.stage_extent_m is not None:
+        x0, y0, x1, y1 = info.stage_extent_m
+        extent = pb.StageExtent(min_x_m=x0, min_y_m=y0, max_x_m=x1, max_y_m=y1)
+        message.stage_extent.CopyFrom(extent)
+    return message
+
+
+def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
+    """Return a simulator's description."""
+    e = message.stage_extent
+    known = message.HasField("stage_extent")
+    return SimulatorInfo(
+        backend=message.backend,
+        backend_version=message.backend_version,
+        seed=message.seed,
+        config_sha256=message.config_sha256,
+        quality=message.quality,
+        sensors=tuple(_sensor_from_proto(sensor) for sensor in message.sensors),
+        semantic_labels=dict(message.semantic_labels),
+        batch_id=message.batch_id,
+        sample_id=message.sample_id,
+        stage_extent_m=(e.min_x_m, e.min_y_m, e.max_x_m, e.max_y_m) if known else None,
+        worker_restarts=message.worker_restarts,
+        device=message.device,
+    )
+
+
+def _sensor_to_proto(sensor: SensorInfo) -> pb.Sensor:
+    return pb.Sensor(
+        name=sensor.name,
+        intrinsics=intrinsics_to_proto(sensor.intrinsics),
+        t_base_camera=matrix_to_proto(sensor.T_base_camera),
+        modalities=sensor.modalities,
+        stereo_baseline_m=sensor.stereo_baseline_m,
+    )
+
+
+def _sensor_from_proto(message: pb.Sensor) -> SensorInfo:
+    return SensorInfo(
+        name=message.name,
+        intrinsics=intrinsics_from_proto(message.intrinsics),
+        T_base_camera=matrix_from_proto(message.t_base_camera),
+        modalities=tuple(message.modalities),
+        stereo_baseline_m=message.stereo_baseline_m,
+    )
+
+
+def mesh_to_message(
+    mesh: TriangleMesh,
+) -> tuple[pb.GetGroundTruthMeshResponse, list[NDArray[np.uint8]]]:
+    """Return a mesh's header, and the bytes of its arrays in the order of their indices.
+
+    Inverse, once the arrays are sent as `array_chunks`: `mesh_from_parts`.
+    """
+    given = {name: getattr(mesh, name) for name in _MESH_ARRAYS}
+    encoded = {n: arrays.encoded(a, ()) for n, a in given.items() if a is not None}
+    headers = {name: header for name, (header, _) in encoded.items()}
+    absent = np.empty(0, np.uint8)
+    data = [encoded[name][1] if name in encoded else absent for name in _MESH_ARRAYS]
+    return pb.GetGroundTruthMeshResponse(header=pb.MeshHeader(**headers)), data
+
+
+_MESH_ARRAYS = ("vertices_m", "triangles", "semantic_ids", "instance_ids")
+
+
+def mesh_from_parts(
+    parts: Iterable[pb.GetGroundTruthMeshResponse], limit: int = MAX_FRAME_BYTES
+) -> TriangleMesh:
+    """Return the mesh whose parts these are.
+
+    Args:
+        limit: Most bytes that an array may have.
+
+    Raises:
+        OaisysError: Parts are missing, contradict each other, or are beyond the limit.
+    """
+    begun: dict[str, ArrayAssembly] = {}
+    for part in parts:
+        if part.HasField("header"):
+            present = {field.name: header for field, header in part.header.ListFields()}
+            begun = {name: ArrayAssembly(header, limit) for name, header in present.items()}
+            continue
+        chunk = part.chunk
+        name = dict(enumerate(_MESH_ARRAYS)).get(chunk.index)
+        if name not in begun:
+            raise OaisysError(f"a chunk of array {chunk.index} came without its header")
+        begun[name].add(chunk)
+    if not {"vertices_m", "triangles"} <= begun.keys():
+        raise OaisysError("the mesh is incomplete: vertices or triangles are missing")
+    return TriangleMesh(**{name: assembly.array() for name, assembly in begun.items()})
+
+
+_HEIGHT_ARRAYS = ("ground_height_m", "surface_height_m")
+
+
+def height_grid_to_message(
+    grid: HeightGrid,
+) -> tuple[pb.GetHeightFieldResponse, list[NDArray[np.uint8]]]:
+    """Return a height grid's header, and the bytes of its arrays in the order of their indices.
+
+    Inverse, once the arrays are sent as `array_chunks`: `heights_from_parts`.
+    """
+    encoded = [arrays.encoded(array, ()) for array in (grid.ground_m, grid.surface_m)]
+    x_m, y_m = grid.origin_xy_m
+    header = pb.HeightFieldHeader(
+        ground_height_m=encoded[0][0],
+        surface_height_m=encoded[1][0],
+        origin_x_m=x_m,
+        origin_y_m=y_m,
+        spacing_m=grid.spacing_m,
+    )
+    return pb.GetHeightFieldResponse(header=header), [data for _, data in encoded]
+
+
+def heights_from_parts(
+    parts: Iterable[pb.GetHeightFieldResponse], limit: int = MAX_FRAME_BYTES
+) -> HeightGrid:
+    """Return the height grid whose parts these are.
+
+    Args:
+        limit: Most bytes that an array may have.
+
+    Raises:
+        OaisysError: Parts are missing, contradict each other, or are beyond the limit.
+    """
+    header: pb.HeightFieldHeader | None = None
+    begun: list[ArrayAssembly] = []
+    for part in parts:
+        if part.HasField("header"):
+            header = part.header
+            begun = [ArrayAssembly(getattr(header, name), limit) for name in _HEIGHT_ARRAYS]
+            continue
+        chunk = part.chunk
+        if chunk.index >= len(begun):
+            raise OaisysError(f"a chunk of array {chunk.index} came without its header")
+        begun[chunk.index].add(chunk)
+    if header is None:
+        raise OaisysError("the height field is incomplete: its header has not come")
+    ground_m, surface_m = (assembly.array() for assembly in begun)
+    return HeightGrid(ground_m, surface_m, (header.origin_x_m, header.origin_y_m), header.spacing_m)
+
+
+def heights_to_proto(heights: HeightQuery) -> pb.QueryHeightResponse:
+    """Return the message of an answer about heights; inverse: `heights_from_proto`."""
+    return pb.QueryHeightResponse(
+        ground_height_m=heights.ground_height_m,
+        surface_height_m=heights.surface_height_m,
+        clearance_m=heights.clearance_m,
+    )
+
+
+def heights_from_proto(message: pb.QueryHeightResponse) -> HeightQuery:
+    """Return an answer about heights."""
+    return HeightQuery(
+        ground_height_m=np.array(message.ground_height_m, dtype=np.float64),
+        surface_height_m=np.array(message.surface_height_m, dtype=np.float64),
+        clearance_m=np.array(message.clearance_m, dtype=np.float64),
+    )
+
+
+def query_to_proto(query: ObjectQuery, metadata: ModuleMetadata | None) -> pb.ListObjectsRequest:
+    """Return the request for things of a world; inverse, but for metadata: `query_from_proto`."""
+    message = pb.ListObjectsRequest(
+        kinds=query.kinds,
+        groups=query.groups,
+        names=query.names,
+        instance_ids=query.instance_ids,
+        after_instance_id=query.after_instance_id,
+        limit=query.limit,
+    )
+    if query.low_m is not None:
+        message.low_m.CopyFrom(_vector(query.low_m))
+    if query.high_m is not None:
+        message.high_m.CopyFrom(_vector(query.high_m))
+    if metadata is not None:
+        message.metadata.CopyFrom(metadata_to_proto(metadata))
+    return message
+
+
+def query_from_proto(message: pb.ListObjectsRequest) -> ObjectQuery:
+    """Return which things are asked for."""
+    return ObjectQuery(
+        kinds=names(message.kinds, "kinds"),
+        groups=names(message.groups, "groups"),
+        names=names(message.names, "names"),
+        instance_ids=tuple(message.instance_ids),
+        low_m=_triple(message.low_m) if message.HasField("low_m") else None,
+        high_m=_triple(message.high_m) if message.HasField("high_m") else None,
+        after_instance_id=message.after_instance_id,
+        limit=message.limit or ObjectQuery.limit,
+    )
+
+
+def page_to_proto(page: ObjectPage) -> pb.ListObjectsResponse:
+    """Return the message of things of a world; inverse: `page_from_proto`."""
+    return pb.ListObjectsResponse(
+        objects=map(_object_to_proto, page.objects),
+        total=page.total,
+        next_after_instance_id=page.next_after_instance_id,
+    )
+
+
+def page_from_proto(message: pb.ListObjectsResponse) -> ObjectPage:
+    """Return things of a world."""
+    objects = tuple(map(_object_from_proto, message.objects))
+    return ObjectPage(objects, message.total, message.next_after_instance_id)
+
+
+def _object_to_proto(thing: SceneObject) -> pb.SceneObject:
+    return pb.SceneObject(
+        instance_id=thing.instance_id,
+        name=thing.name,
+        kind=thing.kind,
+        group=thing.group,
+        label=thing.label,
+        semantic_id=thing.semantic_id,
+        pose=pose_to_proto(thing.pose),
+        scale=thing.scale,
+        low_m=_vector(thing.low_m),
+        high_m=_vector(thing.high_m),
+    )
+
+
+def _object_from_proto(message: pb.SceneObject) -> SceneObject:
+    return SceneObject(
+        instance_id=message.instance_id,
+        name=message.name,
+        kind=message.kind,
+        group=message.group,
+        label=message.label,
+        semantic_id=message.semantic_id,
+        pose=pose_from_proto(message.pose),
+        scale=message.scale,
+        low_m=_triple(message.low_m),
+        high_m=_triple(message.high_m),
+    )
+
+
+def _vector(vector: Triple) -> pb.Vector3:
+    return pb.Vector3(x=vector[0], y=vector[1], z=vector[2])
+
+
+def _triple(message: pb.Vector3) -> Triple:
+    return message.x, message.y, message.z
