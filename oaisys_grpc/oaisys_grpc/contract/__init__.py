@@ -1,1 +1,1 @@
-"""The contract's messages and the simulator's types, in pairs of conversions; errors; shared memory."""
+"""The contract's messages and the core's types, in pairs of conversions; errors; shared memory."""
