@@ -1,15 +1,18 @@
-"""The base class of all simulation modules, and the world that they draw together."""
+"""The base classes of all simulation modules, and the world that they draw together."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
+from pydantic import ValidationError
 
 from oaisys_core.backend.base import RenderSettings
+from oaisys_core.config.expectations import refusal
+from oaisys_core.config.section import Section
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.scene import (
     Ground,
@@ -22,9 +25,13 @@ from oaisys_core.scene import (
     TerrainMaterial,
 )
 from oaisys_core.terrain.detail import Detail, DetailedGround
+from oaisys_core.types import merged
 
 Metadata = Mapping[str, Any] | None
 """The part of a step's metadata that a module receives, or None."""
+
+T = TypeVar("T")
+SectionT = TypeVar("SectionT", bound=Section)
 
 
 @dataclass
@@ -103,9 +110,6 @@ class World:
         )
 
 
-T = TypeVar("T")
-
-
 def require(part: T | None) -> T:
     """Return a part of the world, or of a module, that a batch must have drawn by now.
 
@@ -124,9 +128,11 @@ drawn = require
 class Module(ABC):
     """Draws one aspect of the world, without knowing the backend or the other modules.
 
-    ``setup`` is called once, ``step_batch`` for each new world and ``step_sample`` for each view.
-    All random numbers come from the generator that is passed in. It is derived from (seed, batch,
-    module name), so that adding a module does not change what the others draw.
+    ``setup`` is called once and ``step_batch`` for each new world. ``step_sample`` is called for
+    each sample with metadata for the module; for every sample, if the module `changes_by_itself` or
+    a module of another package is used. All random numbers come from the generator that is passed
+    in. It is derived from (seed, batch, module name), so that adding a module does not change what
+    the others draw.
     """
 
     name: str
@@ -134,6 +140,9 @@ class Module(ABC):
 
     metadata_part: str
     """The part of `ModuleMetadata` that it receives; its own name means ``custom[name]``."""
+
+    changes_by_itself: bool = True
+    """Whether samples without metadata change the module's part of the world."""
 
     def setup(self) -> None:  # noqa: B027 - most modules need none
         """Prepare what the whole simulation needs."""
@@ -167,4 +176,68 @@ class Module(ABC):
     def step_sample(  # noqa: B027 - what does not change from view to view has nothing to do
         self, world: World, metadata: Metadata, rng: np.random.Generator
     ) -> None:
-        """Update what changes from view to view."""
+        """Update what changes from sample to sample."""
+
+
+def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
+    """Return ``section`` with the fields in ``metadata`` replaced.
+
+    Nested mappings are merged key by key, as in `ModuleMetadata.updated`.
+
+    Raises:
+        InvalidInputError: A key is unknown or a value is invalid; its path starts with
+            ``metadata.{part}``.
+    """
+    if not metadata:
+        return section
+    data = merged(section.model_dump(), metadata)
+    try:
+        return type(section).model_validate(data)
+    except ValidationError as error:
+        known = sorted(type(section).model_fields)
+        raise refusal(error, data, "metadata", part, known_keys=known) from error
+
+
+def differing(section: Section, changed: Section) -> dict[str, Any]:
+    """Return, as JSON-compatible data, the fields that `overridden` needs to make ``changed``."""
+    if changed is section:
+        return {}
+    before, after = section.model_dump(mode="json"), changed.model_dump(mode="json")
+    return {name: value for name, value in after.items() if value != before[name]}
+
+
+class SectionModule(Module, Generic[SectionT]):
+    """A module whose configuration section may be overridden, field by field, at each step.
+
+    A batch starts with the configured values; changes by a sample last until the next batch.
+    """
+
+    def __init__(self, config: SectionT) -> None:
+        self._config = config
+        self._now = config
+
+    @abstractmethod
+    def apply(self, world: World, section: SectionT) -> None:
+        """Apply the section to the world."""
+
+    def check(self, metadata: Metadata) -> None:
+        """Raise on unknown keys and invalid values."""
+        overridden(self._now, metadata, self.metadata_part)
+
+    def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Start a batch with the configuration, changed by the metadata."""
+        self._now = overridden(self._config, metadata, self.metadata_part)
+        self.apply(world, self._now)
+
+    def in_force(self, metadata: Metadata) -> Metadata:
+        """Return the fields that differ from the configuration.
+
+        Merged metadata would be wrong: if a field was set to null and then to a mapping, the merge
+        would bring back the configured keys of that field.
+        """
+        return differing(self._config, self._now)
+
+    def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        """Apply the metadata to this and the following samples."""
+        self._now = overridden(self._now, metadata, self.metadata_part)
+        self.apply(world, self._now)

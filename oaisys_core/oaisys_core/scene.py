@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.sky import Sky
-from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
+from oaisys_core.types import (
+    FLOW,
+    RGB,
+    FloatArray,
+    PinholeIntrinsics,
+    ShortRepr,
+    TriangleMesh,
+)
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, id_of_level
 
 __all__ = [
@@ -254,6 +261,11 @@ class PlacedCamera(ShortRepr):
     T_map_previous: FloatArray | None = None
     lens: Lens | None = None
     shutter_share: float = 0.0
+
+    @property
+    def depends_on_past(self) -> bool:
+        """Whether the images depend on the camera's pose at the previous sample."""
+        return FLOW in self.modalities or bool(self.shutter_share and RGB in self.modalities)
 
 
 def merge_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:

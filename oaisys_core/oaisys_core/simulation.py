@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,9 @@ from oaisys_core.backend import make_backend
 from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
-from oaisys_core.module import drawn
-from oaisys_core.modules.camera_selection import select
+from oaisys_core.module import World, drawn
+from oaisys_core.modules.cameras import select
 from oaisys_core.scene import PlacedCamera, Scene
-from oaisys_core.sensing.faults import PoseDrift, odometry_of
 from oaisys_core.sensing.view_renderer import (
     FramesPlacement,
     SampleSteps,
@@ -42,10 +42,15 @@ from oaisys_core.types import (
     TriangleMesh,
     ignore_progress,
 )
-from oaisys_core.world.batch import Batch, ModuleSnapshot, SampleSnapshot
+from oaisys_core.world.batch import (
+    Batch,
+    Snapshot,
+    metadata_text,
+    previous_poses_text,
+    state_of,
+)
 from oaisys_core.world.height_grids import Extent, height_grid
-from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet
-from oaisys_core.world.provenance import metadata_text, previous_poses_text, state_of
+from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet, note_in_force
 from oaisys_core.world.reuse import BatchSeeds, batch_seeds, section_sha256
 from oaisys_core.world.stage_store import StageRecord
 
@@ -82,8 +87,7 @@ class Simulation:
         self._stage, self._sensors = self._modules.stage, self._modules.sensors
         self._backend = backend if backend is not None else make_backend(config.backend)
         self._views = ViewRenderer(self._backend, pose_cache_bytes, place_frames)
-        self._drift = PoseDrift()
-        self._undo: SampleSnapshot | None = None
+        self._undo: Callable[[], None] | None = None
         self._batch: Batch | None = None
         self._last_batch_id = 0
         self._modules.setup()
@@ -196,12 +200,13 @@ class Simulation:
     ) -> SampleSteps:
         """Render the world as it is, and count it as the next sample."""
         outline = self._outline(batch, cameras, settings)
-        faults = self._sensors.faults.of_depth
+        faults = self._sensors.depth_faults
         sample = yield from self._views.sample(
             outline, batch.world.scene(), cameras, settings, progress, faults, started_s
         )
         batch.sample_id += 1
-        batch.last_rig_poses.update((camera.name, outline.rig_pose) for camera in cameras)
+        moved = {camera.name: outline.rig_pose for camera in cameras}
+        batch.last_rig_poses = {**batch.last_rig_poses, **moved}
         return sample
 
     def repeat(
@@ -241,7 +246,7 @@ class Simulation:
         if self._undo is None:
             raise NotReadyError("there is no sample to withdraw")
         undo, self._undo = self._undo, None
-        undo.restore()
+        undo()
         self._backend.withdrawn()
 
     def info(self) -> SimulatorInfo:
@@ -332,7 +337,7 @@ class Simulation:
         pose = self._sensors.rig_pose
         batch, state = self._batch, None
         if batch is not None and pose is not None:
-            state = batch.to_state(pose, self._modules.in_force(batch.metadata))
+            state = batch.to_state(pose)
         return {"last_batch_id": self._last_batch_id, "batch": state}
 
     def restore(
@@ -381,11 +386,11 @@ class Simulation:
         progress: ProgressCallback,
     ) -> None:
         """Draw a world and let the backend build it; if building fails there is no world."""
-        states = ModuleSnapshot(self._modules.all)
+        before = Snapshot(*self._modules.all)
         try:
             world = self._modules.draw(origin, metadata, self._batch, progress)
         except BaseException:
-            states.restore()
+            before.restore()
             raise
         self._batch, self._undo = None, None
         self._views.forget_world()
@@ -396,6 +401,7 @@ class Simulation:
         self._batch = Batch(
             batch_id, origin.seed, origin.stage_seed, origin.asset_seed, world, metadata
         )
+        note_in_force(self._batch, self._modules.all)
         self._last_batch_id = batch_id
 
     def _keep_stage(self, origin: BatchSeeds, metadata: ModuleMetadata) -> None:
@@ -415,13 +421,21 @@ class Simulation:
     def _undone_on_failure(self, batch: Batch) -> Iterator[None]:
         """Undo the sample if the block raises."""
         self._undo = None
-        undo = SampleSnapshot(batch, self._modules.all, self._backend)
+        world = batch.world
+        undo = partial(self._roll_back, world, Snapshot(batch, world, *self._modules.all))
+        world.semantic_labels = dict(world.semantic_labels)  # modules change it in place
         try:
             yield
         except BaseException:
-            undo.restore()
+            undo()
             raise
         self._undo = undo
+
+    def _roll_back(self, world: World, before: Snapshot) -> None:
+        changed = world.scene()
+        before.restore()
+        if changed.differs_from(world.scene()):
+            self._backend.update(world.scene())
 
     def _with_admitted_pose(self, batch: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
         """Return the metadata with the admitted pose and without the pose policy."""
@@ -430,8 +444,7 @@ class Simulation:
         if "pose" not in sensor and self._sensors.moves_itself:
             return metadata if policy is None else replace(metadata, sensor=sensor)
         pose = sensor.get("pose") or drawn(self._sensors.rig_pose)
-        extent_m = drawn(batch.world.ground).extent_m
-        sensor["pose"] = self._sensors.admit(pose, self.query_height, extent_m, policy)
+        sensor["pose"] = self._sensors.admitted(pose, batch.world, self.query_height, policy)
         return replace(metadata, sensor=sensor)
 
     def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:
@@ -440,7 +453,6 @@ class Simulation:
         after = batch.world.scene()
         if after.differs_from(before):
             self._backend.update(after)
-        batch.metadata = batch.metadata.updated(metadata)
         if "pose" not in (metadata.sensor or {}) and self._sensors.moves_itself:
             self._sensors.move(batch.world, batch.seed, self.query_height)
         if batch.world.refine():
@@ -451,14 +463,12 @@ class Simulation:
     ) -> SampleOutline:
         """Return the outline of the next sample."""
         names = [FrameName(camera.name, m) for camera in cameras for m in camera.modalities]
-        faults, rig_pose = self._sensors.faults, drawn(self._sensors.rig_pose)
-        shot = (batch.id, batch.sample_id + 1)
         return SampleOutline(
             batch_id=batch.id,
             sample_id=batch.sample_id + 1,
-            rig_pose=rig_pose,
+            rig_pose=drawn(self._sensors.rig_pose),
             frames=tuple(names),
-            odometry=odometry_of(self._drift, rig_pose, faults.drift_sigmas, faults.seed, shot),
+            odometry=self._sensors.odometry(batch.id, batch.sample_id + 1),
             provenance=Provenance(
                 seed=self._config.seed,
                 batch_seed=batch.seed,
@@ -470,7 +480,7 @@ class Simulation:
                 device=self._backend.device,
                 stage_seed=batch.stage_seed,
                 asset_seed=batch.asset_seed,
-                metadata_json=metadata_text(self._modules.in_force(batch.metadata)),
+                metadata_json=metadata_text(batch.in_force),
                 previous_poses_json=previous_poses_text(cameras, batch.last_rig_poses),
             ),
         )

@@ -16,8 +16,8 @@ from oaisys_core.config import SimulationConfig, adjusted, config_from_mapping, 
 from oaisys_core.config.expectations import WORDS
 from oaisys_core.config.paths import BASE
 from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.module import overridden
 from oaisys_core.modules.assets.metadata import asset_metadata
-from oaisys_core.modules.overrides import overridden
 
 CONFIG = Path(__file__).parents[2] / "config"
 FILES = [CONFIG / "simulator.yaml", *sorted(CONFIG.glob("examples/*.yaml"))]

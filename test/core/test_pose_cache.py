@@ -15,9 +15,8 @@ from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.backend.base import Backend, FrameGroup
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import CancelledError
-from oaisys_core.fingerprint import Fingerprints
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.sensing.view_cache import PoseCache, RenderedView
+from oaisys_core.sensing.view_cache import Fingerprints, RenderedView, ViewCache
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (
     Frame,
@@ -202,7 +201,7 @@ def test_nobody_can_tell_that_there_is_a_cache(
 def test_memory_is_bounded_and_what_was_not_asked_for_longest_goes() -> None:
     camera = PinholeIntrinsics(10, 10, 9.0, 9.0, 4.5, 4.5)
     frame = Frame("camera", "depth", np.zeros((10, 10), np.float32), camera, np.eye(4))
-    cache = PoseCache(1000)
+    cache = ViewCache(1000)
     for name in (b"a", b"b"):
         cache.add(name, RenderedView((frame,), 4))
     assert cache.get(b"a") is not None

@@ -18,7 +18,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.output.images import read_image, write_image
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, ModuleMetadata, PinholeIntrinsics, Pose, Sample
-from oaisys_core.world.provenance import MAX_METADATA_BYTES
+from oaisys_core.world.batch import MAX_METADATA_BYTES
 
 CAMERA: dict[str, Any] = {
     "width_px": 24,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import functools
 import logging
 import os
 import sys
@@ -31,38 +29,3 @@ def own_stdout() -> Iterator[None]:
         sys.stdout = python
         os.dup2(kept, 1)
         os.close(kept)
-
-
-@contextmanager
-def without_c_output() -> Iterator[None]:
-    """Drop the output of C code, but not that of Python in any thread.
-
-    Blender 4.5 prints a line for each step of a render and has no option against it. This replaces
-    the stream of the C library and not file descriptor 1, which belongs to the program. If debug
-    logging is on, the output goes to standard error.
-    """
-    streams = _c_streams()
-    if streams is None:
-        yield
-        return
-    output, errors, nowhere = streams
-    kept = output.value
-    output.value = errors.value if logging.getLogger().isEnabledFor(logging.DEBUG) else nowhere
-    try:
-        yield
-    finally:
-        output.value = kept
-
-
-@functools.cache
-def _c_streams() -> tuple[ctypes.c_void_p, ctypes.c_void_p, int] | None:
-    """Return the C library's stdout and stderr, and a null stream; None if it has other names."""
-    library = ctypes.CDLL(None)
-    try:
-        output = ctypes.c_void_p.in_dll(library, "stdout")
-        errors = ctypes.c_void_p.in_dll(library, "stderr")
-    except ValueError:
-        return None
-    library.fopen.restype = ctypes.c_void_p
-    nowhere = library.fopen(os.devnull.encode(), b"w")
-    return None if nowhere is None else (output, errors, int(nowhere))

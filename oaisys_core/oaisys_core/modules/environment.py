@@ -21,8 +21,7 @@ from oaisys_core.config.sections.environment import (
 from oaisys_core.environment.effects import load_effects
 from oaisys_core.environment.hdri import SkyImages, images_of
 from oaisys_core.environment.sun import azimuth_in_map, sun_position
-from oaisys_core.module import Metadata, World
-from oaisys_core.modules.overrides import SectionModule, overridden
+from oaisys_core.module import Metadata, SectionModule, World, overridden
 from oaisys_core.sky import Color, Gradient, Haze, Hdri, Sky
 
 LEAST_CONTRAST = 0.02
@@ -102,6 +101,8 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
 
     def apply(self, world: World, section: EnvironmentConfig) -> None:
         """Set sun and sky."""
+        sun = section.sun_from_time
+        self.changes_by_itself = section.redraw == "sample" or bool(sun and sun.s_per_sample)
         draws = NamedDraws(self._seed, _redraw(section, world.sample_id))
         sky = self._sky(section, draws, world.sample_id)
         for index, effect in enumerate(load_effects(section.effects)):

@@ -12,7 +12,7 @@ from pydantic import Field
 from oaisys_core import randomness
 from oaisys_core.config.sections.materials import ConditionConfig, LayerConfig, MaterialsConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.module import Metadata, Module, World, require
+from oaisys_core.module import Metadata, Module, World, overridden, require
 from oaisys_core.modules.layers import (
     DrawnLayer,
     LayerLibrary,
@@ -21,7 +21,6 @@ from oaisys_core.modules.layers import (
     labels_of,
     layer_faults,
 )
-from oaisys_core.modules.overrides import overridden
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.terrain.displacement import displaced
 from oaisys_core.terrain.masks import (
@@ -54,6 +53,7 @@ class MaterialsModule(Module):
 
     name = "materials"
     metadata_part = "materials"
+    changes_by_itself = False
 
     def __init__(self, config: MaterialsConfig) -> None:
         try:

@@ -9,8 +9,7 @@ import numpy as np
 
 from oaisys_core.backend.base import RenderSettings
 from oaisys_core.config.sections.render import EffectsConfig, RenderConfig
-from oaisys_core.module import Metadata, World, require
-from oaisys_core.modules.overrides import SectionModule
+from oaisys_core.module import Metadata, SectionModule, World, require
 from oaisys_core.sensing.effects import Bloom, Effects, SensorNoise
 from oaisys_core.types import ALBEDO, DEPTH, FLOW, INSTANCE, NORMAL, RANGE, RGB
 
@@ -49,7 +48,8 @@ class RenderModule(SectionModule[RenderConfig]):
     metadata_part = "render"
 
     def apply(self, world: World, section: RenderConfig) -> None:
-        """Set the render settings, except for the noise seed."""
+        """Set the render settings, except for the seed of the sensor noise."""
+        self.changes_by_itself = section.effects.sensor_noise is not None
         world.render = _settings(section)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:

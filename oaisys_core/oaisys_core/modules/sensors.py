@@ -1,37 +1,37 @@
-"""The module that moves the rig and selects the cameras that render a sample."""
+"""The module that holds the cameras, moves the rig and sets the faults of its sensors."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import get_args
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from oaisys_core import geometry, randomness
+from oaisys_core import geometry
 from oaisys_core.config.expectations import refusal
 from oaisys_core.config.sections.faults import FaultsConfig
 from oaisys_core.config.sections.motion import AnyMotion
-from oaisys_core.config.sections.sensors import CameraConfig, PosePolicy, SensorsConfig
+from oaisys_core.config.sections.sensors import PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.module import Metadata, Module, World, require
-from oaisys_core.modules.camera_selection import cameras_of, due_cameras
-from oaisys_core.modules.clearance import Extent, HeightLookup, admitted_pose
-from oaisys_core.modules.optics import changed_cameras, lens_of, sensor_info
-from oaisys_core.modules.overrides import differing, overridden
-from oaisys_core.motion import Motion, MotionStep, make_motion
+from oaisys_core.module import Metadata, Module, World, differing, overridden, require
+from oaisys_core.modules.cameras import (
+    Cameras,
+    cameras_of,
+    changed_cameras,
+    due_cameras,
+    placed_cameras,
+    sensor_info,
+    with_previous_poses,
+)
+from oaisys_core.modules.clearance import HeightLookup, admitted_pose
+from oaisys_core.motion import Motion, make_motion, motion_step
 from oaisys_core.scene import PlacedCamera
-from oaisys_core.types import FloatArray, FrameName, Pose, SensorInfo
+from oaisys_core.sensing.faults import PoseDrift
+from oaisys_core.types import FrameName, Odometry, Pose, SensorInfo
 
 START_HEIGHT_M = 10.0
 """Height above the stage's centre at which the rig starts, looking down."""
-
-MOST_DRAWS = 64
-"""Number of poses that a motion may draw for one sample."""
-
-MOTION_STREAM = "sensors.motion"
-"""Name of the random stream of motions."""
 
 
 class SensorsModule(Module):
@@ -41,19 +41,26 @@ class SensorsModule(Module):
     camera names to optics that change until the next batch; ``faults``, sensor faults that change
     until then, such as ``enabled: false``; for a sample, ``pose_policy``, used instead of the
     configured one; for a batch, ``motion``, used instead of the configured one.
+
+    Attributes:
+        sensors: The cameras as clients see them.
+        rig_pose: Current pose of the rig; None before the first batch.
+        depth_faults: Faults of depth images; None if there are none.
     """
 
     name = "sensors"
     metadata_part = "sensor"
+    changes_by_itself = False
 
     def __init__(self, config: SensorsConfig) -> None:
         self._config = config
         self._baselines_m = {f"{pair.name}_right": pair.baseline_m for pair in config.stereo}
-        self._cameras = self._changed(config.all_cameras, None)
+        self._configured_cameras = self._cameras = config.all_cameras
         self.sensors = self._described(self._cameras)
         self._motion = make_motion(config.motion, self.sensors)
         self.rig_pose: Pose | None = None
-        self.faults = config.faults
+        self._drift = PoseDrift()
+        self._use_faults(config.faults)
 
     @property
     def moves_itself(self) -> bool:
@@ -64,24 +71,23 @@ class SensorsModule(Module):
         """Raise on unknown keys and invalid values."""
         self._chosen_motion(metadata)
         self._check(metadata, ("pose", "cameras", "motion", "faults"))
-        self._changed(self._config.all_cameras, metadata)
+        self._changed_cameras(self._configured_cameras, metadata)
         self._changed_faults(self._config.faults, metadata)
 
     def check_sample(self, metadata: Metadata) -> None:
         """Raise as `check` does; ``motion`` is only allowed for a batch."""
         self._check(metadata, ("pose", "pose_policy", "cameras", "faults"))
-        self._changed(self._cameras, metadata)
-        self._changed_faults(self.faults, metadata)
+        self._changed_cameras(self._cameras, metadata)
+        self._changed_faults(self._faults, metadata)
 
     def in_force(self, metadata: Metadata) -> Metadata:
         """Return the metadata with all changes of optics and faults, without the pose."""
-        configured = self._config.all_cameras
         cameras = {
             now.name: differing(before, now)
-            for before, now in zip(configured, self._cameras, strict=True)
+            for before, now in zip(self._configured_cameras, self._cameras, strict=True)
             if now != before
         }
-        found = {"cameras": cameras, "faults": differing(self._config.faults, self.faults)}
+        found = {"cameras": cameras, "faults": differing(self._config.faults, self._faults)}
         transient = ("pose", "pose_policy", *found)
         kept = {key: value for key, value in (metadata or {}).items() if key not in transient}
         return kept | {key: value for key, value in found.items() if value}
@@ -89,16 +95,19 @@ class SensorsModule(Module):
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Start a batch with the rig above the stage's centre, or at the pose in the metadata."""
         self.rig_pose = None
-        self._use(self._config.all_cameras)
-        self.faults = self._config.faults
+        self._use_cameras(self._configured_cameras)
+        self._use_faults(self._config.faults)
         self._motion = self._chosen_motion(metadata)
         self.step_sample(world, metadata, rng)
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Move the rig to the pose in the metadata, and change its cameras."""
-        self._use(self._changed(self._cameras, metadata))
-        self.faults = self._changed_faults(self.faults, metadata)
-        pose = (metadata or {}).get("pose")
+        given = metadata or {}
+        if "cameras" in given:
+            self._use_cameras(self._changed_cameras(self._cameras, given))
+        if "faults" in given:
+            self._use_faults(self._changed_faults(self._faults, given))
+        pose = given.get("pose")
         if pose is not None:
             self.rig_pose = geometry.checked_pose(pose.position_m, pose.quat_xyzw)
         elif self.rig_pose is None and world.ground is not None:
@@ -117,23 +126,30 @@ class SensorsModule(Module):
         Raises:
             InvalidInputError: The policy refused all poses, or the motion has ended.
         """
-        motion, ground = require(self._motion), require(world.ground)
-        index = (world.sample_id - 1) // motion.step_interval
-        step = MotionStep(
-            index=index,
-            rng=randomness.stream(batch_seed, MOTION_STREAM, index + 1),
-            batch_rng=randomness.stream(batch_seed, MOTION_STREAM),
-            ground=ground,
-            locate=lambda instance_id: _position_m(world, instance_id),
+        motion, policy = require(self._motion), self._config.pose_policy
+        accepts = "lift" if motion.is_lifted and policy == "reject" else policy
+        step = motion_step(motion, world, batch_seed)
+        self.rig_pose = motion.accepted_pose(
+            step, lambda pose: self.admitted(pose, world, heights, accepts)
         )
-        self.rig_pose = self._found(motion, step, heights, ground.extent_m)
         self._place(world)
 
-    def admit(
-        self, pose: Pose, heights: HeightLookup, extent_m: Extent, policy: PosePolicy | None = None
+    def admitted(
+        self, pose: Pose, world: World, heights: HeightLookup, policy: str | None = None
     ) -> Pose:
-        """Return a pose after a policy, by default the configured one, was applied to it."""
-        return self._admitted(pose, heights, extent_m, policy or self._config.pose_policy)
+        """Return a pose after a policy, by default the configured one, was applied to it.
+
+        Raises:
+            InvalidInputError: The policy refuses the pose.
+        """
+        return admitted_pose(
+            pose,
+            self.sensors,
+            heights,
+            require(world.ground).extent_m,
+            policy=policy or self._config.pose_policy,
+            least_m=self._config.min_clearance_m,
+        )
 
     def due(
         self,
@@ -143,63 +159,26 @@ class SensorsModule(Module):
         sensors: Sequence[str],
     ) -> tuple[PlacedCamera, ...]:
         """Return the cameras that render the world's sample; see `due_cameras`."""
-        cameras = due_cameras(world, self._cameras, modalities, sensors)
-        return self._with_previous_poses(cameras, last_rig_poses)
+        cameras = due_cameras(world.cameras, self._cameras, world.sample_id, modalities, sensors)
+        return with_previous_poses(cameras, self.sensors, last_rig_poses)
 
     def named(
         self, world: World, last_rig_poses: Mapping[str, Pose], frames: Sequence[FrameName]
     ) -> tuple[PlacedCamera, ...]:
         """Return the cameras that render exactly these frames; see `cameras_of`."""
-        return self._with_previous_poses(cameras_of(world.cameras, frames), last_rig_poses)
+        return with_previous_poses(cameras_of(world.cameras, frames), self.sensors, last_rig_poses)
 
-    def _with_previous_poses(
-        self, cameras: Sequence[PlacedCamera], last_rig_poses: Mapping[str, Pose]
-    ) -> tuple[PlacedCamera, ...]:
-        mounts = {sensor.name: sensor.T_base_camera for sensor in self.sensors}
-        return tuple(
-            replace(c, T_map_previous=_previous(mounts[c.name], last_rig_poses.get(c.name)))
-            for c in cameras
-        )
-
-    def _found(
-        self, motion: Motion, step: MotionStep, heights: HeightLookup, extent_m: Extent
-    ) -> Pose:
-        policy: str = self._config.pose_policy
-        if motion.is_lifted and policy == "reject":
-            policy = "lift"
-        reason = "the motion leaves the stage"
-        draws = MOST_DRAWS if motion.can_redraw else 1
-        for _ in range(draws):
-            pose = motion.pose(step)
-            if pose is None:
-                continue
-            try:
-                return self._admitted(pose, heights, extent_m, policy)
-            except InvalidInputError as error:
-                reason = f"pose.position {error.received} does not have {error.expected}"
-        tries = f"{draws} draws" if draws > 1 else "its only pose"
-        expected = f"a pose that sensors.pose_policy accepts ({tries}; {reason})"
-        raise InvalidInputError("sensors.motion", f"step {step.index + 1}", expected)
-
-    def _admitted(self, pose: Pose, heights: HeightLookup, extent_m: Extent, policy: str) -> Pose:
-        least_m = self._config.min_clearance_m
-        return admitted_pose(pose, self.sensors, heights, extent_m, policy=policy, least_m=least_m)
+    def odometry(self, batch_id: int, sample_id: int) -> Odometry | None:
+        """Return the rig's estimate of its pose at a sample; None without drift."""
+        sigmas = self._drift_sigmas
+        if not any(sigmas):
+            return None
+        pose, seed = require(self.rig_pose), self._faults.seed
+        return self._drift.odometry(pose, sigmas, seed, batch_id, sample_id)
 
     def _place(self, world: World) -> None:
-        if self.rig_pose is None:
-            return
-        T_map_base = geometry.pose_to_matrix(self.rig_pose)
-        world.cameras = tuple(
-            PlacedCamera(
-                name=sensor.name,
-                intrinsics=sensor.intrinsics,
-                T_map_camera=T_map_base @ sensor.T_base_camera,
-                modalities=sensor.modalities,
-                lens=lens_of(camera),
-                shutter_share=camera.shutter_share,
-            )
-            for sensor, camera in zip(self.sensors, self._cameras, strict=True)
-        )
+        if self.rig_pose is not None:
+            world.cameras = placed_cameras(self._cameras, self.sensors, self.rig_pose)
 
     def _check(self, metadata: Metadata, known: Sequence[str]) -> None:
         for key, value in (metadata or {}).items():
@@ -223,12 +202,9 @@ class SensorsModule(Module):
             raise refusal(error, chosen, "metadata.sensor.motion") from error
         return make_motion(config, self.sensors)
 
-    def _changed(
-        self, cameras: tuple[CameraConfig, ...], metadata: Metadata
-    ) -> tuple[CameraConfig, ...]:
-        return changed_cameras(
-            cameras, (metadata or {}).get("cameras", {}), f"{self.metadata_part}.cameras"
-        )
+    def _changed_cameras(self, cameras: Cameras, metadata: Metadata) -> Cameras:
+        changes = (metadata or {}).get("cameras", {})
+        return changed_cameras(cameras, changes, f"{self.metadata_part}.cameras")
 
     def _changed_faults(self, faults: FaultsConfig, metadata: Metadata) -> FaultsConfig:
         changes = (metadata or {}).get("faults", {})
@@ -238,33 +214,19 @@ class SensorsModule(Module):
             raise InvalidInputError(f"metadata.{path}", changes, expected)
         return overridden(faults, changes, path)
 
-    def _use(self, cameras: tuple[CameraConfig, ...]) -> None:
+    def _use_cameras(self, cameras: Cameras) -> None:
         """Set the cameras; `sensors` stays the same object if nothing changed."""
         if cameras != self._cameras:
             self._cameras, self.sensors = cameras, self._described(cameras)
 
-    def _described(self, cameras: Sequence[CameraConfig]) -> tuple[SensorInfo, ...]:
+    def _use_faults(self, faults: FaultsConfig) -> None:
+        self._faults = faults
+        self.depth_faults, self._drift_sigmas = faults.of_depth, faults.drift_sigmas
+
+    def _described(self, cameras: Cameras) -> tuple[SensorInfo, ...]:
         return tuple(
             sensor_info(camera, self._baselines_m.get(camera.name, 0.0)) for camera in cameras
         )
 
 
 _MOTIONS: TypeAdapter[AnyMotion] = TypeAdapter(AnyMotion)
-
-
-def _previous(T_base_camera: FloatArray, rig_pose: Pose | None) -> FloatArray | None:
-    return None if rig_pose is None else geometry.pose_to_matrix(rig_pose) @ T_base_camera
-
-
-def _position_m(world: World, instance_id: int) -> FloatArray:
-    """Return the (3,) position of an object in ``map``."""
-    for primitive in world.primitives:
-        if primitive.instance_id == instance_id:
-            return np.array(primitive.T_map_object[:3, 3])
-    for placement in world.placements:
-        (found,) = np.nonzero(placement.instance_ids == instance_id)
-        if len(found):
-            return np.array(placement.T_map_object[found[0], :3, 3])
-    raise InvalidInputError(
-        "sensors.motion.target_instance", instance_id, "the instance id of an object in this world"
-    )

@@ -10,8 +10,7 @@ import numpy as np
 from oaisys_core.config.sections.stage import ReuseConfig, StageConfig, StageMeshConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.meshes.files import load_mesh
-from oaisys_core.module import Metadata, Module, World
-from oaisys_core.modules.overrides import overridden
+from oaisys_core.module import Metadata, Module, World, overridden
 from oaisys_core.scene import Ground
 from oaisys_core.terrain.dem import import_dem
 from oaisys_core.terrain.detail import Detail
@@ -29,6 +28,7 @@ class StageModule(Module):
 
     name = "stage"
     metadata_part = "stage"
+    changes_by_itself = False
 
     def __init__(self, config: StageConfig) -> None:
         try:

@@ -14,12 +14,12 @@ from oaisys_core.config.sections.motion import (
     LookAtMotion,
     RandomMotion,
 )
-from oaisys_core.motion.base import Motion, MotionStep
+from oaisys_core.motion.base import Motion, motion_step
 from oaisys_core.motion.paths import Csv, Grid, Spline
 from oaisys_core.motion.random_poses import AroundTarget, Hover, LookAt, Random
 from oaisys_core.types import SensorInfo
 
-__all__ = ["Motion", "MotionStep", "make_motion"]
+__all__ = ["Motion", "make_motion", "motion_step"]
 
 
 def make_motion(config: AnyMotion, sensors: Sequence[SensorInfo]) -> Motion | None:

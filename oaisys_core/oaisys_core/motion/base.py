@@ -10,14 +10,21 @@ from math import isfinite
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from oaisys_core import geometry
+from oaisys_core import geometry, randomness
 from oaisys_core.config.sections.motion import AnglesConfig, MotionConfig
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.module import World, require
 from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray, Pose
 
 VERTICAL_COSINE = 1 - 1e-9
 """For viewing directions closer to the vertical than this, the image's upper edge points to +x."""
+
+MOST_DRAWS = 64
+"""Number of poses that a motion may draw for one sample."""
+
+STREAM = "sensors.motion"
+"""Name of the random stream of motions."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +66,56 @@ class Motion(ABC):
         Raises:
             InvalidInputError: There is no such step, or no such target.
         """
+
+    def accepted_pose(self, step: MotionStep, admitted: Callable[[Pose], Pose]) -> Pose:
+        """Return the first pose of a step that is admitted; up to `MOST_DRAWS` are drawn.
+
+        Args:
+            step: The step.
+            admitted: Returns the pose, possibly moved, or raises `InvalidInputError`.
+
+        Raises:
+            InvalidInputError: No pose was admitted, or the motion has ended.
+        """
+        reason = "the motion leaves the stage"
+        draws = MOST_DRAWS if self.can_redraw else 1
+        for _ in range(draws):
+            pose = self.pose(step)
+            if pose is None:
+                continue
+            try:
+                return admitted(pose)
+            except InvalidInputError as error:
+                reason = f"pose.position {error.received} does not have {error.expected}"
+        tries = f"{draws} draws" if draws > 1 else "its only pose"
+        expected = f"a pose that sensors.pose_policy accepts ({tries}; {reason})"
+        raise InvalidInputError("sensors.motion", f"step {step.index + 1}", expected)
+
+
+def motion_step(motion: Motion, world: World, batch_seed: int) -> MotionStep:
+    """Return the step of a motion at the sample of the world."""
+    index = (world.sample_id - 1) // motion.step_interval
+    return MotionStep(
+        index=index,
+        rng=randomness.stream(batch_seed, STREAM, index + 1),
+        batch_rng=randomness.stream(batch_seed, STREAM),
+        ground=require(world.ground),
+        locate=lambda instance_id: _position_m(world, instance_id),
+    )
+
+
+def _position_m(world: World, instance_id: int) -> FloatArray:
+    """Return the (3,) position of an object in ``map``."""
+    for primitive in world.primitives:
+        if primitive.instance_id == instance_id:
+            return np.array(primitive.T_map_object[:3, 3])
+    for placement in world.placements:
+        (found,) = np.nonzero(placement.instance_ids == instance_id)
+        if len(found):
+            return np.array(placement.T_map_object[found[0], :3, 3])
+    raise InvalidInputError(
+        "sensors.motion.target_instance", instance_id, "the instance id of an object in this world"
+    )
 
 
 def drawn_from(bounds: tuple[float, float], rng: np.random.Generator) -> float:

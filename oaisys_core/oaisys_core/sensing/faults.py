@@ -232,20 +232,13 @@ class PoseDrift:
         qx, qy, qz, qw = (float(v) for v in turned.as_quat(canonical=True))
         return Pose((x, y, z), (qx, qy, qz, qw))
 
-
-def drift_sigma(sigmas: tuple[float, float], sample_id: int) -> tuple[float, float]:
-    """Return the standard deviation of a drifted pose along each axis (m) and about it (rad)."""
-    steps = max(sample_id, 1) - 1
-    return sigmas[0] * steps**0.5, sigmas[1] * steps**0.5
-
-
-def odometry_of(
-    drift: PoseDrift, pose: Pose, sigmas: tuple[float, float], seed: int, shot: tuple[int, int]
-) -> Odometry | None:
-    """Return the rig's estimate of its pose at a batch's sample; None without drift."""
-    if sigmas == (0.0, 0.0):
-        return None
-    return Odometry(drift.drifted(pose, sigmas, seed, *shot), *drift_sigma(sigmas, shot[1]))
+    def odometry(
+        self, pose: Pose, sigmas: tuple[float, float], seed: int, batch_id: int, sample_id: int
+    ) -> Odometry:
+        """Return the drifted pose with its standard deviations; see `drifted`."""
+        root = (max(sample_id, 1) - 1) ** 0.5
+        drifted = self.drifted(pose, sigmas, seed, batch_id, sample_id)
+        return Odometry(drifted, sigmas[0] * root, sigmas[1] * root)
 
 
 def drift_covariance(sigmas: tuple[float, float], sample_id: int) -> NDArray[Any]:

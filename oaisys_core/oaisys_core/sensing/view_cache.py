@@ -1,22 +1,26 @@
-"""Keeps recently rendered views, so that the same view is not rendered again."""
+"""Keeps recently rendered views, by a digest of all that they depend on."""
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import logging
+import struct
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from oaisys_core.backend.base import RenderSettings
-from oaisys_core.fingerprint import Digest, Fingerprints
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import ALBEDO, FLOW, RGB, Frame, Provenance
-from oaisys_core.world.provenance import depends_on_past
 
 _LOG = logging.getLogger(__name__)
+
+Digest = bytes
 
 
 class RenderedView(NamedTuple):
@@ -31,7 +35,7 @@ class RenderedView(NamedTuple):
         return sum(frame.data.nbytes for frame in self.frames)
 
 
-class PoseCache:
+class ViewCache:
     """Keeps views within a bound of memory and drops the least recently used first.
 
     A view's key is a digest of all that its frames depend on: seeds, configuration, backend,
@@ -114,7 +118,7 @@ def _is_repeatable(cameras: Sequence[PlacedCamera], settings: RenderSettings) ->
 
 def _without_past(camera: PlacedCamera) -> PlacedCamera:
     """Return the camera without the pose before, where nothing that is rendered depends on it."""
-    if depends_on_past(camera):
+    if camera.depends_on_past:
         return camera
     return replace(camera, T_map_previous=None)
 
@@ -129,3 +133,90 @@ def _constant(data: Any) -> Any:
     copied = np.array(data)
     copied.flags.writeable = False
     return copied
+
+
+class Fingerprints:
+    """Computes digests of records, and caches those of records that stay the same objects.
+
+    Records are dataclasses and tuples whose content never changes. The cache keeps only the records
+    that the last call met.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[Any, Digest]] = {}
+        self._met: dict[int, tuple[Any, Digest]] = {}
+
+    def of(self, value: Any) -> Digest:
+        """Return the digest of dataclasses, mappings, sequences, sets, arrays and plain values.
+
+        Raises:
+            TypeError: It contains an object of another type.
+        """
+        self._met = {}
+        found = self._digest(value)
+        self._known = self._met
+        return found
+
+    def forget(self) -> None:
+        """Empty the cache."""
+        self._known = {}
+
+    def _digest(self, value: Any) -> Digest:
+        if isinstance(value, tuple) or _is_record(value):
+            return self._of_constant(value)
+        if isinstance(value, np.ndarray):
+            return _of_array(value)
+        if isinstance(value, list):
+            return _joined("sequence", [self._digest(inner) for inner in value])
+        if isinstance(value, (set, frozenset)):
+            return _joined("set", sorted(self._digest(inner) for inner in value))
+        if isinstance(value, Mapping):
+            pairs = [self._digest(key) + self._digest(inner) for key, inner in value.items()]
+            return _joined("mapping", sorted(pairs))
+        return _of_plain(value)
+
+    def _of_constant(self, value: Any) -> Digest:
+        known = self._met.get(id(value)) or self._known.get(id(value))
+        if known is None:
+            if isinstance(value, tuple):
+                kind, parts = "sequence", value
+            else:
+                kind = f"record {type(value).__module__}.{type(value).__qualname__}"
+                parts = tuple(getattr(value, field.name) for field in dataclasses.fields(value))
+            # Keep the value too, so that no other object can get its id.
+            known = value, _joined(kind, [self._digest(part) for part in parts])
+        self._met[id(value)] = known
+        return known[1]
+
+
+def _is_record(value: Any) -> bool:
+    return dataclasses.is_dataclass(value) and not isinstance(value, type)
+
+
+def _joined(kind: str, digests: list[Digest]) -> Digest:
+    return _hash(f"{kind} {len(digests)} ".encode() + b"".join(digests))
+
+
+def _of_array(array: Any) -> Digest:
+    if array.dtype.hasobject:
+        raise TypeError("an array of objects has no digest")
+    data = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+    return _hash(f"array {array.dtype.str} {array.shape} ".encode(), data)
+
+
+def _of_plain(value: Any) -> Digest:
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float):
+        return _hash(b"float " + struct.pack("<d", value))
+    if value is None or isinstance(value, (bool, int, str, bytes, Path)):
+        return _hash(f"{type(value).__name__} {value!r}".encode())
+    raise TypeError(f"a {type(value).__name__} has no digest")
+
+
+def _hash(*parts: Any) -> Digest:
+    # The fastest of the standard library on processors with SHA instructions.
+    found = hashlib.sha256()
+    for part in parts:
+        found.update(part)
+    return found.digest()

@@ -9,7 +9,7 @@ from dataclasses import replace
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
-from oaisys_core.sensing.view_cache import PoseCache, RenderedView
+from oaisys_core.sensing.view_cache import RenderedView, ViewCache
 from oaisys_core.types import (
     DEPTH,
     RANGE,
@@ -40,7 +40,7 @@ class ViewRenderer:
     ) -> None:
         """Start with an empty cache; see `Simulation` for the arguments."""
         self._backend = backend
-        self._cache = PoseCache(cache_bytes)
+        self._cache = ViewCache(cache_bytes)
         self._place_frames = place_frames
 
     def forget_world(self) -> None:
@@ -54,19 +54,19 @@ class ViewRenderer:
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
         progress: ProgressCallback,
-        faults: DepthFaults,
+        faults: DepthFaults | None,
         started_s: float,
     ) -> SampleSteps:
         """Render what cameras see of ``scene``, which the backend was given.
 
         Args:
             outline: Of the sample; whether it comes from the cache is set here.
-            faults: Errors of depth sensors. Views with such errors are not cached, because no two
-                samples have the same noise.
+            faults: Errors of depth sensors, if any. Views with such errors are not cached, because
+                no two samples have the same noise.
             started_s: When the sample began, by `time.perf_counter`.
         """
         key = None
-        if not (faults.active and _have_depth(cameras)):
+        if faults is None or not _have_depth(cameras):
             key = self._cache.key(outline.provenance, scene, cameras, settings)
         view = self._cache.get(key)
         outline = replace(outline, from_cache=view is not None)
@@ -99,13 +99,14 @@ class ViewRenderer:
         )
 
     def _measured(
-        self, frames: tuple[Frame, ...], faults: DepthFaults, outline: SampleOutline
+        self, frames: tuple[Frame, ...], faults: DepthFaults | None, outline: SampleOutline
     ) -> tuple[Frame, ...]:
         """Return what sensors measure instead of the true frames, placed where frames are kept."""
-        batch_id, sample_id = outline.batch_id, outline.sample_id
-        shots = [Shot(batch_id, sample_id, frame.sensor) for frame in frames]
-        measured = [measured_frame(f, faults, s) for f, s in zip(frames, shots, strict=True)]
-        return self._place_frames(tuple(measured))
+        if faults is not None:
+            shots = [Shot(outline.batch_id, outline.sample_id, frame.sensor) for frame in frames]
+            measured = zip(frames, shots, strict=True)
+            frames = tuple(measured_frame(frame, faults, shot) for frame, shot in measured)
+        return self._place_frames(frames)
 
     def _rendered_view(
         self, outline: SampleOutline, groups: Sequence[FrameGroup], settings: RenderSettings

@@ -1,14 +1,25 @@
-"""The current batch, and how it is saved, restored and rolled back."""
+"""The current batch: its state, how that is rolled back, and how it is recorded to be restored."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
-from oaisys_core.backend.base import Backend
-from oaisys_core.module import Module, World
-from oaisys_core.types import ModuleMetadata, Pose
+import numpy as np
+from pydantic import BaseModel
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.module import World
+from oaisys_core.scene import PlacedCamera
+from oaisys_core.types import ModuleMetadata, Pose, SampleOutline
+
+MAX_METADATA_BYTES = 1 << 20
+"""Largest size of the metadata in force, which is stored with every sample."""
+
+PARTS = ("sensor", "environment", "asset", "render", "custom")
 
 
 @dataclass
@@ -20,6 +31,7 @@ class Batch:
         stage_seed: Seed of its ground and materials; another one on a reused stage.
         asset_seed: Seed of its objects; another one if they were kept from an earlier batch.
         metadata: All metadata since the batch began, merged.
+        in_force: Metadata with which a new batch reaches the current state of the modules.
         sample_id: Id of the last sample; 0 before the first.
         last_rig_poses: By camera name, the pose of the rig when that camera last rendered.
     """
@@ -30,93 +42,138 @@ class Batch:
     asset_seed: int
     world: World = field(default_factory=World)
     metadata: ModuleMetadata = field(default_factory=ModuleMetadata)
+    in_force: ModuleMetadata = field(default_factory=ModuleMetadata)
     sample_id: int = 0
-    last_rig_poses: dict[str, Pose] = field(default_factory=dict)
+    last_rig_poses: Mapping[str, Pose] = field(default_factory=dict)
 
-    def to_state(self, rig_pose: Pose, in_force: ModuleMetadata) -> dict[str, Any]:
-        """Return JSON-compatible data from which `from_state` restores the batch.
-
-        Args:
-            rig_pose: Current pose of the rig.
-            in_force: Metadata with which a new batch reaches the state of this one.
-        """
+    def to_state(self, rig_pose: Pose) -> dict[str, Any]:
+        """Return JSON-compatible data from which `from_state` restores the batch."""
         return {
             "id": self.id,
             "seed": self.seed,
             "stage_seed": self.stage_seed,
             "asset_seed": self.asset_seed,
             "sample_id": self.sample_id,
-            "pose": pose_to_state(rig_pose),
-            "last_rig_poses": {n: pose_to_state(p) for n, p in self.last_rig_poses.items()},
-            "sensor": {k: v for k, v in (in_force.sensor or {}).items() if k != "pose"},
-            "environment": dict(in_force.environment or {}),
-            "asset": dict(in_force.asset or {}),
-            "render": dict(in_force.render or {}),
-            "custom": dict(in_force.custom),
+            "pose": _pose_to_state(rig_pose),
+            "last_rig_poses": _poses_to_state(self.last_rig_poses),
+            **_parts(self.in_force),
         }
 
     @classmethod
     def from_state(cls, state: Mapping[str, Any]) -> Batch:
         """Return the batch of a state, with an empty world; inverse: `to_state`."""
-        metadata = ModuleMetadata(
-            sensor={**state["sensor"], "pose": _pose_from_state(state["pose"])},
-            environment=state["environment"],
-            asset=state["asset"],
-            render=state["render"],
-            custom=state["custom"],
-        )
+        parts = {name: state[name] for name in PARTS}
+        parts["sensor"] = {**state["sensor"], "pose": _pose_from_state(state["pose"])}
         return cls(
             id=int(state["id"]),
             seed=int(state["seed"]),
             stage_seed=int(state["stage_seed"]),
             asset_seed=int(state.get("asset_seed", state["seed"])),
-            metadata=metadata,
+            metadata=ModuleMetadata(**parts),
             sample_id=int(state["sample_id"]),
             last_rig_poses={n: _pose_from_state(p) for n, p in state["last_rig_poses"].items()},
         )
 
 
-class ModuleSnapshot:
-    """The state of all modules; modules replace their attributes and never mutate them."""
+class Snapshot:
+    """The attributes of some objects, which replace the values of their attributes at a change."""
 
-    def __init__(self, modules: Sequence[Module]) -> None:
-        self._states = [(module, dict(vars(module))) for module in modules]
-
-    def restore(self) -> None:
-        """Restore the state of the modules."""
-        for module, state in self._states:
-            vars(module).clear()
-            vars(module).update(state)
-
-
-class SampleSnapshot:
-    """The state of the simulation before a sample, to which it can be rolled back."""
-
-    def __init__(self, batch: Batch, modules: Sequence[Module], backend: Backend) -> None:
-        """Save the state; the batch's world becomes a copy that the sample may change."""
-        self._batch = batch
-        self._backend = backend
-        self._modules = ModuleSnapshot(modules)
-        self._world, self._metadata = batch.world, batch.metadata
-        self._sample_id, self._last_rig_poses = batch.sample_id, dict(batch.last_rig_poses)
-        labels = dict(self._world.semantic_labels)
-        batch.world = replace(self._world, semantic_labels=labels)
+    def __init__(self, *objects: object) -> None:
+        self._states = [(each, dict(vars(each))) for each in objects]
 
     def restore(self) -> None:
-        """Roll the simulation back; may be called once."""
-        batch = self._batch
-        changed = batch.world.scene()
-        self._modules.restore()
-        batch.world, batch.metadata = self._world, self._metadata
-        batch.sample_id, batch.last_rig_poses = self._sample_id, self._last_rig_poses
-        if changed.differs_from(self._world.scene()):
-            self._backend.update(self._world.scene())
+        """Set all attributes back."""
+        for each, state in self._states:
+            vars(each).clear()
+            vars(each).update(state)
 
 
-def pose_to_state(pose: Pose) -> dict[str, Any]:
+def metadata_text(metadata: ModuleMetadata) -> str:
+    """Return metadata as canonical JSON, without the pose, which is stored separately.
+
+    Raises:
+        InvalidInputError: It is longer than `MAX_METADATA_BYTES`, or not representable in JSON.
+    """
+    given = {name: part for name, part in _parts(metadata).items() if part}
+    text = json.dumps(given, default=_plain, sort_keys=True, separators=(",", ":"))
+    if len(text) > MAX_METADATA_BYTES:
+        expected = f"at most {MAX_METADATA_BYTES} bytes of metadata in force, as JSON"
+        raise InvalidInputError("metadata", f"{len(text)} bytes", expected)
+    return text
+
+
+def previous_poses_text(cameras: Iterable[PlacedCamera], last_rig_poses: Mapping[str, Pose]) -> str:
+    """Return, as JSON, the previous rig pose of each camera whose images depend on it."""
+    dependent = [camera.name for camera in cameras if camera.depends_on_past]
+    poses = _poses_to_state({n: last_rig_poses[n] for n in dependent if n in last_rig_poses})
+    return json.dumps(poses, sort_keys=True, separators=(",", ":")) if poses else ""
+
+
+def state_of(outline: SampleOutline) -> dict[str, Any]:
+    """Return the state of a simulation that has just rendered a recorded sample.
+
+    It equals `Simulation.state`, except that ``last_rig_poses`` are those before the sample.
+
+    Raises:
+        InvalidInputError: The record was written by an earlier version, which stored too little.
+    """
+    how = outline.provenance
+    if not how.metadata_json:
+        expected = "the metadata in force, which the version that wrote this record did not store"
+        raise InvalidInputError("provenance.metadata_json", how.metadata_json, expected)
+    metadata = _mapping("provenance.metadata_json", how.metadata_json)
+    previous = _mapping("provenance.previous_poses_json", how.previous_poses_json or "{}")
+    batch = {
+        "id": outline.batch_id,
+        "seed": how.batch_seed,
+        "stage_seed": how.stage_seed,
+        "asset_seed": how.asset_seed,
+        "sample_id": outline.sample_id,
+        "pose": _pose_to_state(outline.rig_pose),
+        "last_rig_poses": previous,
+        **{name: metadata.get(name, {}) for name in PARTS},
+    }
+    return {"last_batch_id": outline.batch_id, "batch": batch}
+
+
+def _parts(metadata: ModuleMetadata) -> dict[str, dict[str, Any]]:
+    """Return the parts of metadata, without the pose."""
+    parts = {name: dict(getattr(metadata, name) or {}) for name in PARTS}
+    parts["sensor"].pop("pose", None)
+    return parts
+
+
+def _poses_to_state(poses: Mapping[str, Pose]) -> dict[str, Any]:
+    return {name: _pose_to_state(pose) for name, pose in poses.items()}
+
+
+def _pose_to_state(pose: Pose) -> dict[str, Any]:
     """Return a pose as JSON-compatible data."""
     return {"position_m": list(pose.position_m), "quat_xyzw": list(pose.quat_xyzw)}
 
 
 def _pose_from_state(state: Mapping[str, Any]) -> Pose:
     return Pose(tuple(state["position_m"]), tuple(state["quat_xyzw"]))
+
+
+def _mapping(field: str, text: str) -> Mapping[str, Any]:
+    try:
+        found = json.loads(text)
+    except ValueError as error:
+        raise InvalidInputError(field, text[:80], f"JSON ({error})") from error
+    if not isinstance(found, Mapping):
+        raise InvalidInputError(field, text[:80], "a JSON object")
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """Return a value from a caller in the same process in a form that JSON supports."""
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json")
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise InvalidInputError("metadata", repr(value), "a value that JSON can represent")

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
 from oaisys_core import randomness
 from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.config import SimulationConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.extension_modules import make_modules
+from oaisys_core.extension_modules import ExtensionModule, make_modules
 from oaisys_core.module import Module, World
 from oaisys_core.modules import (
     AssetsModule,
@@ -78,22 +79,11 @@ class ModuleSet:
                 expected = f"a mapping for one of the modules {', '.join(sorted(known))}"
                 raise InvalidInputError(f"metadata.custom.{name}", value, expected)
         for module in self.all:
-            check = module.check if is_batch else module.check_sample
-            check(metadata.part(module.metadata_part))
-
-    def in_force(self, metadata: ModuleMetadata) -> ModuleMetadata:
-        """Return metadata with which a new batch reaches the current state of the modules.
-
-        Args:
-            metadata: All metadata since the batch began, merged.
-        """
-        parts = {
-            module.metadata_part: dict(module.in_force(metadata.part(module.metadata_part)) or {})
-            for module in self.all
-        }
-        custom = {name: part for name, part in parts.items() if name not in OWN_PARTS and part}
-        own = {name: part for name, part in parts.items() if name in OWN_PARTS}
-        return ModuleMetadata(**own, custom=custom)
+            part = metadata.part(module.metadata_part)
+            if is_batch:
+                module.check(part)
+            elif part:
+                module.check_sample(part)
 
     def draw(
         self,
@@ -119,11 +109,33 @@ class ModuleSet:
         return world
 
     def step_sample(self, batch: Batch, metadata: ModuleMetadata) -> None:
-        """Update the world of a batch for its next sample."""
-        batch.world.sample_id = batch.sample_id + 1
-        for module in self.all:
-            rng = randomness.stream(batch.seed, module.name, batch.sample_id + 1)
-            module.step_sample(batch.world, metadata.part(module.metadata_part), rng)
+        """Update a batch for its next sample, by the modules that have something to change."""
+        world = batch.world
+        world.sample_id = batch.sample_id + 1
+        # An extension may change at each sample what the others have set, so they set it again.
+        is_extended = any(isinstance(module, ExtensionModule) for module in self.all)
+        changing = [
+            module
+            for module in self.all
+            if is_extended or module.changes_by_itself or metadata.part(module.metadata_part)
+        ]
+        for module in changing:
+            rng = randomness.stream(batch.seed, module.name, world.sample_id)
+            module.step_sample(world, metadata.part(module.metadata_part), rng)
+        batch.metadata = batch.metadata.updated(metadata)
+        note_in_force(batch, changing)
+
+
+def note_in_force(batch: Batch, modules: Iterable[Module]) -> None:
+    """Update ``in_force`` of a batch by modules that have changed."""
+    own: dict[str, Any] = {}
+    custom = dict(batch.in_force.custom)
+    for module in modules:
+        name = module.metadata_part
+        part = dict(module.in_force(batch.metadata.part(name)) or {})
+        (own if name in OWN_PARTS else custom)[name] = part
+    custom = {name: part for name, part in custom.items() if part}
+    batch.in_force = replace(batch.in_force, **own, custom=custom)
 
 
 def _seed_of(module: Module, seeds: BatchSeeds) -> int:

@@ -48,11 +48,9 @@ class FaultsConfig(Section):
     drift_rad: float = Field(default=0.0, ge=0, le=3.2)
 
     @property
-    def of_depth(self) -> DepthFaults:
-        """The faults of depth images."""
-        if not self.enabled:
-            return DepthFaults()
-        return DepthFaults(
+    def of_depth(self) -> DepthFaults | None:
+        """The faults of depth images; None if there are none."""
+        faults = DepthFaults(
             seed=self.seed,
             noise=self.depth_noise,
             sigma_m=self.depth_sigma_m,
@@ -61,6 +59,7 @@ class FaultsConfig(Section):
             max_depth_m=self.max_depth_m,
             missing_ratio=self.missing_ratio,
         )
+        return faults if self.enabled and faults.active else None
 
     @property
     def drift_sigmas(self) -> tuple[float, float]:

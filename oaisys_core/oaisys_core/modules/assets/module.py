@@ -86,6 +86,7 @@ class AssetsModule(Module):
         for thing in self._config.labelled:
             world.semantic_labels.update(thing.labels)
         self._metadata = merged({}, metadata)
+        self.changes_by_itself = bool(things.movers)
         self._edited = EditedAssets(things, world, self._library, rng)
         self._edited.apply(checked)
 

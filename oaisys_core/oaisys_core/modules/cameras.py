@@ -1,0 +1,201 @@
+"""The cameras of a rig: what metadata changes of them, where they are, and what they render."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import radians
+from typing import Any
+
+from oaisys_core import geometry
+from oaisys_core.config.sections.sensors import CameraConfig, OpticsConfig, optics_bounds_px
+from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.module import overridden
+from oaisys_core.scene import Lens, PlacedCamera
+from oaisys_core.types import FrameName, Pose, SensorInfo
+
+Cameras = tuple[CameraConfig, ...]
+
+
+def changed_cameras(cameras: Cameras, changes: Any, path: str) -> Cameras:
+    """Return the cameras with changed fields of `OpticsConfig`.
+
+    Args:
+        cameras: The cameras before the changes.
+        changes: Mapping of camera names to new values by field, from metadata.
+        path: Path of ``changes`` below ``metadata``.
+
+    Raises:
+        InvalidInputError: There is no such camera or field, or a value is invalid.
+    """
+    names = [camera.name for camera in cameras]
+    if not isinstance(changes, Mapping):
+        raise InvalidInputError(f"metadata.{path}", changes, "a mapping by camera name")
+    for name, values in changes.items():
+        if name not in names:
+            known = ", ".join(names)
+            raise InvalidInputError(f"metadata.{path}.{name}", values, f"one of {known}")
+        _check_keys(f"{path}.{name}", values)
+        _check_reach(cameras[names.index(name)], f"{path}.{name}", values)
+    return tuple(
+        overridden(camera, changes.get(camera.name), f"{path}.{camera.name}") for camera in cameras
+    )
+
+
+def sensor_info(camera: CameraConfig, baseline_m: float) -> SensorInfo:
+    """Return a camera as clients see it; ``baseline_m`` is 0 except for right stereo cameras."""
+    mount = geometry.checked_pose(
+        camera.mount_position_m, camera.mount_quat_xyzw, f"sensors.cameras.{camera.name}.mount"
+    )
+    T_base_camera = geometry.pose_to_matrix(mount) @ geometry.T_LINK_OPTICAL
+    modalities = tuple(camera.modalities)
+    return SensorInfo(camera.name, camera.intrinsics, T_base_camera, modalities, baseline_m)
+
+
+def placed_cameras(
+    cameras: Cameras, sensors: Sequence[SensorInfo], rig_pose: Pose
+) -> tuple[PlacedCamera, ...]:
+    """Return the cameras in ``map``, each with all its modalities."""
+    T_map_base = geometry.pose_to_matrix(rig_pose)
+    return tuple(
+        PlacedCamera(
+            name=sensor.name,
+            intrinsics=sensor.intrinsics,
+            T_map_camera=T_map_base @ sensor.T_base_camera,
+            modalities=sensor.modalities,
+            lens=_lens(camera),
+            shutter_share=camera.shutter_share,
+        )
+        for sensor, camera in zip(sensors, cameras, strict=True)
+    )
+
+
+def with_previous_poses(
+    placed: Sequence[PlacedCamera],
+    sensors: Sequence[SensorInfo],
+    last_rig_poses: Mapping[str, Pose],
+) -> tuple[PlacedCamera, ...]:
+    """Return the cameras with their poses when they last rendered.
+
+    Args:
+        placed: The cameras that render.
+        sensors: All cameras of the rig.
+        last_rig_poses: By camera name, the pose of the rig when that camera last rendered.
+    """
+    mounts = {sensor.name: sensor.T_base_camera for sensor in sensors}
+    return tuple(
+        replace(c, T_map_previous=geometry.pose_to_matrix(last_rig_poses[c.name]) @ mounts[c.name])
+        if c.name in last_rig_poses
+        else c
+        for c in placed
+    )
+
+
+def due_cameras(
+    placed: Sequence[PlacedCamera],
+    cameras: Cameras,
+    sample_id: int,
+    modalities: Sequence[str],
+    sensors: Sequence[str],
+) -> list[PlacedCamera]:
+    """Return the cameras that render a sample, each with the modalities it renders.
+
+    If sensors or modalities are named, exactly these render, whatever their intervals; otherwise
+    those that are due by their intervals, which may be none.
+    """
+    chosen = select(placed, modalities, sensors)
+    if not modalities and not sensors:
+        by_name = {camera.name: camera for camera in cameras}
+        chosen = tuple(_due(camera, by_name[camera.name], sample_id) for camera in chosen)
+    return [camera for camera in chosen if camera.modalities]
+
+
+def cameras_of(cameras: Sequence[PlacedCamera], frames: Sequence[FrameName]) -> list[PlacedCamera]:
+    """Return the cameras that render exactly these frames.
+
+    Raises:
+        InvalidInputError: There is no such sensor, or it has no such modality.
+    """
+    wanted: dict[str, set[str]] = {}
+    for frame in frames:
+        select(cameras, (frame.modality,), (frame.sensor,))
+        wanted.setdefault(frame.sensor, set()).add(frame.modality)
+    return [
+        replace(camera, modalities=tuple(m for m in camera.modalities if m in wanted[camera.name]))
+        for camera in cameras
+        if camera.name in wanted
+    ]
+
+
+def select(
+    cameras: Sequence[PlacedCamera], modalities: Sequence[str], sensors: Sequence[str]
+) -> tuple[PlacedCamera, ...]:
+    """Return the named cameras with the named modalities; no names mean all.
+
+    Raises:
+        InvalidInputError: There is no such sensor or modality, or the named sensors have none of
+            the named modalities.
+    """
+    names = [camera.name for camera in cameras]
+    for sensor in sensors:
+        if sensor not in names:
+            raise InvalidInputError("sensors", sensor, one_of(names, sensor))
+    chosen = [camera for camera in cameras if not sensors or camera.name in sensors]
+    _check_modalities(cameras, modalities)
+    if not any(set(modalities) & set(camera.modalities) for camera in chosen):
+        _check_modalities(chosen, modalities)
+    return tuple(
+        replace(c, modalities=tuple(m for m in c.modalities if not modalities or m in modalities))
+        for c in chosen
+    )
+
+
+def _check_modalities(cameras: Sequence[PlacedCamera], modalities: Sequence[str]) -> None:
+    """Refuse a modality that none of the cameras has."""
+    offered = {modality for camera in cameras for modality in camera.modalities}
+    for modality in modalities:
+        if modality not in offered:
+            known = ", ".join(sorted(offered))
+            raise InvalidInputError("modalities", modality, f"one of {known}")
+
+
+def _due(camera: PlacedCamera, config: CameraConfig, sample_id: int) -> PlacedCamera:
+    """Return a camera with the modalities that its intervals let it render at a sample."""
+    turn, rest = divmod(sample_id - 1 - config.step_offset, config.step_interval)
+    if turn < 0 or rest:
+        return replace(camera, modalities=())
+    intervals = config.modality_intervals
+    chosen = tuple(m for m in camera.modalities if turn % intervals.get(m, 1) == 0)
+    return replace(camera, modalities=chosen)
+
+
+def _lens(camera: CameraConfig) -> Lens | None:
+    lens = camera.lens
+    if lens is None:
+        return None
+    return Lens(
+        focus_distance_m=lens.focus_distance_m,
+        f_number=lens.f_number,
+        blades=lens.blades,
+        blade_rotation_rad=radians(lens.blade_rotation_deg),
+        ratio=lens.ratio,
+    )
+
+
+def _check_keys(path: str, values: Any) -> None:
+    known = sorted(OpticsConfig.model_fields)
+    if not isinstance(values, Mapping):
+        raise InvalidInputError(f"metadata.{path}", values, f"a mapping of {', '.join(known)}")
+    for key, value in values.items():
+        if key not in known:
+            expected = f"one of the keys {', '.join(known)}"
+            raise InvalidInputError(f"metadata.{path}.{key}", value, expected)
+
+
+def _check_reach(camera: CameraConfig, path: str, values: Mapping[str, Any]) -> None:
+    """Raise if an entry of the camera matrix is out of bounds, with its own path."""
+    for key, (least_px, most_px) in optics_bounds_px(camera.width_px).items():
+        value = values.get(key)
+        if isinstance(value, int | float) and not least_px <= value <= most_px:
+            expected = f"{least_px:g} to {most_px:g} for an image {camera.width_px} pixels wide"
+            raise InvalidInputError(f"metadata.{path}.{key}", value, expected)
