@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_mapping.certificate.signature import PrivateKey
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings
 
 CONFIG_FILE = "config.yaml"
@@ -34,6 +35,7 @@ class ExperimentOptions:
         server_options: Further options of ``oaisys serve``.
         bridge_parameters: Further ROS parameters of the bridge.
         nodes: Settings of all nodes.
+        key: Signs the certificate; None: it is not signed.
     """
 
     out: Path
@@ -48,6 +50,7 @@ class ExperimentOptions:
     server_options: Sequence[str] = field(default=(), kw_only=True)
     bridge_parameters: Mapping[str, Any] = field(default_factory=dict, kw_only=True)
     nodes: NodeSettings = field(default=NodeSettings(), kw_only=True)
+    key: PrivateKey | None = field(default=None, kw_only=True)
 
 
 def write_config(options: ExperimentOptions) -> Path:

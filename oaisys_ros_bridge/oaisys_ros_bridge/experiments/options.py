@@ -10,6 +10,9 @@ import typer
 
 from oaisys_core.errors import InvalidInputError
 
+OutOption = Annotated[
+    Path, typer.Option(help="Output folder: report, certificate, mesh, pictures and bag.")
+]
 ConfigOption = Annotated[
     Path | None, typer.Option("--config", help="YAML configuration; otherwise the default world.")
 ]
@@ -61,13 +64,16 @@ def experiment_options(
     params_file: str,
     log_level: str,
     use_sim_time: bool,
+    key: Path | None,
 ) -> dict[str, Any]:
     """Return the fields of `ExperimentOptions` by name, from the command line.
 
     Raises:
         InvalidInputError: A file does not exist or cannot be used, or there is no such log level.
     """
-    from oaisys_ros_bridge.parameters.node_settings import node_settings  # not for `oaisys --help`
+    # Not for `oaisys --help`.
+    from oaisys_mapping.certificate.signature import read_private_key
+    from oaisys_ros_bridge.parameters.node_settings import node_settings
 
     if config is not None and not config.is_file():
         raise InvalidInputError("--config", str(config), "an existing file")
@@ -83,6 +89,7 @@ def experiment_options(
         "namespace": namespace,
         "nodes": node_settings(params_file, log_level, use_sim_time=use_sim_time),
         "command": ["oaisys", *sys.argv[1:]],
+        "key": None if key is None else read_private_key(key),
     }
 
 

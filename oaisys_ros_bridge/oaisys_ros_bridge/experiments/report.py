@@ -45,9 +45,9 @@ def write_experiment_report(
     seconds_total: float,
     coverage: Sequence[CoverageRecord] = (),
 ) -> bool:
-    """Write the report, print its verdict, and return whether the loop closes.
+    """Write the report, print its verdict, and return whether the map agrees with the true surface.
 
-    It does not close if a threshold is missed or a message was lost.
+    It does not agree if a threshold is missed or a message was lost.
 
     Args:
         options: Of the experiment.
@@ -128,5 +128,5 @@ def _say_verdict(report: SurveyReport, options: ExperimentOptions, reporter: Rep
     )
     for sentence in report.missed:
         reporter.say(f"missed: {sentence}")
-    verdict = "does not close" if report.missed else "closes"
-    reporter.say(f"the loop {verdict}: {options.out / 'report.html'}")
+    verdict = "does not agree" if report.missed else "agrees"
+    reporter.say(f"the map {verdict} with the true surface: {options.out / 'report.html'}")

@@ -22,7 +22,7 @@ from oaisys_ros_bridge.simulation_interfaces.entities import (
     entities_of,
     filtered,
 )
-from oaisys_ros_bridge.simulation_interfaces.results import RefusedError, offer_service
+from oaisys_ros_bridge.simulation_interfaces.results import RefusedError, offer_services
 from oaisys_ros_bridge.simulation_interfaces.scene_entities import NameTakenError, SceneEntities
 from oaisys_ros_bridge.simulation_interfaces.simulation_control import (
     PAUSED,
@@ -61,16 +61,18 @@ class EntityServices:
         self._renderer = renderer
         self._settings = settings
         self._things = SceneEntities(renderer)
-        for kind, name, work in (
-            (srv.GetEntities, "get_entities", self._get_entities),
-            (srv.GetEntitiesStates, "get_entities_states", self._get_entities_states),
-            (srv.GetEntityInfo, "get_entity_info", self._get_entity_info),
-            (srv.GetEntityState, "get_entity_state", self._get_entity_state),
-            (srv.SetEntityState, "set_entity_state", self._set_entity_state),
-            (srv.SpawnEntity, "spawn_entity", self._spawn_entity),
-            (srv.DeleteEntity, "delete_entity", self._delete_entity),
-        ):
-            offer_service(node, kind, name, work)
+        offer_services(
+            node,
+            {
+                srv.GetEntities: self._get_entities,
+                srv.GetEntitiesStates: self._get_entities_states,
+                srv.GetEntityInfo: self._get_entity_info,
+                srv.GetEntityState: self._get_entity_state,
+                srv.SetEntityState: self._set_entity_state,
+                srv.SpawnEntity: self._spawn_entity,
+                srv.DeleteEntity: self._delete_entity,
+            },
+        )
 
     def _get_entities(self, request: Any, response: Any) -> None:
         entities, response.result.error_message = self._filtered(request.filters)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -20,16 +21,21 @@ class RefusedError(OaisysError):
         self.code = code
 
 
-def offer_service(node: Node, kind: Any, name: str, work: Callable[[Any, Any], None]) -> None:
-    """Offer a service ``~/name``, in a callback group of its own.
+def offer_services(node: Node, works: Mapping[Any, Callable[[Any, Any], None]]) -> None:
+    """Offer services, each in a callback group of its own; ``GetEntities`` is ``~/get_entities``.
 
     Args:
-        node: Its owner.
-        kind: Its type.
-        name: Without the node's name.
-        work: Fills the response to a request in; raises `OaisysError` to refuse it.
+        node: Their owner.
+        works: By type of the service: fills the response to a request in; raises `OaisysError` to
+            refuse it.
     """
+    for kind, work in works.items():
+        name = re.sub("(?<!^)(?=[A-Z])", "_", kind.__name__).lower()
+        group = MutuallyExclusiveCallbackGroup()
+        node.create_service(kind, f"~/{name}", _answering(work), callback_group=group)
 
+
+def _answering(work: Callable[[Any, Any], None]) -> Callable[[Any, Any], Any]:
     def answer(request: Any, response: Any) -> Any:
         response.result.result = Result.RESULT_OK
         try:
@@ -38,8 +44,7 @@ def offer_service(node: Node, kind: Any, name: str, work: Callable[[Any, Any], N
             response.result = _result_of(error)
         return response
 
-    group = MutuallyExclusiveCallbackGroup()
-    node.create_service(kind, f"~/{name}", answer, callback_group=group)
+    return answer
 
 
 def _result_of(error: OaisysError) -> Result:

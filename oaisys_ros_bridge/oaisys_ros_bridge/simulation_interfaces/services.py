@@ -16,7 +16,7 @@ from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.requests import Cancellation
 from oaisys_ros_bridge.simulation_interfaces.entity_services import EntityServices
-from oaisys_ros_bridge.simulation_interfaces.results import RefusedError, offer_service
+from oaisys_ros_bridge.simulation_interfaces.results import RefusedError, offer_services
 from oaisys_ros_bridge.simulation_interfaces.simulation_control import (
     NO_WORLD,
     PAUSED,
@@ -94,19 +94,20 @@ class SimulationServices:
             srv.GetSimulatorFeatures, "~/get_simulator_features", self._on_get_features
         )
         EntityServices(node, simulation, renderer, settings)
-        for kind, name, work in (
-            (srv.GetSimulationState, "get_simulation_state", self._get_simulation_state),
-            (srv.SetSimulationState, "set_simulation_state", self._set_simulation_state),
-            (srv.StepSimulation, "step_simulation", self._step_simulation),
-            (srv.ResetSimulation, "reset_simulation", self._reset_simulation),
-            (srv.LoadWorld, "load_world", self._load_world),
-            (srv.GetCurrentWorld, "get_current_world", self._get_current_world),
-            (srv.GetAvailableWorlds, "get_available_worlds", self._get_available_worlds),
-        ):
-            offer_service(node, kind, name, work)
-        for type_name in UNSUPPORTED:
-            if hasattr(srv, type_name):
-                offer_service(node, getattr(srv, type_name), _snake(type_name), _unsupported)
+        offer_services(
+            node,
+            {
+                srv.GetSimulationState: self._get_simulation_state,
+                srv.SetSimulationState: self._set_simulation_state,
+                srv.StepSimulation: self._step_simulation,
+                srv.ResetSimulation: self._reset_simulation,
+                srv.LoadWorld: self._load_world,
+                srv.GetCurrentWorld: self._get_current_world,
+                srv.GetAvailableWorlds: self._get_available_worlds,
+            },
+        )
+        installed = [getattr(srv, name) for name in UNSUPPORTED if hasattr(srv, name)]
+        offer_services(node, dict.fromkeys(installed, _unsupported))
         work_of_action = GoalWork(SimulateSteps, "~/simulate_steps", self._simulate_steps, _explain)
         self._steps = GoalServer(node, work_of_action)
 
@@ -248,7 +249,3 @@ def _unsupported(_request: Any, _response: Any) -> None:
 
 def _explain(_goal: ServerGoalHandle, result: SimulateSteps.Result, reason: str) -> None:
     result.result = Result(result=Result.RESULT_OPERATION_FAILED, error_message=reason)
-
-
-def _snake(name: str) -> str:
-    return "".join("_" + c.lower() if c.isupper() else c for c in name).removeprefix("_")

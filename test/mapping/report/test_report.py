@@ -77,7 +77,7 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_page_is_self_contained(written: Path) -> None:
     page = (written / "report.html").read_text(encoding="utf-8")
     parts = (
-        "The loop closes",
+        "The map agrees with the true surface",
         "20.0 mm",
         "✓ rmse_m",
         "at most 0.05",
@@ -194,7 +194,7 @@ def test_a_missed_threshold_is_shown_in_both_reports(tmp_path: Path) -> None:
     assert figures["thresholds"]["max_rmse_m"] == 0.01
     assert figures["versions"]["numpy"] == np.__version__
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "does not close" in page
+    assert "does not agree with the true surface" in page
     assert figures["missed"][0] in page
     assert "✗ rmse_m" in page
 

@@ -43,9 +43,10 @@ def check(
 ) -> None:
     """Check a certificate: hash, signature, limits and files, and measure its figures again.
 
-    Exit 0 if everything holds and the loop is closed, 1 if not, 2 if it is no certificate.
+    Exit 0 if everything holds and the map agrees with the true surface, 1 if not, 2 if it is no
+    certificate.
     """
-    from oaisys_mapping.certificate.certificate import read_certificate
+    from oaisys_mapping.certificate.certificate import CLOSED, read_certificate
     from oaisys_mapping.certificate.signature import read_public_key
     from oaisys_mapping.certificate.verification import check_content, check_limits
 
@@ -63,11 +64,11 @@ def check(
     for finding in findings:
         typer.echo(str(finding))
     holds = all(finding.holds is not False for finding in findings)
-    is_closed = content.get("verdict") == "closed"
+    agrees = content.get("verdict") == CLOSED
     typer.echo("the certificate holds" if holds else "the certificate does not hold")
-    if holds and not is_closed:
-        typer.echo("the loop is not closed, and that is what it says")
-    if not (holds and is_closed):
+    if holds and not agrees:
+        typer.echo("it says that the map does not agree with the true surface")
+    if not (holds and agrees):
         raise typer.Exit(1)
 
 

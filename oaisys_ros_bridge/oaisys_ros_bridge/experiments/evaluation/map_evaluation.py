@@ -24,7 +24,6 @@ from oaisys_mapping.certificate.perturbations import (
     PosedDepth,
     run_perturbation_tests,
 )
-from oaisys_mapping.certificate.signature import PrivateKey
 from oaisys_mapping.certificate.view_files import write_views
 from oaisys_mapping.evaluation.evaluate import Evaluation, Extras, evaluate_against
 from oaisys_mapping.evaluation.thresholds import Thresholds
@@ -74,7 +73,6 @@ def evaluate_and_certify(
     views: Sequence[PosedCamera],
     frames: Sequence[PosedDepth],
     thresholds: Thresholds,
-    key: PrivateKey | None,
     reporter: Reporter,
     *,
     world_seed: int | None = None,
@@ -88,7 +86,6 @@ def evaluate_and_certify(
         views: The cameras of the map's views.
         frames: Their depth images, for the perturbation test; empty: without one.
         thresholds: That the map must meet.
-        key: Signs the certificate; None: it is not signed.
         reporter: Says what is being done.
         world_seed: Seed of the world, where it is not the configuration's.
     """
@@ -112,7 +109,7 @@ def evaluate_and_certify(
     if frames:
         faults = run_perturbations(frames, surface, thresholds, config, info.seed, reporter)
     statement = _statement(options, info, views, evaluation, thresholds, faults, world_seed)
-    certificate = write_certificate(options.out / CERTIFICATE_FILE, statement, key)
+    certificate = write_certificate(options.out / CERTIFICATE_FILE, statement, options.key)
     return MapEvaluation(evaluation, thresholds, views, mesh, faults, certificate)
 
 

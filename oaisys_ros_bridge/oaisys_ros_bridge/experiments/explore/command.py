@@ -14,6 +14,7 @@ from oaisys_ros_bridge.experiments.options import (
     KeyOption,
     LogLevelOption,
     NamespaceOption,
+    OutOption,
     ParamsFileOption,
     QualityOption,
     SeedOption,
@@ -28,9 +29,6 @@ from oaisys_ros_bridge.experiments.options import (
 UNTIL, UNTIL_COMPARED = 0.95, 0.9
 """Coverage at which an exploration ends, with one planner and with several."""
 
-OutOption = Annotated[
-    Path, typer.Option(help="Output folder: report, certificate, mesh, pictures and bag.")
-]
 ConfigOption = Annotated[
     Path | None, typer.Option(help="YAML configuration; otherwise a steep hill.")
 ]
@@ -112,11 +110,10 @@ def explore(
 ) -> None:
     """Explore a terrain view by view over ROS, reconstruct it, and measure the coverage.
 
-    Exit 0 if the loop closes for the first planner in the first world. With several planners, the
-    report compares their coverage against views and path length, and what each needed for 90 %;
-    after the first exploration only depth is rendered.
+    Exit 0 if the map of the first planner in the first world agrees with the true surface. With
+    several planners, the report compares their coverage against views and path length, and what
+    each needed for 90 %; after the first exploration only depth is rendered.
     """
-    from oaisys_mapping.certificate.signature import read_private_key
     from oaisys_ros_bridge.experiments.explore.explore import run_explore
     from oaisys_ros_bridge.experiments.explore.plan import (
         FIRST_SEED,
@@ -144,6 +141,7 @@ def explore(
         params_file=params_file,
         log_level=log_level,
         use_sim_time=use_sim_time,
+        key=key,
     )
     goal = UNTIL if len(planners) == 1 else UNTIL_COMPARED
     options = ExploreOptions(
@@ -160,7 +158,6 @@ def explore(
         vehicle_radius_m=radius,
         camera_range_m=camera_range,
         start_height_m=start_height,
-        key=None if key is None else read_private_key(key),
     )
     interrupt_on_signals()
     if not run_explore(options, Reporter()):

@@ -75,9 +75,9 @@ class FlightArea:
 
 
 def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
-    """Let every planner explore every world, write the report, return whether the map closes.
+    """Let every planner explore every world and write the report; return whether the map is right.
 
-    The evaluated map is that of the first planner in the first world.
+    That is the map of the first planner in the first world, which must agree with the true surface.
 
     Raises:
         ConfigError: The configuration cannot be used.
@@ -99,7 +99,6 @@ def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
         [PosedCamera(area.vehicle.intrinsics, _camera_pose(area, pose)) for pose in mapped.poses],
         [],
         exploration_thresholds(options.voxel_size_m),
-        options.key,
         reporter,
         world_seed=records[0].seed,
     )

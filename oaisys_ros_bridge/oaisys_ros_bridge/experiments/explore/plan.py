@@ -12,7 +12,6 @@ from ament_index_python.packages import PackageNotFoundError, get_package_share_
 
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.types import FloatArray, Pose
-from oaisys_mapping.certificate.signature import PrivateKey
 from oaisys_mapping.exploration.occupancy_map import Bounds
 from oaisys_mapping.exploration.planner import Vehicle, level_pose
 from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS
@@ -52,7 +51,6 @@ class ExploreOptions(ExperimentOptions):
         vehicle_radius_m: Radius of the ball around the vehicle that must be free.
         camera_range_m: Farthest depth that is used.
         start_height_m: Height of the first view above the ground.
-        key: Signs the certificate; None: it is not signed.
     """
 
     planners: Sequence[str]
@@ -66,7 +64,6 @@ class ExploreOptions(ExperimentOptions):
     vehicle_radius_m: float
     camera_range_m: float
     start_height_m: float
-    key: PrivateKey | None = None
 
 
 def planners_of(text: str, *, compare: bool) -> tuple[str, ...]:

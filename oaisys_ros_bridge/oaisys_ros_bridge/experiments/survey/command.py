@@ -14,6 +14,7 @@ from oaisys_ros_bridge.experiments.options import (
     KeyOption,
     LogLevelOption,
     NamespaceOption,
+    OutOption,
     ParamsFileOption,
     QualityOption,
     SeedOption,
@@ -34,9 +35,6 @@ OverlapOption = Annotated[
 MaxRangeOption = Annotated[float, typer.Option(help="Largest depth that is mapped, metres.")]
 FaultsOption = Annotated[
     bool, typer.Option(help="Evaluate maps with deliberate faults, too, which must be rejected.")
-]
-OutOption = Annotated[
-    Path, typer.Option(help="Output folder: report, certificate, mesh, pictures and bag.")
 ]
 
 
@@ -69,10 +67,9 @@ def survey(
 ) -> None:
     """Survey a terrain over ROS, reconstruct it, evaluate and certify the map.
 
-    Exit 0 if the loop closes: the map agrees with the true surface. With --seeds, exit 0 if it
-    closes in every world and every map with a deliberate fault is rejected.
+    Exit 0 if the map agrees with the true surface. With --seeds, exit 0 if it agrees in every
+    world and every map with a deliberate fault is rejected.
     """
-    from oaisys_mapping.certificate.signature import read_private_key
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
     from oaisys_ros_bridge.experiments.progress import Reporter
     from oaisys_ros_bridge.experiments.survey.plan import SurveyOptions
@@ -94,10 +91,10 @@ def survey(
         params_file=params_file,
         log_level=log_level,
         use_sim_time=use_sim_time,
+        key=key,
     )
-    signer = None if key is None else read_private_key(key)
     options = SurveyOptions(
-        **shared, views=views, altitude_m=altitude, overlap=overlap, faults=faults, key=signer
+        **shared, views=views, altitude_m=altitude, overlap=overlap, faults=faults
     )
     interrupt_on_signals()
     reporter = Reporter()

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import nadir_spacing_m
 from oaisys_core.types import FloatArray, PinholeIntrinsics
-from oaisys_mapping.certificate.signature import PrivateKey
 from oaisys_ros_bridge.experiments.configuration import ExperimentOptions
 
 
@@ -24,14 +23,12 @@ class SurveyOptions(ExperimentOptions):
         altitude_m: Height above the surface below each.
         overlap: Share of an image's edge that neighbours share.
         faults: Whether to run the perturbation test.
-        key: Signs the certificate; None: it is not signed.
     """
 
     views: int
     altitude_m: float
     overlap: float
     faults: bool = True
-    key: PrivateKey | None = None
 
 
 NORTH_UP_YAW_RAD = pi / 2

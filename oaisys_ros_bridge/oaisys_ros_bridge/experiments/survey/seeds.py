@@ -52,7 +52,7 @@ def run_seeds(options: SurveyOptions, reporter: Reporter, seeds: str) -> bool:
 
 
 def went_well(report: dict[str, Any]) -> bool:
-    """Return whether a survey's loop closes and all maps with deliberate faults are rejected."""
+    """Return whether a survey's map is accepted, and all maps with deliberate faults rejected."""
     faults = report["faults"]
     is_right = all(one["rejected"] == (one["name"] != "none") for one in faults)
     return bool(report["closed"]) and is_right
@@ -62,7 +62,7 @@ def seeds_table(reports: list[dict[str, Any]]) -> Table:
     """Return the figures of surveys, each followed by those of its perturbation test."""
     table = Table("seed", "map", *(heading for heading, *_ in COLUMNS), "verdict")
     for report in reports:
-        verdict = "closed" if report["closed"] else "open"
+        verdict = "accepted" if report["closed"] else "rejected"
         table.add_row(str(report["seed"]), "the mapper's", *_cells(report), verdict)
         _add_faults(table, report["faults"])
         table.add_section()

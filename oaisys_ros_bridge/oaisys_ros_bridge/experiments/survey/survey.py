@@ -43,7 +43,7 @@ MAP_FRAME = "map"
 
 
 def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
-    """Run a survey, write its report, and return whether the loop closes and nothing was lost.
+    """Run a survey, write its report, and return whether the map agrees with the true surface.
 
     Raises:
         ConfigError: The configuration cannot be used.
@@ -67,7 +67,6 @@ def run_survey(options: SurveyOptions, reporter: Reporter) -> bool:
         views,
         _frames(stack.sensor, views, received) if options.faults else [],
         survey_thresholds(options.voxel_size_m),
-        options.key,
         reporter,
     )
     return write_experiment_report(
