@@ -44,7 +44,7 @@ test-full: setup ## Run the long tests: every example, soaks, fuzzing, both size
 	@$(IN_ENV) pytest $(PYTEST_ARGS) -m long
 
 fuzz: setup ## Send a server random and mutated requests for FUZZ_SECONDS (60)
-	@$(IN_ENV) FUZZ_SECONDS='$(FUZZ_SECONDS)' pytest -q -s test/grpc/test_fuzz.py
+	@$(IN_ENV) FUZZ_SECONDS='$(FUZZ_SECONDS)' pytest -q -s test/grpc/server/test_fuzz.py
 
 lint: setup ## Check style, formatting, types and the gRPC contract
 	@$(IN_ENV) ruff check .

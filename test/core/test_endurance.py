@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from needs_blender import skip_without_blender
+from repository import HELPERS
 
 
 def figures(backend: str, samples: int) -> dict[str, float]:
-    script = Path(__file__).with_name("endurance.py")
+    script = HELPERS / "endurance.py"
     ended = subprocess.run(
         [sys.executable, str(script), backend, str(samples)],
         capture_output=True,

@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from repository import REPOSITORY
 
 from oaisys_core.output.exr import read_channels
 from oaisys_core.output.reader import read_sample
 from oaisys_core.types import Sample
 
-EXAMPLES = Path(__file__).parents[2] / "examples/extensions"
+EXAMPLES = REPOSITORY / "examples/extensions"
 KINDS = sorted(path.parent.name for path in EXAMPLES.glob("*/setup.cfg"))
 SMALL = """
 backend: analytic

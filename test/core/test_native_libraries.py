@@ -9,10 +9,9 @@ from pathlib import Path
 
 import pytest
 from needs_blender import require_blender
+from repository import HELPERS, TESTS
 
 from oaisys_core.native_libraries import LIBRARY, Open3DGuard, guard_open3d
-
-TESTS = Path(__file__).parents[1]
 
 OURS = "import oaisys_core"
 OPEN3D = "import open3d; open3d.t.geometry.RaycastingScene()"
@@ -83,7 +82,7 @@ def test_a_blender_that_cannot_be_imported_fails_a_test_instead_of_skipping_it(
 ) -> None:
     (tmp_path / "bpy").mkdir()
     (tmp_path / "bpy" / "__init__.py").write_text("raise ImportError('undefined symbol')\n")
-    text = f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(TESTS / 'core')!r}]\n"
+    text = f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(HELPERS)!r}]\n"
     ended = ran(text + "from needs_blender import require_blender; require_blender()")
     assert ended.returncode != 0
     assert "ImportError: undefined symbol" in ended.stderr

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from repository import REPOSITORY
 from ros_peer import Stage
 from sensor_msgs.msg import Image
 from served_simulator import FLAT_WORLD
@@ -21,7 +22,7 @@ pytest.importorskip("cyclonedds", exc_type=ModuleNotFoundError)
 pytestmark = pytest.mark.ros
 
 READER = Path(__file__).with_name("cyclone_reader.py")
-PAGE = READER.parents[2] / "docs" / "ros.md"
+PAGE = REPOSITORY / "docs" / "ros.md"
 DEPTH = "camera/depth/image_raw"
 
 

@@ -7,8 +7,8 @@ import re
 from pathlib import Path
 
 import pytest
+from repository import REPOSITORY
 
-REPOSITORY = Path(__file__).parents[2]
 PAGE = REPOSITORY / "docs" / "architecture.md"
 ROW = re.compile(r"\| `(oaisys_[\w.]+)` \|")
 

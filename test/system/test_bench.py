@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from repository import REPOSITORY
 
 from tools.bench.child import JobError, run_job
 from tools.bench.figures import Figure, Goal, figure, ratio
@@ -20,7 +21,6 @@ from tools.bench.report import cells, markdown, rounded, write_results
 from tools.bench.settings import Settings
 from tools.bench.topics import growth, quality
 
-REPOSITORY = Path(__file__).parents[2]
 TIMEOUT_S = 300
 
 KEYS = {"name", "unit", "median", "min", "max", "n"}

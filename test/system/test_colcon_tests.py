@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from repository import REPOSITORY
 
-REPOSITORY = Path(__file__).resolve().parents[2]
 ROOMS = {"core": "core", "grpc": "grpc", "mapping": "mapping", "ros_bridge": "ros_bridge"}
 """Packages by the folder of their tests."""
 SHARED = ("timeout", "timeout_method")

@@ -13,12 +13,13 @@ from pathlib import Path
 import pytest
 import yaml
 from PIL import Image
+from repository import REPOSITORY
 from served_simulator import Server
 
-EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+EXAMPLES = REPOSITORY / "examples"
 NUMBERED = sorted(path.name for path in EXAMPLES.glob("[0-9]*.py"))
 LONGER = {"03_planner.py"}
-"""It says of each view that fails why it did; test/ros_bridge/test_planner_example.py runs it."""
+"""It says of each view that fails why it did; `test_planner_example.py` runs it."""
 TIMEOUT_S = 400.0
 
 SMALL_WORLD = {

@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from repository import REPOSITORY
 
-REPOSITORY = Path(__file__).parents[2]
 PACKAGES = ("oaisys_core", "oaisys_grpc", "oaisys_mapping", "oaisys_ros_bridge")
 
 BLENDER = {

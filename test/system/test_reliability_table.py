@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import ast
 import re
-from pathlib import Path
 
 import pytest
+from repository import REPOSITORY
 
-REPOSITORY = Path(__file__).parents[2]
 TABLE = REPOSITORY / "docs" / "reliability.md"
 ROWS, MOST_ROWS = 25, 34
 """Rows that must be there, and those that there may be."""

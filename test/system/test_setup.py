@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from repository import REPOSITORY
 
 from tools.setup.checks import check_compiler, check_disk
 from tools.setup.errors import OptionalStepError, SetupError
@@ -18,7 +19,6 @@ from tools.setup.packages import relocate
 from tools.setup.progress import colcon_progress, pip_progress, run_with_progress
 from tools.setup.steps import SetupStep, digest, run_steps
 
-REPOSITORY = Path(__file__).parents[2]
 PREFIX = Path(sys.prefix)
 SCRIPT = PREFIX / "oaisys_env.sh"
 

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 from leak_check import LeakCheck
+from repository import REPOSITORY
 
 SAMPLES = int(os.environ.get("SOAK_SAMPLES", "60"))
-REPOSITORY = Path(__file__).parents[2]
 PROCESSES = {"bridge", "mapper", "recorder", "server", "worker"}
 
 

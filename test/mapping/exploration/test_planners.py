@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from repository import REPOSITORY
 
 from oaisys_core.config.loading import config_from_mapping
 from oaisys_core.errors import InvalidInputError
@@ -170,7 +170,7 @@ def test_the_next_best_view_sees_more_than_the_others_and_none_comes_near_the_gr
 
 
 def test_the_planner_in_the_documentation_works(world, monkeypatch):
-    page = (Path(__file__).parents[3] / "docs" / "exploration.md").read_text(encoding="utf-8")
+    page = (REPOSITORY / "docs" / "exploration.md").read_text(encoding="utf-8")
     (source,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     names: dict[str, Any] = {}
     exec(source, names)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from repository import REPOSITORY
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, messages_of_samples
 from rosbags.highlevel import AnyReader
 
@@ -105,7 +106,7 @@ def _check_second_mapper(out: Path) -> None:
     second += ["--mesh", str(out / "mesh.ply")]
     ended = subprocess.run(
         second,
-        cwd=Path(__file__).parents[3],
+        cwd=REPOSITORY,
         capture_output=True,
         text=True,
         timeout=200,

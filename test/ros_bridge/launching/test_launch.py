@@ -18,6 +18,7 @@ from leak_check import LeakCheck
 from mcap.reader import make_reader
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
+from repository import REPOSITORY
 from ros_peer import User
 from served_simulator import FLAT_WORLD
 
@@ -31,7 +32,6 @@ except PackageNotFoundError:
     BUILD = "colcon build --packages-up-to oaisys_ros_bridge, then source install/setup.bash"
     pytest.skip(f"the workspace is not built: {BUILD}", allow_module_level=True)
 
-REPOSITORY = Path(__file__).resolve().parents[3]
 LAUNCH_FILES = sorted((REPOSITORY / "launch").glob("*.launch.py"))
 MOUNDS = {
     "backend": "analytic",

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import pytest
 import typer
+from repository import REPOSITORY
 
 from oaisys_ros_bridge.experiments.explore.command import explore
 from oaisys_ros_bridge.experiments.survey.command import survey
@@ -23,7 +23,7 @@ from oaisys_ros_bridge.launching.arguments import (
     command_line,
 )
 
-LAUNCH_FILES = Path(__file__).resolve().parents[3] / "launch"
+LAUNCH_FILES = REPOSITORY / "launch"
 TABLES = {"survey": SURVEY, "explore": EXPLORE, "simulator": SIMULATOR}
 COMMANDS: dict[str, Callable[..., None]] = {"survey": survey, "explore": explore}
 

@@ -1,0 +1,67 @@
+"""Denoising: known pictures under known noise, and views against converged ones."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from blender_process import in_blender
+from numpy.typing import NDArray
+
+SHAPE = (48, 64, 3)
+NOISE = 0.2
+
+
+def two_halves() -> NDArray[np.float32]:
+    image = np.full(SHAPE, 0.2, np.float32)
+    image[:, SHAPE[1] // 2 :] = (0.7, 0.6, 0.5)
+    return image
+
+
+def error(image: NDArray[Any], truth: NDArray[Any]) -> float:
+    return float(np.sqrt(np.mean((image.astype(float) - truth) ** 2)))
+
+
+@pytest.fixture(scope="module")
+def denoised() -> dict[str, Any]:
+    rng = np.random.default_rng(1)
+    truth = two_halves()
+    noisy = (truth * rng.gamma(1 / NOISE**2, NOISE**2, SHAPE)).astype(np.float32)
+    normal = np.broadcast_to(np.array([0, 0, 1], np.float32), SHAPE)
+    found: dict[str, Any] = in_blender("denoising.denoised", noisy, truth, normal)
+    return found | {"noisy": noisy}
+
+
+@pytest.mark.parametrize("effort", ["fast", "balanced", "thorough"])
+def test_noise_goes_and_edges_stay(denoised: dict[str, Any], effort: str) -> None:
+    truth, image = two_halves(), denoised[effort]
+    assert image.shape == SHAPE
+    assert image.dtype == np.float32
+    assert error(image, truth) < 0.25 * error(denoised["noisy"], truth)
+    middle = SHAPE[1] // 2
+    step = image[:, middle].mean(axis=0) - image[:, middle - 1].mean(axis=0)
+    np.testing.assert_allclose(step, (0.5, 0.4, 0.3), atol=0.05)
+
+
+@pytest.mark.parametrize("before", ["another", "another size"])
+def test_pictures_before_leave_no_trace(denoised: dict[str, Any], before: str) -> None:
+    np.testing.assert_array_equal(denoised[f"after {before}"], denoised["fast"])
+
+
+def test_a_result_is_not_written_over_by_the_next_one(denoised: dict[str, Any]) -> None:
+    assert error(denoised["dark"], 0.5 * two_halves()) < 0.05
+
+
+def test_guides_of_another_size_are_refused(denoised: dict[str, Any]) -> None:
+    assert denoised["error"] == "albedo: received (47, 64, 3) beside color (48, 64, 3)"
+
+
+@pytest.mark.long
+def test_views_come_nearer_to_converged_ones() -> None:
+    found = in_blender("denoising.pictures")
+    truth = found["converged"]
+    assert error(found["denoised"], truth) < 0.75 * error(found["noisy"], truth)
+    assert error(found["thorough"], truth) < error(found["denoised"], truth)
+    assert error(found["again"], found["denoised"]) < 0.5
+    assert error(found["by cycles"], found["denoised"]) < 0.5 * error(found["noisy"], truth)

@@ -1,0 +1,176 @@
+"""The shell commands, run as a user runs them."""
+
+import re
+import subprocess
+import sys
+import time
+from io import StringIO
+from pathlib import Path
+
+import pytest
+import yaml
+from original_config import document, write
+from repository import REPOSITORY
+from rich.console import Console
+
+from oaisys_core.cli.render_progress import RenderProgress
+from oaisys_core.config import SimulationConfig, config_from_mapping, load_config
+from oaisys_core.output.poses import read_poses
+from oaisys_core.types import Progress
+
+SMALL = """
+backend: analytic
+stage: {extent_m: 16, resolution_px: 33}
+materials: {texture_size_px: 64, mask: {size_px: 32}}
+assets: {rocks: []}
+sensors: {cameras: [{width_px: 32, height_px: 24}]}
+"""
+
+
+def oaisys(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "oaisys_core", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    path = tmp_path / "small.yaml"
+    path.write_text(SMALL, encoding="utf-8")
+    return path
+
+
+@pytest.mark.long
+def test_render_writes_the_batches_and_samples_asked_for(small: Path, tmp_path: Path) -> None:
+    result = oaisys(
+        "render", "--config", small, "--out", tmp_path, "--batches", "2", "--samples", "2"
+    )
+    assert result.returncode == 0, result.stderr
+    assert len(list(tmp_path.glob("batch_000[12]/camera/000[12]camera_rgb_00.png"))) == 4
+    poses = tmp_path / "batch_0001" / "poses.csv"
+    again = tmp_path / "again"
+    result = oaisys("render", "--config", small, "--out", again, "--poses", poses)
+    assert result.returncode == 0, result.stderr
+    name = "batch_0001/camera/0001camera_pinhole_depth_00.exr"
+    assert (again / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def test_no_silence_is_long_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    with RenderProgress(2, 0, Console(file=StringIO()), every_s=0.2) as shown:
+        shown.begin("world 1")
+        shown(Progress("ground", 0.25))
+        time.sleep(1.0)
+        shown.begin("world 1, view 1 of 2")
+        time.sleep(0.5)
+        shown.view_done()
+    lines = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"world 1: ground, 25%, \d+ s", lines[0])
+    assert re.fullmatch(r"world 1, view 1 of 2, \d+ s", lines[-1])
+    assert 3 <= len(lines) <= 8
+
+
+def test_a_terminal_shows_a_bar_with_the_stage() -> None:
+    screen = StringIO()
+    with RenderProgress(4, 1, Console(file=screen, force_terminal=True, width=100)) as shown:
+        shown.begin("world 1")
+        shown(Progress("ground", 0.25))
+        shown.view_done()
+    assert "world 1: ground, 25%" in screen.getvalue()
+    assert "2/4" in screen.getvalue()
+
+
+@pytest.mark.long
+def test_a_run_is_resumed_where_it_stood_and_never_written_over(
+    small: Path, tmp_path: Path
+) -> None:
+    whole, halves = tmp_path / "whole", tmp_path / "halves"
+    run = ("render", "--config", small)
+    assert oaisys(*run, "--out", whole, "--batches", "2", "--samples", "2").returncode == 0
+    assert oaisys(*run, "--out", halves, "--batches", "1", "--samples", "2").returncode == 0
+    refused = oaisys(*run, "--out", halves)
+    assert refused.returncode == 2
+    assert "--resume" in refused.stderr
+    resumed = oaisys(*run, "--out", halves, "--batches", "2", "--samples", "2", "--resume")
+    assert resumed.returncode == 0, resumed.stderr
+    files = sorted(path.relative_to(whole) for path in whole.rglob("*.*") if path.is_file())
+    assert files == sorted(p.relative_to(halves) for p in halves.rglob("*.*") if p.is_file())
+    for file in files:
+        if file.suffix in (".png", ".exr", ".csv"):
+            assert (whole / file).read_bytes() == (halves / file).read_bytes(), file
+
+
+@pytest.mark.long
+def test_metadata_of_each_sample_comes_from_a_file(small: Path, tmp_path: Path) -> None:
+    pose = {"position_m": [1.0, 2.0, 9.0], "quat_xyzw": [0.0, 0.6, 0.0, 0.8]}
+    steps = [
+        {"sensor": {"pose": pose}, "environment": {"sun_elevation_deg": 5.0}},
+        {"modalities": ["depth"]},
+    ]
+    path = tmp_path / "steps.yaml"
+    path.write_text(yaml.safe_dump(steps), encoding="utf-8")
+    result = oaisys("render", "--config", small, "--out", tmp_path / "out", "--metadata", path)
+    assert result.returncode == 0, result.stderr
+    batch = tmp_path / "out/batch_0001"
+    assert [p.position_m for p in read_poses(batch / "poses.csv")] == [(1.0, 2.0, 9.0)] * 2
+    assert [p.name for p in batch.glob("camera/0002*")] == ["0002camera_pinhole_depth_00.exr"]
+    path.write_text("- {sensor: {pose: 3}}", encoding="utf-8")
+    result = oaisys("render", "--config", small, "--out", tmp_path / "no", "--metadata", path)
+    assert result.returncode == 2
+    assert "metadata.samples.0.sensor.pose" in result.stderr
+
+
+def test_saved_worlds_need_blender(small: Path, tmp_path: Path) -> None:
+    result = oaisys("render", "--config", small, "--out", tmp_path / "out", "--save-blend")
+    assert result.returncode == 2
+    assert "save_blend" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.long
+def test_config_import_writes_what_config_check_takes(tmp_path: Path) -> None:
+    out = tmp_path / "ours.yaml"
+    result = oaisys("config", "import", write(document(), tmp_path), "--out", out)
+    assert result.returncode == 0, result.stderr
+    assert "SIMULATION_SETUP.renderImages: no counterpart" in result.stdout
+    assert oaisys("config", "check", out).returncode == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "parts"),
+    [
+        ("stage: {extend_m: 3}", [], ["small.yaml:1", "stage.extend_m", "unknown key"]),
+        (SMALL, ["--backend", "unreal"], ["backend", "unreal", "analytic"]),
+        (SMALL, ["--size", "8"], ["size", "8", "WIDTHxHEIGHT"]),
+        (SMALL, ["--poses", "nowhere.csv"], ["poses", "nowhere.csv"]),
+    ],
+)
+def test_wrong_input_is_exit_2_without_a_traceback(
+    small: Path, tmp_path: Path, text: str, arguments: list[str], parts: list[str]
+) -> None:
+    small.write_text(text, encoding="utf-8")
+    result = oaisys("render", "--config", small, "--out", tmp_path / "out", *arguments)
+    assert result.returncode == 2
+    assert all(part in result.stderr for part in parts), result.stderr
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_config_check(small: Path) -> None:
+    assert oaisys("config", "check", small).returncode == 0
+    small.write_text("seed: -1", encoding="utf-8")
+    assert oaisys("config", "check", small).returncode == 2
+
+
+def test_config_show_prints_a_config_that_is_read_back() -> None:
+    shown = yaml.safe_load(oaisys("config", "show").stdout)
+    assert config_from_mapping(shown) == SimulationConfig()
+
+
+@pytest.mark.parametrize(
+    "path", [REPOSITORY / "config/simulator.yaml", *REPOSITORY.glob("config/examples/*.yaml")]
+)
+def test_the_examples_are_valid(path: Path) -> None:
+    load_config(path)
+
+
+def test_the_documented_default_is_the_default() -> None:
+    assert load_config(REPOSITORY / "config/simulator.yaml") == SimulationConfig()

@@ -1,0 +1,58 @@
+"""Every example configuration runs, small, in every backend that it can have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blender_process import in_blender
+from repository import REPOSITORY
+
+from oaisys_core.config import load_config
+from oaisys_core.types import modality_spec, semantic_level
+
+CONFIG = REPOSITORY / "config"
+EXAMPLES = sorted(CONFIG.glob("examples/*.yaml"))
+TOPICS = sorted({path.stem.partition("_")[0] for path in EXAMPLES})
+SAMPLES = 2
+
+
+def check(name: str, found: dict[str, Any]) -> None:
+    """What holds for the images of any example."""
+    labels = {0, *found["labels"]}
+    assert len(found["samples"]) == SAMPLES
+    assert any(frames for frames in found["samples"]), f"{name}: nothing was rendered"
+    for frames in found["samples"]:
+        for sensor, modality, data in frames:
+            where = f"{name}: {sensor}/{modality}"
+            spec = modality_spec(modality)
+            assert data.dtype == spec.dtype, where
+            assert data.shape[2:] == (() if spec.channels == 1 else (spec.channels,)), where
+            assert data.shape[0] * data.shape[1] <= 64 * 64, where
+            if semantic_level(modality) is not None:
+                assert set(np.unique(data).tolist()) <= labels, where
+            if modality == "depth":
+                assert (data > 0).all(), where
+            if modality == "rgb":
+                assert data.std() > 1, f"{where} is one colour"
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_every_example_is_valid_and_says_what_it_shows(path: Path) -> None:
+    load_config(path)
+    assert path.read_text(encoding="utf-8").startswith("# ")
+
+
+@pytest.mark.long
+@pytest.mark.blender
+@pytest.mark.parametrize("topic", TOPICS)
+def test_examples_render(topic: str) -> None:
+    paths = [str(path) for path in EXAMPLES if path.stem.partition("_")[0] == topic]
+
+    found = in_blender("examples.rendered", paths, SAMPLES)
+
+    assert len(found) == len(paths)
+    for name, images in found.items():
+        check(name, images)

@@ -1,0 +1,140 @@
+"""What is said of values that do not fit: in words of its own, never in pydantic's."""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from pydantic import ValidationError
+from repository import REPOSITORY
+
+from oaisys_core.config import SimulationConfig, adjusted, config_from_mapping, load_config
+from oaisys_core.config.expectations import WORDS
+from oaisys_core.config.paths import BASE
+from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.module import overridden
+from oaisys_core.modules.assets.metadata import asset_metadata
+
+CONFIG = REPOSITORY / "config"
+FILES = [CONFIG / "simulator.yaml", *sorted(CONFIG.glob("examples/*.yaml"))]
+WRONG: tuple[Any, ...] = (
+    *("nonsense", -1, 1e12, None, [], {}, True, 3.5, float("nan"), [1, 2, 3, 4, 5, 6], {"a": 1}),
+    *(["a"], "", 0, {"kind": "nonsense"}, {"kind": 3}),
+)
+PYDANTIC = re.compile(
+    r"[Ii]nput|should|Value error|Unable|discriminator|[A-Z]\w+Config\b|required|permitted|<class"
+    r"|tuple\[|literal\["
+)
+
+
+def locations(data: Any, at: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    if at:
+        yield at
+    if isinstance(data, dict):
+        children: Any = data.items()
+    else:
+        children = enumerate(data) if isinstance(data, list) else ()
+    for key, value in children:
+        yield from locations(value, (*at, key))
+
+
+def with_value(data: dict[str, Any], at: tuple[Any, ...], value: Any) -> dict[str, Any]:
+    changed = copy.deepcopy(data)
+    inner: Any = changed
+    for key in at[:-1]:
+        inner = inner[key]
+    inner[at[-1]] = value
+    return changed
+
+
+def cases() -> Iterator[tuple[dict[str, Any], Path]]:
+    """A wrong value in the place of each value of each example, and of each default."""
+    default = load_config(FILES[0]).model_dump(mode="json")
+    for data, file in [
+        (default, FILES[0]),
+        *((yaml.safe_load(file.read_text(encoding="utf-8")), file) for file in FILES),
+    ]:
+        for at in locations(data):
+            for wrong in WRONG:
+                yield with_value(data, at, wrong), file.parent
+
+
+@pytest.mark.long
+def test_whatever_is_wrong_is_told_without_pydantic_s_words() -> None:
+    kinds: set[str] = set()
+    refused = 0
+    for data, base in cases():
+        try:
+            config_from_mapping(data, base)
+        except ConfigError as error:
+            refused += 1
+            for line in str(error).splitlines():
+                said = re.sub(r"received .*, expected", "", line)
+                assert not PYDANTIC.search(said), line
+            with pytest.raises(ValidationError) as found:
+                SimulationConfig.model_validate(data, context={BASE: base})
+            kinds |= {detail["type"] for detail in found.value.errors()}
+    assert refused > 5000
+    assert len(kinds) > 15
+    assert kinds <= WORDS.keys() | {"value_error"}
+
+
+@pytest.mark.parametrize(
+    ("data", "line"),
+    [
+        (
+            {"render": {"quality": "x"}},
+            "received 'x', expected 'geometry', 'preview', 'standard', 'high' or 'final'",
+        ),
+        ({"seed": -1}, "seed: received -1, expected a number of at least 0"),
+        ({"seed": "x"}, "seed: received 'x', expected a whole number"),
+        ({"stage": 3}, "stage: received 3, expected a mapping of keys to values"),
+        ({"stage": {"dem": {}}}, "stage.dem.file: missing, expected a value"),
+        ({"stage": {"size": 3}}, "stage.size: unknown key"),
+        (
+            {"sensors": {"motion": {"kind": "walk"}}},
+            "sensors.motion.kind: received 'walk', expected 'given', 'csv', ",
+        ),
+        ({"sensors": {"motion": {}}}, "sensors.motion.kind: missing, expected a value"),
+        (
+            {"sensors": {"motion": {"kind": "hover", "look": "up"}}},
+            "sensors.motion.look: received 'up', expected 'forward' or 'down'",
+        ),
+        (
+            {"assets": {"movers": [{"trajectory": {"waypoints_m": [[1], [2, 3]]}}]}},
+            "assets.movers.0.trajectory.waypoints_m.0.1: missing, expected a value",
+        ),
+    ],
+)
+def test_a_fault_says_what_was_received_and_what_was_expected(
+    data: dict[str, Any], line: str
+) -> None:
+    with pytest.raises(ConfigError) as found:
+        config_from_mapping(data)
+    assert line in str(found.value)
+
+
+def test_a_fault_below_a_kind_has_the_line_of_its_own_key(tmp_path: Path) -> None:
+    file = tmp_path / "motion.yaml"
+    file.write_text("sensors:\n  motion:\n    kind: hover\n    look: up\n", encoding="utf-8")
+    with pytest.raises(ConfigError, match=r"motion\.yaml:4: sensors\.motion\.look: "):
+        load_config(file)
+
+
+def test_options_and_metadata_are_refused_in_the_same_words() -> None:
+    qualities = "'geometry', 'preview', 'standard', 'high' or 'final'"
+    with pytest.raises(InvalidInputError) as found:
+        adjusted(SimulationConfig(), quality="x")
+    assert str(found.value) == f"render.quality: received 'x', expected {qualities}"
+    with pytest.raises(InvalidInputError) as found:
+        overridden(SimulationConfig().render, {"quality": "x"}, "render")
+    assert str(found.value) == f"metadata.render.quality: received 'x', expected {qualities}"
+    with pytest.raises(InvalidInputError) as found:
+        asset_metadata({}, {"count_factor": {"rock": "many"}})
+    assert "expected" in str(found.value)
+    assert not PYDANTIC.search(str(found.value))
