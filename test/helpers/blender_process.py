@@ -21,10 +21,10 @@ TIMEOUT_S = 300
 
 
 def in_blender(job: str, *arguments: Any) -> Any:
-    """Return what the function ``job`` of `blender_jobs` returns in a new process.
+    """Return what a function of `blender_jobs` returns in a new process.
 
-    ``module.function`` names one of another module. Arguments and result are pickled. Skips the
-    test where there is no ``bpy``.
+    ``job`` is ``module.function``. Arguments and result are pickled. Skips the test where there is
+    no ``bpy``.
     """
     skip_without_blender()
     with tempfile.TemporaryDirectory() as folder:
@@ -44,6 +44,6 @@ def in_blender(job: str, *arguments: Any) -> Any:
 
 if __name__ == "__main__":
     name, file = sys.argv[1], Path(sys.argv[2])
-    module, _, function = name.rpartition(".")
-    call = getattr(importlib.import_module(module or "blender_jobs"), function)
+    module, function = name.split(".")
+    call = getattr(importlib.import_module(f"blender_jobs.{module}"), function)
     file.write_bytes(pickle.dumps(call(*pickle.loads(file.read_bytes()))))
