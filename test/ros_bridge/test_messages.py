@@ -32,6 +32,13 @@ def random_pose(rng: np.random.Generator) -> Pose:
     return Pose((px, py, pz), (x, y, z, w))
 
 
+def test_a_stamp_survives_the_way_there_and_back() -> None:
+    stamp = conversions.stamp_from_nanoseconds(7_000_000_009)
+
+    assert stamp == HEADER.stamp
+    assert conversions.nanoseconds(stamp) == 7_000_000_009
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_a_pose_survives_the_way_there_and_back(seed: int) -> None:
     pose = random_pose(np.random.default_rng(seed))

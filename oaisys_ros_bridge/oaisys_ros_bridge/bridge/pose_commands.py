@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped
@@ -23,6 +23,7 @@ from oaisys_ros_bridge.bridge.requests import (
     checked_frame,
     poses_of_trajectory,
 )
+from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.qos import NEWEST_QOS
 
 
@@ -39,9 +40,7 @@ class PoseCommands:
         settings: Returns the bridge's parameters.
     """
 
-    def __init__(
-        self, node: Node, renderer: Renderer, settings: Callable[[], Mapping[str, Any]]
-    ) -> None:
+    def __init__(self, node: Node, renderer: Renderer, settings: Settings) -> None:
         self._renderer = renderer
         self._settings = settings
         self._node = node

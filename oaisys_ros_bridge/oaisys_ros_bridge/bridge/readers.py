@@ -10,9 +10,8 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -22,6 +21,7 @@ from oaisys_core.types import Sample
 from oaisys_msgs.msg import SampleReceipt
 from oaisys_ros_bridge.bridge.requests import Cancellation
 from oaisys_ros_bridge.conversions import nanoseconds
+from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, WINDOW
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, SampleName, shortfall
 
@@ -70,7 +70,7 @@ class Readers:
         settings: Returns its parameters.
     """
 
-    def __init__(self, node: Node, settings: Callable[[], Mapping[str, Any]]) -> None:
+    def __init__(self, node: Node, settings: Settings) -> None:
         self._node = node
         self._settings = settings
         self._changed = threading.Condition()

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import chain
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 from builtin_interfaces.msg import Time
 
@@ -19,6 +19,7 @@ from oaisys_ros_bridge.bridge.requests import Cancellation, PendingMetadata, Vie
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.bridge.world_topics import WorldTopics
 from oaisys_ros_bridge.conversions import nanoseconds
+from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.sample_publisher import Publication
 
 R = TypeVar("R")
@@ -87,7 +88,7 @@ class Renderer:
         self,
         topics: WorldTopics,
         readers: Readers,
-        settings: Callable[[], Mapping[str, Any]],
+        settings: Settings,
         on_sample: Callable[[], object],
     ) -> None:
         self.link: SimulatorLink | None = None

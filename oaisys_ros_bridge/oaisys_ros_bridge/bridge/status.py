@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from std_msgs.msg import Bool
@@ -15,6 +14,7 @@ from oaisys_core.types import SimulatorInfo
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
 from oaisys_ros_bridge.nodes.managed_node import ACTIVE, ManagedNode
+from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
 BYTES_PER_MB = 1e6
@@ -38,9 +38,7 @@ class BridgeStatus:
         settings: Returns the bridge's parameters.
     """
 
-    def __init__(
-        self, node: ManagedNode, renderer: Renderer, settings: Callable[[], Mapping[str, Any]]
-    ) -> None:
+    def __init__(self, node: ManagedNode, renderer: Renderer, settings: Settings) -> None:
         self._node = node
         self._renderer = renderer
         self._settings = settings

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
 from itertools import count
-from typing import Any
 
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -19,6 +17,7 @@ from oaisys_core.types import SampleOutline, SimulatorInfo
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bridge.readers import Readers
 from oaisys_ros_bridge.conversions import NS_PER_S, stamp_from_nanoseconds
+from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.sample_publisher import (
     Publication,
     SamplePublisher,
@@ -39,9 +38,7 @@ class WorldTopics:
         readers: Our mapper and recorders; while one is behind, no transform is repeated.
     """
 
-    def __init__(
-        self, node: Node, settings: Callable[[], Mapping[str, Any]], readers: Readers
-    ) -> None:
+    def __init__(self, node: Node, settings: Settings, readers: Readers) -> None:
         self._node = node
         self._settings = settings
         self._readers = readers
@@ -163,7 +160,7 @@ class Stamps:
         InvalidInputError: The node would both be the clock and follow one.
     """
 
-    def __init__(self, node: Node, settings: Callable[[], Mapping[str, Any]]) -> None:
+    def __init__(self, node: Node, settings: Settings) -> None:
         self._node = node
         self._settings = settings
         self._lock = threading.Lock()

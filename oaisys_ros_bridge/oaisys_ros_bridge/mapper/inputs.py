@@ -96,7 +96,7 @@ class MapperInputs:
             self._newest.clear()
 
     def take_announcements(self) -> None:
-        """Take the ``sample_info`` messages in the queue: a request counts all that came before."""
+        """Take the ``sample_info`` messages in the queue: a request counts all earlier samples."""
         waiting = self._announcements
         while True:
             with waiting.handle:
@@ -227,7 +227,7 @@ class MapperInputs:
             self._node.get_logger().warning("the queue is full: a frame is dropped")
 
     def _on_batch(self, message: SampleInfo) -> None:
-        """Forget the map of the world before, also if frames of the new one have come already."""
+        """Forget the map of the previous world, even if frames of the new one have come already."""
         batch = (message.config_sha256, message.seed, message.batch_id)
         with self._lock:
             known, self._batch = self._batch, batch

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from rclpy.node import Node
@@ -18,6 +16,7 @@ from oaisys_mapping.voxels.semantic_fusion import class_colors
 from oaisys_ros_bridge.clouds import cloud_to_msg, mesh_to_marker
 from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.mapper.fusion import Fusion
+from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
 
@@ -30,9 +29,7 @@ class MeshTopics:
         settings: Returns the mapper's parameters.
     """
 
-    def __init__(
-        self, node: Node, fusion: Fusion, settings: Callable[[], Mapping[str, Any]]
-    ) -> None:
+    def __init__(self, node: Node, fusion: Fusion, settings: Settings) -> None:
         self._node = node
         self._fusion = fusion
         self._settings = settings

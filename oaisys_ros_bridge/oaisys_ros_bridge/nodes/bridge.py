@@ -66,14 +66,14 @@ class BridgeNode(ParameterNode, ManagedNode):
         self._changed = self.create_guard_condition(
             self._follow_changes, callback_group=MutuallyExclusiveCallbackGroup()
         )
-        readers = Readers(self, lambda: self.parameters)
-        self._topics = WorldTopics(self, lambda: self.parameters, readers)
+        readers = Readers(self, self.settings)
+        self._topics = WorldTopics(self, self.settings, readers)
         self._renderer = Renderer(
-            self._topics, readers, lambda: self.parameters, on_sample=self._changed.trigger
+            self._topics, readers, self.settings, on_sample=self._changed.trigger
         )
         self._renderer.refusal = self._refusal("unconfigured")
-        self._commands = PoseCommands(self, self._renderer, lambda: self.parameters)
-        self._status = BridgeStatus(self, self._renderer, lambda: self.parameters)
+        self._commands = PoseCommands(self, self._renderer, self.settings)
+        self._status = BridgeStatus(self, self._renderer, self.settings)
         self._sweeps = sweep_server(self, self._renderer)
         self._simulation = SimulationControl(self._renderer, self._topics)
         self._simulation_services = self._simulation_interfaces()
@@ -203,7 +203,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         except ImportError as error:
             self.get_logger().warning(f"simulation_interfaces are not offered: {error}")
             return None
-        return SimulationServices(self, self._simulation, self._renderer, lambda: self.parameters)
+        return SimulationServices(self, self._simulation, self._renderer, self.settings)
 
     def _offer_services(self) -> None:
         """Offer the services, each in a group of its own, as each may wait for its turn."""

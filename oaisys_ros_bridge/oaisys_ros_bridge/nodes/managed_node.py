@@ -141,7 +141,7 @@ class ManagedNode(LifecycleNodeMixin, Node):
         return TransitionCallbackReturn.SUCCESS
 
     def _settle(self) -> None:
-        """Go towards the aim, as far as possible now."""
+        """Make transitions towards the aim, as far as is possible now."""
         self.by_itself = True
         try:
             while self.state in (UNCONFIGURED, INACTIVE, ACTIVE):

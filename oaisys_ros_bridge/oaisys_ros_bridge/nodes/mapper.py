@@ -85,7 +85,7 @@ class MapperNode(ParameterNode, Node):
             on_error=self.get_logger().warning,
             on_done=self._on_fused,
         )
-        self._mesh_topics = MeshTopics(self, self._fusion, lambda: self.parameters)
+        self._mesh_topics = MeshTopics(self, self._fusion, self.settings)
         self._inputs = MapperInputs(
             self,
             values,
@@ -213,7 +213,7 @@ class MapperNode(ParameterNode, Node):
         return response
 
     def _forget_map(self, before_ns: int | None = None) -> None:
-        """Clear the map, and expect no sample any more that was announced before."""
+        """Clear the map, and no longer expect the samples announced before."""
         self._metrics_json = ""
         self._samples.ledger.forget(before_ns)
         self._before_map = self._samples.ledger.state

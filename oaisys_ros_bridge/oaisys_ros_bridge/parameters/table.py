@@ -14,6 +14,9 @@ from typing import Any
 
 from oaisys_core.errors import InvalidInputError
 
+Settings = Callable[[], Mapping[str, Any]]
+"""Returns the values of a node's parameters by name, all of one moment."""
+
 ParameterValue = bool | int | float | str | list[str]
 Rule = Callable[[Mapping[str, Any]], None]
 """Raises `InvalidInputError` if values that are valid each do not fit together."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, fields
 from itertools import count
@@ -31,6 +31,7 @@ from oaisys_core.types import (
 )
 from oaisys_msgs.msg import SampleInfo, SensorPose
 from oaisys_ros_bridge.conversions import pose_to_msg
+from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.publishing.publishers import Publishers
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics, TrajectoryTopics
 from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, sensor_namespace
@@ -57,7 +58,7 @@ class SamplePublisher:
         self,
         node: Node,
         info: SimulatorInfo,
-        settings: Callable[[], Mapping[str, Any]],
+        settings: Settings,
         numbers: Iterator[int] | None = None,
     ) -> None:
         self._node = node

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
 from typing import Any
 
 import simulation_interfaces.srv as srv
@@ -16,6 +15,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.requests import ViewRequest, rig_pose
 from oaisys_ros_bridge.conversions import pose_to_msg, pose_to_stamped_msg
+from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.simulation_interfaces.entities import (
     Entity,
     UnsupportedBoundsError,
@@ -54,7 +54,7 @@ class EntityServices:
         node: Node,
         simulation: SimulationControl,
         renderer: Renderer,
-        settings: Callable[[], Mapping[str, Any]],
+        settings: Settings,
     ) -> None:
         self._node = node
         self._simulation = simulation

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import simulation_interfaces.srv as srv
@@ -15,6 +15,7 @@ from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_ros_bridge.bridge.goal_server import GoalServer, GoalWork
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.requests import Cancellation
+from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.simulation_interfaces.entity_services import EntityServices
 from oaisys_ros_bridge.simulation_interfaces.results import RefusedError, offer_services
 from oaisys_ros_bridge.simulation_interfaces.simulation_control import (
@@ -87,7 +88,7 @@ class SimulationServices:
         node: Node,
         simulation: SimulationControl,
         renderer: Renderer,
-        settings: Callable[[], Mapping[str, Any]],
+        settings: Settings,
     ) -> None:
         self._simulation = simulation
         node.create_service(

@@ -204,7 +204,7 @@ class SampleLedger:
         self._tell(settled)
 
     def wait(self, timeout_s: float) -> list[SampleName]:
-        """Wait for the fate of all samples announced by now; return those whose fate stays open."""
+        """Wait until all samples announced so far are closed; return those that are still open."""
         with self._changed:
             wanted = list(self._open.values())
             self._changed.wait_for(

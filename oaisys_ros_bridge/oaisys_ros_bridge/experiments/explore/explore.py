@@ -75,9 +75,9 @@ class FlightArea:
 
 
 def run_explore(options: ExploreOptions, reporter: Reporter) -> bool:
-    """Let every planner explore every world and write the report; return whether the map is right.
+    """Let every planner explore every world, and write the report.
 
-    That is the map of the first planner in the first world, which must agree with the true surface.
+    Returns whether the map of the first planner in the first world agrees with the true surface.
 
     Raises:
         ConfigError: The configuration cannot be used.
