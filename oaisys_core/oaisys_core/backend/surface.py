@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -12,12 +12,10 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.raycast.embree import blenders_embree
 from oaisys_core.backend.raycast.far_plain import FarPlainTarget, stage_of
-from oaisys_core.backend.raycast.id_table import IdTable, table_of
-from oaisys_core.backend.raycast.instance_arrays import merged_instances
 from oaisys_core.backend.raycast.placement_targets import PlacementTargets
-from oaisys_core.backend.raycast.ray_targets import RayTarget, SolidTarget, TriangleTarget
-from oaisys_core.backend.raycast.solids import flat_ground, solid_of, tessellated
-from oaisys_core.backend.raycast.triangles import BvhBuilder, RayCaster
+from oaisys_core.backend.raycast.prototype_meshes import merged_instances
+from oaisys_core.backend.raycast.solids import SolidTarget, flat_ground, target_of, tessellated
+from oaisys_core.backend.raycast.triangles import BvhBuilder, RayTarget, TriangleTarget
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.scene import PlacedCamera, Scene, id_of_level, merge_meshes
@@ -72,6 +70,31 @@ class View:
         return np.asarray(self.is_hit & (self.instance_ids == 0))
 
 
+class InstanceTable:
+    """Values by instance id, where ids may be sparse; 0 for ids that no object has."""
+
+    def __init__(
+        self, scene: Scene, of_placements: Sequence[Any], of_primitives: Sequence[Any], dtype: Any
+    ) -> None:
+        """Take one value for each placement and for each primitive of a scene."""
+        counts = [len(placement.instance_ids) for placement in scene.placements]
+        ids = [placement.instance_ids for placement in scene.placements]
+        ids.append(np.array([p.instance_id for p in scene.primitives], np.uint32))
+        values = np.asarray([*of_placements, *of_primitives], dtype)
+        of_ids = np.repeat(values, [*counts, *(1 for _ in scene.primitives)], axis=0)
+        all_ids = np.concatenate(ids).astype(np.uint32)
+        order = np.argsort(all_ids, kind="stable")
+        nothing = np.zeros((1, *of_ids.shape[1:]), of_ids.dtype)
+        self._ids = np.concatenate((np.zeros(1, np.uint32), all_ids[order]))
+        self._values = np.concatenate((nothing, of_ids[order]))
+
+    def __call__(self, ids: NDArray[np.uint32]) -> NDArray[Any]:
+        """Return the values of (...) ids, of shape (..., *value's shape)."""
+        place = np.searchsorted(self._ids, ids, side="right") - 1
+        place = np.where(self._ids[place] == ids, place, 0)
+        return np.asarray(self._values[place])
+
+
 class Surface:
     """The surface of a scene: ground, objects and exact solids, each rebuilt only when it changes.
 
@@ -104,10 +127,10 @@ class Surface:
             self._ground_target = SolidTarget(flat, 0, flat.height_m)
         else:
             self._ground = ground or ground_mesh(scene)
-            caster = RayCaster([self._ground], _bvh_builder(self._ground))
+            target = TriangleTarget([self._ground], _bvh_builder(self._ground))
             # Else the first view would wait for it.
-            caster.prepare()
-            self._ground_target = TriangleTarget(caster)
+            target.prepare()
+            self._ground_target = target
         self.update_objects(scene)
 
     def start_batch(self, scene: Scene) -> None:
@@ -122,14 +145,7 @@ class Surface:
         """Take over a scene with the same ground; the ground's material may differ."""
         self._scene = scene
         self._objects.update(scene)
-        solids = [
-            SolidTarget(
-                solid_of(p),
-                p.instance_id,
-                float(p.T_map_object[2, 3] + np.linalg.norm(p.size_m)),
-            )
-            for p in scene.primitives
-        ]
+        solids = [target_of(primitive) for primitive in scene.primitives]
         self._targets: list[RayTarget] = [self._ground_target, *self._objects.targets, *solids]
         self._set_far_plain(scene)
 
@@ -180,25 +196,28 @@ class Surface:
         rays: Any = slice(None) if pixels is None else np.flatnonzero(pixels)
         depth_m = view.depth_m.reshape(-1)
         limits = depth_m[rays]
-        found_m, elements = target.nearest(origin_m, view.directions.reshape(-1, 3)[rays], limits)
+        found_m, elements = target.intersect(origin_m, view.directions.reshape(-1, 3)[rays], limits)
         nearer = np.flatnonzero(found_m < limits)
         elements = elements[nearer]
         seen = nearer if pixels is None else rays[nearer]
         depth_m[seen] = found_m[nearer]
         view.targets.reshape(-1)[seen] = index
         view.elements.reshape(-1)[seen] = elements
-        view.instance_ids.reshape(-1)[seen] = target.instance_ids(elements)
+        view.instance_ids.reshape(-1)[seen] = target.instance_ids_of(elements)
 
     def semantic_ids(self, view: View, level: int = 0) -> NDArray[np.uint16]:
         """Return the (H, W) semantic ids of a view: of objects, of the ground's layers, of sky."""
-        of_instance = self._semantic_of_instance(level)
+        scene = self._scene
+        of_placements = [id_of_level(p.semantic_ids, level) for p in scene.placements]
+        of_primitives = [id_of_level(p.semantic_ids, level) for p in scene.primitives]
+        of_instance = InstanceTable(scene, of_placements, of_primitives, np.uint16)
         ids = np.empty(view.depth_m.shape, np.uint16)
 
         for rows in bands(*ids.shape):
             ids[rows] = self._labels(view.rows(rows), of_instance, level)
         return ids
 
-    def _labels(self, view: View, of_instance: IdTable, level: int) -> NDArray[np.uint16]:
+    def _labels(self, view: View, of_instance: InstanceTable, level: int) -> NDArray[np.uint16]:
         ids = of_instance(view.instance_ids)
         ids[view.is_ground] = self._scene.material.semantic_ids_at(
             view.points_m[view.is_ground][:, :2], level
@@ -209,19 +228,13 @@ class Surface:
         ids[~view.is_hit] = self._scene.sky.semantic_ids_at(view.directions[~view.is_hit], level)
         return ids
 
-    def _semantic_of_instance(self, level: int) -> IdTable:
-        scene = self._scene
-        of_placements = [id_of_level(p.semantic_ids, level) for p in scene.placements]
-        of_primitives = [id_of_level(p.semantic_ids, level) for p in scene.primitives]
-        return table_of(scene, of_placements, of_primitives, np.uint16)
-
     def normals(self, view: View) -> FloatArray:
         """Return the (H, W, 3) unit normals in ``map``, facing the camera; 0 without a hit."""
         normals = np.zeros_like(view.points_m)
         for index, target in enumerate(self._targets):
             seen = view.targets == index
             if seen.any():
-                normals[seen] = target.normals(view.elements[seen], view.points_m[seen])
+                normals[seen] = target.normals_of(view.elements[seen], view.points_m[seen])
         away = (normals * view.directions).sum(axis=-1) > 0
         normals[away] *= -1
         return normals
@@ -230,7 +243,7 @@ class Surface:
         """Return the (N,) heights of the topmost surface at (N, 2) points, NaN off it."""
         height_m = self._scene.ground.height_at(xy_m)
         for target in self._targets:
-            height_m = np.fmax(height_m, target.height_m(xy_m))
+            height_m = np.fmax(height_m, target.surface_height_m(xy_m))
         return height_m
 
     def mesh(self) -> TriangleMesh:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from oaisys_core.backend.raycast.triangles import RayCaster
+from oaisys_core.backend.raycast.triangles import TriangleTarget
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.meshes.checks import MOST
 from oaisys_core.meshes.files import LoadedMesh
@@ -55,11 +55,11 @@ class MeshGround:
 
     def height_at(self, xy_m: ArrayLike) -> FloatArray:
         """Return (N,) heights of the topmost triangle at (N, 2) points; NaN outside it."""
-        return self._caster.surface_height_m(xy_m)
+        return self._target.surface_height_m(xy_m)
 
     @cached_property
-    def _caster(self) -> RayCaster:
-        return RayCaster([TriangleMesh(self.points_m.astype(np.float64), self.corners)])
+    def _target(self) -> TriangleTarget:
+        return TriangleTarget([TriangleMesh(self.points_m.astype(np.float64), self.corners)])
 
 
 def mesh_ground(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +12,9 @@ import bpy  # noqa: F401
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.embree import blenders_embree
-from oaisys_core.backend.raycast.instance_arrays import PlacedPrototype, PrototypeMeshes
-from oaisys_core.backend.raycast.instances import InstanceCaster
-from oaisys_core.backend.raycast.triangles import RayCaster
+from oaisys_core.backend.raycast.embree import EmbreeInstanceTarget, blenders_embree
+from oaisys_core.backend.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
+from oaisys_core.backend.raycast.triangles import RayTarget, TriangleTarget
 from oaisys_core.types import FloatArray, TriangleMesh
 
 Rays = tuple[FloatArray, FloatArray, FloatArray | None]
@@ -27,19 +27,21 @@ def casts(
 
     Args:
         placed: The instances.
-        views: Origins, directions and limits of `InstanceCaster.intersect`.
+        views: Origins, directions and limits of `RayTarget.intersect`.
         xy_m: (N, 2) where heights are asked for.
     """
     embree = blenders_embree()
     assert embree is not None
-    caster = InstanceCaster(placed, PrototypeMeshes(), embree)
-    found = [caster.intersect(*view) for view in views]
+    target = EmbreeInstanceTarget(placed, embree)
+    found = [target.intersect(*view) for view in views]
     return {
         "found": found,
-        "again": [caster.intersect(*view) for view in views],
-        "ids": [caster.instance_ids_of(triangles) for _, triangles in found],
-        "normals": [_normals(caster, triangles) for _, triangles in found],
-        "heights_m": caster.surface_height_m(xy_m),
+        "again": [target.intersect(*view) for view in views],
+        "ids": [target.instance_ids_of(triangles) for _, triangles in found],
+        "normals": [
+            _normals(target, *view[:2], *hits) for view, hits in zip(views, found, strict=True)
+        ],
+        "heights_m": target.surface_height_m(xy_m),
     }
 
 
@@ -48,21 +50,33 @@ def mesh_casts(mesh: TriangleMesh, views: Sequence[Rays]) -> list[Any]:
     embree = blenders_embree()
     if embree is None:
         raise AssertionError("Blender came without its Embree")
-    caster = RayCaster([mesh], embree.mesh)
-    caster.prepare()
-    return [caster.intersect(origins_m, directions) for origins_m, directions, _ in views]
+    target = TriangleTarget([mesh], embree.mesh)
+    target.prepare()
+    return [target.intersect(origins_m, directions) for origins_m, directions, _ in views]
 
 
 def resident_mb(placed: Sequence[PlacedPrototype], times: int) -> list[float]:
     """Return the memory in use after each of some structures was made and dropped."""
     embree = blenders_embree()
+    assert embree is not None
     found = []
     for _ in range(times):
-        InstanceCaster(placed, PrototypeMeshes(), embree)
+        anew = [replace(each, mesh=PrototypeMesh(each.mesh.prototype)) for each in placed]
+        EmbreeInstanceTarget(anew, embree)
+        del anew
         pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
         found.append(int(pages) * 4096 / 1e6)
     return found
 
 
-def _normals(caster: InstanceCaster, triangles: NDArray[np.int64]) -> FloatArray:
-    return caster.normals_of(triangles[triangles >= 0])
+def _normals(
+    target: RayTarget,
+    origins_m: FloatArray,
+    directions: FloatArray,
+    depth_m: FloatArray,
+    triangles: NDArray[np.int64],
+) -> FloatArray:
+    """Return the normals where rays hit."""
+    hit = triangles >= 0
+    points_m = origins_m + depth_m[hit][..., None] * directions[hit]
+    return target.normals_of(triangles[hit], points_m)

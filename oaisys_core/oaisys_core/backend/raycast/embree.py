@@ -12,10 +12,14 @@ from ctypes import CDLL, c_char_p, c_int, c_size_t, c_ssize_t, c_uint, c_void_p
 from functools import cache
 from itertools import repeat
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.backend.raycast.instances import InstanceTarget, keep_nearest, matvec
+from oaisys_core.backend.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
+from oaisys_core.backend.raycast.triangles import refined
 from oaisys_core.errors import RenderError
 from oaisys_core.types import FloatArray
 
@@ -88,6 +92,7 @@ class Embree:
             raise RenderError(
                 f"Embree: received version {version}, expected {MIN_VERSION} or later"
             )
+        self._of_meshes: WeakKeyDictionary[PrototypeMesh, EmbreeScene] = WeakKeyDictionary()
 
     def mesh(self, vertices_m: FloatArray, triangles: NDArray[np.int32]) -> EmbreeScene:
         """Return a scene of (V, 3) vertices and (T, 3) triangles."""
@@ -101,18 +106,28 @@ class Embree:
         return self._scene([geometry], [corners, indices])
 
     def instances(
-        self, meshes: Sequence[EmbreeScene], poses: Sequence[NDArray[np.float64]]
+        self, meshes: Sequence[PrototypeMesh], poses: Sequence[NDArray[np.float64]]
     ) -> EmbreeScene:
         """Return a scene with one instance of each mesh at each of its (N, 4, 4) poses."""
-        geometries, kept = [], []
+        geometries: list[Any] = []
+        kept: list[Any] = []
         for mesh, T in zip(meshes, poses, strict=True):
             columns = np.ascontiguousarray(T[:, :3].transpose(0, 2, 1), np.float32)
             geometry = self._geometry(INSTANCE_ARRAY)
-            self.library.rtcSetGeometryInstancedScene(geometry, mesh.handle)
+            scene = self._scene_of(mesh)
+            self.library.rtcSetGeometryInstancedScene(geometry, scene.handle)
             self._share(geometry, TRANSFORM, FLOAT3X4_COLUMN_MAJOR, columns, len(columns))
             geometries.append(geometry)
-            kept.append(columns)
-        return self._scene(geometries, [*meshes, *kept])
+            kept += [scene, columns]
+        return self._scene(geometries, kept)
+
+    def _scene_of(self, mesh: PrototypeMesh) -> EmbreeScene:
+        """Return the scene of a prototype's mesh, which is kept as long as the mesh."""
+        scene = self._of_meshes.get(mesh)
+        if scene is None:
+            scene = self.mesh(mesh.vertices_m, mesh.prototype.triangles)
+            self._of_meshes[mesh] = scene
+        return scene
 
     def _geometry(self, kind: int) -> Any:
         return self.library.rtcNewGeometry(self._device, kind)
@@ -203,6 +218,51 @@ class EmbreeScene:
             repeat(None),
         )
         deque(calls, maxlen=0)
+
+
+class EmbreeInstanceTarget(InstanceTarget):
+    """Instances by Embree, which finds triangles in float32; distances are refined in float64."""
+
+    def __init__(self, placed: Sequence[PlacedPrototype], embree: Embree) -> None:
+        """Concatenate at least one placement; each has at least one triangle."""
+        super().__init__(placed)
+        self._origin_m = (self.low_m.min(axis=0) + self.high_m.max(axis=0)) / 2
+        ends = np.cumsum(np.bincount(self.groups, minlength=len(self.meshes)))
+        self._first_instance = np.concatenate(([0], ends))
+        T_local_object = self.T_map_object.copy()
+        T_local_object[:, :3, 3] -= self._origin_m
+        self._scene = embree.instances(self.meshes, np.split(T_local_object, ends[:-1]))
+        meshes = list(dict.fromkeys(self.meshes))
+        starts = np.cumsum([0, *(mesh.triangle_count for mesh in meshes)])
+        self._first_plane = starts[[meshes.index(mesh) for mesh in self.meshes]]
+        self._corners = np.concatenate([mesh.planes[0] for mesh in meshes])
+        self._normals = np.concatenate([mesh.planes[1] for mesh in meshes])
+
+    def find(
+        self,
+        origins_m: FloatArray,
+        directions: FloatArray,
+        best: FloatArray,
+        found: NDArray[np.int64],
+    ) -> None:
+        """See `InstanceTarget.find`."""
+        # Rounded up, so that a hit exactly at its limit is found.
+        limits = np.nextafter(best.astype(np.float32), np.float32(np.inf))
+        coarse, ids = self._scene.nearest(origins_m - self._origin_m, directions, limits)
+        rays = np.flatnonzero(ids[0] != INVALID_ID)
+        groups, numbers, triangles = ids[:, rays].astype(np.int64)
+        instances = self._first_instance[groups] + numbers
+        planes = self._first_plane[groups] + triangles
+        T = self.T_object_map[instances]
+        origins = np.broadcast_to(origins_m, directions.shape)[rays]
+        distances = refined(
+            coarse[rays].astype(np.float64),
+            self._corners[planes],
+            self._normals[planes],
+            matvec(T[:, :3, :3], origins) + T[:, :3, 3],
+            matvec(T[:, :3, :3], directions[rays]),
+        )
+        keep_nearest(best, found, rays, distances, self.first[instances] + triangles)
 
 
 @cache

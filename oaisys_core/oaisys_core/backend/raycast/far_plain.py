@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.ray_targets import NO_ELEMENT, TriangleTarget
-from oaisys_core.backend.raycast.triangles import RayCaster
+from oaisys_core.backend.raycast.triangles import NO_ELEMENT, RayTarget, TriangleTarget
 from oaisys_core.scene import Ground
 from oaisys_core.terrain.detail import DetailedGround
 from oaisys_core.types import FloatArray, TriangleMesh
@@ -33,63 +32,60 @@ SUNK_M = 0.3
 """Depth of the innermost ring below the stage's edge, so that no gap shows between the two."""
 
 
-class FarPlainTarget(TriangleTarget):
-    """The far plain as a ray target.
+class FarPlainTarget(RayTarget):
+    """The far plain as a ray target; heights are defined on the stage only, so that it has none.
 
     Attributes:
         stage: The ground that it surrounds.
     """
 
+    top_m = -np.inf
+
     def __init__(self, stage: Ground) -> None:
         """Build the slope around a stage, see `stage_of`."""
         self.stage = stage
         vertices_m, triangles = rings(stage, SLOPE)
-        self._slope = RayCaster([TriangleMesh(vertices_m.astype(np.float64), triangles)])
-        super().__init__(self._slope)
+        self._slope = TriangleTarget([TriangleMesh(vertices_m.astype(np.float64), triangles)])
         self._level_element = len(triangles)
         self._level_m = float(vertices_m[-1, 2])
         x0, y0, x1, y1 = stage.extent_m
         self._low_m, self._high_m = np.array((x0, y0)), np.array((x1, y1))
         self._inset_m = (self._high_m - self._low_m) / 2 * (1 - SLOPE[0])
 
-    def nearest(
-        self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
+    def intersect(
+        self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None = None
     ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """See `RayTarget`; ``directions`` are (R, 3)."""
-        found = np.full(limits.shape, np.inf)
-        elements = np.full(limits.shape, NO_ELEMENT, np.int64)
-        rays = np.flatnonzero(self._may_meet(origin_m, directions, limits))
+        """See `RayTarget`; ``origins_m`` is (3,), ``directions`` are (R, 3)."""
+        found = np.full(len(directions), np.inf)
+        elements = np.full(len(directions), NO_ELEMENT, np.int64)
+        rays = np.flatnonzero(self._may_meet(origins_m, directions, limits))
         if not len(rays):
             return found, elements
-        slope_m, slope_elements = self._slope.intersect(origin_m, directions[rays])
-        level_m = self._to_level(origin_m, directions[rays])
+        slope_m, slope_elements = self._slope.intersect(origins_m, directions[rays])
+        level_m = self._to_level(origins_m, directions[rays])
         found[rays] = np.minimum(slope_m, level_m)
         elements[rays] = np.where(level_m < slope_m, self._level_element, slope_elements)
         return found, elements
 
-    def normals(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
+    def normals_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
         """See `RayTarget`."""
         normals = np.tile((0.0, 0.0, 1.0), (len(elements), 1))
         of_slope = elements != self._level_element
-        normals[of_slope] = super().normals(elements[of_slope], points_m[of_slope])
+        normals[of_slope] = self._slope.normals_of(elements[of_slope], points_m[of_slope])
         return normals
 
-    def instance_ids(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
+    def instance_ids_of(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
         """Return zeros: it is ground."""
         return np.zeros(elements.shape, np.uint32)
 
-    def height_m(self, xy_m: FloatArray) -> FloatArray:
-        """Return NaN: heights are defined on the stage only."""
-        return np.full(len(xy_m), np.nan)
-
     def _may_meet(
-        self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray
+        self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray | None
     ) -> NDArray[np.bool_]:
         """Return (R,) which rays may hit it: those that leave the stage before their limit."""
         low, high = self._low_m + self._inset_m, self._high_m - self._inset_m
         xy = origin_m[:2]
         may = np.ones(len(directions), bool)
-        if origin_m[2] > self._slope.high_m[2]:
+        if origin_m[2] > self._slope.top_m:
             may = directions[:, 2] < 0
         if (xy < low).any() or (xy > high).any():
             return may
@@ -97,7 +93,7 @@ class FarPlainTarget(TriangleTarget):
         with np.errstate(divide="ignore", invalid="ignore"):
             leaves = (np.where(along > 0, high, low) - xy) / along
         leaves[along == 0] = np.inf
-        return np.asarray(may & (leaves.min(axis=1) < limits))
+        return np.asarray(may & (leaves.min(axis=1) < (np.inf if limits is None else limits)))
 
     def _to_level(self, origin_m: FloatArray, directions: FloatArray) -> FloatArray:
         """Return (R,) distances to the level plane outside the stage, ``+inf`` for a miss."""

@@ -6,12 +6,19 @@ instances, in the instance's own frame.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.instance_arrays import InstanceArrays, keep_nearest, matvec
-from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, open3d_scene
-from oaisys_core.backend.raycast.visible_pixels import BOX_CORNERS
+from oaisys_core.backend.raycast.instances import (
+    BOX_CORNERS,
+    InstanceTarget,
+    keep_nearest,
+    matvec,
+)
+from oaisys_core.backend.raycast.prototype_meshes import PlacedPrototype
+from oaisys_core.backend.raycast.triangles import NO_ELEMENT, open3d_scene
 from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.types import FloatArray
 
@@ -33,17 +40,18 @@ BOX_TRIANGLES = np.array(
 """Two triangles per face, faces ordered by lower and upper x, y, z."""
 
 
-class BoxInstanceFinder:
-    """See `InstanceFinder`."""
+class BoxInstanceTarget(InstanceTarget):
+    """Instances, found by their boxes."""
 
-    def __init__(self, arrays: InstanceArrays) -> None:
-        self._arrays = arrays
-        reach_m = max(np.abs(arrays.low_m).max(), np.abs(arrays.high_m).max())
-        size_m = (arrays.high_m - arrays.low_m).max(axis=1, keepdims=True)
+    def __init__(self, placed: Sequence[PlacedPrototype]) -> None:
+        """Concatenate at least one placement; each has at least one triangle."""
+        super().__init__(placed)
+        reach_m = max(np.abs(self.low_m).max(), np.abs(self.high_m).max())
+        size_m = (self.high_m - self.low_m).max(axis=1, keepdims=True)
         margin_m = BOX_MARGIN * size_m + 1e-6 * reach_m
-        self._low_m, self._high_m = arrays.low_m - margin_m, arrays.high_m + margin_m
-        self._origin_m = (self._low_m.min(axis=0) + self._high_m.max(axis=0)) / 2
-        low_m, high_m = self._low_m[:, None], self._high_m[:, None]
+        self._box_low_m, self._box_high_m = self.low_m - margin_m, self.high_m + margin_m
+        self._origin_m = (self._box_low_m.min(axis=0) + self._box_high_m.max(axis=0)) / 2
+        low_m, high_m = self._box_low_m[:, None], self._box_high_m[:, None]
         vertices = np.where(BOX_CORNERS == 0, low_m, high_m) - self._origin_m
         first = (np.arange(len(vertices), dtype=np.int32) * 8)[:, None, None]
         self._boxes = open3d_scene(vertices.reshape(-1, 3), (BOX_TRIANGLES + first).reshape(-1, 3))
@@ -55,7 +63,7 @@ class BoxInstanceFinder:
         best: FloatArray,
         found: NDArray[np.int64],
     ) -> None:
-        """See `InstanceFinder.find`."""
+        """See `InstanceTarget.find`."""
         for first in range(0, len(directions), RAYS_AT_A_TIME):
             some = slice(first, first + RAYS_AT_A_TIME)
             origins = origins_m if origins_m.ndim == 1 else origins_m[some]
@@ -104,7 +112,7 @@ class BoxInstanceFinder:
         rays, instances = rays[near].astype(np.int64), instances[near]
         enters = enters[near].astype(np.float64)
         if origins_m.ndim == 1:
-            around = (self._low_m <= origins_m) & (origins_m <= self._high_m)
+            around = (self._box_low_m <= origins_m) & (origins_m <= self._box_high_m)
             inside = np.flatnonzero(around.all(axis=1))
             rays = np.concatenate((np.repeat(np.arange(len(directions)), len(inside)), rays))
             instances = np.concatenate((np.tile(inside, len(directions)), instances))
@@ -121,21 +129,20 @@ class BoxInstanceFinder:
         found: NDArray[np.int64],
     ) -> None:
         """Cast each ray at its instance, in the instance's frame, and keep the nearer hits."""
-        arrays = self._arrays
         rays, instances, enters = pairs
         entries_m = origins_m[rays] + enters[:, None] * directions[rays]
-        T = arrays.T_object_map[instances]
+        T = self.T_object_map[instances]
         origins = matvec(T[:, :3, :3], entries_m) + T[:, :3, 3]
         local_directions = matvec(T[:, :3, :3], directions[rays])
         distances = np.empty(len(rays))
-        triangle_ids = np.empty(len(rays), np.int64)
-        for group, rows in arrays.by_group(instances):
-            distances[rows], triangle_ids[rows] = arrays.shapes[group].caster.intersect(
+        elements = np.empty(len(rays), np.int64)
+        for group, rows in self.by_group(instances):
+            distances[rows], elements[rows] = self.meshes[group].target.intersect(
                 origins[rows], local_directions[rows]
             )
-        hit = triangle_ids != NO_TRIANGLE
+        hit = elements != NO_ELEMENT
         rays, distances = rays[hit], (enters + distances)[hit]
-        triangle_ids = triangle_ids[hit] + arrays.first[instances[hit]]
+        elements = elements[hit] + self.first[instances[hit]]
         farthest_first = np.argsort(-distances, kind="stable")
-        of_hits = (each[farthest_first] for each in (rays, distances, triangle_ids))
+        of_hits = (each[farthest_first] for each in (rays, distances, elements))
         keep_nearest(best, found, *of_hits)

@@ -1,125 +1,66 @@
-"""Ray casting at instances, without a copy of the mesh for each of them."""
+"""Ray casting at instances of meshes, without a copy of the mesh for each of them.
+
+The hits are found by `raycast.embree`, or by `raycast.instance_boxes` without Blender's Embree.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.embree import INVALID_ID, Embree
-from oaisys_core.backend.raycast.instance_arrays import (
-    InstanceArrays,
-    InstanceFinder,
-    PlacedPrototype,
-    PrototypeMeshes,
-    keep_nearest,
-    matvec,
-)
-from oaisys_core.backend.raycast.instance_boxes import BoxInstanceFinder
-from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, refined, surface_height_m, unit
-from oaisys_core.backend.raycast.visible_pixels import visible_pixels
-from oaisys_core.scene import PlacedCamera, merge_meshes
-from oaisys_core.types import FloatArray, TriangleMesh
+from oaisys_core.backend.raycast.prototype_meshes import PlacedPrototype
+from oaisys_core.backend.raycast.triangles import NO_ELEMENT, RayTarget, unit
+from oaisys_core.scene import PlacedCamera
+from oaisys_core.types import FloatArray, PinholeIntrinsics
+
+BOX_CORNERS = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)], np.float64)
+"""Corners of the unit box, ordered by x, then y, then z."""
+
+MARGIN_PX = 0.01
+"""Added to a box's image on all sides; more than the rounding error in float32."""
+
+MAX_BOXES = 5_000
+"""With more boxes, finding the pixels that may see one takes as long as it saves."""
+
+MAX_VISIBLE_SHARE = 0.7
+"""If instances may be visible in a larger share of the pixels, all rays are cast at them."""
+
+MIN_DEPTH_SHARE = 1e-3
+"""Least depth of a box's corners, as a share of its size, for its image to be bounded."""
 
 
-class InstanceCaster:
-    """Casts rays at placements, with the same results as a `RayCaster` over their `mesh`.
+class InstanceTarget(RayTarget):
+    """The N instances of some placements, with the same hits as one mesh of all of them.
 
-    Triangle ids count through the meshes of all instances, one after the other.
+    Elements count through the triangles of all instances, one after the other.
 
     Attributes:
-        low_m, high_m: (3,) corners of the bounding box; ``+inf`` and ``-inf`` without instances.
+        meshes: Mesh of each placement.
+        groups: (N,) int, index of each instance's placement.
+        first: (N + 1,) int64, first element of each instance, then the number of elements.
+        instance_ids: (N,) uint32.
+        T_map_object, T_object_map: (N, 4, 4).
+        low_m, high_m: (N, 3) corners of the instances' bounding boxes.
     """
 
-    def __init__(
-        self,
-        placed: Sequence[PlacedPrototype],
-        shapes: PrototypeMeshes,
-        embree: Embree | None = None,
-    ) -> None:
-        """Take over placements; without ``embree``, casting takes ten times as long."""
-        self._placed_prototypes = [each for each in placed if each.triangle_count]
-        self.low_m: FloatArray = np.full(3, np.inf)
-        self.high_m: FloatArray = np.full(3, -np.inf)
-        if not self._placed_prototypes:
-            return
-        self._arrays = InstanceArrays(self._placed_prototypes, shapes)
-        self.low_m = self._arrays.low_m.min(axis=0)
-        self.high_m = self._arrays.high_m.max(axis=0)
-        self._finder: InstanceFinder = (
-            BoxInstanceFinder(self._arrays)
-            if embree is None
-            else EmbreeInstanceFinder(self._arrays, embree)
-        )
+    def __init__(self, placed: Sequence[PlacedPrototype]) -> None:
+        """Concatenate at least one placement; each has at least one triangle."""
+        placements = [each.placement for each in placed]
+        counts = [len(placement.T_map_object) for placement in placements]
+        self.meshes = [each.mesh for each in placed]
+        self.groups = np.repeat(np.arange(len(placed)), counts)
+        sizes = np.repeat([mesh.triangle_count for mesh in self.meshes], counts)
+        self.first = np.concatenate(([0], np.cumsum(sizes))).astype(np.int64)
+        self.instance_ids = np.concatenate([each.instance_ids for each in placements])
+        self.T_map_object = np.concatenate([each.T_map_object for each in placements])
+        self.T_object_map = _inverse(self.T_map_object)
+        self.low_m, self.high_m = self._bounds()
+        self.top_m = float(self.high_m[:, 2].max())
 
-    def intersect(
-        self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None = None
-    ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """See `RayCaster.intersect`; hits beyond (...) ``limits`` may be left out.
-
-        ``origins_m`` are (3,) for all rays, or (..., 3) outside the instances' bounding boxes.
-        """
-        shape = directions.shape[:-1]
-        best = np.full(shape, np.inf).ravel() if limits is None else limits.astype(float).ravel()
-        found = np.full(best.shape, NO_TRIANGLE, dtype=np.int64)
-        if self._placed_prototypes:
-            self._finder.find(origins_m, directions.reshape(-1, 3), best, found)
-        best[found == NO_TRIANGLE] = np.inf
-        return best.reshape(shape), found.reshape(shape)
-
-    def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
-        """Return (H, W) which pixels may see an instance, see `visible_pixels`; None: any may."""
-        if not self._placed_prototypes:
-            pinhole = camera.intrinsics
-            return np.zeros((pinhole.height_px, pinhole.width_px), np.bool_)
-        return visible_pixels(camera, self._arrays.low_m, self._arrays.high_m)
-
-    def surface_height_m(self, xy_m: ArrayLike) -> FloatArray:
-        """See the function `surface_height_m`."""
-        return surface_height_m(self, xy_m)
-
-    def instance_ids_of(self, triangle_ids: NDArray[np.int64]) -> NDArray[np.uint32]:
-        """Return the instance id of each triangle id, 0 for `NO_TRIANGLE`."""
-        ids = np.zeros(triangle_ids.shape, np.uint32)
-        hit = triangle_ids != NO_TRIANGLE
-        if hit.any():
-            ids[hit] = self._arrays.instance_ids[self._arrays.instances_of(triangle_ids[hit])]
-        return ids
-
-    def normals_of(self, triangle_ids: NDArray[np.int64]) -> FloatArray:
-        """Return the (N, 3) unit normals of (N,) triangle ids; 0 for triangles without area."""
-        arrays = self._arrays
-        instances = arrays.instances_of(triangle_ids)
-        local = triangle_ids - arrays.first[instances]
-        normals = np.empty((len(triangle_ids), 3))
-        for group, rows in arrays.by_group(instances):
-            normals[rows] = arrays.shapes[group].planes[1][local[rows]]
-        return unit(matvec(arrays.T_map_object[instances, :3, :3], unit(normals)))
-
-    def mesh(self) -> TriangleMesh:
-        """Return one mesh of all instances, with ids per triangle."""
-        return merge_meshes([each.mesh() for each in self._placed_prototypes])
-
-
-class EmbreeInstanceFinder:
-    """See `InstanceFinder`; Embree finds triangles in float32, distances are refined in float64."""
-
-    def __init__(self, arrays: InstanceArrays, embree: Embree) -> None:
-        self._arrays = arrays
-        self._origin_m = (arrays.low_m.min(axis=0) + arrays.high_m.max(axis=0)) / 2
-        ends = np.cumsum(np.bincount(arrays.groups, minlength=len(arrays.shapes)))
-        self._first_instance = np.concatenate(([0], ends))
-        T_local_object = arrays.T_map_object.copy()
-        T_local_object[:, :3, 3] -= self._origin_m
-        poses = np.split(T_local_object, ends[:-1])
-        self._scene = embree.instances([shape.tree(embree) for shape in arrays.shapes], poses)
-        shapes = list(dict.fromkeys(arrays.shapes))
-        starts = np.cumsum([0, *(shape.triangle_count for shape in shapes)])
-        self._first_plane = starts[[shapes.index(shape) for shape in arrays.shapes]]
-        self._corners = np.concatenate([shape.planes[0] for shape in shapes])
-        self._normals = np.concatenate([shape.planes[1] for shape in shapes])
-
+    @abstractmethod
     def find(
         self,
         origins_m: FloatArray,
@@ -127,21 +68,179 @@ class EmbreeInstanceFinder:
         best: FloatArray,
         found: NDArray[np.int64],
     ) -> None:
-        """See `InstanceFinder.find`."""
-        # Rounded up, so that a hit exactly at its limit is found.
-        limits = np.nextafter(best.astype(np.float32), np.float32(np.inf))
-        coarse, ids = self._scene.nearest(origins_m - self._origin_m, directions, limits)
-        rays = np.flatnonzero(ids[0] != INVALID_ID)
-        groups, numbers, triangles = ids[:, rays].astype(np.int64)
-        instances = self._first_instance[groups] + numbers
-        planes = self._first_plane[groups] + triangles
-        T = self._arrays.T_object_map[instances]
-        origins = np.broadcast_to(origins_m, directions.shape)[rays]
-        distances = refined(
-            coarse[rays].astype(np.float64),
-            self._corners[planes],
-            self._normals[planes],
-            matvec(T[:, :3, :3], origins) + T[:, :3, 3],
-            matvec(T[:, :3, :3], directions[rays]),
-        )
-        keep_nearest(best, found, rays, distances, self._arrays.first[instances] + triangles)
+        """Replace distances and elements, in place, where rays hit something nearer.
+
+        Args:
+            origins_m: (3,) for all rays, or (R, 3) outside the instances' bounding boxes.
+            directions: (R, 3) of any length.
+            best: (R,) distances so far, in units of the directions' lengths.
+            found: (R,) elements so far.
+        """
+
+    def intersect(
+        self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None = None
+    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        """See `RayTarget`; origins that differ lie outside the instances' bounding boxes."""
+        shape = directions.shape[:-1]
+        best = np.full(shape, np.inf).ravel() if limits is None else limits.astype(float).ravel()
+        found = np.full(best.shape, NO_ELEMENT, dtype=np.int64)
+        self.find(origins_m, directions.reshape(-1, 3), best, found)
+        best[found == NO_ELEMENT] = np.inf
+        return best.reshape(shape), found.reshape(shape)
+
+    def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
+        """See `RayTarget`."""
+        if any(camera.intrinsics.distortion):
+            return None
+        found = visible_pixels(camera, self.low_m, self.high_m)
+        if found is None or np.count_nonzero(found) > MAX_VISIBLE_SHARE * found.size:
+            return None
+        return found
+
+    def instance_ids_of(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
+        """See `RayTarget`."""
+        ids = np.zeros(elements.shape, np.uint32)
+        hit = elements != NO_ELEMENT
+        ids[hit] = self.instance_ids[self._instances_of(elements[hit])]
+        return ids
+
+    def normals_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
+        """See `RayTarget`."""
+        instances = self._instances_of(elements)
+        triangles = elements - self.first[instances]
+        normals = np.empty((len(elements), 3))
+        for group, rows in self.by_group(instances):
+            normals[rows] = self.meshes[group].planes[1][triangles[rows]]
+        return unit(matvec(self.T_map_object[instances, :3, :3], unit(normals)))
+
+    def by_group(self, instances: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+        """Yield the index of each placement among ``instances``, and the rows that belong to it."""
+        groups = self.groups[instances]
+        order = np.argsort(groups, kind="stable")
+        starts = np.searchsorted(groups[order], np.arange(len(self.meshes) + 1))
+        for group in np.flatnonzero(np.diff(starts)).tolist():
+            yield group, order[starts[group] : starts[group + 1]]
+
+    def _instances_of(self, elements: NDArray[np.int64]) -> NDArray[np.intp]:
+        return np.searchsorted(self.first, elements, side="right") - 1
+
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
+        low_m = np.empty((len(self.groups), 3))
+        high_m = np.empty((len(self.groups), 3))
+        for group, mesh in enumerate(self.meshes):
+            rows = self.groups == group
+            T = self.T_map_object[rows]
+            low, high = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+            corners = low + BOX_CORNERS * (high - low)
+            points = np.einsum("nij,vj->nvi", T[:, :3, :3], corners) + T[:, None, :3, 3]
+            low_m[rows], high_m[rows] = points.min(axis=1), points.max(axis=1)
+        return low_m, high_m
+
+
+def keep_nearest(
+    best: FloatArray,
+    found: NDArray[np.int64],
+    rays: NDArray[np.int64],
+    distances: FloatArray,
+    elements: NDArray[np.int64],
+) -> None:
+    """Replace distances and elements, in place, where (N,) rays hit something nearer.
+
+    If a ray occurs more than once in ``rays``, its last occurrence counts.
+    """
+    nearer = distances < best[rays]
+    best[rays[nearer]] = distances[nearer]
+    found[rays[nearer]] = elements[nearer]
+
+
+def _inverse(T: FloatArray) -> FloatArray:
+    """Return the inverses of (N, 4, 4) affine transforms.
+
+    The adjugate is a vectorised closed form; `numpy.linalg.inv` calls LAPACK once per matrix.
+    """
+    inverse = np.zeros_like(T)
+    columns = T[:, :3, :3].transpose(2, 0, 1)
+    for row in range(3):
+        inverse[:, row, :3] = np.cross(columns[(row + 1) % 3], columns[(row + 2) % 3])
+    inverse[:, :3, :3] /= np.einsum("ni,ni->n", inverse[:, 0, :3], columns[0])[:, None, None]
+    inverse[:, :3, 3] = -matvec(inverse[:, :3, :3], T[:, :3, 3])
+    inverse[:, 3, 3] = 1.0
+    return inverse
+
+
+def matvec(R: NDArray[np.float64], vectors: FloatArray) -> FloatArray:
+    """Return (N, 3) products of (N, 3, 3) matrices and (N, 3) vectors."""
+    return np.asarray(np.einsum("nij,nj->ni", R, vectors))
+
+
+def visible_pixels(
+    camera: PlacedCamera, low_m: FloatArray, high_m: FloatArray
+) -> NDArray[np.bool_] | None:
+    """Return (H, W) whether the ray through a pixel's centre may hit a box; None: any may.
+
+    Args:
+        camera: Without distortion.
+        low_m, high_m: (N, 3) corners of boxes aligned with the axes of ``map``.
+    """
+    if len(low_m) > MAX_BOXES:
+        return None
+    pinhole, T = camera.intrinsics, camera.T_map_camera
+    low_m, high_m = low_m - T[:3, 3], high_m - T[:3, 3]
+    size_m = high_m - low_m
+    near = np.flatnonzero(_in_frustum(pinhole, (low_m + high_m) / 2 @ T[:3, :3], size_m))
+    low_m, size_m = low_m[near].astype(np.float32), size_m[near].astype(np.float32)
+    corners = low_m[:, None] + BOX_CORNERS.astype(np.float32) * size_m[:, None]
+    corners = corners @ T[:3, :3].astype(np.float32)
+    depth_m = corners[..., 2]
+    is_ahead = depth_m.min(axis=1) > MIN_DEPTH_SHARE * size_m.max(axis=1)
+    focal_px = np.array((pinhole.fx_px, pinhole.fy_px), np.float32)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        pixels = corners[..., :2] / depth_m[..., None] * focal_px
+    pixels += np.array((pinhole.cx_px, pinhole.cy_px), np.float32)
+    size_px = (pinhole.width_px, pinhole.height_px)
+    first = np.clip(np.ceil(pixels.min(axis=1) - MARGIN_PX), 0, size_px)
+    end = np.clip(np.floor(pixels.max(axis=1) + MARGIN_PX) + 1, 0, size_px)
+    first[~is_ahead], end[~is_ahead] = 0, size_px
+    return _covered(first.astype(np.intp), end.astype(np.intp), size_px)
+
+
+def _in_frustum(
+    pinhole: PinholeIntrinsics, middle_m: FloatArray, size_m: FloatArray
+) -> NDArray[np.bool_]:
+    """Return (N,) whether the bounding spheres of boxes intersect a camera's frustum.
+
+    Args:
+        pinhole: The camera.
+        middle_m: (N, 3) centres of the boxes, in its optical frame.
+        size_m: (N, 3) edge lengths.
+    """
+    radius_m = np.linalg.norm(size_m, axis=1) / 2
+    depth_m = middle_m[:, 2]
+    reach = depth_m > -radius_m
+    sizes = (pinhole.width_px, pinhole.height_px)
+    centres, focals = (pinhole.cx_px, pinhole.cy_px), (pinhole.fx_px, pinhole.fy_px)
+    for axis, (size, centre, focal) in enumerate(zip(sizes, centres, focals, strict=True)):
+        for edge_px, sign in ((-0.5, 1), (size - 0.5, -1)):
+            slope = (edge_px - centre) / focal
+            inwards_m = sign * (middle_m[:, axis] - slope * depth_m) / np.hypot(1, slope)
+            reach &= inwards_m > -radius_m
+    return np.asarray(reach)
+
+
+def _covered(
+    first: NDArray[np.intp], end: NDArray[np.intp], size_px: tuple[int, int]
+) -> NDArray[np.bool_]:
+    """Return (H, W) which pixels lie in any of (N, 2) rectangles [first, end) of (column, row)."""
+    width, height = size_px
+    # A summed-area table of the rectangles' corners counts the rectangles at each pixel.
+    steps = np.zeros((height + 1) * (width + 1), np.int32)
+    for columns, rows, step in (
+        (first[:, 0], first[:, 1], 1),
+        (end[:, 0], first[:, 1], -1),
+        (first[:, 0], end[:, 1], -1),
+        (end[:, 0], end[:, 1], 1),
+    ):
+        np.add.at(steps, rows * (width + 1) + columns, step)
+    counts = steps.reshape(height + 1, width + 1).cumsum(axis=0, dtype=np.int32)
+    counts = counts.cumsum(axis=1, dtype=np.int32)
+    return np.asarray(counts[:height, :width] > 0)

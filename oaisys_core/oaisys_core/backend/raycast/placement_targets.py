@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from oaisys_core.backend.raycast.embree import blenders_embree
-from oaisys_core.backend.raycast.instance_arrays import PlacedPrototype, PrototypeMeshes
-from oaisys_core.backend.raycast.instances import InstanceCaster
-from oaisys_core.backend.raycast.ray_targets import InstanceTarget, RayTarget, TriangleTarget
-from oaisys_core.backend.raycast.triangles import RayCaster
+from oaisys_core.backend.raycast.embree import EmbreeInstanceTarget, blenders_embree
+from oaisys_core.backend.raycast.instance_boxes import BoxInstanceTarget
+from oaisys_core.backend.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
+from oaisys_core.backend.raycast.triangles import RayTarget, TriangleTarget
 from oaisys_core.scene import Scene
 from oaisys_core.types import TriangleMesh
 
@@ -25,17 +24,17 @@ class PlacementTargets:
 
     def __init__(self, scene: Scene) -> None:
         self._embree = blenders_embree()
-        self._shapes = PrototypeMeshes()
+        self._meshes: dict[int, PrototypeMesh] = {}
         self._static: list[PlacedPrototype] = []
         self._static_targets: list[RayTarget] = []
-        self._merged: RayCaster | None = None
+        self._merged: TriangleTarget | None = None
         self._moving: list[PlacedPrototype] = []
         self._moving_targets: list[RayTarget] = []
         self.start_batch(scene)
 
     def start_batch(self, scene: Scene) -> None:
         """Take over the placements of a new batch; those not marked as moving count as static."""
-        still = [each for each in _placed_prototypes(scene) if not each.placement.is_moving]
+        still = [each for each in self._placed(scene) if not each.placement.is_moving]
         if not _are_same(still, self._static):
             self._static = still
             self._static_targets = self._targets_of(still)
@@ -53,7 +52,7 @@ class PlacementTargets:
 
     def update(self, scene: Scene) -> None:
         """Take over the placements of a scene; what did not change costs nothing."""
-        placed = _placed_prototypes(scene)
+        placed = self._placed(scene)
         still = [each for each in self._static if any(each.is_same(now) for now in placed)]
         if len(still) < len(self._static):
             self._static = still
@@ -61,12 +60,11 @@ class PlacementTargets:
         others = [each for each in placed if not any(each.is_same(kept) for kept in still)]
         if not _are_same(others, self._moving):
             self._moving = others
-            self._moving_targets = [self._instances(others)]
-        self._shapes.keep_only(scene.prototypes)
+            self._moving_targets = [self._instances(others)] if others else []
 
     def meshes(self) -> list[TriangleMesh]:
         """Return the meshes of all placements, with ids per triangle."""
-        return [each.mesh() for each in (*self._static, *self._moving)]
+        return [each.merged() for each in (*self._static, *self._moving)]
 
     def _targets_of(self, placed: Sequence[PlacedPrototype]) -> list[RayTarget]:
         self._merged = None
@@ -74,19 +72,26 @@ class PlacementTargets:
             return []
         triangles = sum(each.triangle_count for each in placed)
         if self._embree is None and triangles <= MERGED_TRIANGLES:
-            self._merged = RayCaster([each.mesh() for each in placed])
-            return [TriangleTarget(self._merged)]
+            self._merged = TriangleTarget([each.merged() for each in placed])
+            return [self._merged]
         return [self._instances(placed)]
 
     def _instances(self, placed: Sequence[PlacedPrototype]) -> RayTarget:
-        return InstanceTarget(InstanceCaster(placed, self._shapes, self._embree))
+        if self._embree is None:
+            return BoxInstanceTarget(placed)
+        return EmbreeInstanceTarget(placed, self._embree)
+
+    def _placed(self, scene: Scene) -> list[PlacedPrototype]:
+        """Return the placements that have triangles; meshes of other prototypes are dropped."""
+        prototypes = scene.prototypes
+        self._meshes = {id(p): self._meshes.get(id(p)) or PrototypeMesh(p) for p in prototypes}
+        placed = [
+            PlacedPrototype(self._meshes[id(prototypes[p.prototype])], p) for p in scene.placements
+        ]
+        return [each for each in placed if each.triangle_count]
 
 
 def _are_same(some: Sequence[PlacedPrototype], others: Sequence[PlacedPrototype]) -> bool:
     return len(some) == len(others) and all(
         one.is_same(other) for one, other in zip(some, others, strict=True)
     )
-
-
-def _placed_prototypes(scene: Scene) -> list[PlacedPrototype]:
-    return [PlacedPrototype(scene.prototypes[p.prototype], p) for p in scene.placements]

@@ -7,8 +7,7 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.id_table import table_of
-from oaisys_core.backend.surface import View
+from oaisys_core.backend.surface import InstanceTable, View
 from oaisys_core.color import encoded, linear
 from oaisys_core.environment.light import veil_radiance
 from oaisys_core.scene import MeshPrototype, PbrMaps, Scene
@@ -37,7 +36,7 @@ class Palette:
         self._layers = np.array([self._mean_of(layer.maps) for layer in scene.material.layers])
         of_placements = [self._mean_of(scene.prototypes[p.prototype]) for p in scene.placements]
         of_primitives = [linear(p.color_srgb) for p in scene.primitives]
-        self._of_instance = table_of(scene, of_placements, of_primitives, np.float64)
+        self._of_instance = InstanceTable(scene, of_placements, of_primitives, np.float64)
 
     def albedo(self, view: View) -> FloatArray:
         """Return the (H, W, 3) linear albedo of a view, 0 where nothing was hit."""

@@ -7,7 +7,9 @@ from math import ceil, pi, sqrt
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from oaisys_core.backend.raycast.triangles import NO_ELEMENT, RayTarget
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import invert
 from oaisys_core.scene import Ground, HeightField, Primitive
@@ -106,8 +108,38 @@ class Rectangle:
         return np.broadcast_to((0.0, 0.0, 1.0), points_m.shape)
 
 
-def solid_of(primitive: Primitive) -> Solid:
-    """Return the exact shape of a primitive."""
+class SolidTarget(RayTarget):
+    """One exact solid, with a single element."""
+
+    def __init__(self, solid: Solid, instance_id: int, top_m: float) -> None:
+        """Take a solid whose highest point is at most at ``top_m``."""
+        self._solid = solid
+        self._instance_id = instance_id
+        self.top_m = top_m
+
+    def intersect(
+        self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None = None
+    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        """See `RayTarget`."""
+        distances = self._solid.intersect(origins_m, directions)
+        return distances, np.where(np.isfinite(distances), 0, NO_ELEMENT)
+
+    def instance_ids_of(self, elements: NDArray[np.int64]) -> NDArray[np.uint32]:
+        """See `RayTarget`."""
+        return np.where(elements == NO_ELEMENT, 0, self._instance_id).astype(np.uint32)
+
+    def normals_of(self, elements: NDArray[np.int64], points_m: FloatArray) -> FloatArray:
+        """See `RayTarget`."""
+        return self._solid.normals_at(points_m)
+
+
+def target_of(primitive: Primitive) -> SolidTarget:
+    """Return a primitive as a ray target."""
+    top_m = float(primitive.T_map_object[2, 3] + np.linalg.norm(primitive.size_m))
+    return SolidTarget(_solid_of(primitive), primitive.instance_id, top_m)
+
+
+def _solid_of(primitive: Primitive) -> Solid:
     if primitive.shape == "sphere":
         return Sphere(primitive.T_map_object[:3, 3], primitive.size_m[0])
     if primitive.shape == "box":

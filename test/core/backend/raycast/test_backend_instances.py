@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.raycast import placement_targets, visible_pixels
-from oaisys_core.backend.raycast.instance_arrays import PlacedPrototype, PrototypeMeshes
-from oaisys_core.backend.raycast.instances import InstanceCaster
-from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, RayCaster
+from oaisys_core.backend.raycast import instances, placement_targets
+from oaisys_core.backend.raycast.instance_boxes import BoxInstanceTarget
+from oaisys_core.backend.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
+from oaisys_core.backend.raycast.triangles import NO_ELEMENT, TriangleTarget
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
 from oaisys_core.scene import MeshPrototype, Placement, Scene, merge_meshes
 from oaisys_core.types import (
@@ -54,30 +54,31 @@ def _placed_prototypes(
     T[:, :3, :3] *= rng.uniform(0.05, 0.7, (count, 1, 1))
     T[:, :3, 3] = rng.uniform((-9, -9, -0.3), (9, 9, 0.6), (count, 3))
     ids = np.arange(first_id, first_id + count, dtype=np.uint32)
-    return PlacedPrototype(prototype, Placement(index, (10 + index,), T, ids))
+    return PlacedPrototype(PrototypeMesh(prototype), Placement(index, (10 + index,), T, ids))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("view", range(3))
 def test_instances_are_hit_as_copies_of_them_are(view: int) -> None:
     placed = overlapping_rocks()
-    instances = InstanceCaster(placed, PrototypeMeshes())
-    copies = RayCaster([each.mesh() for each in placed])
+    boxes = BoxInstanceTarget(placed)
+    copies = TriangleTarget([each.merged() for each in placed])
     directions = pixel_rays(WIDE) @ VIEWS[view].T_map_camera[:3, :3].T
     origin_m = VIEWS[view].T_map_camera[:3, 3]
-    depth_m, triangles = instances.intersect(origin_m, directions)
+    depth_m, triangles = boxes.intersect(origin_m, directions)
     expected_m, expected = copies.intersect(origin_m, directions)
-    hit = expected != NO_TRIANGLE
+    hit = expected != NO_ELEMENT
     assert hit.mean() > 0.2
     same = triangles == expected
     assert same.mean() > 0.999
     both = same & hit
     assert (depth_m[both].astype(np.float32) == expected_m[both].astype(np.float32)).mean() > 0.999
     np.testing.assert_allclose(depth_m[both], expected_m[both], rtol=1e-9)
-    assert (instances.instance_ids_of(triangles) == copies.instance_ids_of(triangles)).all()
+    assert (boxes.instance_ids_of(triangles) == copies.instance_ids_of(triangles)).all()
+    points_m = origin_m + depth_m[both, None] * directions[both]
     np.testing.assert_allclose(
-        instances.normals_of(triangles[hit & same]),
-        copies.normals_of(triangles[hit & same]),
+        boxes.normals_of(triangles[both], points_m),
+        copies.normals_of(triangles[both], points_m),
         atol=1e-9,
     )
 
@@ -92,7 +93,7 @@ def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
     """Also far from the map's origin, where a float32 step is 6 cm."""
     away_m = np.array((5e5, -4e5, 300.0))
     placed = [moved(each, away_m) for each in overlapping_rocks()]
-    copies = RayCaster([each.mesh() for each in placed])
+    copies = TriangleTarget([each.merged() for each in placed])
     views = [(o + away_m, d, None) for o, d in map(rays, range(3))]
     limits = np.full(views[1][1].shape[:-1], 6.0)
     xy_m = np.random.default_rng(2).uniform(-10, 10, (3001, 2)) + away_m[:2]
@@ -101,21 +102,22 @@ def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
     for index, (origin_m, directions, _) in enumerate(views):
         expected_m, expected = copies.intersect(origin_m, directions)
         depth_m, triangles = seen["found"][index]
-        same, hit = triangles == expected, expected != NO_TRIANGLE
+        same, hit = triangles == expected, expected != NO_ELEMENT
         assert hit.mean() > 0.2
         assert same.mean() > 0.999
         np.testing.assert_allclose(depth_m[same & hit], expected_m[same & hit], rtol=1e-7)
         assert np.isposinf(depth_m[~hit & same]).all()
         assert (seen["ids"][index] == copies.instance_ids_of(expected)).mean() > 0.9999
-        of_same = same[triangles != NO_TRIANGLE]
-        expected_normals = copies.normals_of(triangles[same & hit])
+        of_same = same[triangles != NO_ELEMENT]
+        points_m = origin_m + depth_m[same & hit, None] * directions[same & hit]
+        expected_normals = copies.normals_of(triangles[same & hit], points_m)
         np.testing.assert_allclose(seen["normals"][index][of_same], expected_normals, atol=1e-7)
         for one, other in zip(seen["found"][index], seen["again"][index], strict=True):
             assert one.tobytes() == other.tobytes()
     (all_m, all_triangles), (near_m, near) = seen["found"][1], seen["found"][3]
     within = all_m < 6.0
     assert 0.02 < within.mean() < 0.9
-    assert (near == np.where(within, all_triangles, NO_TRIANGLE)).all()
+    assert (near == np.where(within, all_triangles, NO_ELEMENT)).all()
     assert (near_m == np.where(within, all_m, np.inf)).all()
     assert seen["found"][4][1] == seen["found"][0][1][60, 80]
     heights_m, expected_m = seen["heights_m"], copies.surface_height_m(xy_m)
@@ -127,11 +129,11 @@ def test_embrees_instances_are_hit_as_copies_of_them_are() -> None:
 
 @pytest.mark.blender
 def test_blenders_embree_and_open3ds_see_the_same_of_a_mesh() -> None:
-    mesh = merge_meshes([each.mesh() for each in overlapping_rocks()])
+    mesh = merge_meshes([each.merged() for each in overlapping_rocks()])
     views: list[tuple[Any, ...]] = [(*rays(view), None) for view in range(3)]
     views.append((views[1][0] + np.zeros((7, 3)), views[1][1][60:67, 80], None))
     found = in_blender("instances.mesh_casts", mesh, views)
-    copies = RayCaster([mesh])
+    copies = TriangleTarget([mesh])
     for (origins_m, directions, _), (depth_m, triangles) in zip(views, found, strict=True):
         expected_m, expected = copies.intersect(origins_m, directions)
         same = triangles == expected
@@ -154,15 +156,15 @@ def moved(placed: PlacedPrototype, by_m: FloatArray) -> PlacedPrototype:
 
 
 def test_what_lies_beyond_the_limits_is_left_out() -> None:
-    instances = InstanceCaster(overlapping_rocks(), PrototypeMeshes())
+    boxes = BoxInstanceTarget(overlapping_rocks())
     directions = pixel_rays(WIDE) @ VIEWS[1].T_map_camera[:3, :3].T
     origin_m = VIEWS[1].T_map_camera[:3, 3]
-    depth_m, triangles = instances.intersect(origin_m, directions)
+    depth_m, triangles = boxes.intersect(origin_m, directions)
     limits = np.full(depth_m.shape, 6.0)
-    near_m, near = instances.intersect(origin_m, directions, limits)
+    near_m, near = boxes.intersect(origin_m, directions, limits)
     within = depth_m < 6.0
     assert 0.02 < within.mean() < 0.9
-    assert (near == np.where(within, triangles, NO_TRIANGLE)).all()
+    assert (near == np.where(within, triangles, NO_ELEMENT)).all()
     assert (near_m[within] == depth_m[within]).all()
     assert np.isposinf(near_m[~within]).all()
 
@@ -170,20 +172,27 @@ def test_what_lies_beyond_the_limits_is_left_out() -> None:
 def test_heights_over_instances_are_those_over_copies() -> None:
     placed = overlapping_rocks()
     xy_m = np.random.default_rng(2).uniform(-10, 10, (3000, 2))
-    heights_m = InstanceCaster(placed, PrototypeMeshes()).surface_height_m(xy_m)
-    expected_m = RayCaster([each.mesh() for each in placed]).surface_height_m(xy_m)
+    heights_m = BoxInstanceTarget(placed).surface_height_m(xy_m)
+    expected_m = TriangleTarget([each.merged() for each in placed]).surface_height_m(xy_m)
     assert 0.1 < np.isfinite(expected_m).mean() < 0.95
     assert (np.isfinite(heights_m) == np.isfinite(expected_m)).mean() > 0.999
     both = np.isfinite(heights_m) & np.isfinite(expected_m)
     assert np.quantile(np.abs(heights_m - expected_m)[both], 0.999) < 1e-6
 
 
-def test_no_instances_are_no_error() -> None:
-    nothing = InstanceCaster([], PrototypeMeshes())
-    distances, triangles = nothing.intersect(np.zeros(3), np.ones((4, 3)))
-    assert np.isposinf(distances).all()
-    assert (triangles == NO_TRIANGLE).all()
-    assert np.isnan(nothing.surface_height_m([(0.0, 0.0)])).all()
+def test_placements_without_triangles_are_no_target() -> None:
+    nothing = np.empty((0, 4, 4)), np.empty(0, np.uint32)
+    empty = MeshPrototype("empty", np.zeros((3, 3), np.float32), np.empty((0, 3), np.int32))
+    scene = rocky_world()
+    bare = replace(
+        scene,
+        prototypes=(*scene.prototypes, empty),
+        placements=(
+            Placement(0, (1,), *nothing),
+            Placement(len(scene.prototypes), (2,), np.eye(4)[None], np.array([7], np.uint32)),
+        ),
+    )
+    assert placement_targets.PlacementTargets(bare).targets == []
 
 
 def test_one_large_mesh_many_times_is_seen_without_copies() -> None:
@@ -198,7 +207,7 @@ def test_one_large_mesh_many_times_is_seen_without_copies() -> None:
     T = np.tile(np.eye(4), (20, 1, 1))
     T[:, 0, 3] = 2.5 * np.arange(20)
     placement = Placement(0, (4,), T, np.arange(1, 21, dtype=np.uint32))
-    caster = InstanceCaster([PlacedPrototype(cloth, placement)], PrototypeMeshes())
+    caster = BoxInstanceTarget([PlacedPrototype(PrototypeMesh(cloth), placement)])
     xy_m = np.random.default_rng(3).uniform((-1, -1), (48.5, 1), (2000, 2))
     local_x = (xy_m[:, 0] + 1.25) % 2.5 - 1.25
     on = np.abs(local_x) < 0.99
@@ -226,7 +235,7 @@ def test_rays_that_are_not_cast_at_instances_miss_them(monkeypatch: pytest.Monke
     some = images_of(rocky_world())
     *_, from_among_them = pixels_of_rocks()
     assert 0.3 < from_among_them.mean() < 0.7
-    monkeypatch.setattr(visible_pixels, "MAX_BOXES", 0)
+    monkeypatch.setattr(instances, "MAX_BOXES", 0)
     assert all(part is None for part in pixels_of_rocks())
     for one, other in zip(some, images_of(rocky_world()), strict=True):
         np.testing.assert_array_equal(one, other)
@@ -250,7 +259,7 @@ def rocky_scene(count: int) -> Scene:
     placed = overlapping_rocks(count)
     return replace(
         rocky_world(),
-        prototypes=tuple(each.prototype for each in placed),
+        prototypes=tuple(each.mesh.prototype for each in placed),
         placements=tuple(each.placement for each in placed),
     )
 
@@ -270,10 +279,10 @@ def test_blender_stands_instances_and_objects_where_they_were_placed() -> None:
     ]
     found = in_blender("passes.evaluated", scenes)
     expected = [(many, few), (other, few), (other, fewer), (None, fewer), (many, few)]
-    for (instances, things, _), (placed, separate) in zip(found, expected, strict=True):
+    for (poses, things, _), (placed, separate) in zip(found, expected, strict=True):
         if placed is None:
-            assert len(instances) == 0
+            assert len(poses) == 0
         else:
-            np.testing.assert_allclose(instances, placed.T_map_object, atol=2e-6)
+            np.testing.assert_allclose(poses, placed.T_map_object, atol=2e-6)
         np.testing.assert_allclose(things, separate.T_map_object, atol=2e-6)
     assert found[0][2] == found[-1][2]

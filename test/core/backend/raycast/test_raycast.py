@@ -1,22 +1,43 @@
 """Ray casting against closed forms, brute force and OpenCV's projection."""
 
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 import pytest
-from synthetic_worlds import CENTRED, SKEWED, camera, rocky_world
+from numpy.typing import NDArray
+from synthetic_worlds import SKEWED, camera, rocky_world
 
-from oaisys_core.backend.raycast.triangles import NO_TRIANGLE, RayCaster
-from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.types import TriangleMesh
+from oaisys_core.backend.raycast.triangles import NO_ELEMENT, TriangleTarget
+from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
+from oaisys_core.scene import PlacedCamera
+from oaisys_core.types import FloatArray, TriangleMesh
 
 
-def square(height_m: float, half_m: float = 5.0, **ids: int) -> TriangleMesh:
+class CameraHits(NamedTuple):
+    depth_m: NDArray[np.float32]
+    triangle_ids: NDArray[np.int64]
+    instance_ids: NDArray[np.uint32]
+    points_m: FloatArray
+
+
+def cast(target: TriangleTarget, view: PlacedCamera) -> CameraHits:
+    """What each pixel of a camera hits at its centre."""
+    origin_m = view.T_map_camera[:3, 3]
+    directions = pixel_rays(view.intrinsics) @ view.T_map_camera[:3, :3].T
+    depth_m, triangle_ids = target.intersect(origin_m, directions)
+    with np.errstate(invalid="ignore"):
+        points_m = origin_m + depth_m[..., None] * directions
+    ids = target.instance_ids_of(triangle_ids)
+    return CameraHits(depth_m.astype(np.float32), triangle_ids, ids, points_m)
+
+
+def square(height_m: float, half_m: float = 5.0, instance_id: int = 0) -> TriangleMesh:
     corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], dtype=np.float64)
     return TriangleMesh(
         corners * half_m + (0, 0, height_m),
         np.array([(0, 1, 2), (0, 2, 3)], dtype=np.int32),
-        np.full(2, ids.get("semantic", 0), dtype=np.uint16),
-        np.full(2, ids.get("instance", 0), dtype=np.uint32),
+        instance_ids=np.full(2, instance_id, dtype=np.uint32),
     )
 
 
@@ -35,13 +56,13 @@ def test_depth_of_a_tilted_plane_is_exact_wherever_it_lies(far_m: float) -> None
     index = np.arange(41 * 41).reshape(41, 41)
     a, b, c, d = index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]
     triangles = np.stack((a, b, c, a, c, d), -1).reshape(-1, 3).astype(np.int32)
-    caster = RayCaster([TriangleMesh(vertices, triangles)])
+    target = TriangleTarget([TriangleMesh(vertices, triangles)])
     normal = np.array([*-slope, 1.0])
     for _ in range(4):
         eye = corner + np.append(rng.uniform(-5, 5, 2), 8.0)
         view = camera(pose_looking_at(eye, corner + np.append(rng.uniform(-3, 3, 2), 0.0)), SKEWED)
-        hits = caster.cast(view.T_map_camera, view.intrinsics)
-        hit = hits.triangle_ids != NO_TRIANGLE
+        hits = cast(target, view)
+        hit = hits.triangle_ids != NO_ELEMENT
         v, u = np.nonzero(hit)
         rays = np.linalg.solve(SKEWED.K, np.stack((u, v, np.ones(len(u)))))
         depth_m = normal @ (corner - eye) / (normal @ view.T_map_camera[:3, :3] @ rays)
@@ -52,8 +73,8 @@ def test_depth_of_a_tilted_plane_is_exact_wherever_it_lies(far_m: float) -> None
 
 def test_hits_project_back_to_their_pixel_centres() -> None:
     view = camera(pose_looking_at((-9, -7, 6), (0, 0, 0), (0.2, 0.1, 1)), SKEWED)
-    hits = RayCaster([rocky_mesh()]).cast(view.T_map_camera, SKEWED)
-    v, u = np.nonzero(hits.triangle_ids != NO_TRIANGLE)
+    hits = cast(TriangleTarget([rocky_mesh()]), view)
+    v, u = np.nonzero(hits.triangle_ids != NO_ELEMENT)
     T_camera_map = np.linalg.inv(view.T_map_camera)
     rotation, _ = cv2.Rodrigues(T_camera_map[:3, :3])
     pixels, _ = cv2.projectPoints(
@@ -69,7 +90,7 @@ def test_the_first_triangle_is_that_of_a_brute_force_search() -> None:
     mesh = TriangleMesh(corners.reshape(-1, 3), np.arange(180, dtype=np.int32).reshape(-1, 3))
     origin_m = np.array([0.1, -6.0, 0.3])
     directions = rng.normal(size=(500, 3)) * (0.3, 0, 0.3) + (0, 1.0, 0)
-    distances, found = RayCaster([mesh]).intersect(origin_m, directions)
+    distances, found = TriangleTarget([mesh]).intersect(origin_m, directions)
 
     edges = corners[:, 1:] - corners[:, :1]
     expected = np.full((500, 60), np.inf)
@@ -90,49 +111,41 @@ def test_the_first_triangle_is_that_of_a_brute_force_search() -> None:
 def test_views_are_equal_bit_for_bit_however_often_the_structure_is_built() -> None:
     mesh = rocky_mesh()
     view = camera(pose_looking_at((-9, -7, 6), (0, 0, 0)))
-    first, *others = [RayCaster([mesh]).cast(view.T_map_camera, CENTRED) for _ in range(12)]
+    first, *others = [cast(TriangleTarget([mesh]), view) for _ in range(12)]
     for other in others:
         assert first.depth_m.tobytes() == other.depth_m.tobytes()
         assert first.triangle_ids.tobytes() == other.triangle_ids.tobytes()
 
 
 def test_ids_are_those_of_the_nearest_mesh() -> None:
-    caster = RayCaster(
-        [square(0.0, semantic=3), square(2.0, half_m=0.5, semantic=9, instance=70_000)]
-    )
-    view = camera(pose_looking_down(0, 0, 6))
-    hits = caster.cast(view.T_map_camera, CENTRED)
+    target = TriangleTarget([square(0.0), square(2.0, half_m=0.5, instance_id=70_000)])
+    hits = cast(target, camera(pose_looking_down(0, 0, 6)))
     above = np.isclose(hits.depth_m, 4.0)
     assert above.sum() == 14 * 14
     assert set(np.unique(hits.depth_m)) == {np.float32(4.0), np.float32(6.0)}
-    assert (hits.semantic_ids == np.where(above, 9, 3)).all()
     assert (hits.instance_ids == np.where(above, 70_000, 0)).all()
 
 
 def test_rays_that_hit_nothing_say_so() -> None:
     view = camera(pose_looking_at((0, 0, 3), (0, 9, 3.1)))
-    hits = RayCaster([square(0.0, half_m=1.0, semantic=3, instance=4)]).cast(
-        view.T_map_camera, CENTRED
-    )
+    hits = cast(TriangleTarget([square(0.0, half_m=1.0, instance_id=4)]), view)
     assert np.isposinf(hits.depth_m).all()
-    assert (hits.triangle_ids == NO_TRIANGLE).all()
-    assert not hits.semantic_ids.any()
+    assert (hits.triangle_ids == NO_ELEMENT).all()
     assert not hits.instance_ids.any()
-    assert np.isnan(hits.points_m).all()
 
 
 def test_no_triangles_at_all_are_no_error() -> None:
-    caster = RayCaster([])
+    target = TriangleTarget([])
     view = camera(pose_looking_down(0, 0, 6))
-    assert np.isposinf(caster.cast(view.T_map_camera, CENTRED).depth_m).all()
-    assert np.isnan(caster.surface_height_m([(0.0, 0.0)])).all()
+    assert np.isposinf(cast(target, view).depth_m).all()
+    assert np.isnan(target.surface_height_m([(0.0, 0.0)])).all()
 
 
 def test_triangles_without_area_do_no_harm() -> None:
     flat = square(0.0)
     line = TriangleMesh(np.array([(-5.0, 0, 1), (0, 0, 1), (5, 0, 1)]), np.array([[0, 1, 2]]))
     view = camera(pose_looking_down(0, 0, 6))
-    hits = RayCaster([flat, line]).cast(view.T_map_camera, CENTRED)
+    hits = cast(TriangleTarget([flat, line]), view)
     assert not np.isnan(hits.depth_m).any()
     assert (hits.depth_m == 6).mean() > 0.95
 
@@ -141,8 +154,8 @@ def test_heights_are_those_of_the_topmost_surface() -> None:
     ground = rocky_world().ground
     rng = np.random.default_rng(6)
     xy_m = rng.uniform(-21, 21, (2000, 2))
-    caster = RayCaster([rocky_mesh(), square(5.0, half_m=2.0)])
-    height_m = caster.surface_height_m(xy_m)
+    target = TriangleTarget([rocky_mesh(), square(5.0, half_m=2.0)])
+    height_m = target.surface_height_m(xy_m)
     under_roof = (np.abs(xy_m) < 2.0).all(axis=1)
     expected_m = np.where(under_roof, 5.0, ground.height_at(xy_m))
     assert under_roof.any()
