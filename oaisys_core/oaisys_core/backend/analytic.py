@@ -7,8 +7,7 @@ from collections.abc import Iterator, Sequence
 import oaisys_core
 from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
-from oaisys_core.backend.flow import PoseMemory
-from oaisys_core.backend.geometry_pass import frame_of, frames_of
+from oaisys_core.backend.geometry_pass import PoseMemory, frame_of, frames_of
 from oaisys_core.backend.raycast.shading import Palette, encoded, shaded
 from oaisys_core.backend.raycast.solids import flat_ground
 from oaisys_core.backend.surface import Surface, View, ground_mesh

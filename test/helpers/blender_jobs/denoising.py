@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.backend.blender import BlenderBackend, cycles
-from oaisys_core.backend.blender.denoiser import blenders_denoiser
+from oaisys_core.backend.blender.postprocessing import blenders_denoiser
 from oaisys_core.backend.blender.time_budget import DENOISING_COSTS
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.types import RGB

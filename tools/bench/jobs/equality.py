@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.reference import reference_images
-from oaisys_core.backend.flow import PoseMemory
-from oaisys_core.backend.geometry_pass import geometry_frames
+from oaisys_core.backend.geometry_pass import PoseMemory, geometry_frames
 from oaisys_core.backend.surface import Surface, ground_mesh
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.scene import PlacedCamera

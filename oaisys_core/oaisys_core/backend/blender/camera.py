@@ -1,10 +1,10 @@
-"""Blender's camera: pose, intrinsics, aperture, motion blur and lens distortion."""
+"""Blender's camera: pose, intrinsics, aperture, motion blur, lens distortion, size of a pixel."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from math import ceil, isclose, sqrt
+from math import ceil, floor, isclose, log2, sqrt
 from typing import Any
 
 import bpy
@@ -21,7 +21,6 @@ SENSOR_WIDTH_MM = 36.0
 CLIP_START_M = 1e-3
 CLIP_END_M = 1e6
 
-
 PREVIOUS_FRAME, FRAME = 1, 2
 """Blender's animation frames of the previous and of the current pose, for motion blur."""
 
@@ -30,6 +29,19 @@ MARGIN_PX = 3
 
 MAX_PIXEL_RATIO = 4.0
 """A pinhole image rendered for a lens has at most so many times the lens image's pixels."""
+
+FOOTPRINT = "footprint"
+"""Node group with the size of a pixel on the surface. All materials share it, so that a change of
+camera rebuilds none of them."""
+
+ANGLE = "angle"
+"""Name of its node that multiplies by the angle of a pixel."""
+
+STEPS = 4
+"""Steps per octave that angles are rounded to, so that similar cameras change nothing."""
+
+PIXELS = 2.0
+"""Pixels per footprint, so that a texel is one to two pixels large (Nyquist)."""
 
 
 def new_camera() -> Any:
@@ -135,6 +147,39 @@ def _set(owner: Any, **values: float) -> None:
             setattr(owner, name, value)
 
 
+def set_pixel_angle(intrinsics: PinholeIntrinsics) -> None:
+    """Tell materials the angle that a pixel spans, unless it is similar to the current one."""
+    angle = footprint_group().nodes[ANGLE].inputs[1]
+    angle_rad = 1 / max(intrinsics.fx_px, intrinsics.fy_px)
+    wanted = PIXELS * 2.0 ** (floor(STEPS * log2(angle_rad) + 1e-6) / STEPS)
+    if abs(angle.default_value - wanted) > 1e-6 * wanted:
+        angle.default_value = wanted
+
+
+def footprint_group() -> Any:
+    """Return the node group whose output is the size in metres of a pixel on the surface."""
+    group: Any = bpy.data.node_groups.get(FOOTPRINT)
+    if group is not None:
+        return group
+    group = bpy.data.node_groups.new(FOOTPRINT, "ShaderNodeTree")
+    # Keeps it through a purge between two worlds.
+    group.use_fake_user = True
+    group.interface.new_socket("Metres", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    nodes, links = group.nodes, group.links
+    times_angle = nodes.new("ShaderNodeMath")
+    times_angle.name, times_angle.operation = ANGLE, "MULTIPLY"
+    times_angle.inputs[1].default_value = 0.0
+    camera = nodes.new("ShaderNodeCameraData")
+    links.new(camera.outputs["View Distance"], times_angle.inputs[0])
+    links.new(times_angle.outputs[0], nodes.new("NodeGroupOutput").inputs[0])
+    return group
+
+
+def rendered_pinhole(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
+    """Return what is rendered for a camera: its own intrinsics, unless it distorts."""
+    return covering_pinhole(intrinsics) if any(intrinsics.distortion) else intrinsics
+
+
 def covering_pinhole(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
     """Return a pinhole camera in the same optical frame that sees everything a lens sees.
 
@@ -173,10 +218,15 @@ def scaled_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsic
     )
 
 
-def distorted_image(
-    image: NDArray[Any], pinhole: PinholeIntrinsics, intrinsics: PinholeIntrinsics
-) -> NDArray[Any]:
-    """Return the image of a lens, resampled from one by its `covering_pinhole`."""
+def camera_image(
+    image: NDArray[np.uint8], pinhole: PinholeIntrinsics, intrinsics: PinholeIntrinsics
+) -> NDArray[np.uint8]:
+    """Return a camera's image of one that its `rendered_pinhole` sees, which may be smaller."""
+    size = pinhole.width_px, pinhole.height_px
+    if image.shape[1::-1] != size:
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    if pinhole is intrinsics:
+        return image
     rays = pixel_rays(intrinsics)
     u = (rays[..., 0] * pinhole.fx_px + pinhole.cx_px).astype(np.float32)
     v = (rays[..., 1] * pinhole.fy_px + pinhole.cy_px).astype(np.float32)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.camera import place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.compat import node_tree_of
-from oaisys_core.backend.blender.engine import render_scene
+from oaisys_core.backend.blender.cycles import render_scene
 from oaisys_core.backend.blender.materials.nodes import NodeTree
 from oaisys_core.backend.blender.objects.instances import ID, ids_from_floats
 from oaisys_core.errors import RenderError

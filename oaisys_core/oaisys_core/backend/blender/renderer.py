@@ -10,26 +10,23 @@ from math import inf
 from pathlib import Path
 
 import bpy
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
-from oaisys_core.backend.blender.background_geometry import BackgroundGeometry
 from oaisys_core.backend.blender.camera import (
-    covering_pinhole,
-    distorted_image,
+    camera_image,
     motion_blur,
     new_camera,
     place,
+    rendered_pinhole,
     scaled_pinhole,
     set_intrinsics,
     set_lens,
+    set_pixel_angle,
 )
-from oaisys_core.backend.blender.cycles import Cycles
-from oaisys_core.backend.blender.engine import RenderResult
-from oaisys_core.backend.blender.materials.footprint import set_pixel_angle
+from oaisys_core.backend.blender.cycles import Cycles, RenderResult
 from oaisys_core.backend.blender.objects.scene_geometry import SceneGeometry
 from oaisys_core.backend.blender.objects.sky import Lights
 from oaisys_core.backend.blender.time_budget import (
@@ -39,8 +36,12 @@ from oaisys_core.backend.blender.time_budget import (
     denoising_quality_for,
     lowest_quality,
 )
-from oaisys_core.backend.flow import PoseMemory
-from oaisys_core.backend.geometry_pass import frame_of, geometry_frames
+from oaisys_core.backend.geometry_pass import (
+    BackgroundGeometry,
+    PoseMemory,
+    frame_of,
+    geometry_frames,
+)
 from oaisys_core.backend.surface import Surface
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import Lens, PlacedCamera, Scene, Sky
@@ -208,7 +209,7 @@ class BlenderBackend(Backend):
         ``geometry`` is what another thread computes meanwhile.
         """
         began_s = time.perf_counter()
-        pinhole = _pinhole_of(camera)
+        pinhole = rendered_pinhole(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
         rendered = scaled_pinhole(pinhole, plan.scale)
         self._aim(camera, rendered, camera.lens)
@@ -225,7 +226,7 @@ class BlenderBackend(Backend):
             self.samples_per_pixel = min(light.samples, self.samples_per_pixel or light.samples)
         image = self._cycles.denoise_and_tonemap(light, settings, denoising)
         self._learn(rendered, light, started_s, denoising, geometry)
-        image = _as_seen(image, pinhole, camera)
+        image = camera_image(image, pinhole, camera.intrinsics)
         rng = randomness.stream(settings.noise_seed, camera.name)
         return with_effects(image, settings.effects, camera.intrinsics, rng)
 
@@ -233,7 +234,7 @@ class BlenderBackend(Backend):
         self, camera: PlacedCamera, settings: RenderSettings, seconds: float
     ) -> NDArray[np.uint8]:
         """Return the reflectance that a camera sees, without depth of field or motion."""
-        pinhole = _pinhole_of(camera)
+        pinhole = rendered_pinhole(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
         self._aim(camera, pinhole, None)
         sky = self._built().scene.sky
@@ -245,7 +246,7 @@ class BlenderBackend(Backend):
         finally:
             if sky.haze is not None:
                 self._lights.set(sky)
-        return _as_seen(image, pinhole, camera)
+        return camera_image(image, pinhole, camera.intrinsics)
 
     def _aim(self, camera: PlacedCamera, pinhole: PinholeIntrinsics, lens: Lens | None) -> None:
         """Make Blender's camera one with such a lens, where ``camera`` stands."""
@@ -253,7 +254,7 @@ class BlenderBackend(Backend):
         set_intrinsics(self._camera, pinhole)
         set_lens(self._camera, lens)
         # Not the pinhole's: where time is short, nothing is spent on other levels of textures.
-        set_pixel_angle(1 / max(camera.intrinsics.fx_px, camera.intrinsics.fy_px))
+        set_pixel_angle(camera.intrinsics)
 
     def _learn(
         self,
@@ -289,23 +290,5 @@ class BlenderBackend(Backend):
         return self._surface
 
 
-def _pinhole_of(camera: PlacedCamera) -> PinholeIntrinsics:
-    """Return what is rendered: the camera's own intrinsics, unless it distorts."""
-    pinhole = camera.intrinsics
-    return covering_pinhole(pinhole) if any(pinhole.distortion) else pinhole
-
-
 def _pixels(pinhole: PinholeIntrinsics) -> int:
     return pinhole.width_px * pinhole.height_px
-
-
-def _as_seen(
-    image: NDArray[np.uint8], pinhole: PinholeIntrinsics, camera: PlacedCamera
-) -> NDArray[np.uint8]:
-    """Return the camera's image of one that a pinhole sees, which may be smaller."""
-    size = pinhole.width_px, pinhole.height_px
-    if image.shape[1::-1] != size:
-        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
-    if pinhole is camera.intrinsics:
-        return image
-    return distorted_image(image, pinhole, camera.intrinsics)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from oaisys_core.backend.base import FrameGroup
-from oaisys_core.backend.blender.background_geometry import CORES, BackgroundGeometry
+from oaisys_core.backend.geometry_pass import CORES, BackgroundGeometry
 from oaisys_core.errors import CancelledError, RenderError
 from oaisys_core.types import Frame, PinholeIntrinsics
 

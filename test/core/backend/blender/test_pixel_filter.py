@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from oaisys_core.backend.blender.denoiser import (
+from oaisys_core.backend.blender.postprocessing import (
     CYCLES_WIDTH_PX,
     SAMPLED_WIDTH_PX,
     filter_denoised,

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
-from oaisys_core.backend.blender.materials.footprint import by_footprint
 from oaisys_core.backend.blender.materials.ground_layer import (
     LayerNodes,
     MaterialLevel,
@@ -109,7 +108,7 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
         in_group(tree, "ground_level", partial(level_surface, level=level)) for level in levels
     ]
     _, airlight = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
-    surface = by_footprint(tree, footprints_m[1:], surfaces)
+    surface = tree.by_footprint(footprints_m[1:], surfaces)
     # An image of the whole ground has no meaningful mean colour.
     if not any(layer.label_image is not None for layer in material.layers):
         mean = in_group(tree, "ground_mean", partial(_mean_surface, level=levels[-1]))

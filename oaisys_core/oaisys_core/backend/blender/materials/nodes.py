@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import bpy
+
+from oaisys_core.backend.blender.camera import footprint_group
 
 Socket = Any
 """An output socket of a node."""
@@ -80,6 +82,24 @@ class NodeTree:
     def mixed(self, factor: Any, first: Socket, second: Socket) -> Socket:
         """Return a surface that blends from the first (factor 0) to the second (1)."""
         return self.add("MixShader", {0: factor, 1: first, 2: second}).outputs[0]
+
+    def by_footprint(self, bounds_m: Sequence[float], surfaces: Sequence[Socket]) -> Socket:
+        """Return a surface that switches from one to the next by the size of a pixel on it.
+
+        These are levels of detail, as Cycles has no mip maps on the CPU. It evaluates only one of
+        the surfaces, because their weights are 0 or 1.
+
+        Args:
+            bounds_m: Sizes in ascending order.
+            surfaces: One more than bounds.
+        """
+        result = surfaces[-1]
+        if bounds_m:
+            seen_m = self.add("Group", node_tree=footprint_group()).outputs[0]
+        for bound_m, surface in zip(reversed(bounds_m), reversed(surfaces[:-1]), strict=True):
+            is_beyond = self.math("GREATER_THAN", seen_m, bound_m)
+            result = self.mixed(is_beyond, surface, result)
+        return result
 
 
 def in_group(tree: NodeTree, name: str, make: Callable[[NodeTree], Socket]) -> Socket:

@@ -8,7 +8,6 @@ import bpy
 import numpy as np
 
 from oaisys_core.backend.blender.compat import node_tree_of
-from oaisys_core.backend.blender.materials.footprint import by_footprint
 from oaisys_core.backend.blender.materials.haze import through_haze, without_light_sampling
 from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, new_image
 from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
@@ -70,7 +69,7 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
         surfaces.append(surface)
     texel_m = maps.tile_m / len(maps.color_srgb)
     bounds_m = [texel_m * 2**step for step in range(1, len(levels))]
-    seen = by_footprint(tree, bounds_m, surfaces)
+    seen = tree.by_footprint(bounds_m, surfaces)
     red, green, blue = mean_color(levels[-1])
     color = tree.scaled((red, green, blue), brightness)
     mean = tree.add("BsdfDiffuse", {"Color": color, "Roughness": roughness}).outputs[0]

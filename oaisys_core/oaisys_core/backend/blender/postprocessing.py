@@ -1,7 +1,8 @@
-"""Denoising by the Open Image Denoise library that comes with Blender, and the pixel filter.
+"""What is done to radiance after Cycles: denoising, the rest of the pixel filter, tone mapping.
 
-Cycles can call this library itself, but counts its time as part of the last sample, which time
-budgets could not use, and always denoises guides with the quality of the image.
+Denoising uses the Open Image Denoise library that comes with Blender. Cycles can call it itself,
+but counts its time as part of the last sample, which time budgets could not use, and always
+denoises guides with the quality of the image.
 
 The pixel filter of denoised images has two steps. Cycles filters by the position of samples in a
 pixel and puts the first one at the centre, so that each sample serves one pixel only. Filters that
@@ -13,15 +14,21 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from ctypes import CDLL, POINTER, byref, c_bool, c_char_p, c_int, c_size_t, c_void_p
 from functools import cache
+from pathlib import Path
 from typing import Any
 
+import bpy
 import cv2
 import numpy as np
+import PyOpenColorIO
 from numpy.typing import NDArray
 
+from oaisys_core.backend.base import ViewTransform
 from oaisys_core.backend.blender.time_budget import DenoisingQuality
+from oaisys_core.backend.geometry_pass import CORES
 from oaisys_core.errors import RenderError
 
 Image = NDArray[np.float32]
@@ -72,6 +79,9 @@ FEW_SHARE, FEW_SAMPLES = 0.095, 8
 
 GUIDE_SHARE = 0.06
 """The same weight for the denoiser's guides."""
+
+VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
+"""Blender's names of the view transforms; all of them give sRGB, except raw, which is linear."""
 
 
 class Denoiser:
@@ -205,3 +215,32 @@ def _convolved(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
     whole = np.ascontiguousarray(image)
     filtered = cv2.sepFilter2D(whole, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(filtered, dtype=np.float32)
+
+
+def to_pixels(
+    radiance: NDArray[np.float32], view_transform: ViewTransform, exposure_ev: float
+) -> NDArray[np.uint8]:
+    """Return the (H, W, 3) image that Blender would write of (H, W, 3 or 4) radiance."""
+    image = np.ascontiguousarray(radiance[..., :3])
+    if exposure_ev:
+        image = image * np.float32(2.0**exposure_ev)
+    processor = _processor(view_transform)
+    # OpenColorIO itself uses one thread per call.
+    with ThreadPoolExecutor(CORES) as pool:
+        list(pool.map(processor.applyRGB, np.array_split(image, CORES)))
+    np.clip(image, 0.0, 1.0, out=image)
+    # Rounds as Blender does.
+    return np.asarray(image * np.float32(255) + np.float32(0.5), dtype=np.uint8)
+
+
+@cache
+def _processor(view_transform: ViewTransform) -> Any:
+    """Return OpenColorIO's processor of one of Blender's view transforms."""
+    folder = bpy.utils.system_resource("DATAFILES", path="colormanagement")
+    config = PyOpenColorIO.Config.CreateFromFile(str(Path(folder) / "config.ocio"))
+    transform = PyOpenColorIO.DisplayViewTransform(
+        src=PyOpenColorIO.ROLE_SCENE_LINEAR,
+        display=config.getDefaultDisplay(),
+        view=VIEW_TRANSFORMS[view_transform],
+    )
+    return config.getProcessor(transform).getDefaultCPUProcessor()
