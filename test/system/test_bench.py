@@ -14,9 +14,8 @@ from repository import REPOSITORY
 
 from tools.bench.child import JobError, run_job
 from tools.bench.figures import Figure, Goal, figure, ratio
-from tools.bench.images import psnr_db, ssim
 from tools.bench.plots import plot_growth, plot_quality
-from tools.bench.references import ReferenceImages, sha256
+from tools.bench.references import ReferenceImages, psnr_db, sha256, ssim
 from tools.bench.report import cells, markdown, rounded, write_results
 from tools.bench.settings import Settings
 from tools.bench.topics import growth, quality

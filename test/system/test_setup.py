@@ -14,10 +14,17 @@ import pytest
 from repository import REPOSITORY
 
 from tools.setup.checks import check_compiler, check_disk
-from tools.setup.errors import OptionalStepError, SetupError
 from tools.setup.packages import relocate
-from tools.setup.progress import colcon_progress, pip_progress, run_with_progress
-from tools.setup.steps import SetupStep, digest, run_steps
+from tools.setup.steps import (
+    OptionalStepError,
+    SetupError,
+    SetupStep,
+    colcon_progress,
+    digest,
+    pip_progress,
+    run_steps,
+    run_with_progress,
+)
 
 PREFIX = Path(sys.prefix)
 SCRIPT = PREFIX / "oaisys_env.sh"

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import signal
 import traceback
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import typer
 from rich.console import Console
@@ -15,32 +15,32 @@ from rich.console import Console
 from oaisys_core.errors import OaisysError
 from tools.bench.figures import Figure
 from tools.bench.machine import machine
-from tools.bench.progress import TopicProgress
-from tools.bench.report import print_table, write_results
-from tools.bench.settings import Settings
+from tools.bench.report import TopicProgress, print_table, write_results
+from tools.bench.settings import Say, Settings
+from tools.bench.topics import growth, maps, quality, rendering, transport
 
 
 class Topic(NamedTuple):
-    """What a topic measures, and the seconds that it takes on two cores: in full, and quickly."""
+    """How a topic is measured, and the seconds that it takes on two cores: in full, and quickly."""
 
-    about: str
+    run: Callable[[Settings, Say], list[Figure]]
     full_s: float
     quick_s: float
 
 
 TOPICS = {
-    "quality": Topic("colour by preset and view against converged references", 2400, 400),
-    "plain": Topic("one full render for each kind of image, as the original", 240, 60),
-    "batches": Topic("new worlds, reused stages, first samples after them", 400, 120),
-    "sync": Topic("time before rendering when only the camera moved", 60, 40),
-    "budget": Topic("time budgets on random views", 220, 60),
-    "growth": Topic("growth with image, rocks, triangles, cameras", 700, 150),
-    "equality": Topic("depth and labels against Cycles' own passes", 150, 80),
-    "transfer": Topic("samples from worker to client", 110, 45),
-    "publish": Topic("samples from worker to ROS subscribers", 60, 30),
-    "end_to_end": Topic("from the service call to the last message", 120, 60),
-    "mapping": Topic("TSDF integration and mesh beside plain Open3D", 120, 60),
-    "planning": Topic("choosing the next view of an exploration", 60, 40),
+    "quality": Topic(quality.run, 2400, 400),
+    "plain": Topic(rendering.plain, 240, 60),
+    "batches": Topic(rendering.batches, 400, 120),
+    "sync": Topic(rendering.sync, 60, 40),
+    "budget": Topic(rendering.budget, 220, 60),
+    "growth": Topic(growth.run, 700, 150),
+    "equality": Topic(rendering.equality, 150, 80),
+    "transfer": Topic(transport.transfer, 110, 45),
+    "publish": Topic(transport.publish, 60, 30),
+    "end_to_end": Topic(transport.end_to_end, 120, 60),
+    "mapping": Topic(maps.mapping, 120, 60),
+    "planning": Topic(maps.planning, 60, 40),
 }
 QUICK_RUNS = 2
 
@@ -107,8 +107,7 @@ def _run(settings: Settings, chosen: list[str]) -> dict[str, str]:
     for name in chosen:
         progress.begin(name)
         try:
-            topic: Any = importlib.import_module(f"tools.bench.topics.{name}")
-            by_topic[name] = topic.run(settings, progress.say)
+            by_topic[name] = TOPICS[name].run(settings, progress.say)
         except OaisysError as error:
             failures[name] = str(error)
         except Exception:  # noqa: BLE001 - the other topics' figures must not be lost

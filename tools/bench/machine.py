@@ -1,4 +1,4 @@
-"""The machine that the figures were measured on."""
+"""The machine that the figures were measured on, and the memory of its processes."""
 
 from __future__ import annotations
 
@@ -56,3 +56,11 @@ def _commit() -> str:
     except (OSError, subprocess.CalledProcessError):
         return ""
     return commit.strip() + (" with changes" if changes.strip() else "")
+
+
+def peak_memory_mb(process: str = "self") -> float:
+    """Return the largest resident memory that a process has had so far."""
+    for line in Path(f"/proc/{process}/status").read_text(encoding="utf-8").splitlines():
+        if line.startswith("VmHWM:"):
+            return int(line.split()[1]) * 1024 / MEGABYTE
+    raise ValueError(f"/proc/{process}/status says nothing of VmHWM")

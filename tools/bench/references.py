@@ -1,4 +1,4 @@
-"""Converged images of views, kept between runs because they take minutes each."""
+"""Converged images, kept between runs because they take minutes each, and similarity to them."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from tools.bench.figures import write_json
 
 Image = NDArray[np.uint8]
+
+WHITE = 255.0
 
 
 @dataclass(frozen=True)
@@ -71,3 +73,16 @@ class ReferenceImages:
 def sha256(image: Image) -> str:
     """Return the hash of an image's pixels."""
     return hashlib.sha256(np.ascontiguousarray(image).tobytes()).hexdigest()
+
+
+def psnr_db(image: Image, reference: Image) -> float:
+    """Return the peak signal-to-noise ratio of (H, W, 3) images; ``inf`` where they are equal."""
+    error = image.astype(np.float64) - reference.astype(np.float64)
+    mean_square = float(np.mean(error**2))
+    return float("inf") if mean_square == 0 else 10 * float(np.log10(WHITE**2 / mean_square))
+
+
+def ssim(image: Image, reference: Image) -> float:
+    """Return the structural similarity (Wang et al., IEEE TIP 13(4), 2004), mean of channels."""
+    per_channel, _ = cv2.quality.QualitySSIM_compute(image, reference)
+    return float(np.mean(per_channel[:3]))

@@ -7,6 +7,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import yaml
+
+from oaisys_core.types import merged
+
 CONFIG = Path(__file__).parents[2] / "config" / "simulator.yaml"
 
 Say = Callable[[float, str], None]
@@ -42,3 +46,16 @@ class Settings:
     def from_dict(cls, data: dict[str, Any]) -> Settings:
         """Return what `to_dict` was called on."""
         return cls(**(data | {"out": Path(data["out"])}))
+
+
+def camera(width_px: int, height_px: int) -> dict[str, Any]:
+    """Return the part of a configuration with one camera of a size."""
+    focal_px = 541.14 * width_px / 640
+    size = {"width_px": width_px, "height_px": height_px, "fx_px": focal_px, "fy_px": focal_px}
+    return {"sensors": {"cameras": [{"name": "camera", **size}]}}
+
+
+def demo_world(settings: Settings) -> dict[str, Any]:
+    """Return the demo's configuration at the run's image size."""
+    demo = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
+    return merged(demo, camera(settings.width_px, settings.height_px))

@@ -11,16 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tools.setup.checks import check_libraries
-from tools.setup.errors import SetupError
-from tools.setup.interfaces import build_interfaces
-from tools.setup.packages import (
-    THREE_VERSION,
-    check_machine,
-    install_packages,
-    install_requirements,
-    install_three,
-)
-from tools.setup.paths import (
+from tools.setup.environment import (
     INTERPRETER,
     OAISYS_MSGS,
     PYTHON_PACKAGES,
@@ -29,9 +20,17 @@ from tools.setup.paths import (
     SETUP,
     UNDERLAY,
     Environment,
+    process_environment,
 )
-from tools.setup.steps import SetupStep, digest, run_steps
-from tools.setup.variables import process_environment
+from tools.setup.packages import (
+    THREE_VERSION,
+    build_interfaces,
+    check_machine,
+    install_packages,
+    install_requirements,
+    install_three,
+)
+from tools.setup.steps import SetupError, SetupStep, digest, run_steps
 
 _PROJECT_FILES = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml")
 

@@ -11,9 +11,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tools.setup.errors import SetupError
-from tools.setup.paths import Environment
-from tools.setup.variables import process_environment
+from tools.setup.environment import Environment, process_environment
+from tools.setup.steps import SetupError
 
 NEEDED_DISK_GB = 5.0
 """3 GB for the environment, and 1.2 GB of wheels while they are unpacked."""

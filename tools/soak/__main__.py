@@ -20,8 +20,7 @@ from oaisys_ros_bridge.experiments.configuration import ExperimentOptions
 from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals, raise_if_interrupted
 from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 from oaisys_ros_bridge.experiments.progress import Reporter
-from tools.soak.counts import busy_loops, missing_in_bag
-from tools.soak.gauges import Gauge, read_gauges
+from tools.soak.counts import Gauge, busy_loops, missing_in_bag, read_gauges
 
 PLACES = 40
 """Positions that are visited in turn: after one round the map does not grow any more."""

@@ -7,14 +7,12 @@ from statistics import median
 from typing import Any
 
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0
-from tools.bench.jobs.memory import peak_memory_mb
 from tools.bench.jobs.world import Observer, simulation_of, world_config
-from tools.bench.settings import Say, Settings
+from tools.bench.machine import peak_memory_mb
+from tools.bench.settings import Say, Settings, camera
 from tools.bench.views import VIEWS
 
 CAMERA_STEP_M = 0.15
-CAMERA_FX_SHARE = 541.14 / 640
-
 TURN_QUALITIES = ("geometry", "preview")
 TURN_VIEWS = 5
 """Views per turn; their median counts."""
@@ -81,12 +79,10 @@ def _steady_s(settings: Settings, changes: dict[str, Any]) -> dict[str, float]:
 
 def _camera(index: int, width_px: int) -> dict[str, Any]:
     """Return the configuration of one of the cameras."""
+    (one,) = camera(width_px, width_px * 3 // 4)["sensors"]["cameras"]
     return {
+        **one,
         "name": f"camera_{index}",
-        "width_px": width_px,
-        "height_px": width_px * 3 // 4,
-        "fx_px": CAMERA_FX_SHARE * width_px,
-        "fy_px": CAMERA_FX_SHARE * width_px,
         "mount_position_m": [0.0, -0.2 * index, 0.0],
         "modalities": [RGB, DEPTH, SEMANTIC_0, INSTANCE],
     }

@@ -18,8 +18,7 @@ from oaisys_mapping.exploration.occupancy_map import OccupancyMap
 from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
 from oaisys_mapping.exploration.planners import CANDIDATES, NextBestViewPlanner
 from oaisys_ros_bridge.experiments.explore.plan import flight_box, start_pose
-from tools.bench.jobs.processes import camera
-from tools.bench.settings import Say, Settings
+from tools.bench.settings import Say, Settings, camera
 
 HILL = Path(__file__).parents[3] / "config" / "explore.yaml"
 VIEWS = 12

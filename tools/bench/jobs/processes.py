@@ -13,9 +13,8 @@ from typing import Any
 import psutil
 import yaml
 
-from oaisys_core.types import merged
 from oaisys_ros_bridge.experiments.processes import ManagedProcess
-from tools.bench.settings import CONFIG, Settings
+from tools.bench.settings import Settings
 
 START_TIMEOUT_S = 300.0
 WORKER = "oaisys_grpc.worker"
@@ -29,19 +28,6 @@ SMALL_WORLD: dict[str, Any] = {
     "assets": {"rocks": [{"count": [20, 20]}]},
 }
 """Renders in milliseconds, for jobs that measure the transport of images only."""
-
-
-def camera(width_px: int, height_px: int) -> dict[str, Any]:
-    """Return the part of a configuration with one camera of a size."""
-    focal_px = 541.14 * width_px / 640
-    size = {"width_px": width_px, "height_px": height_px, "fx_px": focal_px, "fy_px": focal_px}
-    return {"sensors": {"cameras": [{"name": "camera", **size}]}}
-
-
-def demo_world(settings: Settings) -> dict[str, Any]:
-    """Return the demo's configuration at the run's image size."""
-    demo = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
-    return merged(demo, camera(settings.width_px, settings.height_px))
 
 
 @contextmanager

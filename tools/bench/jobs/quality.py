@@ -6,9 +6,8 @@ from typing import Any
 
 from oaisys_core.config import config_sha256
 from oaisys_core.types import RGB
-from tools.bench.images import psnr_db, ssim
 from tools.bench.jobs.world import Observer, simulation_of, world_config
-from tools.bench.references import Image, ReferenceImage, ReferenceImages, sha256
+from tools.bench.references import Image, ReferenceImage, ReferenceImages, psnr_db, sha256, ssim
 from tools.bench.settings import Say, Settings
 from tools.bench.views import VIEWS, BenchView
 

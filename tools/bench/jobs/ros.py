@@ -17,13 +17,11 @@ from tools.bench.jobs.processes import (
     BRIDGE,
     SMALL_WORLD,
     bridge,
-    camera,
     child,
     choose_ros_domain,
-    demo_world,
     server,
 )
-from tools.bench.settings import Say, Settings
+from tools.bench.settings import Say, Settings, camera, demo_world
 
 WARM_UP = 5
 BLOCK = 20

@@ -11,9 +11,9 @@ from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, Pose, merged
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.memory import keep_freed_memory
-from tools.bench.jobs.memory import peak_memory_mb
-from tools.bench.jobs.processes import SERVER, SMALL_WORLD, WORKER, camera, child, server
-from tools.bench.settings import Say, Settings
+from tools.bench.jobs.processes import SERVER, SMALL_WORLD, WORKER, child, server
+from tools.bench.machine import peak_memory_mb
+from tools.bench.settings import Say, Settings, camera
 
 MODALITIES = (RGB, DEPTH, SEMANTIC_0, INSTANCE)
 WARM_UP = 3

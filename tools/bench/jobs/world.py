@@ -9,28 +9,17 @@ from typing import Any
 
 # Must come before anything that loads Open3D, see oaisys_core.backend.raycast.triangles.
 import bpy  # noqa: F401
-import yaml
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import FloatArray, ModuleMetadata, Pose, Sample, merged
-from tools.bench.settings import CONFIG, Settings
+from tools.bench.settings import CONFIG, Settings, demo_world
 from tools.bench.views import NOON
 
 
 def world_config(settings: Settings, changes: Mapping[str, Any] | None = None) -> SimulationConfig:
     """Return the demo's configuration at the run's image size, with changes on top."""
-    demo = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
-    scale = settings.width_px / 640
-    camera = {
-        "name": "camera",
-        "width_px": settings.width_px,
-        "height_px": settings.height_px,
-        "fx_px": 541.14 * scale,
-        "fy_px": 541.14 * scale,
-    }
-    sized = merged(demo, {"sensors": {"cameras": [camera]}})
-    return config_from_mapping(merged(sized, changes or {}), CONFIG.parent)
+    return config_from_mapping(merged(demo_world(settings), changes or {}), CONFIG.parent)
 
 
 @contextmanager
