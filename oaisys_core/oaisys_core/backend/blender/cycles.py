@@ -10,7 +10,6 @@ import re
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from math import isclose
 from typing import Any
 
@@ -27,17 +26,15 @@ from oaisys_core.backend.blender.postprocessing import (
     SAMPLED_WIDTH_PX,
     VIEW_TRANSFORMS,
     Denoiser,
+    RenderResult,
     blenders_denoiser,
-    filter_denoised,
-    filter_guide,
+    denoised,
+    pass_of,
     to_pixels,
 )
 from oaisys_core.backend.blender.time_budget import DenoisingQuality
 from oaisys_core.color import encoded
 from oaisys_core.errors import RenderError
-
-COMBINED = "Combined"
-GUIDES = ("Denoising Albedo", "Denoising Normal")
 
 BASE_EXPOSURE_EV = 0.6
 """Added to the configured exposure, so that 0 EV shows dry ground in full sun as mid-grey."""
@@ -46,22 +43,6 @@ _SAMPLE = re.compile(r"Sample (\d+)/\d+")
 
 READ_ALWAYS = {"samples", "time_limit"}
 """Settings that Cycles reads before each render; the others need an update of the scene."""
-
-
-@dataclass
-class RenderResult:
-    """Passes and statistics of a render.
-
-    Attributes:
-        passes: (H, W, channels) scene-linear float32 by Blender's name, top row first.
-        samples: Samples per pixel that were taken; 0: not reported.
-        sampling_began_s, sampling_ended_s: By `time.perf_counter`; 0: not reported.
-    """
-
-    passes: dict[str, NDArray[np.float32]] = field(default_factory=dict)
-    samples: int = 0
-    sampling_began_s: float = 0.0
-    sampling_ended_s: float = 0.0
 
 
 class Cycles:
@@ -117,11 +98,7 @@ class Cycles:
         Raises:
             RenderError: The passes are missing, or denoising failed.
         """
-        radiance = _pass(rendered, COMBINED)
-        if settings.denoise:
-            if denoiser := self._denoiser():
-                radiance = denoiser.denoise(radiance, *_guides(rendered, denoising), denoising)
-            radiance = filter_denoised(radiance[..., :3], rendered.samples or settings.samples)
+        radiance = denoised(rendered, settings, self._denoiser(), denoising)
         return to_pixels(radiance, settings.view_transform, _exposure_ev(settings))
 
     def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:
@@ -136,7 +113,7 @@ class Cycles:
             rendered = self._render(settings, seconds, denoise=False)
         finally:
             layer.use_pass_diffuse_color = False
-        return encoded(np.ascontiguousarray(_pass(rendered, DIFFUSE_COLOR)))
+        return encoded(np.ascontiguousarray(pass_of(rendered, DIFFUSE_COLOR)))
 
     def _show_as(self, settings: RenderSettings) -> None:
         """Set Blender's view transform, so that a saved scene looks like the images."""
@@ -178,22 +155,6 @@ class Cycles:
 
 def _exposure_ev(settings: RenderSettings) -> float:
     return BASE_EXPOSURE_EV + settings.exposure_ev
-
-
-def _guides(
-    rendered: RenderResult, denoising: DenoisingQuality
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return the albedo and normals that guide the denoiser; it filters them if thorough."""
-    albedo, normal = (_pass(rendered, name) for name in GUIDES)
-    if denoising == "thorough":
-        return albedo, normal
-    return filter_guide(albedo), filter_guide(normal)
-
-
-def _pass(rendered: RenderResult, name: str) -> NDArray[np.float32]:
-    if name not in rendered.passes:
-        raise RenderError(f"Blender rendered no pass {name}, only {sorted(rendered.passes)}")
-    return rendered.passes[name]
 
 
 def render_scene(settings: Mapping[str, Any]) -> RenderResult:

@@ -16,6 +16,7 @@ import weakref
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from ctypes import CDLL, POINTER, byref, c_bool, c_char_p, c_int, c_size_t, c_void_p
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,7 +27,7 @@ import numpy as np
 import PyOpenColorIO
 from numpy.typing import NDArray
 
-from oaisys_core.backend.base import ViewTransform
+from oaisys_core.backend.base import RenderSettings, ViewTransform
 from oaisys_core.backend.blender.time_budget import DenoisingQuality
 from oaisys_core.backend.geometry_pass import CORES
 from oaisys_core.errors import RenderError
@@ -82,6 +83,58 @@ GUIDE_SHARE = 0.06
 
 VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
 """Blender's names of the view transforms; all of them give sRGB, except raw, which is linear."""
+
+COMBINED, GUIDES = "Combined", ("Denoising Albedo", "Denoising Normal")
+"""Blender's names of the passes with radiance, and with what guides the denoiser."""
+
+
+@dataclass
+class RenderResult:
+    """Passes and statistics of a render.
+
+    Attributes:
+        passes: (H, W, channels) scene-linear float32 by Blender's name, top row first.
+        samples: Samples per pixel that were taken; 0: not reported.
+        sampling_began_s, sampling_ended_s: By `time.perf_counter`; 0: not reported.
+    """
+
+    passes: dict[str, Image] = field(default_factory=dict)
+    samples: int = 0
+    sampling_began_s: float = 0.0
+    sampling_ended_s: float = 0.0
+
+
+def pass_of(rendered: RenderResult, name: str) -> Image:
+    """Return a pass by Blender's name.
+
+    Raises:
+        RenderError: It was not rendered.
+    """
+    if name not in rendered.passes:
+        raise RenderError(f"Blender rendered no pass {name}, only {sorted(rendered.passes)}")
+    return rendered.passes[name]
+
+
+def denoised(
+    rendered: RenderResult,
+    settings: RenderSettings,
+    denoiser: Denoiser | None,
+    denoising: DenoisingQuality,
+) -> Image:
+    """Return the (H, W, 3 or 4) radiance of a render, denoised if the settings say so.
+
+    Without a ``denoiser``, Cycles has done it. Unless denoising is thorough, which denoises the
+    guides themselves, these are filtered.
+    """
+    radiance = pass_of(rendered, COMBINED)
+    if not settings.denoise:
+        return radiance
+    if denoiser is not None:
+        albedo, normal = (pass_of(rendered, name) for name in GUIDES)
+        if denoising != "thorough":
+            albedo, normal = filter_guide(albedo), filter_guide(normal)
+        radiance = denoiser.denoise(radiance, albedo, normal, denoising)
+    return filter_denoised(radiance[..., :3], rendered.samples or settings.samples)
 
 
 class Denoiser:

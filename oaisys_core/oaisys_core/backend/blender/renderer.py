@@ -26,9 +26,10 @@ from oaisys_core.backend.blender.camera import (
     set_lens,
     set_pixel_angle,
 )
-from oaisys_core.backend.blender.cycles import Cycles, RenderResult
+from oaisys_core.backend.blender.cycles import Cycles
 from oaisys_core.backend.blender.objects.scene_geometry import SceneGeometry
 from oaisys_core.backend.blender.objects.sky import Lights
+from oaisys_core.backend.blender.postprocessing import RenderResult
 from oaisys_core.backend.blender.time_budget import (
     DenoisingQuality,
     TimeBudget,
