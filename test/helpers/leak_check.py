@@ -51,7 +51,7 @@ class LeakCheck:
         left += [
             f"shared memory: {file}{_users(file)}"
             for file in self._shared
-            if Path(file).exists() and not _is_a_test_runner_s(file)
+            if Path(file).exists() and not _is_mapped_by_another_worker(file)
         ]
         left += [f"socket: {file}" for file in self._files if Path(file).exists()]
         listening = _listening(psutil.net_connections("tcp"))
@@ -116,8 +116,8 @@ def _users(file: str) -> str:
     return f", used by {users}" if users else ""
 
 
-def _is_a_test_runner_s(file: str) -> bool:
-    """Tell whether another worker of pytest has a file mapped: a node in it still runs.
+def _is_mapped_by_another_worker(file: str) -> bool:
+    """Return whether another worker of pytest has a file mapped: a node in it still runs.
 
     Its domain is not in its environment as it began, and its lock may be gone before its file.
     """

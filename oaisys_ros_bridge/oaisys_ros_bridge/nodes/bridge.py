@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from oaisys_ros_bridge.simulation_interfaces.services import SimulationServices
 
 DIAGNOSTICS_PERIOD_S = 1.0
+REFUSAL = "the bridge is {}: activate it first"
 THREADS = 18
 """Enough for one request of each kind to wait for its turn while everything else goes on."""
 
@@ -66,14 +67,14 @@ class BridgeNode(ParameterNode, ManagedNode):
         self._changed = self.create_guard_condition(
             self._follow_changes, callback_group=MutuallyExclusiveCallbackGroup()
         )
-        readers = Readers(self, self.settings)
-        self._topics = WorldTopics(self, self.settings, readers)
+        readers = Readers(self, self._settings)
+        self._topics = WorldTopics(self, self._settings, readers)
         self._renderer = Renderer(
-            self._topics, readers, self.settings, on_sample=self._changed.trigger
+            self._topics, readers, self._settings, on_sample=self._changed.trigger
         )
-        self._renderer.refusal = self._refusal("unconfigured")
-        self._commands = PoseCommands(self, self._renderer, self.settings)
-        self._status = BridgeStatus(self, self._renderer, self.settings)
+        self._renderer.refusal = REFUSAL.format("unconfigured")
+        self._commands = PoseCommands(self, self._renderer, self._settings)
+        self._status = BridgeStatus(self, self._renderer, self._settings)
         self._sweeps = sweep_server(self, self._renderer)
         self._simulation = SimulationControl(self._renderer, self._topics)
         self._simulation_services = self._simulation_interfaces()
@@ -106,7 +107,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         else:
             self._topics.offer(link.info)
         if not self.by_itself:
-            self._renderer.refusal = self._refusal("inactive")
+            self._renderer.refusal = REFUSAL.format("inactive")
 
     def activate(self) -> None:
         """Make sure that there is a world, announce it, and render."""
@@ -122,7 +123,7 @@ class BridgeNode(ParameterNode, ManagedNode):
     def deactivate(self) -> None:
         """Stop rendering; refuse requests unless the simulator was only lost."""
         if not self.by_itself:
-            self._renderer.refusal = self._refusal("inactive")
+            self._renderer.refusal = REFUSAL.format("inactive")
         self._renderer.active.clear()
         self.stop_rendering("the bridge was deactivated")
 
@@ -132,7 +133,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         self._simulation.forget()
         if self.by_itself:
             return
-        self._renderer.refusal = self._refusal("unconfigured")
+        self._renderer.refusal = REFUSAL.format("unconfigured")
         link, self._renderer.link = self._renderer.link, None
         if link is not None:
             link.close()
@@ -177,8 +178,8 @@ class BridgeNode(ParameterNode, ManagedNode):
             self._simulation_services.stop(reason)
         self._renderer.stop(reason)
 
-    def _refusal(self, state: str) -> str:
-        return f"the bridge is {state}: activate it first"
+    def _settings(self) -> Mapping[str, Any]:
+        return self.parameters
 
     def _new_link(self) -> SimulatorLink:
         values = self.parameters
@@ -203,7 +204,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         except ImportError as error:
             self.get_logger().warning(f"simulation_interfaces are not offered: {error}")
             return None
-        return SimulationServices(self, self._simulation, self._renderer, self.settings)
+        return SimulationServices(self, self._simulation, self._renderer, self._settings)
 
     def _offer_services(self) -> None:
         """Offer the services, each in a group of its own, as each may wait for its turn."""

@@ -85,7 +85,7 @@ class MapperNode(ParameterNode, Node):
             on_error=self.get_logger().warning,
             on_done=self._on_fused,
         )
-        self._mesh_topics = MeshTopics(self, self._fusion, self.settings)
+        self._mesh_topics = MeshTopics(self, self._fusion, lambda: self.parameters)
         self._inputs = MapperInputs(
             self,
             values,

@@ -88,10 +88,6 @@ class ParameterNode(Node):
         self.add_post_set_parameters_callback(self._take)
         return values
 
-    def settings(self) -> Mapping[str, Any]:
-        """Return `parameters` as they are now."""
-        return self.parameters
-
     def reason_against(self, row: ParameterRow) -> str:
         """Return why a parameter cannot be set now, or nothing."""
         if row.changeable is Changeable.AT_START:
