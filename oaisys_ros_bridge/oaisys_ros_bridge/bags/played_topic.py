@@ -30,7 +30,7 @@ class PlayedTopic:
     Attributes:
         name: Of the topic as it is published, remapping included.
         sent: Messages published.
-        heard: Those of them for which there was a reader.
+        with_reader: Those of them for which there was a reader.
 
     Raises:
         NotFoundError: The message's type is not installed.
@@ -54,7 +54,7 @@ class PlayedTopic:
         self._most_readers = 0
         self.name: str = self._publisher.topic_name
         self.sent = 0
-        self.heard = 0
+        self.with_reader = 0
 
     @property
     def readers(self) -> int:
@@ -68,7 +68,7 @@ class PlayedTopic:
         readers = self.readers
         self._publisher.publish(data)
         self.sent += 1
-        self.heard += readers > 0
+        self.with_reader += readers > 0
         self._outstanding += readers > 0 and self._reliable
         self._most_readers = max(self._most_readers, readers)
 
@@ -83,15 +83,15 @@ class PlayedTopic:
         self.wait_until_acknowledged(timeout_s)
         self._most_readers = max(self._most_readers, self.readers)
         if self._latched and self._most_readers:
-            self.heard = max(self.heard, min(self.sent, self._depth))
+            self.with_reader = max(self.with_reader, min(self.sent, self._depth))
         return f"{self.name}: {_count(self.sent, 'message')}, {self._audience()}"
 
     def _audience(self) -> str:
         if not self._most_readers:
             return "no reader"
         parts = [_count(self._most_readers, "reader")]
-        if self.heard < self.sent:
-            parts.append(f"but none for {self.sent - self.heard} of them")
+        if self.with_reader < self.sent:
+            parts.append(f"but none for {self.sent - self.with_reader} of them")
         if not self._reliable:
             parts.append("best effort, which acknowledges nothing")
         else:

@@ -81,7 +81,7 @@ class Renderer:
         active: Set while the bridge is active.
         paused_reason: Why only steps of the simulation are rendered; empty: all views are.
         rig_pose: Where the rig was last; None: unknown.
-        metadata: Goes with the next sample; the simulator keeps it from then on.
+        metadata: Sent with the next sample; the simulator keeps it from then on.
     """
 
     def __init__(

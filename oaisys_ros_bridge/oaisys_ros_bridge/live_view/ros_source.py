@@ -94,9 +94,9 @@ class RosSource(LiveSource):
             self._client.node.get_logger().warning(f"a message cannot be used: {error}")
 
     def _give_up_color(self) -> None:
-        are_told = self._client.node.count_publishers("oaisys_bridge/sample_info") > 0
+        are_announced = self._client.node.count_publishers("oaisys_bridge/sample_info") > 0
         for camera in self._cameras:
-            give_up = partial(camera.assembler.give_up_color, ends_are_told=are_told)
+            give_up = partial(camera.assembler.give_up_color, samples_are_announced=are_announced)
             self._assemble(camera, give_up, time.monotonic())
 
     def _on_labels(self, message: SemanticLabels) -> None:

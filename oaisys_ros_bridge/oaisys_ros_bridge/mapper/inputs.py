@@ -48,7 +48,7 @@ class MapperInputs:
     Args:
         node: The mapper.
         values: Its parameters.
-        ledger: Is told which samples are expected in the map, and which messages have come.
+        ledger: Learns which samples are expected in the map, and which messages have come.
         fusion: Fuses the frames.
         lost_by_middleware: Counts the messages that the middleware says were lost, by topic.
         forget_map: Called with the stamp (ns) at which another world has begun.
@@ -176,9 +176,9 @@ class MapperInputs:
             for modality in sensor.modalities
         }
         stamp_ns = nanoseconds(message.header.stamp)
-        told = [kind for modality, kind in self._end_kinds.items() if modality in modalities]
-        self._assembler.end_sample(stamp_ns, time.monotonic(), kinds=told)
-        self._expect(message, told if DEPTH in modalities else None)
+        kinds = [kind for modality, kind in self._end_kinds.items() if modality in modalities]
+        self._assembler.end_sample(stamp_ns, time.monotonic(), kinds=kinds)
+        self._expect(message, kinds if DEPTH in modalities else None)
 
     def _expect(self, message: SampleInfo, kinds: Sequence[str] | None) -> None:
         """Expect a sample in the map, with these images beside depth; None: it has no depth."""
@@ -194,8 +194,8 @@ class MapperInputs:
         self.class_names = {label.id: label.name for label in message.labels}
 
     def _give_up_color(self) -> None:
-        are_told = self._node.count_publishers(SAMPLE_INFO_TOPIC) > 0
-        give_up = partial(self._assembler.give_up_color, ends_are_told=are_told)
+        are_announced = self._node.count_publishers(SAMPLE_INFO_TOPIC) > 0
+        give_up = partial(self._assembler.give_up_color, samples_are_announced=are_announced)
         self._take_in(give_up, time.monotonic())
 
     def _take_in(self, add: Callable[[Any], None], message: Any) -> None:

@@ -50,7 +50,7 @@ THREADS = 18
 
 
 class BridgeNode(ParameterNode, ManagedNode):
-    """Renders the views that it is asked for, one at a time, and publishes them.
+    """Renders requested views one at a time and publishes them.
 
     A managed node: configured, it knows the simulator and offers its topics; active, it renders.
     By default it becomes active by itself, and again whenever the simulator has come back.
@@ -140,7 +140,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         self._topics.withdraw()
 
     def reachable(self) -> int:
-        """Return the highest state that the simulator allows: to be active takes a world."""
+        """Return the highest state that the simulator allows; the active state needs a world."""
         link = self._renderer.link
         if link is None or link.state.info is None:
             return UNCONFIGURED
@@ -160,7 +160,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         return super().reason_against(row)
 
     def on_parameters(self, changed: Mapping[str, Any]) -> None:
-        """Apply new values of parameters that are not read whenever they are needed."""
+        """Apply new values of the parameters that are read only once."""
         link = self._renderer.link
         if link is None:
             return
@@ -267,7 +267,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         return response
 
     def _follow_changes(self) -> None:
-        """Publish what has become of the simulator and of samples since the last call."""
+        """Publish the changes of the simulator, and diagnostics, since the last call."""
         link = self._renderer.link
         while link is not None and not link.changes.empty():
             self._follow(link, link.changes.get())

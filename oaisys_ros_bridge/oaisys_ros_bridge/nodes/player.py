@@ -188,9 +188,9 @@ class PlayerNode(ParameterNode, Node):
         for topic in self._topics.values():
             left_s = 0.0 if self._closing.is_set() else max(0.0, end_s - time.monotonic())
             _say(topic.finish(left_s))
-        heard = sum(topic.heard for topic in self._topics.values())
+        with_reader = sum(topic.with_reader for topic in self._topics.values())
         sent = sum(topic.sent for topic in self._topics.values())
-        if sent and not heard:
+        if sent and not with_reader:
             raise NotFoundError(f"{self._path} was played to nobody: no topic had a reader")
         self.failed = False
 

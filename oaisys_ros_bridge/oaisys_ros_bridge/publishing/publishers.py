@@ -42,6 +42,6 @@ class Publishers:
         self._by_topic.clear()
 
 
-def is_heard(publisher: Publisher) -> bool:
+def has_subscribers(publisher: Publisher) -> bool:
     """Return whether the topic has subscribers: without any, no message need be made."""
     return int(publisher.get_subscription_count()) > 0

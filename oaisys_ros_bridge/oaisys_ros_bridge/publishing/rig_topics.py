@@ -37,7 +37,7 @@ from oaisys_ros_bridge.conversions import (
     pose_to_stamped_msg,
     transform_to_msg,
 )
-from oaisys_ros_bridge.publishing.publishers import Publishers, is_heard
+from oaisys_ros_bridge.publishing.publishers import Publishers, has_subscribers
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, PATH_QOS, SENSOR_QOS, TF_QOS
 from oaisys_ros_bridge.timers import steady_timer
 
@@ -102,7 +102,7 @@ class RigTopics:
             self._transforms = [transform_to_msg(pose_to_matrix(true), header, self._base_frame)]
         self._publishers.send(self._tf, TFMessage(transforms=self._transforms))
         self._publishers.send(self._truth, odometry_to_msg(true, header, self._base_frame))
-        if is_heard(self._odometry):
+        if has_subscribers(self._odometry):
             covariance = drift_covariance(sigmas, sample_id)
             if outline.odometry is not None:
                 covariance += odometry_covariance(outline.odometry)
@@ -192,10 +192,10 @@ class TrajectoryTopics:
             self._poses.append(pose_to_stamped_msg(sample.rig_pose, self._header))
             while len(self._poses) > values["path.length"]:
                 self._poses.popleft()
-            if is_heard(self._path):
+            if has_subscribers(self._path):
                 self._publishers.send(self._path, self._path_msg())
             added, removed = self._add_views(sample, values["viewpoints.count"])
-            if is_heard(self._viewpoints) and (added or removed):
+            if has_subscribers(self._viewpoints) and (added or removed):
                 markers = [
                     deletion_marker(self._header, ns=view.sensor, number=view.number)
                     for view in removed

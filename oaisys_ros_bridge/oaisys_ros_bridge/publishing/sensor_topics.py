@@ -45,7 +45,7 @@ from oaisys_ros_bridge.publishing.compressed import (
     compressed_depth_to_msg,
     compressed_to_msg,
 )
-from oaisys_ros_bridge.publishing.publishers import Publishers, is_heard
+from oaisys_ros_bridge.publishing.publishers import Publishers, has_subscribers
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
@@ -145,18 +145,18 @@ class SensorTopics:
         """
         header = self._header(stamp)
         camera_info = self._camera_info(frame.modality)
-        if is_heard(camera_info):
+        if has_subscribers(camera_info):
             baseline_m = self._sensor.stereo_baseline_m
             message = intrinsics_to_msg(frame.intrinsics, header, baseline_m)
             self._publishers.send(camera_info, message)
         image = self._image(frame.modality)
-        if is_heard(image):
+        if has_subscribers(image):
             self._publishers.send(image, image_to_msg(frame.data, encoding_of(frame), header))
-        heard = [p for p in self._compressed(frame.modality) if is_heard(p)]
-        if heard:
+        wanted = [p for p in self._compressed(frame.modality) if has_subscribers(p)]
+        if wanted:
             compression = Compression(**_section(values, "compressed"))
             compressed = _compressed_msg(frame, header, compression)
-            for publisher in heard:
+            for publisher in wanted:
                 self._publishers.send(publisher, compressed)
 
     def publish_cloud(
@@ -164,7 +164,7 @@ class SensorTopics:
     ) -> None:
         """Publish the cloud of a depth image, black where there is no colour image."""
         publisher = self._cloud()
-        if not (values["publish_points"] and is_heard(publisher)):
+        if not (values["publish_points"] and has_subscribers(publisher)):
             return
         rgb = None if color is None else color.data
         header = self._header(stamp)

@@ -112,15 +112,15 @@ class FrameAssembler:
         self._ended_s[stamp_ns] = now_s
         while len(self._ended_s) > MOST_WITHOUT_POSE:
             del self._ended_s[min(self._ended_s)]
-        self.give_up_color(now_s, ends_are_told=True)
+        self.give_up_color(now_s, samples_are_announced=True)
 
-    def give_up_color(self, now_s: float, *, ends_are_told: bool = False) -> None:
+    def give_up_color(self, now_s: float, *, samples_are_announced: bool = False) -> None:
         """Stop waiting for the colour of depth images that have waited long enough.
 
         If complete samples are announced, a sample may take any time, and images of a sample that
         was never completed are dropped once a later one is complete.
         """
-        if not ends_are_told:
+        if not samples_are_announced:
             for stamp_ns, messages in self._images.release_older_than(now_s - COLOR_WAIT_S):
                 self._go_on(stamp_ns, messages)
             return

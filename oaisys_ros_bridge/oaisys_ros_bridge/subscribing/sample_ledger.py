@@ -135,7 +135,7 @@ class SampleLedger:
 
         Args:
             name: Of the sample.
-            sequence: Its number among all that were announced; 0: the sample id tells.
+            sequence: Its number among all that were announced; 0: the sample id is taken instead.
             topics: What is to come of it.
             needed: Those of them without which there is no result.
             result: What is made of them, and `arrive`s as they do; empty: nothing is.
@@ -149,7 +149,7 @@ class SampleLedger:
             for what in expected - missing:
                 self._lose_before(entry, what)
             settled = self._settle()
-        self._tell(settled)
+        self._report(settled)
 
     def arrive(self, what: str, stamp_ns: int) -> None:
         """Note that a message, or a result, has come."""
@@ -164,7 +164,7 @@ class SampleLedger:
                 while len(self._early) > REMEMBERED:
                     self._early.popitem(last=False)
             settled = self._settle()
-        self._tell(settled)
+        self._report(settled)
 
     def give_up(self, stamp_ns: int, reason: str) -> None:
         """Note that there will be no result of a sample, and why."""
@@ -174,7 +174,7 @@ class SampleLedger:
                 entry.missing.discard(entry.result)
                 entry.lost.add(reason)
             settled = self._settle()
-        self._tell(settled)
+        self._report(settled)
 
     def expire(self) -> None:
         """Count messages as lost that have not come for `LOST_AFTER_S`; results may take longer."""
@@ -184,7 +184,7 @@ class SampleLedger:
                 if entry.announced_s < first_s:
                     self._lose(entry, entry.missing - {entry.result})
             settled = self._settle()
-        self._tell(settled)
+        self._report(settled)
 
     def give_up_all(self) -> None:
         """Count everything that has not come as lost, at the end."""
@@ -192,7 +192,7 @@ class SampleLedger:
             for entry in self._open.values():
                 self._lose(entry, set(entry.missing))
             settled = self._settle()
-        self._tell(settled)
+        self._report(settled)
 
     def forget(self, before_ns: int | None = None) -> None:
         """Expect nothing more of samples before a stamp, or of any sample."""
@@ -201,7 +201,7 @@ class SampleLedger:
                 if before_ns is None or stamp_ns < before_ns:
                     entry.missing.clear()
             settled = self._settle()
-        self._tell(settled)
+        self._report(settled)
 
     def wait(self, timeout_s: float) -> list[SampleName]:
         """Wait until all samples announced so far are closed; return those that are still open."""
@@ -287,7 +287,7 @@ class SampleLedger:
             self._changed.notify_all()
         return settled
 
-    def _tell(self, settled: bool) -> None:
+    def _report(self, settled: bool) -> None:
         if settled:
             self._on_settled()
 

@@ -48,17 +48,17 @@ class SampleWatch:
         topic = f"{info_topic.rpartition('/')[0]}/{RECEIPTS}"
         self._publisher = node.create_publisher(SampleReceipt, topic, LATCHED_QOS)
         steady_timer(node, EXPIRY_PERIOD_S, self.ledger.expire)
-        self._tell()
+        self._publish_receipt()
 
     def end(self) -> None:
         """Tell the bridge that this reader takes no more samples."""
-        self._tell(ended=True)
+        self._publish_receipt(ended=True)
 
     def _settled(self) -> None:
-        self._tell()
+        self._publish_receipt()
         self._on_settled()
 
-    def _tell(self, *, ended: bool = False) -> None:
+    def _publish_receipt(self, *, ended: bool = False) -> None:
         with self._lock:  # an older state must not follow a newer one
             if self._ended:
                 return

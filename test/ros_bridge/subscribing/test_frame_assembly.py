@@ -152,7 +152,7 @@ def begun_frame(stamp_ns: int = STAMP_NS) -> FrameAssembler:
 
 def test_colour_may_take_as_long_as_it_likes_where_the_end_of_samples_is_told():
     made = begun_frame()
-    made.give_up_color(1000.0, ends_are_told=True)
+    made.give_up_color(1000.0, samples_are_announced=True)
     assert made.pop() is None
     made.add_image("color", color_msg(), 1001.0)
     frame = made.pop()
@@ -172,7 +172,7 @@ def test_colour_that_was_lost_on_the_way_is_waited_for_after_the_end():
     made = begun_frame()
     made.end_sample(STAMP_NS, 500.0, kinds=("color",))
     assert made.pop() is None
-    made.give_up_color(500.1 + COLOR_WAIT_S, ends_are_told=True)
+    made.give_up_color(500.1 + COLOR_WAIT_S, samples_are_announced=True)
     frame = made.pop()
     assert frame is not None
     assert frame.rgb is None
@@ -181,7 +181,7 @@ def test_colour_that_was_lost_on_the_way_is_waited_for_after_the_end():
 def test_a_frame_of_a_sample_that_failed_is_dropped():
     made = begun_frame()
     made.end_sample(STAMP_NS + 1, 20.0, kinds=("color",))
-    made.give_up_color(20.1 + COLOR_WAIT_S, ends_are_told=True)
+    made.give_up_color(20.1 + COLOR_WAIT_S, samples_are_announced=True)
     assert made.pop() is None
     made.add_image("color", color_msg(), 30.0)
     assert made.pop() is None

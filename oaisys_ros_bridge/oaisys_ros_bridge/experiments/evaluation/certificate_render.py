@@ -47,8 +47,8 @@ def render_and_compare(
         volume, truth, sha256 = _render_world_again(
             content, views, worker_python, Path(folder), reporter
         )
-    said = content["facts"].get("config_sha256")
-    findings = [CheckResult("the simulator's own hash of the configuration", sha256 == said)]
+    stated = content["facts"].get("config_sha256")
+    findings = [CheckResult("the simulator's own hash of the configuration", sha256 == stated)]
     classes = volume if volume.config.semantic else None
     return [*findings, *measure_again(content, volume.extract_mesh(), truth, classes)]
 
