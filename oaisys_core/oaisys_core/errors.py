@@ -8,16 +8,31 @@ from difflib import get_close_matches
 
 def nearest(received: object, names: Iterable[str]) -> str | None:
     """Return the name that was probably meant, or None if none is similar."""
-    found = get_close_matches(str(received), list(names), n=1)
+    known = list(names)
+    # A key without its unit, such as fx, may be too short to be similar.
+    found = get_close_matches(str(received), known, n=1) or [
+        name for name in known if name.startswith(f"{received}_")
+    ]
     return found[0] if found else None
 
 
 def one_of(names: Iterable[str], received: object) -> str:
     """Return the text after "expected" in the error about a name that does not exist."""
     known = sorted(names)
+    return f"one of {', '.join(known) or 'none: none is installed'}{_hint(received, known)}"
+
+
+def one_of_keys(keys: Iterable[str], received: object) -> str:
+    """Return the text after "expected" in the error about a key that does not exist."""
+    known = sorted(keys)
+    if not known:
+        return "no key at all"
+    return f"one of the keys {', '.join(known)}{_hint(received, known)}"
+
+
+def _hint(received: object, known: Iterable[str]) -> str:
     near = nearest(received, known)
-    hint = f" (did you mean {near}?)" if near is not None else ""
-    return f"one of {', '.join(known) or 'none: none is installed'}{hint}"
+    return f" (did you mean {near}?)" if near is not None else ""
 
 
 class OaisysError(Exception):

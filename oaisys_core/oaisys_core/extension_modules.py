@@ -66,6 +66,6 @@ def _made(name: str, options: Mapping[str, Any]) -> ExtensionModule:
         faults = [
             ".".join(("extensions", name, *map(str, fault.location)))
             + f": received {fault.received!r}, expected {fault.expected}"
-            for fault in faults_of(error, options)
+            for fault in faults_of(error, options, kind.options_type)
         ]
         raise ConfigError("\n".join(faults)) from error

@@ -194,8 +194,7 @@ def overridden(section: SectionT, metadata: Metadata, part: str) -> SectionT:
     try:
         return type(section).model_validate(data)
     except ValidationError as error:
-        known = sorted(type(section).model_fields)
-        raise refusal(error, data, "metadata", part, known_keys=known) from error
+        raise refusal(error, data, type(section), "metadata", part) from error
 
 
 def differing(section: Section, changed: Section) -> dict[str, Any]:

@@ -49,7 +49,7 @@ def adjusted(
     try:
         return SimulationConfig.model_validate(data)
     except ValidationError as error:
-        raise refusal(error, data) from error
+        raise refusal(error, data, SimulationConfig) from error
 
 
 def _parsed(size: str) -> tuple[int, int]:

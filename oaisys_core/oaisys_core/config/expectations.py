@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.config.section import Section
+from oaisys_core.errors import InvalidInputError, one_of_keys
 
 UNKNOWN_KEY = "extra_forbidden"
 MISSING_KEY = "missing"
@@ -98,12 +100,13 @@ class ConfigFault:
         return ".".join(map(str, self.location))
 
 
-def faults_of(error: ValidationError, data: object) -> list[ConfigFault]:
+def faults_of(error: ValidationError, data: object, kind: Any) -> list[ConfigFault]:
     """Return the errors, without those that only repeat an error of a nested value.
 
     Args:
         error: What pydantic found.
         data: The data that it checked.
+        kind: The section, or type, that the data should have been.
     """
     details = error.errors()
 
@@ -114,7 +117,7 @@ def faults_of(error: ValidationError, data: object) -> list[ConfigFault]:
     for detail in details:
         if inside(detail["loc"]):
             continue
-        fault = _fault(detail, data)
+        fault = _fault(detail, data, kind)
         first = found.get(fault.location)
         if first is None:
             found[fault.location] = fault
@@ -124,23 +127,53 @@ def faults_of(error: ValidationError, data: object) -> list[ConfigFault]:
     return list(found.values())
 
 
-def refusal(
-    error: ValidationError, data: object, *path: str, known_keys: Sequence[str] = ()
-) -> InvalidInputError:
+def refusal(error: ValidationError, data: object, kind: Any, *path: str) -> InvalidInputError:
     """Return the first error as an `InvalidInputError`.
 
     Args:
         error: What pydantic found.
         data: The data that it checked.
+        kind: The section, or type, that the data should have been.
         path: Path of the checked data, before the path of the error.
-        known_keys: The valid keys, to be listed for an unknown key.
     """
-    fault = faults_of(error, data)[0]
-    expected = fault.expected
-    if fault.kind == UNKNOWN_KEY and known_keys:
-        expected = f"one of the keys {', '.join(known_keys)}"
+    fault = faults_of(error, data, kind)[0]
     where = ".".join((*path, *map(str, fault.location)))
-    return InvalidInputError(where, fault.received, expected)
+    return InvalidInputError(where, fault.received, fault.expected)
+
+
+def _known_keys(kind: Any, data: Any, path: Iterable[int | str]) -> set[str]:
+    """Return the keys of the section at a path below a type, or of all that it may be."""
+    kinds = _alternatives(kind, data)
+    for part in path:
+        data = data[part]
+        inner = [each for kind in kinds for each in _inner(kind, part)]
+        kinds = [each for kind in inner for each in _alternatives(kind, data)]
+    return {key for kind in kinds if _is_section(kind) for key in kind.model_fields}
+
+
+def _is_section(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Section)
+
+
+def _alternatives(kind: Any, data: Any) -> list[Any]:
+    """Return the types that a union joins, without sections for data of another ``kind``."""
+    if get_origin(kind) is Annotated:
+        return _alternatives(get_args(kind)[0], data)
+    if get_origin(kind) in (Union, UnionType):
+        return [each for part in get_args(kind) for each in _alternatives(part, data)]
+    if _is_section(kind) and isinstance(data, Mapping) and "kind" in data:
+        tag = kind.model_fields.get("kind")
+        if tag is not None and get_origin(tag.annotation) is Literal:
+            return [kind] if data["kind"] in get_args(tag.annotation) else []
+    return [kind]
+
+
+def _inner(kind: Any, part: int | str) -> list[Any]:
+    """Return the types that an entry of a section, a mapping or a list may have."""
+    if not _is_section(kind):
+        return list(get_args(kind))
+    field = kind.model_fields.get(part)
+    return [] if field is None else [field.annotation]
 
 
 def _location(loc: tuple[int | str, ...], data: object) -> tuple[int | str, ...]:
@@ -158,7 +191,7 @@ def _location(loc: tuple[int | str, ...], data: object) -> tuple[int | str, ...]
     return tuple(location)
 
 
-def _fault(detail: ErrorDetails, data: object) -> ConfigFault:
+def _fault(detail: ErrorDetails, data: object, data_kind: Any) -> ConfigFault:
     kind, received = detail["type"], detail["input"]
     location = _location(detail["loc"], data)
     if kind.startswith("union_tag_"):
@@ -171,6 +204,9 @@ def _fault(detail: ErrorDetails, data: object) -> ConfigFault:
     if kind == MISSING_KEY:
         received = None
     expected, statement = _expected(detail)
+    if kind == UNKNOWN_KEY:
+        *place, key = location
+        expected = one_of_keys(_known_keys(data_kind, data, place), key)
     return ConfigFault(location, received, expected, kind, statement)
 
 

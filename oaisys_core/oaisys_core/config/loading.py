@@ -81,7 +81,7 @@ def _checked(
     try:
         config = SimulationConfig.model_validate(data, context={BASE: base})
     except ValidationError as error:
-        lines = [_line(fault, source, root) for fault in faults_of(error, data)]
+        lines = [_line(fault, source, root) for fault in faults_of(error, data, SimulationConfig)]
         raise ConfigError("\n".join(lines)) from error
     return config
 
@@ -91,7 +91,7 @@ def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
     where = source if line is None else f"{source}:{line}"
     path = fault.path or "(whole file)"
     if fault.kind == UNKNOWN_KEY:
-        return f"{where}: {path}: unknown key"
+        return f"{where}: {path}: unknown key, expected {fault.expected}"
     if fault.kind == MISSING_KEY:
         return f"{where}: {path}: missing, expected a value"
     received = f"received {_short(fault.received)}"

@@ -48,4 +48,4 @@ def _load(index: int, config: EffectConfig) -> EnvironmentEffect:
     try:
         return kind(**config.options)
     except ValidationError as error:
-        raise refusal(error, config.options, path) from error
+        raise refusal(error, config.options, kind, path) from error

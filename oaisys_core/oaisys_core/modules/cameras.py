@@ -9,7 +9,7 @@ from typing import Any
 
 from oaisys_core import geometry
 from oaisys_core.config.sections.sensors import CameraConfig, OpticsConfig, optics_bounds_px
-from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.module import overridden
 from oaisys_core.scene import Lens, PlacedCamera
 from oaisys_core.types import FrameName, Pose, SensorInfo
@@ -33,8 +33,7 @@ def changed_cameras(cameras: Cameras, changes: Any, path: str) -> Cameras:
         raise InvalidInputError(f"metadata.{path}", changes, "a mapping by camera name")
     for name, values in changes.items():
         if name not in names:
-            known = ", ".join(names)
-            raise InvalidInputError(f"metadata.{path}.{name}", values, f"one of {known}")
+            raise InvalidInputError(f"metadata.{path}.{name}", values, one_of(names, name))
         _check_keys(f"{path}.{name}", values)
         _check_reach(cameras[names.index(name)], f"{path}.{name}", values)
     return tuple(
@@ -188,8 +187,7 @@ def _check_keys(path: str, values: Any) -> None:
         raise InvalidInputError(f"metadata.{path}", values, f"a mapping of {', '.join(known)}")
     for key, value in values.items():
         if key not in known:
-            expected = f"one of the keys {', '.join(known)}"
-            raise InvalidInputError(f"metadata.{path}.{key}", value, expected)
+            raise InvalidInputError(f"metadata.{path}.{key}", value, one_of_keys(known, key))
 
 
 def _check_reach(camera: CameraConfig, path: str, values: Mapping[str, Any]) -> None:

@@ -13,7 +13,7 @@ from oaisys_core.config.expectations import refusal
 from oaisys_core.config.sections.faults import FaultsConfig
 from oaisys_core.config.sections.motion import AnyMotion
 from oaisys_core.config.sections.sensors import PosePolicy, SensorsConfig
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of_keys
 from oaisys_core.module import Metadata, Module, World, differing, overridden, require
 from oaisys_core.modules.cameras import (
     Cameras,
@@ -184,7 +184,7 @@ class SensorsModule(Module):
         for key, value in (metadata or {}).items():
             path = f"metadata.{self.metadata_part}.{key}"
             if key not in known:
-                raise InvalidInputError(path, value, f"one of the keys {', '.join(known)}")
+                raise InvalidInputError(path, value, one_of_keys(known, key))
             if key == "pose":
                 if not isinstance(value, Pose):
                     raise InvalidInputError(path, value, "a Pose")
@@ -199,7 +199,7 @@ class SensorsModule(Module):
         try:
             config = _MOTIONS.validate_python(chosen)
         except ValidationError as error:
-            raise refusal(error, chosen, "metadata.sensor.motion") from error
+            raise refusal(error, chosen, AnyMotion, "metadata.sensor.motion") from error
         return make_motion(config, self.sensors)
 
     def _changed_cameras(self, cameras: Cameras, metadata: Metadata) -> Cameras:

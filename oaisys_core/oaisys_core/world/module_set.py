@@ -9,7 +9,7 @@ from typing import Any
 from oaisys_core import randomness
 from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.config import SimulationConfig
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.extension_modules import ExtensionModule, make_modules
 from oaisys_core.module import Module, World
 from oaisys_core.modules import (
@@ -76,7 +76,7 @@ class ModuleSet:
         known = {module.metadata_part for module in self.all} - OWN_PARTS
         for name, value in metadata.custom.items():
             if name not in known or not isinstance(value, Mapping):
-                expected = f"a mapping for one of the modules {', '.join(sorted(known))}"
+                expected = f"a mapping for a module: {one_of(known, name)}"
                 raise InvalidInputError(f"metadata.custom.{name}", value, expected)
         for module in self.all:
             part = metadata.part(module.metadata_part)

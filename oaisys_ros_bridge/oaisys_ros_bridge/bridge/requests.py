@@ -14,7 +14,13 @@ from geometry_msgs.msg import Pose as PoseMsg
 from std_msgs.msg import Header
 from trajectory_msgs.msg import MultiDOFJointTrajectory
 
-from oaisys_core.errors import CancelledError, InvalidInputError, OaisysError
+from oaisys_core.errors import (
+    CancelledError,
+    InvalidInputError,
+    OaisysError,
+    one_of,
+    one_of_keys,
+)
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
 from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo
 from oaisys_ros_bridge.conversions import pose_from_msg
@@ -150,7 +156,7 @@ def metadata_of_module(module: str, metadata_json: str) -> ModuleMetadata:
         InvalidInputError: Unknown module, or no JSON object.
     """
     if module not in MODULES:
-        raise InvalidInputError("module", module, f"one of {', '.join(MODULES)}")
+        raise InvalidInputError("module", module, one_of(MODULES, module))
     return _metadata({module: _json_object("metadata_json", metadata_json)})
 
 
@@ -165,8 +171,7 @@ def metadata_of_modules(metadata_json: str) -> ModuleMetadata | None:
     by_module = _json_object("metadata_json", metadata_json)
     for module, part in by_module.items():
         if module not in MODULES:
-            expected = f"modules out of {', '.join(MODULES)}"
-            raise InvalidInputError(f"metadata_json.{module}", part, expected)
+            raise InvalidInputError(f"metadata_json.{module}", part, one_of_keys(MODULES, module))
         if not isinstance(part, dict):
             raise InvalidInputError(f"metadata_json.{module}", part, "a JSON object")
     return _metadata(by_module)

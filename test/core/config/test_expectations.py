@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from oaisys_core.config.expectations import WORDS
 from oaisys_core.config.paths import BASE
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.module import overridden
+from oaisys_core.modules import SensorsModule
 from oaisys_core.modules.assets.metadata import asset_metadata
 
 CONFIG = REPOSITORY / "config"
@@ -117,6 +118,78 @@ def test_a_fault_says_what_was_received_and_what_was_expected(
     with pytest.raises(ConfigError) as found:
         config_from_mapping(data)
     assert line in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "near", "others"),
+    [
+        ({"sensrs": {}}, "sensors", ["stage", "seed"]),
+        ({"sensors": {"camras": []}}, "cameras", ["pose_policy"]),
+        ({"stage": {"presett": "plane"}}, "preset", ["extent_m"]),
+        ({"sensors": {"cameras": [{}, {"width": 9}]}}, "width_px", ["fx_px"]),
+        ({"sensors": {"cameras": [{"lens": {"f_numbr": 4}}]}}, "f_number", ["blades"]),
+        ({"sensors": {"motion": {"kind": "hover", "lok": "down"}}}, "look", ["kind"]),
+        ({"environment": {"haze": {"visibility": 9}}}, "visibility_m", ["thickness_m"]),
+        (
+            {"assets": {"groups": [{"density": [{"kind": "height", "rang_m": 1}]}]}},
+            "range_m",
+            ["fade_m"],
+        ),
+    ],
+)
+def test_an_unknown_key_suggests_the_nearest_of_its_own_section(
+    data: dict[str, Any], near: str, others: list[str]
+) -> None:
+    with pytest.raises(ConfigError) as found:
+        config_from_mapping(data)
+    message = next(line for line in str(found.value).splitlines() if "unknown key" in line)
+    assert f"(did you mean {near}?)" in message
+    assert all(f"{key}," in message or f", {key}" in message for key in [near, *others])
+
+
+def test_a_key_of_another_kind_is_not_suggested() -> None:
+    motion = {"kind": "hover", "waypoints_m": [[0, 0, 1]]}
+    with pytest.raises(ConfigError) as found:
+        config_from_mapping({"sensors": {"motion": motion}})
+    assert "sensors.motion.waypoints_m: unknown key, expected one of the keys" in str(found.value)
+    assert "did you mean" not in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("refuse", "near"),
+    [
+        (lambda: overridden(SimulationConfig().stage, {"presett": 1}, "stage"), "preset"),
+        (
+            lambda: overridden(
+                SimulationConfig().environment,
+                {"haze": {"visibility_m": 9, "colour_srgb": [1, 1, 1]}},
+                "environment",
+            ),
+            "color_srgb",
+        ),
+        (lambda: asset_metadata({}, {"groups": {"ferns": {"hiden": True}}}), "hidden"),
+        (lambda: SensorsModule(SimulationConfig().sensors).check({"camras": {}}), "cameras"),
+        (
+            lambda: SensorsModule(SimulationConfig().sensors).check_sample(
+                {"cameras": {"camera": {"fx": 300.0}}}
+            ),
+            "fx_px",
+        ),
+        (
+            lambda: SensorsModule(SimulationConfig().sensors).check(
+                {"motion": {"kind": "hover", "lok": "down"}}
+            ),
+            "look",
+        ),
+    ],
+)
+def test_an_unknown_key_of_metadata_suggests_the_nearest(
+    refuse: Callable[[], object], near: str
+) -> None:
+    with pytest.raises(InvalidInputError, match=r"^metadata") as found:
+        refuse()
+    assert found.value.expected.startswith("one of the keys ")
+    assert f"(did you mean {near}?)" in found.value.expected
 
 
 def test_a_fault_below_a_kind_has_the_line_of_its_own_key(tmp_path: Path) -> None:

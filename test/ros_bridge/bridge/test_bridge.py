@@ -298,7 +298,7 @@ def test_batches_and_metadata_are_set_or_refused_with_the_reason(bridged: User) 
         return bridged.call(StepBatch, "step_batch", StepBatch.Request(**fields))
 
     for module, text, reason in (
-        ("weather", "{}", "one of sensor"),
+        ("weather", "{}", "one of asset"),
         ("environment", "{", "JSON"),
         ("environment", "[1]", "JSON object"),
         ("sensor", '{"pose": [0]}', "set_pose"),

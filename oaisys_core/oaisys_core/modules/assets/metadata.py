@@ -112,4 +112,4 @@ def asset_metadata(earlier: Mapping[str, Any], metadata: Mapping[str, Any] | Non
     try:
         return AssetMetadata.model_validate(data)
     except ValidationError as error:
-        raise refusal(error, data, "metadata", PART) from error
+        raise refusal(error, data, AssetMetadata, "metadata", PART) from error
