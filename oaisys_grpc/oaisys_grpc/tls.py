@@ -84,8 +84,10 @@ class ClientTls:
         return grpc.ssl_channel_credentials(ca, key, cert)
 
 
-def client_tls(ca: str, cert: str, key: str) -> ClientTls | None:
-    """Return the TLS of three paths, each of which may be empty; None: without TLS."""
+def client_tls(
+    ca: Path | str | None, cert: Path | str | None, key: Path | str | None
+) -> ClientTls | None:
+    """Return the TLS of three paths, each of which may be empty or None; None: without TLS."""
     if not (ca or cert or key):
         return None
     return ClientTls(*(Path(name) if name else None for name in (ca, cert, key)))

@@ -133,7 +133,8 @@ def allowed_for(module: str) -> set[str]:
         signing = {"cryptography"} if module in SIGNING else set()
         return MAPPING_LIBRARIES | COMMAND_LINE | PLAIN_CORE | drawing | signing
     if package == "oaisys_ros_bridge":
-        client = {"oaisys_grpc.client.simulator_client", "oaisys_grpc.memory", "oaisys_mapping"}
+        client = {"oaisys_grpc.client.options", "oaisys_grpc.client.simulator_client"}
+        client |= {"oaisys_grpc.memory", "oaisys_mapping"}
         return BRIDGE_LIBRARIES | COMMAND_LINE | ROS | PLAIN_CORE | client
     if module in client_modules():
         return GRPC_LIBRARIES | PLAIN_CORE

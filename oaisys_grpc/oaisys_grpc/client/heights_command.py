@@ -10,10 +10,12 @@ import typer
 from oaisys_core.cli.options import BackendOption, ConfigOption, SeedOption
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import InvalidInputError
+from oaisys_grpc.client.options import TlsCaOption, TlsCertOption, TlsKeyOption
 
 if TYPE_CHECKING:
     from oaisys_core.types import HeightGrid
     from oaisys_core.world.height_grids import Extent
+    from oaisys_grpc.tls import ClientTls
 
 
 def heights(
@@ -33,6 +35,9 @@ def heights(
         str | None,
         typer.Option(help="host:port of a running server: the world that stands there."),
     ] = None,
+    tls_ca: TlsCaOption = None,
+    tls_cert: TlsCertOption = None,
+    tls_key: TlsKeyOption = None,
 ) -> None:
     """Write the heights of ground and topmost surface at the centres of a grid's cells.
 
@@ -41,12 +46,16 @@ def heights(
     """
     # `oaisys --help` reads this module, too: what takes long to import waits until it is used.
     from oaisys_core.output.heights import SUFFIXES, write_heights
+    from oaisys_grpc.tls import client_tls
 
     if out.suffix not in SUFFIXES:
         raise InvalidInputError("out", str(out), f"a file that ends in {', '.join(SUFFIXES)}")
     wanted = None if extent is None else _parsed(extent)
+    tls = client_tls(tls_ca, tls_cert, tls_key)
     if address is not None:
-        grid = _served(address, resolution, wanted)
+        grid = _served(address, tls, resolution, wanted)
+    elif tls is not None:
+        raise InvalidInputError("address", None, "the server that the TLS options are for")
     else:
         grid = _built(config, seed, backend, batch, resolution, wanted)
     write_heights(out, grid)
@@ -54,10 +63,12 @@ def heights(
     typer.echo(f"{out}: {columns} x {rows} cells of {grid.spacing_m:g} m")
 
 
-def _served(address: str, resolution_m: float, extent_m: Extent | None) -> HeightGrid:
+def _served(
+    address: str, tls: ClientTls | None, resolution_m: float, extent_m: Extent | None
+) -> HeightGrid:
     from oaisys_grpc.client.simulator_client import SimulatorClient
 
-    with SimulatorClient(address) as client:
+    with SimulatorClient(address, tls=tls) as client:
         return client.height_grid(resolution_m, extent_m)
 
 

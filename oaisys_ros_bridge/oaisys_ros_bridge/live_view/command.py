@@ -8,12 +8,16 @@ from typing import Annotated
 import typer
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_grpc.client.options import TlsCaOption, TlsCertOption, TlsKeyOption
 
 
 def view(
     address: Annotated[
         str | None, typer.Option(help="Address of a running server, to show it over gRPC.")
     ] = None,
+    tls_ca: TlsCaOption = None,
+    tls_cert: TlsCertOption = None,
+    tls_key: TlsKeyOption = None,
     ros: Annotated[bool, typer.Option("--ros", help="Show the topics of bridge and mapper.")] = (
         False
     ),
@@ -46,15 +50,20 @@ def view(
     The data come from the server at --address over gRPC, or with --ros from topics. The mesh is
     the mapper's if it publishes one; otherwise it is made here.
     """
+    from oaisys_grpc.client.simulator_client import client_tls
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
     from oaisys_ros_bridge.live_view.view import ViewOptions, run_view
 
+    tls = client_tls(tls_ca, tls_cert, tls_key)
     if ros and address is not None:
         raise InvalidInputError("--address", address, "none with --ros")
+    if ros and tls is not None:
+        raise InvalidInputError("--ros", ros, "none of it with the TLS options")
     if save is not None and not save.absolute().parent.is_dir():
         raise InvalidInputError("--save", str(save), "a file in an existing folder")
     options = ViewOptions(
         address=address,
+        tls=tls,
         ros=ros,
         cameras=tuple(camera or ("camera",)),
         map_frame=map_frame,

@@ -21,7 +21,7 @@ from oaisys_core.types import (
     Sample,
     SimulatorInfo,
 )
-from oaisys_grpc.client.simulator_client import SimulatorClient
+from oaisys_grpc.client.simulator_client import ClientTls, SimulatorClient
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.rectification import rectified, rectified_camera
@@ -85,13 +85,13 @@ class LiveSource(ABC):
 class GrpcSource(LiveSource):
     """Fetches the samples that other clients have rendered; the server keeps the newest ones."""
 
-    def __init__(self, address: str) -> None:
-        """Connect to a server.
+    def __init__(self, address: str, tls: ClientTls | None = None) -> None:
+        """Connect to a server; ``tls`` is for one that encrypts.
 
         Raises:
             OaisysError: It cannot be reached.
         """
-        self._client = SimulatorClient(address, timeout_s=START_TIMEOUT_S)
+        self._client = SimulatorClient(address, timeout_s=START_TIMEOUT_S, tls=tls)
         info = self._client.info()
         self.labels = info.semantic_labels
         self._batch = info.batch_id

@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from oaisys_grpc.client.simulator_client import ClientTls
 from oaisys_mapping.report.web_viewer import PosedImages, WebViewer
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
 from oaisys_ros_bridge.experiments.interruption import raise_if_interrupted
@@ -27,6 +28,7 @@ class ViewOptions:
 
     Attributes:
         address: Of the server to show; None: the default address.
+        tls: For a server that encrypts; None: without.
         ros: Show ROS topics instead.
         cameras: Prefixes of the cameras' topics.
         map_frame: Frame in which everything is shown.
@@ -38,6 +40,7 @@ class ViewOptions:
     """
 
     address: str | None
+    tls: ClientTls | None
     ros: bool
     cameras: Sequence[str]
     map_frame: str
@@ -77,7 +80,7 @@ def _end_within(seconds: float) -> None:
 
 def _source(options: ViewOptions) -> LiveSource:
     if not options.ros:
-        return GrpcSource(options.address or DEFAULT_ADDRESS)
+        return GrpcSource(options.address or DEFAULT_ADDRESS, options.tls)
     # A server can be shown without ROS.
     from oaisys_ros_bridge.live_view.ros_source import RosSource
 

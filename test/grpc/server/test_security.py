@@ -130,6 +130,38 @@ def test_mutual_tls_lets_only_known_clients_in(start_server: StartServer, tmp_pa
         assert client.info().backend == "analytic"
 
 
+def test_heights_come_from_a_server_that_wants_to_know_its_clients(
+    start_server: StartServer, tmp_path: Path
+) -> None:
+    authority = Authority(tmp_path)
+    cert, key = authority.pair("server")
+    tls = ["--tls-cert", str(cert), "--tls-key", str(key), "--tls-client-ca", str(authority.ca)]
+    address = start_server(FLAT_WORLD, *tls).address
+    own_cert, own_key = authority.pair("client")
+    known = ClientTls(authority.ca, own_cert, own_key)
+    with SimulatorClient(address, tls=known) as client:
+        client.step_batch()
+    ca, pair = ("--tls-ca", authority.ca), ("--tls-cert", own_cert, "--tls-key", own_key)
+    server, out = ("--address", address), tmp_path / "heights.npz"
+    for code, *options in (
+        (0, *server, *ca, *pair),
+        (1, *server, *ca),  # the server does not know this client
+        (2, *server, *ca, "--tls-cert", own_cert),  # without its key
+        (2, *ca),  # no server
+    ):
+        done = subprocess.run(
+            [sys.executable, "-m", "oaisys_core", "heights", "--out", out, *options],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=PATIENCE_S,
+        )
+        assert done.returncode == code, done.stderr
+        assert "Traceback" not in done.stderr
+        assert out.exists() == (code == 0)
+        out.unlink(missing_ok=True)
+
+
 def test_keys_are_checked_before_anything_is_opened(tmp_path: Path) -> None:
     authority = Authority(tmp_path)
     cert, key = authority.pair("one")

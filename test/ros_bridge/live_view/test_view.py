@@ -15,6 +15,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 from browser import browser_page
+from certificates import Authority
 from served_simulator import FLAT_WORLD, Server
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_at
@@ -137,6 +138,20 @@ def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
         assert process.wait(DEADLINE_S) == 0
     assert int(said(process, out, "2 views, ").split()[0]) > 1000
     assert (tmp_path / "scene.html").is_file()
+
+
+def test_a_server_that_encrypts_is_shown(tmp_path):
+    authority = Authority(tmp_path)
+    cert, key = authority.pair("server")
+    tls = ["--tls-cert", str(cert), "--tls-key", str(key)]
+    server = Server(tmp_path / "server", FLAT_WORLD, tls, {})
+    try:
+        options = ["--address", server.address, "--tls-ca", str(authority.ca)]
+        with watching(tmp_path, *options) as (process, _):
+            process.send_signal(signal.SIGINT)
+            assert process.wait(DEADLINE_S) == 0
+    finally:
+        server.end()
 
 
 def test_a_server_that_is_not_there_is_told_in_one_line(tmp_path):
