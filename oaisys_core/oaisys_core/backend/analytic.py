@@ -8,9 +8,10 @@ import oaisys_core
 from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
 from oaisys_core.backend.geometry_pass import PoseMemory, frame_of, frames_of
-from oaisys_core.backend.raycast.shading import Palette, encoded, shaded
+from oaisys_core.backend.raycast.shading import Palette, shaded
 from oaisys_core.backend.raycast.solids import flat_ground
 from oaisys_core.backend.surface import Surface, View, ground_mesh
+from oaisys_core.color import encoded
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import PlacedCamera, Scene, stands_on
 from oaisys_core.sensing.effects import with_effects

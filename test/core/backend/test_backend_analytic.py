@@ -8,7 +8,7 @@ from synthetic_worlds import BOX, SPHERE, SUNNY, camera, flat_world, rocky_world
 
 from oaisys_core.backend import make_backend
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.raycast.shading import encoded, linear
+from oaisys_core.color import encoded, linear
 from oaisys_core.errors import CancelledError, NotReadyError, RenderError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.scene import Scene

@@ -14,8 +14,6 @@ from oaisys_core.scene import MeshPrototype, PbrMaps, Scene
 from oaisys_core.sky import Haze, Sky, texels_at
 from oaisys_core.types import FloatArray
 
-__all__ = ["Palette", "encoded", "linear", "mean_color", "shaded"]
-
 LEAST_UP = 1e-4
 """Least upward component of a ray, which bounds its way through the haze layer."""
 

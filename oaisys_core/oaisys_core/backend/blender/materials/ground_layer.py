@@ -9,19 +9,13 @@ import numpy as np
 
 from oaisys_core.backend.blender.materials.images import ImageStore
 from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
-from oaisys_core.backend.blender.materials.surfaces import (
-    add_gloss,
-    diffuse,
-)
+from oaisys_core.backend.blender.materials.surfaces import add_gloss, diffuse
 from oaisys_core.backend.blender.materials.tiling import TextureLookup, TilingNodes
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.textures.levels import level_at
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
 
-VARIATION_TILES = 7.3
-
-
-VARIATION_TURN_RAD = 0.65
+VARIATION_TILES, VARIATION_TURN_RAD = 7.3, 0.65
 """Size, in tiles of the first layer, and rotation of the pattern that varies the ground's colour,
 chosen so that pattern and texture do not repeat together."""
 

@@ -12,7 +12,8 @@ from oaisys_core.backend.blender.materials.haze import through_haze, without_lig
 from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, new_image
 from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.backend.blender.objects.instances import SIZE
-from oaisys_core.backend.raycast.shading import linear, mean_color
+from oaisys_core.backend.raycast.shading import mean_color
+from oaisys_core.color import linear
 from oaisys_core.scene import MeshPrototype, PbrMaps
 
 BOX_BLEND = 0.25

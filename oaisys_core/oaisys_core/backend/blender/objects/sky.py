@@ -13,11 +13,9 @@ from oaisys_core.backend.blender.compat import SKY_SCALE, node_tree_of, set_up_s
 from oaisys_core.backend.blender.materials.haze import clear_share, set_haze
 from oaisys_core.backend.blender.materials.images import new_image
 from oaisys_core.backend.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
+from oaisys_core.backend.raycast.shading import LEAST_UP
 from oaisys_core.environment.light import plain_radiance, sun_color, veil_radiance
 from oaisys_core.sky import Color, Haze, Hdri, Sky, SkyImage
-
-LEAST_UP = 1e-4
-"""Least upward component of a ray, which bounds its way through the haze layer."""
 
 MIN_DISC_RAD = 1e-4
 """Least radius of the sun's disc in images: a point would be infinitely bright."""
