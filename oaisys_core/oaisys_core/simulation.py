@@ -44,15 +44,15 @@ from oaisys_core.types import (
 )
 from oaisys_core.world.batch import (
     Batch,
+    BatchSeeds,
     Snapshot,
     metadata_text,
     previous_poses_text,
     state_of,
 )
 from oaisys_core.world.height_grids import Extent, height_grid
-from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet, note_in_force
-from oaisys_core.world.reuse import BatchSeeds, batch_seeds, section_sha256
-from oaisys_core.world.stage_store import StageRecord
+from oaisys_core.world.module_set import DRAW_SHARE, ModuleSet
+from oaisys_core.world.reuse import batch_seeds, section_sha256, stage_record
 
 
 class Simulation:
@@ -70,11 +70,11 @@ class Simulation:
 
         Args:
             config: What worlds are drawn from.
-            backend: Of another kind, or shared; None: a new one, as the configuration says.
-            pose_cache_bytes: Of images that are kept for views that come again; 0: none.
+            backend: A backend to use instead of a new one as configured.
+            pose_cache_bytes: Largest size of images that are kept for repeated views; 0 for none.
             place_frames: Moves frames that become ready together, for instance into shared memory;
-                samples and the cache hold the moved ones. The thread that asks a group for its
-                result calls it.
+                samples and the cache hold the moved ones. It is called by the thread that asks a
+                group for its result.
 
         Raises:
             ConfigError: The configuration names something that does not exist.
@@ -125,11 +125,12 @@ class Simulation:
         before = self._current() if reuse_stage else self._batch
         self._modules.check(metadata, is_batch=True)
         metadata_text(metadata)
-        origin, drawn_with = batch_seeds(
+        seeds, drawn_with = batch_seeds(
             self._stage, self._assets_sha256, metadata, seed, before, reuse_stage
         )
-        self._build(batch_id, origin, drawn_with, progress)
-        self._keep_stage(origin, metadata)
+        batch = self._build(batch_id, seeds, drawn_with, progress)
+        record = stage_record(batch, self._assets_sha256)
+        self._stage.keep(record, metadata.part(self._stage.name))
         return batch_id
 
     def step_sample(
@@ -348,14 +349,12 @@ class Simulation:
         batch_state = state["batch"]
         if batch_state is not None:
             wanted = Batch.from_state(batch_state)
-            origin = BatchSeeds(wanted.seed, wanted.stage_seed, wanted.asset_seed)
-            self._build(wanted.id, origin, wanted.metadata, progress)
+            batch = self._build(wanted.id, wanted.seeds, wanted.metadata, progress)
             if wanted.sample_id:
                 # What moves or changes by itself is where the last sample left it.
-                self._current().sample_id = wanted.sample_id - 1
-                self._apply(self._current(), ModuleMetadata(sensor=wanted.metadata.sensor))
-            self._current().sample_id = wanted.sample_id
-            self._current().last_rig_poses = wanted.last_rig_poses
+                batch.sample_id = wanted.sample_id - 1
+                self._apply(batch, ModuleMetadata(sensor=wanted.metadata.sensor))
+            batch.sample_id, batch.last_rig_poses = wanted.sample_id, wanted.last_rig_poses
         self._last_batch_id = int(state["last_batch_id"])
 
     def save(self, path: Path) -> None:
@@ -381,41 +380,20 @@ class Simulation:
     def _build(
         self,
         batch_id: int,
-        origin: BatchSeeds,
+        seeds: BatchSeeds,
         metadata: ModuleMetadata,
         progress: ProgressCallback,
-    ) -> None:
+    ) -> Batch:
         """Draw a world and let the backend build it; if building fails there is no world."""
-        before = Snapshot(*self._modules.all)
-        try:
-            world = self._modules.draw(origin, metadata, self._batch, progress)
-        except BaseException:
-            before.restore()
-            raise
+        batch = self._modules.draw(batch_id, seeds, metadata, self._batch, progress)
         self._batch, self._undo = None, None
         self._views.forget_world()
         self._backend.build(
-            world.scene(),
+            batch.world.scene(),
             lambda p: progress(replace(p, fraction=DRAW_SHARE + (1 - DRAW_SHARE) * p.fraction)),
         )
-        self._batch = Batch(
-            batch_id, origin.seed, origin.stage_seed, origin.asset_seed, world, metadata
-        )
-        note_in_force(self._batch, self._modules.all)
-        self._last_batch_id = batch_id
-
-    def _keep_stage(self, origin: BatchSeeds, metadata: ModuleMetadata) -> None:
-        """Save the stage of a new batch if the configuration or ``metadata`` says so."""
-        batch = self._current()
-        record = StageRecord(
-            stage_hash=batch.world.stage_notes["hash"],
-            ground=drawn(batch.world.drawn_ground),
-            stage_seed=origin.stage_seed,
-            asset_seed=origin.asset_seed,
-            assets_sha256=self._assets_sha256,
-            asset_metadata=batch.metadata.asset or {},
-        )
-        self._stage.keep(record, metadata.part(self._stage.name))
+        self._batch, self._last_batch_id = batch, batch_id
+        return batch
 
     @contextmanager
     def _undone_on_failure(self, batch: Batch) -> Iterator[None]:
@@ -454,7 +432,7 @@ class Simulation:
         if after.differs_from(before):
             self._backend.update(after)
         if "pose" not in (metadata.sensor or {}) and self._sensors.moves_itself:
-            self._sensors.move(batch.world, batch.seed, self.query_height)
+            self._sensors.move(batch.world, batch.seeds.seed, self.query_height)
         if batch.world.refine():
             self._backend.update(batch.world.scene())
 
@@ -462,24 +440,23 @@ class Simulation:
         self, batch: Batch, cameras: Sequence[PlacedCamera], settings: RenderSettings
     ) -> SampleOutline:
         """Return the outline of the next sample."""
-        names = [FrameName(camera.name, m) for camera in cameras for m in camera.modalities]
         return SampleOutline(
             batch_id=batch.id,
             sample_id=batch.sample_id + 1,
             rig_pose=drawn(self._sensors.rig_pose),
-            frames=tuple(names),
+            frames=tuple(FrameName(c.name, m) for c in cameras for m in c.modalities),
             odometry=self._sensors.odometry(batch.id, batch.sample_id + 1),
             provenance=Provenance(
                 seed=self._config.seed,
-                batch_seed=batch.seed,
+                batch_seed=batch.seeds.seed,
                 config_sha256=self._config_sha256,
                 backend=self._backend.name,
                 backend_version=self._backend.version,
                 quality=settings.quality,
                 render_samples=0,
                 device=self._backend.device,
-                stage_seed=batch.stage_seed,
-                asset_seed=batch.asset_seed,
+                stage_seed=batch.seeds.stage_seed,
+                asset_seed=batch.seeds.asset_seed,
                 metadata_json=metadata_text(batch.in_force),
                 previous_poses_json=previous_poses_text(cameras, batch.last_rig_poses),
             ),

@@ -19,7 +19,7 @@ from oaisys_core.errors import nearest
 FloatArray = NDArray[np.float64]
 
 MAX_IMAGE_PX = 100_000_000
-"""Of one image."""
+"""Largest number of pixels of an image."""
 
 RGB = "rgb"
 DEPTH = "depth"
@@ -33,7 +33,7 @@ ALBEDO = "albedo"
 
 
 class ModalitySpec(NamedTuple):
-    """What the pixels of a modality are; ``channels`` is 1 for (H, W) images."""
+    """The type of a modality's pixels; ``channels`` is 1 for (H, W) images."""
 
     dtype: np.dtype[Any]
     channels: int
@@ -52,15 +52,14 @@ _SEMANTIC = ModalitySpec(np.dtype(np.uint16), 1)
 
 
 def modality_spec(modality: str) -> ModalitySpec:
-    """Return what the pixels of ``rgb``, ``depth``, ``semantic_0`` ... are.
+    """Return the type of a modality's pixels.
 
-    * ``rgb``: sRGB. ``albedo``: sRGB-encoded reflectance, no light, no effects.
-    * ``depth``: planar z in metres; ``range``: metres along the ray; ``+inf`` for nothing.
-    * ``semantic_0`` to ``semantic_9``: label ids by level. ``instance``: object ids, 0 none.
-    * ``normal``: unit normals in the optical frame, towards the camera; 0 for nothing.
-    * ``flow``: pixels (du, dv) that the surface seen at a pixel moved since the previous sample
-      of that sensor, that is, its place now less its place then; NaN where it was not in front
-      of the camera, or there is no previous sample.
+    * ``rgb``: sRGB colour. ``albedo``: sRGB-encoded reflectance, without light and effects.
+    * ``depth``: planar z in metres; ``range``: metres along the ray; ``+inf`` where nothing is hit.
+    * ``semantic_0`` to ``semantic_9``: label ids by level. ``instance``: object ids, 0 for none.
+    * ``normal``: unit normals in the optical frame, towards the camera; 0 where nothing is hit.
+    * ``flow``: motion (du, dv) in pixels since the sensor's previous sample of the surface that a
+      pixel shows; NaN where it was not in front of the camera, or without a previous sample.
 
     Raises:
         KeyError: There is no such modality.
@@ -74,7 +73,7 @@ def modality_spec(modality: str) -> ModalitySpec:
 
 
 def expected_modality(received: str) -> str:
-    """Return what follows "expected" where there is no such modality."""
+    """Return the text after "expected" in the error about a modality that does not exist."""
     levels = [f"semantic_{level}" for level in range(10)]
     passes = extensions.names(extensions.PASSES)
     near = nearest(received, [*_MODALITIES, *levels, *passes])
@@ -91,7 +90,7 @@ def semantic_level(modality: str) -> int | None:
 
 
 class ShortRepr:
-    """Base of dataclasses with arrays (``repr=False``): shows their type and shape, not pixels."""
+    """Base of dataclasses with arrays (``repr=False``): shows the arrays' types and shapes only."""
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{f.name}={_shown(getattr(self, f.name))}" for f in fields(self))  # type: ignore[arg-type]
@@ -125,8 +124,8 @@ class PinholeIntrinsics:
         width_px, height_px: Image size.
         fx_px, fy_px: Focal lengths in pixels.
         cx_px, cy_px: Principal point; (319.5, 239.5) is the centre of a 640x480 image.
-        distortion: Brown-Conrady (k1, k2, p1, p2, k3) as OpenCV and ROS's ``plumb_bob`` have it;
-            empty for none.
+        distortion: Brown-Conrady coefficients (k1, k2, p1, p2, k3) in the order of OpenCV and of
+            ROS's ``plumb_bob``; empty for none.
     """
 
     width_px: int
@@ -154,16 +153,16 @@ class Provenance:
         batch_seed: Seed that this batch was drawn from.
         config_sha256: Hash of the canonical configuration.
         backend: ``blender`` or ``analytic``.
-        backend_version: For instance ``5.2.3``; the package's own version for ``analytic``.
+        backend_version: Version of Blender, or of this package for ``analytic``.
         quality: Name of the quality preset.
         render_samples: Samples per pixel of the RGB pass (0: none).
-        device: What rendered colour, such as ``cpu``.
-        stage_seed: What ground and materials were drawn from; differs on a reused stage.
-        asset_seed: What the things on it were drawn from; differs where they were kept.
-        metadata_json: Metadata in force, by module and without the pose, as JSON: what a batch
-            can begin with to stand as this one did; empty: not known.
-        previous_poses_json: Where the rig was at each sensor's previous sample, as JSON by the
-            sensor's name, where its images depend on that (flow, motion blur); empty: none does.
+        device: Device that rendered colour, such as ``cpu``.
+        stage_seed: Seed of ground and materials; another one on a reused stage.
+        asset_seed: Seed of the objects; another one if they were kept from an earlier batch.
+        metadata_json: Metadata with which a new batch reaches the state of this one, by module and
+            without the pose, as JSON; empty if it is not known.
+        previous_poses_json: Pose of the rig at the previous sample of each sensor whose images
+            depend on it (flow, motion blur), as JSON by the sensor's name; empty for none.
     """
 
     seed: int
@@ -207,7 +206,7 @@ def early_first(frames: Iterable[Frame]) -> tuple[Frame, ...]:
 
 @dataclass(frozen=True)
 class FrameName:
-    """Which frame of a sample."""
+    """Identifies a frame of a sample."""
 
     sensor: str
     modality: str
@@ -218,8 +217,8 @@ class Odometry:
     """A drifting rig's estimate of its pose.
 
     Attributes:
-        pose: Of the rig, in ``map``.
-        sigma_m, sigma_rad: Standard deviation of its error along each axis, and about it.
+        pose: Estimated pose of the rig in ``map``.
+        sigma_m, sigma_rad: Standard deviation of its error along and about each axis.
     """
 
     pose: Pose
@@ -229,12 +228,12 @@ class Odometry:
 
 @dataclass(frozen=True)
 class SampleOutline:
-    """A sample before all of its frames are there.
+    """A sample without its images, known before they are rendered.
 
-    If the sample is never completed, the next one gets its ids.
+    If the sample is not completed, the next one gets its ids.
 
     Attributes:
-        frames: The frames that it will consist of, in their order.
+        frames: The frames that it will contain, in order.
         provenance: That of the sample, except that ``render_samples`` is 0.
         from_cache, odometry: See `Sample`.
     """
@@ -256,11 +255,11 @@ class Sample:
         batch_id, sample_id: Counted from 1; sample ids restart with each batch.
         rig_pose: Pose of the rig (``base_link``) in ``map``.
         frames: One per sensor and modality.
-        render_time_s: Wall-clock seconds the backend worked.
+        render_time_s: Wall-clock time of rendering.
         provenance: How to render it again.
         from_cache: Whether the frames were rendered for an earlier sample of the same view.
-        finished_ns: When its last frame existed, by the clock of `time.monotonic_ns` on the machine
-            that renders, which is the same in all processes there; 0: not known.
+        finished_ns: Time at which the last frame was rendered, by `time.monotonic_ns` on the
+            rendering machine; 0 if it is not known.
         odometry: The rig's estimate of its pose; None without drift in ``sensors.faults``.
     """
 
@@ -304,9 +303,9 @@ class RecordedSample:
     """A sample as it was recorded.
 
     Attributes:
-        outline: All that is known of it besides the images.
-        frames: The images that were recorded; there may be fewer than were rendered.
-        recorded: Does to a rendered frame what was done to it before it was recorded.
+        outline: The sample without its images.
+        frames: The recorded images, which may be fewer than were rendered.
+        recorded: Returns a rendered frame as it would have been recorded, with sensor faults.
     """
 
     outline: SampleOutline
@@ -333,12 +332,12 @@ class TriangleMesh(ShortRepr):
 
 @dataclass(frozen=True, repr=False)
 class SensorInfo(ShortRepr):
-    """A camera as a client sees it: its name, its intrinsics and where it sits on the rig.
+    """A camera of the rig.
 
     Attributes:
         T_base_camera: (4, 4) pose of the optical frame in ``base_link``.
-        modalities: What it renders.
-        stereo_baseline_m: How far to the right of its pair's left camera it is; 0 for all others.
+        modalities: The modalities that it renders.
+        stereo_baseline_m: Distance of a right stereo camera from the left one; 0 for all others.
     """
 
     name: str
@@ -350,13 +349,13 @@ class SensorInfo(ShortRepr):
 
 @dataclass(frozen=True)
 class SimulatorInfo:
-    """What a running simulator is and offers.
+    """A running simulator: its version, its sensors, its current batch and sample.
 
     Attributes:
         semantic_labels: Name by semantic id.
         stage_extent_m: (min_x, min_y, max_x, max_y) of the ground, or None before the first batch.
-        worker_restarts: How often a server has replaced the process that renders because it died.
-        device: What renders colour; see `Provenance`.
+        worker_restarts: Number of times that a server has replaced a rendering process that died.
+        device: Device that renders colour.
     """
 
     backend: str
@@ -407,21 +406,21 @@ class HeightQuery(ShortRepr):
 
 
 MAX_OBJECTS = 5000
-"""Most things of a world in one `ObjectPage`: a message of these fits gRPC's default limit."""
+"""Largest number of objects in an `ObjectPage`, which then fits gRPC's default message size."""
 
 
 @dataclass(frozen=True)
 class ObjectQuery:
-    """Which things of a world are asked for: those that all that is given lets through.
+    """Selects objects of a world that meet all the conditions; an empty one admits all.
 
     Attributes:
-        kinds: ``rock``, ``solid``, ``group``, ``object``, ``mover``, ``added``; none: all.
-        groups: Kinds of rock, names of groups, shapes of solids; none: all.
-        names: Whole names; none: all.
-        instance_ids: None: all.
-        low_m, high_m: Corners of a box in ``map`` that a thing's place lies in.
-        after_instance_id: Only ids beyond it: where the page before ended.
-        limit: Most things in the answer.
+        kinds: ``rock``, ``solid``, ``group``, ``object``, ``mover``, ``added``.
+        groups: Kinds of rock, names of groups, shapes of solids.
+        names: Whole names.
+        instance_ids: Instance ids.
+        low_m, high_m: Corners of a box in ``map`` that contains the object's position.
+        after_instance_id: Largest id of the previous page; only larger ids are returned.
+        limit: Largest number of objects to return.
     """
 
     kinds: tuple[str, ...] = ()
@@ -436,16 +435,16 @@ class ObjectQuery:
 
 @dataclass(frozen=True)
 class SceneObject:
-    """One thing that stands in a world and is shown.
+    """A visible object of a world.
 
     Attributes:
-        name: Its own, or its group or kind and its instance id; no other thing has it.
+        name: Its unique name: its own, or its group or kind with the instance id.
         kind: See `ObjectQuery`.
         group: Kind of rock, name of the group or shape of a solid; else empty.
-        label, semantic_id: On level 0.
-        pose: Of its base's centre in ``map``; of a solid's centre.
-        scale: Factor on its own size.
-        low_m, high_m: Corners of a box in ``map``, along its axes, that it lies in.
+        label, semantic_id: Label on level 0.
+        pose: Pose in ``map`` of the centre of its base, or of a solid's centre.
+        scale: Factor on the size of its shape.
+        low_m, high_m: Corners of its axis-aligned bounding box in ``map``.
     """
 
     instance_id: int
@@ -462,11 +461,11 @@ class SceneObject:
 
 @dataclass(frozen=True)
 class ObjectPage:
-    """Things of a world in the order of their instance ids.
+    """Objects of a world in the order of their instance ids.
 
     Attributes:
-        total: How many the query lets through, on all pages.
-        next_after_instance_id: Where the next page begins; 0: there is none.
+        total: Number of objects that the query selects, on all pages.
+        next_after_instance_id: ``after_instance_id`` of the next page; 0 if there is none.
     """
 
     objects: tuple[SceneObject, ...]
@@ -480,10 +479,10 @@ OWN_PARTS = frozenset({"sensor", "environment", "asset", "render"})
 
 @dataclass(frozen=True)
 class ModuleMetadata:
-    """What a caller sets for one step, by module; an absent part keeps what was.
+    """What a caller changes with a step, by module; an absent part changes nothing.
 
-    Each part is a mapping of that module's own keys; a module refuses keys it does not know.
-    ``sensor`` understands ``pose`` (`Pose`).
+    Each part is a mapping of the module's own keys; a module refuses keys that it does not know.
+    The pose of the rig is ``sensor["pose"]`` (`Pose`).
     """
 
     sensor: Mapping[str, Any] | None = None
@@ -493,15 +492,15 @@ class ModuleMetadata:
     custom: Mapping[str, Any] = field(default_factory=dict)
 
     def part(self, name: str) -> Mapping[str, Any] | None:
-        """Return the part called ``name``, from ``custom`` where it is no field; None if absent."""
+        """Return a part by its name, a field or a key of ``custom``; None if it is absent."""
         part: Mapping[str, Any] | None
         part = getattr(self, name) if name in OWN_PARTS else self.custom.get(name)
         return part
 
     def updated(self, later: ModuleMetadata) -> ModuleMetadata:
-        """Return what holds after ``later`` was applied on top of this.
+        """Return this metadata with ``later`` applied.
 
-        Mappings inside are merged key by key; any other value replaces what was.
+        Nested mappings are merged key by key; any other value replaces the earlier one.
         """
         return ModuleMetadata(
             sensor=merged(self.sensor, later.sensor),
@@ -513,7 +512,7 @@ class ModuleMetadata:
 
 
 def merged(earlier: Mapping[str, Any] | None, later: Mapping[str, Any] | None) -> dict[str, Any]:
-    """Return mappings of ``earlier`` with those of ``later`` on top, key by key at any depth."""
+    """Return two mappings merged at any depth; values of ``later`` replace earlier ones."""
     result = dict(earlier or {})
     for key, value in (later or {}).items():
         both = isinstance(value, Mapping) and isinstance(result.get(key), Mapping)
@@ -523,12 +522,12 @@ def merged(earlier: Mapping[str, Any] | None, later: Mapping[str, Any] | None) -
 
 @dataclass(frozen=True)
 class Progress:
-    """How far an operation is.
+    """The progress of an operation.
 
     Attributes:
-        stage: What it does now, such as ``terrain`` or ``render``.
-        fraction: 0 to 1 of the whole operation.
-        seconds_left: Until its end, judged by operations like it; None while that is not known.
+        stage: What it is doing, such as ``terrain`` or ``render``.
+        fraction: Completed share of the whole operation, 0 to 1.
+        seconds_left: Estimated time to its end; None if it is not known.
     """
 
     stage: str
@@ -537,4 +536,4 @@ class Progress:
 
 
 def ignore_progress(progress: Progress) -> None:
-    """Do nothing with it."""
+    """Do nothing."""

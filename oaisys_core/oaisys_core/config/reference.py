@@ -6,9 +6,8 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from oaisys_core.config.descriptions import all_models
 from oaisys_core.config.model import SimulationConfig
-from oaisys_core.config.schema import config_schema
+from oaisys_core.config.schema import all_models, config_schema
 
 HEAD = """# Configuration
 

@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.config.sections.assets import AssetsConfig
+
 ROCKS = 10_000
 """Number of ids reserved for rocks and primitives, unless the configuration has more."""
 
@@ -70,6 +72,31 @@ def group_blocks(rocks: IdBlock, counts: Sequence[int]) -> list[IdBlock]:
         blocks.append(IdBlock(first, count, number * FAR))
         first += count
     return blocks
+
+
+class InstanceIdPlan:
+    """Assigns instance ids to everything in a configuration, whatever the numbers drawn."""
+
+    def __init__(self, config: AssetsConfig) -> None:
+        most = sum(group.count[1] for group in config.rocks) + len(config.primitives)
+        self.rocks = rock_block(most)
+        self.groups = group_blocks(self.rocks, [group.count[1] for group in config.groups])
+        self._fixed = (
+            range(FIRST_OBJECT_ID, FIRST_OBJECT_ID + len(config.objects)),
+            range(FIRST_MOVER_ID, FIRST_MOVER_ID + len(config.movers)),
+        )
+
+    def kind_of(self, instance_id: int) -> str:
+        """Return ``rock``, ``group``, ``object`` or ``mover``."""
+        for ids, kind in zip(self._fixed, ("object", "mover"), strict=True):
+            if instance_id in ids:
+                return kind
+        return "rock" if self.rocks.holds(instance_id) else "group"
+
+    def knows(self, instance_id: int) -> bool:
+        """Return whether a batch of this configuration may use this id."""
+        in_blocks = any(block.holds(instance_id) for block in (self.rocks, *self.groups))
+        return in_blocks or any(instance_id in ids for ids in self._fixed)
 
 
 def added_id(name: str) -> int:

@@ -31,7 +31,7 @@ class RenderedView(NamedTuple):
 
     @property
     def size_bytes(self) -> int:
-        """Of all images."""
+        """Size of all images."""
         return sum(frame.data.nbytes for frame in self.frames)
 
 
@@ -45,7 +45,7 @@ class ViewCache:
     """
 
     def __init__(self, max_bytes: int) -> None:
-        """Keep at most ``max_bytes`` of images; 0: none, which costs no time either."""
+        """Keep at most ``max_bytes`` of images; with 0, no digests are computed either."""
         self._max_bytes = max_bytes
         self._views: OrderedDict[Digest, RenderedView] = OrderedDict()
         self._fingerprints = Fingerprints()
@@ -53,7 +53,7 @@ class ViewCache:
 
     @property
     def size_bytes(self) -> int:
-        """Of all images that are kept."""
+        """Size of all images that are kept."""
         return self._size
 
     def key(
@@ -63,7 +63,7 @@ class ViewCache:
         cameras: Sequence[PlacedCamera],
         settings: RenderSettings,
     ) -> Digest | None:
-        """Return what tells this view from all others; None if it must be rendered."""
+        """Return the key of a view; None if it must be rendered."""
         if not self._max_bytes or not cameras or not _is_repeatable(cameras, settings):
             return None
         world = (scene.ground, scene.material, scene.prototypes, scene.placements)
@@ -73,12 +73,12 @@ class ViewCache:
             return self._fingerprints.of(
                 (_without_history(provenance), world, scene.primitives, scene.sky, seen, how)
             )
-        except TypeError as error:  # a module of another package drew something of its own
-            _LOG.debug("not kept: %s", error)
+        except TypeError as error:  # a module of another package drew data of another type
+            _LOG.debug("the view is not cached: %s", error)
             return None
 
     def forget_world(self) -> None:
-        """Let go of the world of the last key; views of it are kept."""
+        """Forget the digests of the last world; its views are kept."""
         self._fingerprints.forget()
 
     def get(self, key: Digest | None) -> RenderedView | None:
@@ -103,7 +103,7 @@ class ViewCache:
 
 
 def _without_history(provenance: Provenance) -> Provenance:
-    """Return it without how the world came about, whose content is in the key."""
+    """Return the provenance without the history of the world, whose content is in the key."""
     return replace(provenance, stage_seed=0, asset_seed=0, metadata_json="", previous_poses_json="")
 
 
@@ -117,14 +117,14 @@ def _is_repeatable(cameras: Sequence[PlacedCamera], settings: RenderSettings) ->
 
 
 def _without_past(camera: PlacedCamera) -> PlacedCamera:
-    """Return the camera without the pose before, where nothing that is rendered depends on it."""
+    """Return the camera without its previous pose, unless its images depend on that."""
     if camera.depends_on_past:
         return camera
     return replace(camera, T_map_previous=None)
 
 
 def _constant(data: Any) -> Any:
-    """Return an image that nobody can change: a copy, unless it is one already."""
+    """Return a read-only image: a copy, unless no reference to its memory is writeable."""
     array = data
     while isinstance(array, np.ndarray) and not array.flags.writeable:
         array = array.base

@@ -22,14 +22,26 @@ MAX_METADATA_BYTES = 1 << 20
 PARTS = ("sensor", "environment", "asset", "render", "custom")
 
 
+@dataclass(frozen=True)
+class BatchSeeds:
+    """The seeds of a batch.
+
+    Attributes:
+        seed: Of its random draws.
+        stage_seed: Of its ground and materials; another one on a reused stage.
+        asset_seed: Of its objects; another one if they were kept from an earlier batch.
+    """
+
+    seed: int
+    stage_seed: int
+    asset_seed: int
+
+
 @dataclass
 class Batch:
     """A world, and what has been set since it was built.
 
     Attributes:
-        seed: Seed of its random draws.
-        stage_seed: Seed of its ground and materials; another one on a reused stage.
-        asset_seed: Seed of its objects; another one if they were kept from an earlier batch.
         metadata: All metadata since the batch began, merged.
         in_force: Metadata with which a new batch reaches the current state of the modules.
         sample_id: Id of the last sample; 0 before the first.
@@ -37,9 +49,7 @@ class Batch:
     """
 
     id: int
-    seed: int
-    stage_seed: int
-    asset_seed: int
+    seeds: BatchSeeds
     world: World = field(default_factory=World)
     metadata: ModuleMetadata = field(default_factory=ModuleMetadata)
     in_force: ModuleMetadata = field(default_factory=ModuleMetadata)
@@ -50,9 +60,7 @@ class Batch:
         """Return JSON-compatible data from which `from_state` restores the batch."""
         return {
             "id": self.id,
-            "seed": self.seed,
-            "stage_seed": self.stage_seed,
-            "asset_seed": self.asset_seed,
+            **vars(self.seeds),
             "sample_id": self.sample_id,
             "pose": _pose_to_state(rig_pose),
             "last_rig_poses": _poses_to_state(self.last_rig_poses),
@@ -66,9 +74,11 @@ class Batch:
         parts["sensor"] = {**state["sensor"], "pose": _pose_from_state(state["pose"])}
         return cls(
             id=int(state["id"]),
-            seed=int(state["seed"]),
-            stage_seed=int(state["stage_seed"]),
-            asset_seed=int(state.get("asset_seed", state["seed"])),
+            seeds=BatchSeeds(
+                seed=int(state["seed"]),
+                stage_seed=int(state["stage_seed"]),
+                asset_seed=int(state.get("asset_seed", state["seed"])),
+            ),
             metadata=ModuleMetadata(**parts),
             sample_id=int(state["sample_id"]),
             last_rig_poses={n: _pose_from_state(p) for n, p in state["last_rig_poses"].items()},

@@ -11,7 +11,7 @@ from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.config import SimulationConfig
 from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.extension_modules import ExtensionModule, make_modules
-from oaisys_core.module import Module, World
+from oaisys_core.module import Module
 from oaisys_core.modules import (
     AssetsModule,
     EnvironmentModule,
@@ -21,8 +21,8 @@ from oaisys_core.modules import (
     StageModule,
 )
 from oaisys_core.types import OWN_PARTS, ModuleMetadata, Progress
-from oaisys_core.world.batch import Batch
-from oaisys_core.world.reuse import STAGE_MODULES, BatchSeeds, same_stage
+from oaisys_core.world.batch import Batch, BatchSeeds, Snapshot
+from oaisys_core.world.reuse import STAGE_MODULES, same_stage
 
 DRAW_SHARE = 0.5
 """Share of a batch's progress that drawing takes, before the backend builds the scene."""
@@ -87,26 +87,36 @@ class ModuleSet:
 
     def draw(
         self,
+        batch_id: int,
         seeds: BatchSeeds,
         metadata: ModuleMetadata,
         kept: Batch | None,
         progress: ProgressCallback,
-    ) -> World:
-        """Return a new world.
+    ) -> Batch:
+        """Return a new batch; if a module raises, all of them are as before.
 
         Args:
+            batch_id: Its id.
+            seeds: Its seeds.
+            metadata: Its metadata, including that of what it keeps.
             kept: The previous batch, whose stage is reused if the new batch has the same one.
             progress: Receives the progress, up to `DRAW_SHARE`; may raise `CancelledError`.
         """
-        world = World()
-        for index, module in enumerate(self.all):
-            progress(Progress(module.name, DRAW_SHARE * index / len(self.all)))
-            if module.name in STAGE_MODULES and kept and same_stage(seeds, metadata, kept):
-                world.keep_stage(kept.world)
-                continue
-            rng = randomness.stream(_seed_of(module, seeds), module.name)
-            module.step_batch(world, metadata.part(module.metadata_part), rng)
-        return world
+        before = Snapshot(*self.all)
+        batch = Batch(batch_id, seeds, metadata=metadata)
+        try:
+            for index, module in enumerate(self.all):
+                progress(Progress(module.name, DRAW_SHARE * index / len(self.all)))
+                if module.name in STAGE_MODULES and kept and same_stage(seeds, metadata, kept):
+                    batch.world.keep_stage(kept.world)
+                    continue
+                rng = randomness.stream(_seed_of(module, seeds), module.name)
+                module.step_batch(batch.world, metadata.part(module.metadata_part), rng)
+            _note_in_force(batch, self.all)
+        except BaseException:
+            before.restore()
+            raise
+        return batch
 
     def step_sample(self, batch: Batch, metadata: ModuleMetadata) -> None:
         """Update a batch for its next sample, by the modules that have something to change."""
@@ -120,13 +130,13 @@ class ModuleSet:
             if is_extended or module.changes_by_itself or metadata.part(module.metadata_part)
         ]
         for module in changing:
-            rng = randomness.stream(batch.seed, module.name, world.sample_id)
+            rng = randomness.stream(batch.seeds.seed, module.name, world.sample_id)
             module.step_sample(world, metadata.part(module.metadata_part), rng)
         batch.metadata = batch.metadata.updated(metadata)
-        note_in_force(batch, changing)
+        _note_in_force(batch, changing)
 
 
-def note_in_force(batch: Batch, modules: Iterable[Module]) -> None:
+def _note_in_force(batch: Batch, modules: Iterable[Module]) -> None:
     """Update ``in_force`` of a batch by modules that have changed."""
     own: dict[str, Any] = {}
     custom = dict(batch.in_force.custom)

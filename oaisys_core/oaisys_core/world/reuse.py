@@ -5,30 +5,23 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 from oaisys_core.config.section import Section
 from oaisys_core.config.sections.stage import ReuseConfig
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.module import require
 from oaisys_core.modules.stage import StageModule
 from oaisys_core.types import ModuleMetadata, merged
-from oaisys_core.world.batch import Batch
+from oaisys_core.world.batch import Batch, BatchSeeds
+from oaisys_core.world.stage_store import StageRecord
 
 STAGE_MODULES = ("stage", "materials")
 """Modules whose part of the world belongs to a stage; their metadata is in ``custom``."""
 
 NOTHING_SCATTERED = {"count_factor": 0.0}
 """Asset metadata with which nothing is scattered."""
-
-
-@dataclass(frozen=True)
-class BatchSeeds:
-    """The seeds of a batch: its own, that of its ground and material, and that of its objects."""
-
-    seed: int
-    stage_seed: int
-    asset_seed: int
 
 
 def batch_seeds(
@@ -55,13 +48,14 @@ def batch_seeds(
     reuse = stage.reuse(metadata.part(stage.name))
     if current is not None and reuse_stage:
         _refuse_others(metadata, STAGE_MODULES)
-        return BatchSeeds(seed, current.stage_seed, seed), _on_stage_of(current, metadata)
+        return BatchSeeds(seed, current.seeds.stage_seed, seed), _on_stage_of(current, metadata)
     if reuse is None:
         return BatchSeeds(seed, seed, seed), metadata
     if current is not None and reuse.name == current.world.stage_notes.get("hash"):
         _refuse_others(metadata, STAGE_MODULES[1:])
         metadata = _on_stage_of(current, metadata)
-        kept = (current.stage_seed, current.asset_seed, current.metadata.asset)
+        seeds = current.seeds
+        kept = (seeds.stage_seed, seeds.asset_seed, current.metadata.asset)
     else:
         record = stage.record(reuse)
         if reuse.objects == "keep" and record.assets_sha256 != assets_sha256:
@@ -77,8 +71,20 @@ def same_stage(seeds: BatchSeeds, metadata: ModuleMetadata, current: Batch | Non
     """Return whether a new batch has the ground and material of the current one."""
     return (
         current is not None
-        and current.stage_seed == seeds.stage_seed
+        and current.seeds.stage_seed == seeds.stage_seed
         and all(current.metadata.part(part) == metadata.part(part) for part in STAGE_MODULES)
+    )
+
+
+def stage_record(batch: Batch, assets_sha256: str) -> StageRecord:
+    """Return what is stored of the stage of a new batch."""
+    return StageRecord(
+        stage_hash=batch.world.stage_notes["hash"],
+        ground=require(batch.world.drawn_ground),
+        stage_seed=batch.seeds.stage_seed,
+        asset_seed=batch.seeds.asset_seed,
+        assets_sha256=assets_sha256,
+        asset_metadata=batch.metadata.asset or {},
     )
 
 

@@ -9,9 +9,8 @@ import yaml
 from repository import REPOSITORY
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
-from oaisys_core.config.descriptions import all_models, descriptions
 from oaisys_core.config.reference import reference_text
-from oaisys_core.config.schema import config_schema, schema_text
+from oaisys_core.config.schema import all_models, config_schema, descriptions, schema_text
 from oaisys_core.errors import ConfigError
 
 FILES = (REPOSITORY / "config/simulator.yaml", *REPOSITORY.glob("config/examples/*.yaml"))

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 import yaml
 
-from oaisys_core.config.importing.asset_keys import ASSET_RULES
 from oaisys_core.config.importing.assets import assets, stage
 from oaisys_core.config.importing.context import ImportContext
 from oaisys_core.config.importing.document import (
@@ -19,10 +17,9 @@ from oaisys_core.config.importing.document import (
     part,
 )
 from oaisys_core.config.importing.environment import environment
-from oaisys_core.config.importing.key_outcomes import KeyOutcome
+from oaisys_core.config.importing.key_outcomes import KeyOutcome, outcome_of
 from oaisys_core.config.importing.materials import materials
 from oaisys_core.config.importing.sensors import sensors
-from oaisys_core.config.importing.simulation_keys import SIMULATION_RULES
 from oaisys_core.config.importing.stand_ins import StandIns
 from oaisys_core.errors import ConfigError, InvalidInputError
 
@@ -102,14 +99,6 @@ def import_file(
         raise ConfigError("\n".join(_missing(path, fault, assets_folder) for fault in faults))
     job.rename_shared(config)
     return ImportedConfig(config, outcomes, tuple(job.warnings))
-
-
-def outcome_of(path: str) -> KeyOutcome | None:
-    """Return what becomes of a key, given by its dotted path; None if the key is unknown."""
-    for patterns, outcome in (*SIMULATION_RULES, *ASSET_RULES):
-        if any(path == pattern or fnmatchcase(path, pattern) for pattern in patterns):
-            return outcome
-    return None
 
 
 def _missing(path: Path, fault: str, assets_folder: Path | None) -> str:

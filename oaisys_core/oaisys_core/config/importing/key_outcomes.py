@@ -1,12 +1,14 @@
-"""What can become of a key of an original configuration file.
-
-Keys are dotted paths without the indices of lists; ``*`` stands for any key.
-"""
+"""What becomes of each key of an original configuration file; the table is in ``keys.yaml``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cache
+from pathlib import Path
 from typing import Literal
+
+import yaml
 
 OutcomeKind = Literal["mapped", "no effect", "no counterpart"]
 
@@ -25,25 +27,21 @@ class KeyOutcome:
     text: str
 
 
-KeyRule = tuple[tuple[str, ...], KeyOutcome]
-"""Patterns of keys, and what becomes of the keys that match one."""
+def outcome_of(path: str) -> KeyOutcome | None:
+    """Return what becomes of a key, given by its dotted path; None if the key is unknown."""
+    for pattern, outcome in _rules():
+        if fnmatchcase(path, pattern):
+            return outcome
+    return None
 
 
-def mapped(text: str, *paths: str) -> KeyRule:
-    """Return the rule for keys that ``text`` says where to find in our configuration."""
-    return paths, KeyOutcome("mapped", text)
-
-
-def no_effect(text: str, *paths: str) -> KeyRule:
-    """Return the rule for keys that have no effect in the original either; ``text`` says why."""
-    return paths, KeyOutcome("no effect", text)
-
-
-def no_counterpart(text: str, *paths: str) -> KeyRule:
-    """Return the rule for keys that are left out; ``text`` says why."""
-    return paths, KeyOutcome("no counterpart", text)
-
-
-def within(prefix: str, *names: str) -> tuple[str, ...]:
-    """Return the dotted paths of keys below a prefix."""
-    return tuple(f"{prefix}.{name}" for name in names)
+@cache
+def _rules() -> tuple[tuple[str, KeyOutcome], ...]:
+    table = yaml.safe_load(Path(__file__).with_name("keys.yaml").read_text(encoding="utf-8"))
+    return tuple(
+        (f"{section}.{name}", KeyOutcome(kind, text))
+        for section, kinds in table.items()
+        for kind, texts in kinds.items()
+        for text, names in texts.items()
+        for name in names
+    )

@@ -13,11 +13,10 @@ from oaisys_core.config.sections.assets import AssetsConfig, PrimitiveConfig, Ro
 from oaisys_core.config.sections.groups import MOST_INSTANCES, GroupConfig
 from oaisys_core.config.sections.objects import MoverConfig, ObjectConfig, PlacedObjectConfig
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.modules.assets.ids import InstanceIdPlan
 from oaisys_core.modules.assets.metadata import AssetMetadata
 from oaisys_core.modules.assets.prototypes import PrototypeLibrary
 from oaisys_core.scatter.groups import scatter_group
-from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, IdBlock
+from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, IdBlock, InstanceIdPlan
 from oaisys_core.scatter.placement import scatter_on
 from oaisys_core.scatter.rocks import make_rock
 from oaisys_core.scatter.stance import footprint_of, pose_on_ground

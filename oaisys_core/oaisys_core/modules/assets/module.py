@@ -15,7 +15,6 @@ from oaisys_core.errors import ConfigError, InvalidInputError, one_of
 from oaisys_core.module import Metadata, Module, World, require
 from oaisys_core.modules.assets.drawing import AssetGenerator, DrawnAssets
 from oaisys_core.modules.assets.edits import EditedAssets, check_labels
-from oaisys_core.modules.assets.ids import InstanceIdPlan
 from oaisys_core.modules.assets.metadata import PART, AssetMetadata, asset_metadata
 from oaisys_core.modules.assets.object_list import (
     ObjectInstances,
@@ -25,7 +24,7 @@ from oaisys_core.modules.assets.object_list import (
     solid,
 )
 from oaisys_core.modules.assets.prototypes import PrototypeLibrary
-from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, added_id
+from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, InstanceIdPlan, added_id
 from oaisys_core.scatter.rocks import ROCK_KINDS
 from oaisys_core.scene import Ground
 from oaisys_core.textures import TEXTURES

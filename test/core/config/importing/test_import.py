@@ -21,7 +21,8 @@ from oaisys_core.config import adjusted, config_from_mapping, load_config
 from oaisys_core.config.checking import name_faults
 from oaisys_core.config.importing.document import key_paths
 from oaisys_core.config.importing.frames import blender_rotation, mount, rig_pose
-from oaisys_core.config.importing.importer import import_file, outcome_of
+from oaisys_core.config.importing.importer import import_file
+from oaisys_core.config.importing.key_outcomes import outcome_of
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.output.poses import read_poses
 from oaisys_core.simulation import Simulation
