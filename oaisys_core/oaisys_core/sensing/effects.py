@@ -1,7 +1,7 @@
-"""What a lens and a sensor do to a colour image after it was rendered.
+"""Effects of a lens and a sensor on a rendered colour image.
 
-Effects work on the picture as it would be shown, in linear light where 1 is its white: they know
-nothing of what was brighter than that. They touch colour only, never depth or labels.
+Effects are applied to the final image in linear light, where 1 is white and nothing is brighter.
+They change colour only, never depth or labels.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Bloom:
-    """Light that bright parts spill over their surroundings.
+    """Light of bright areas that spreads over their surroundings.
 
     Attributes:
-        threshold: Linear brightness from which a part spills light.
-        radius_px: Standard deviation of the spill.
-        strength: Share of the light above the threshold that is spilt, and added.
+        threshold: Linear brightness above which light spreads.
+        radius_px: Standard deviation of the spread.
+        strength: Share of the light above the threshold that is spread, and added to the image.
     """
 
     threshold: float
@@ -40,8 +40,8 @@ class SensorNoise:
     """Noise of a sensor whose pixels count electrons.
 
     Attributes:
-        full_well_e: Electrons at white; their number varies by its square root (shot noise).
-        read_noise_e: Standard deviation of reading a pixel out, in electrons.
+        full_well_e: Number of electrons at white; it varies by its square root (shot noise).
+        read_noise_e: Standard deviation of the read-out of a pixel, in electrons.
     """
 
     full_well_e: float
@@ -50,13 +50,13 @@ class SensorNoise:
 
 @dataclass(frozen=True)
 class Effects:
-    """What is done, in this order; the defaults do nothing.
+    """The effects, in the order in which they are applied; none by default.
 
     Attributes:
-        chromatic_aberration: Share by which red is magnified, and blue shrunk, about the
+        chromatic_aberration: Share by which red is magnified and blue is shrunk about the
             principal point.
-        vignetting: 1 darkens towards the corners as a thin lens does (cos⁴ of the angle off the
-            axis), less does so in part.
+        vignetting: Strength of the darkening towards the corners; 1 is that of a thin lens (cos⁴
+            of the angle to the axis).
     """
 
     chromatic_aberration: float = 0.0
@@ -74,7 +74,7 @@ def with_effects(
     intrinsics: PinholeIntrinsics,
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
-    """Return an (H, W, 3) sRGB image with effects; the very same one without any."""
+    """Return an (H, W, 3) sRGB image with effects; the same object if there are none."""
     if effects == NO_EFFECTS:
         return image_srgb
     image = linear(np.arange(256) / 255).astype(np.float32)[image_srgb]
@@ -117,7 +117,7 @@ def _falloff(intrinsics: PinholeIntrinsics, share: float) -> Image:
 
 
 def _noisy(image: Image, noise: SensorNoise, rng: np.random.Generator) -> Image:
-    """Return a noisy image; the many electrons of a pixel vary as a normal distribution does."""
+    """Return a noisy image; the Poisson noise of many electrons is approximated by a normal one."""
     electrons = np.maximum(image, 0.0) * noise.full_well_e
     sigma = np.sqrt(electrons + noise.read_noise_e**2)
     electrons = electrons + sigma * rng.standard_normal(image.shape, dtype=np.float32)

@@ -24,20 +24,20 @@ NoiseLaw = Literal["none", "gaussian", "quadratic", "kinect"]
 NOISE_LAWS: tuple[NoiseLaw, ...] = ("none", "gaussian", "quadratic", "kinect")
 
 KINECT_BASELINE_M = 0.075
-"""Between the projector and the camera of a Kinect (first version)."""
+"""Distance between the projector and the camera of a Kinect (first version)."""
 KINECT_STEPS_PER_PX = 8
-"""It tells disparities apart in eighths of a pixel."""
+"""Resolution of disparities: an eighth of a pixel."""
 KINECT_DISPARITY_SIGMA = 1 / 6
-"""Standard deviation of a disparity before it is rounded, in those steps."""
+"""Standard deviation of a disparity before it is rounded, in steps of an eighth of a pixel."""
 KINECT_LATERAL_SIGMA_PX = 0.5
-"""A pixel reports what lies this far beside it, rounded to whole pixels (standard deviation)."""
+"""Standard deviation of the lateral error of a pixel, which is rounded to whole pixels."""
 
 WALK_CHUNK = 256
-"""A walk is continued by multiples of so many samples."""
+"""Number of samples by which a walk is continued at a time."""
 
 
 class Shot(NamedTuple):
-    """Which image of which sensor."""
+    """Identifies the images of one sensor at one sample."""
 
     batch_id: int
     sample_id: int
@@ -49,13 +49,13 @@ class DepthFaults:
     """Errors of a depth image; by default none.
 
     Attributes:
-        seed: Root of all draws.
+        seed: Root seed of the errors.
         noise: Law of the error of a depth z:
 
             * ``gaussian``: normal, mean 0, of standard deviation ``sigma_m`` at all depths.
             * ``quadratic``: normal, mean 0, of ``sigma_m + sigma_per_m * z**2``, as a stereo
               camera has it.
-            * ``kinect``: of structured light: a pixel sees what is beside it, and its disparity,
+            * ``kinect``: structured light: a pixel measures a point beside it, and its disparity,
               with an error of its own, is rounded to an eighth of a pixel. Over depths that are
               far greater than their errors, these have a standard deviation of
               ``sqrt(1 / 36 + 1 / 12) = 1 / 3`` of a step, that is ``z**2 / (24 * fx * 0.075)``.
@@ -76,7 +76,7 @@ class DepthFaults:
 
     @property
     def active(self) -> bool:
-        """Whether any error is switched on."""
+        """Whether there is any error."""
         return (
             self.noise != "none"
             or self.min_depth_m > 0
@@ -86,7 +86,7 @@ class DepthFaults:
 
 
 def generator(seed: int, purpose: str, *shot: int | str) -> np.random.Generator:
-    """Return the random generator for one purpose and one image."""
+    """Return the random generator of one kind of error in one image."""
     name = "/".join(map(str, (purpose, *shot))).encode()
     key = int.from_bytes(hashlib.sha256(name).digest()[:16], "big")
     return np.random.default_rng(np.random.SeedSequence([seed, key]))
@@ -95,17 +95,17 @@ def generator(seed: int, purpose: str, *shot: int | str) -> np.random.Generator:
 def measured_depth(
     depth_m: DepthImage, fx_px: float, faults: DepthFaults, shot: Shot
 ) -> DepthImage:
-    """Return what a faulty sensor measures of a true (H, W) planar depth image.
+    """Return the depth image that a faulty sensor measures of a true (H, W) planar depth image.
 
-    ``+inf`` (nothing there) stays so, unless its pixel goes missing. Limits hold for what is
-    measured, noise included; missing pixels come last. REP-117: ``-inf`` is too near, ``+inf`` too
-    far, NaN no measurement.
+    ``+inf`` (nothing there) stays ``+inf`` unless the pixel goes missing. Limits apply to the noisy
+    depth; missing pixels are drawn last. As in REP-117, ``-inf`` is too near, ``+inf`` is too far,
+    and NaN is no measurement.
 
     Args:
         depth_m: True depth; it is not changed.
         fx_px: Focal length, for the disparities of ``kinect``.
         faults: The errors.
-        shot: Which image this is.
+        shot: Identifies the image.
     """
     if not faults.active:
         return depth_m
@@ -123,7 +123,7 @@ def measured_depth(
 
 
 def measured_frame(frame: Frame, faults: DepthFaults, shot: Shot) -> Frame:
-    """Return the frame that its sensor measures instead of the true one.
+    """Return the frame that a faulty sensor measures instead of the true one.
 
     Depth and range have the same errors; other modalities have none.
     """
@@ -204,7 +204,7 @@ class PoseDrift:
             if len(sums) < sample_id:
                 chunks = -(-(sample_id - len(sums)) // WALK_CHUNK)
                 steps = rng.standard_normal((chunks * WALK_CHUNK, 6))
-                # Added to one by one: a sum's last bit does not depend on the chunks.
+                # Steps are added one by one, so that no bit of a sum depends on the chunks.
                 more = np.cumsum(np.concatenate((sums[-1:], steps)), axis=0)
                 sums = np.concatenate((sums, more[1:]))
             self._walk = (key, rng, sums)
@@ -217,11 +217,11 @@ class PoseDrift:
         """Return the pose that a robot estimates instead of the true one.
 
         Args:
-            pose: In ``map``.
+            pose: True pose in ``map``.
             sigmas: Standard deviation of a sample's step along each axis (m) and about it (rad).
-            seed: Root of all draws.
-            batch_id: Which world.
-            sample_id: Which sample of it.
+            seed: Root seed of the drift.
+            batch_id: Id of the batch.
+            sample_id: Id of the sample in the batch.
         """
         step_m, step_rad = sigmas
         if not (step_m or step_rad):
@@ -250,6 +250,6 @@ def drift_covariance(sigmas: tuple[float, float], sample_id: int) -> NDArray[Any
 
 
 def odometry_covariance(odometry: Odometry) -> NDArray[Any]:
-    """Return the same of a sample's odometry."""
+    """Return the (36,) row-major covariance of a sample's odometry, see `drift_covariance`."""
     variances = np.repeat((odometry.sigma_m**2, odometry.sigma_rad**2), 3)
     return np.diag(variances).ravel()
