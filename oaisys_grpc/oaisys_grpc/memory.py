@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 import os
 
-from oaisys_grpc.server.supervision.worker_memory import resident_bytes
+from oaisys_grpc.server.supervision.worker_limits import resident_bytes
 
 M_TRIM_THRESHOLD, M_MMAP_THRESHOLD, M_ARENA_MAX = -1, -3, -8
 """Of glibc's ``mallopt``, from ``malloc.h``."""

@@ -27,7 +27,6 @@ from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2
 from oaisys_grpc.server.jobs.job import Job, Operation
 from oaisys_grpc.server.jobs.queue import OperationQueue
-from oaisys_grpc.server.jobs.sample_store import SampleStore
 from oaisys_grpc.server.servicer import OPERATION_TIMEOUT_S
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 
@@ -75,7 +74,6 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         self,
         supervisor: Supervisor,
         operations: OperationQueue,
-        samples: SampleStore,
         files: LegacyFiles,
         on_end: Callable[[], None],
         pose_policy: PosePolicy,
@@ -89,7 +87,6 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         """
         self._supervisor = supervisor
         self._operations = operations
-        self._samples = samples
         self._files = files
         self._on_end = on_end
         self._pose_policy = pose_policy
@@ -196,7 +193,9 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
             raise status.error
         if operation.job.kind is Kind.BATCH:
             return ()
-        sample = sample_from_messages(self._samples.get(status.batch_id, status.sample_id))
+        sample = sample_from_messages(
+            self._operations.samples.get(status.batch_id, status.sample_id)
+        )
         info = self._supervisor.info
         cameras = [sensor.name for sensor in info.sensors]
         return self._files.write(sample, cameras, info.semantic_labels)

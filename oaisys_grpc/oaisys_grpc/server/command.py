@@ -18,7 +18,7 @@ from oaisys_core.cli.options import (
 )
 from oaisys_grpc.addresses import DEFAULT_ADDRESS
 from oaisys_grpc.server.options import GRACE_S, LEGACY_FOLDER, POSE_CACHE_MB
-from oaisys_grpc.server.supervision.worker_memory import MEGABYTE
+from oaisys_grpc.server.supervision.worker_limits import MEGABYTE
 
 
 def serve(

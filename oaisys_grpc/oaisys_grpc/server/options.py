@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from oaisys_grpc.server.supervision.worker_memory import MEGABYTE
+from oaisys_grpc.server.supervision.worker_limits import MEGABYTE
 
 if TYPE_CHECKING:  # they import gRPC and pydantic, which --help does not need
     from oaisys_core.config.sections.sensors import PosePolicy

@@ -25,9 +25,8 @@ from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
 from oaisys_grpc.server.end_request import EndRequest, exit_at_last
 from oaisys_grpc.server.jobs.queue import OperationQueue
-from oaisys_grpc.server.jobs.sample_store import SampleStore
-from oaisys_grpc.server.limits.guarded_calls import THREADS, GuardedCalls
-from oaisys_grpc.server.limits.open_calls import OpenCalls
+from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
+from oaisys_grpc.server.limits.open_calls import THREADS, OpenCalls
 from oaisys_grpc.server.options import ServerOptions
 from oaisys_grpc.server.servicer import SimulatorServicer
 from oaisys_grpc.server.supervision.supervisor import Supervisor
@@ -106,14 +105,12 @@ class SimulatorServer:
         self._set_ready(False)
         self._supervisor = Supervisor(config, options, self._set_ready)
         self._health.why_not = lambda: self._supervisor.refusal
-        self._samples = SampleStore()
-        self._operations = OperationQueue(self._supervisor, self._samples)
+        self._operations = OperationQueue(self._supervisor)
         self._on_end = on_end
         files = LegacyFiles(options.legacy_folder, config)
         self._legacy = LegacyServicer(
             self._supervisor,
             self._operations,
-            self._samples,
             files,
             on_end,
             _legacy_pose_policy(config, options),
@@ -171,7 +168,6 @@ class SimulatorServer:
         servicer = SimulatorServicer(
             self._supervisor,
             self._operations,
-            self._samples,
             self._on_end,
             shared_memory=self._options.shared_memory,
         )

@@ -35,7 +35,6 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.server.jobs.job import Job, Operation
 from oaisys_grpc.server.jobs.queue import OperationQueue
-from oaisys_grpc.server.jobs.sample_store import SampleStore
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 from oaisys_grpc.worker.protocol import WorkerMessage
 
@@ -54,37 +53,16 @@ MAX_ID_CHARACTERS = 256
 Context = grpc.ServicerContext
 
 
-def _translated(method: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a method that raises an `OaisysError` end its call with the error's status."""
-    if inspect.isgeneratorfunction(method):
-
-        @functools.wraps(method)
-        def stream(self: object, request: object, context: Context) -> Iterator[Any]:
-            try:
-                yield from method(self, request, context)
-            except OaisysError as error:
-                abort(context, error)
-
-        return stream
-
-    @functools.wraps(method)
-    def unary(self: object, request: object, context: Context) -> Any:
-        try:
-            return method(self, request, context)
-        except OaisysError as error:
-            abort(context, error)
-
-    return unary
-
-
 class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
-    """Serves one simulator; every method may run on any thread."""
+    """Serves one simulator; every method may run on any thread.
+
+    A method that raises an `OaisysError` ends its call with the error's status: see `GuardedCalls`.
+    """
 
     def __init__(
         self,
         supervisor: Supervisor,
         operations: OperationQueue,
-        samples: SampleStore,
         on_end: Callable[[], None],
         *,
         shared_memory: bool,
@@ -97,11 +75,9 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         """
         self._supervisor = supervisor
         self._operations = operations
-        self._samples = samples
         self._on_end = on_end
         self._probe = Probe() if shared_memory and AVAILABLE else None
 
-    @_translated
     def GetSimulatorInfo(
         self, request: pb.GetSimulatorInfoRequest, _context: Context
     ) -> pb.GetSimulatorInfoResponse:
@@ -118,7 +94,6 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             message.shared_memory_probe.CopyFrom(place_to_proto(self._probe.place))
         return message
 
-    @_translated
     def StepBatch(self, request: pb.StepBatchRequest, context: Context) -> pb.StepBatchResponse:
         """Enqueue a batch."""
         _check_metadata(request)
@@ -136,14 +111,12 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         operation = self._operations.submit(job)
         return pb.StepBatchResponse(operation=self._status(operation))
 
-    @_translated
     def StepSample(self, request: pb.StepSampleRequest, context: Context) -> pb.StepSampleResponse:
         """Enqueue a sample."""
         job = _sample_job(request, _operation_timeout_s(request), context)
         operation = self._operations.submit(job)
         return pb.StepSampleResponse(operation=self._status(operation))
 
-    @_translated
     def GetOperation(
         self, request: pb.GetOperationRequest, _context: Context
     ) -> pb.GetOperationResponse:
@@ -151,7 +124,6 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         operation = self._operations.get(request.name)
         return pb.GetOperationResponse(operation=self._status(operation))
 
-    @_translated
     def WatchOperation(
         self, request: pb.WatchOperationRequest, context: Context
     ) -> Iterator[pb.WatchOperationResponse]:
@@ -160,7 +132,6 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         for status in operation.changes(_gone(context)):
             yield pb.WatchOperationResponse(operation=self._status(operation, status))
 
-    @_translated
     def CancelOperation(
         self, request: pb.CancelOperationRequest, _context: Context
     ) -> pb.CancelOperationResponse:
@@ -168,23 +139,20 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         operation = self._operations.cancel(request.name)
         return pb.CancelOperationResponse(operation=self._status(operation))
 
-    @_translated
     def GetSample(
         self, request: pb.GetSampleRequest, _context: Context
     ) -> Iterator[pb.GetSampleResponse]:
         """Send a recent sample."""
-        sample = self._samples.get(request.batch_id, request.sample_id)
+        sample = self._operations.samples.get(request.batch_id, request.sample_id)
         for part in sample_to_parts(sample, self._granted(request)):
             yield pb.GetSampleResponse(part=part)
 
-    @_translated
     def GetFrame(self, request: pb.GetFrameRequest, _context: Context) -> pb.GetFrameResponse:
         """Answer with one frame of a recent sample."""
-        sample = self._samples.get(request.batch_id, request.sample_id)
+        sample = self._operations.samples.get(request.batch_id, request.sample_id)
         name = FrameName(request.sensor, request.modality)
         return frame_response(sample, name, request.accepted_encodings)
 
-    @_translated
     def RenderSample(
         self, request: pb.RenderSampleRequest, context: Context
     ) -> Iterator[pb.RenderSampleResponse]:
@@ -204,33 +172,22 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         if status.error is not None:
             raise status.error
         if status.state is State.SUCCEEDED and not is_complete:  # an earlier request made it
-            sample = self._samples.get(status.batch_id, status.sample_id)
+            sample = self._operations.samples.get(status.batch_id, status.sample_id)
             for part in sample_to_parts(sample, transfer):
                 yield pb.RenderSampleResponse(part=part)
 
-    @_translated
     def GetGroundTruthMesh(
         self, request: pb.GetGroundTruthMeshRequest, context: Context
     ) -> Iterator[pb.GetGroundTruthMeshResponse]:
         """Ask the worker for the mesh and send it."""
-        answer = self._asked("ground_truth_mesh", request, context)
-        yield pb.GetGroundTruthMeshResponse.FromString(answer.content)
-        for index, data in enumerate(answer.arrays):
-            for chunk in array_chunks(data, index):
-                yield pb.GetGroundTruthMeshResponse(chunk=chunk)
+        return self._in_chunks(pb.GetGroundTruthMeshResponse, "ground_truth_mesh", request, context)
 
-    @_translated
     def GetHeightField(
         self, request: pb.GetHeightFieldRequest, context: Context
     ) -> Iterator[pb.GetHeightFieldResponse]:
         """Ask the worker for the heights and send them."""
-        answer = self._asked("height_grid", request, context)
-        yield pb.GetHeightFieldResponse.FromString(answer.content)
-        for index, data in enumerate(answer.arrays):
-            for chunk in array_chunks(data, index):
-                yield pb.GetHeightFieldResponse(chunk=chunk)
+        return self._in_chunks(pb.GetHeightFieldResponse, "height_grid", request, context)
 
-    @_translated
     def QueryHeight(
         self, request: pb.QueryHeightRequest, context: Context
     ) -> pb.QueryHeightResponse:
@@ -242,7 +199,6 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         answer = self._asked("query_height", request, context)
         return pb.QueryHeightResponse.FromString(answer.content)
 
-    @_translated
     def ListObjects(
         self, request: pb.ListObjectsRequest, context: Context
     ) -> pb.ListObjectsResponse:
@@ -250,7 +206,6 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         answer = self._asked("list_objects", request, context)
         return pb.ListObjectsResponse.FromString(answer.content)
 
-    @_translated
     def EndSimulation(
         self, _request: pb.EndSimulationRequest, _context: Context
     ) -> pb.EndSimulationResponse:
@@ -274,6 +229,18 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             raise status.error
         assert operation.reply is not None
         return operation.reply
+
+    def _in_chunks(
+        self, response: Callable[..., Message], method: str, request: Message, context: Context
+    ) -> Iterator[Any]:
+        """Ask the worker for arrays; yield their header and then their chunks."""
+        answer = self._asked(method, request, context)
+        header = response()
+        header.ParseFromString(answer.content)
+        yield header
+        for index, data in enumerate(answer.arrays):
+            for chunk in array_chunks(data, index):
+                yield response(chunk=chunk)
 
     def _status(self, operation: Operation, status: OperationStatus | None = None) -> pb.Operation:
         return status_to_proto(self._operations.timed(operation, status or operation.status))

@@ -1,1 +1,1 @@
-"""The queue of jobs for the worker, and the samples that they bring."""
+"""The queue of jobs for the worker, and what they bring."""

@@ -1,20 +1,32 @@
-"""One job for the worker, from the request to its end."""
+"""Jobs for the worker from the request to the end; recent samples, and how long jobs took."""
 
 from __future__ import annotations
 
 import contextlib
+import statistics
 import threading
 import time
+from collections import OrderedDict, deque
 from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from oaisys_core.errors import CancelledError, DeadlineExceededError, OaisysError
+from oaisys_core.errors import CancelledError, DeadlineExceededError, NotFoundError, OaisysError
 from oaisys_core.types import Progress
 from oaisys_grpc.contract.faults import error_from_fault, fault_from_error
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
 from oaisys_grpc.contract.sample_messages import SampleMessages
 from oaisys_grpc.worker.protocol import WorkerMessage
+
+MAX_SAMPLES = 16
+MAX_BYTES = 512 * 1024 * 1024
+"""Of the samples that are kept."""
+
+_DURATIONS_KEPT = 5
+"""Of each kind of job."""
+
+_KINDS_KEPT = 64
+"""Kinds of jobs whose durations are kept; the least recent ones are forgotten."""
 
 _LOOK_S = 0.25
 """How often a waiting call checks that its caller is still there."""
@@ -76,10 +88,6 @@ class Operation:
                 self.job = replace(self.job, request=b"")
             self._changed.notify_all()
             return True
-
-    def advance(self, progress: Progress) -> None:
-        """Note how far it is."""
-        self.update(progress=progress)
 
     @property
     def from_cache(self) -> bool:
@@ -202,15 +210,74 @@ class Operation:
         )
 
     def _end(self, state: State, error: OaisysError) -> bool:
-        """End it with an error, cut to what a client is told of it."""
+        """End it with an error, cut to what a client is told of it, unless it has ended."""
         with self._changed:
-            told = error_from_fault(fault_from_error(error))
-            ended = self.update(state=state, error=told)
-            if ended:
-                self._sample = None
-            return ended
+            if self.status.state.ended:
+                return False
+            self._sample = None
+            return self.update(state=state, error=error_from_fault(fault_from_error(error)))
 
     def _forget_unfollowed(self) -> None:
         """Let go of a large result that nobody waits for."""
         if not self._followers:
             self._sample = None
+
+
+class SampleStore:
+    """Keeps the most recent samples within bounds of number and memory; safe for any thread."""
+
+    def __init__(self, max_samples: int = MAX_SAMPLES, max_bytes: int = MAX_BYTES) -> None:
+        self._max_samples = max_samples
+        self._max_bytes = max_bytes
+        self._samples: OrderedDict[tuple[int, int], SampleMessages] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def add(self, sample: SampleMessages) -> None:
+        """Keep a sample; drop the oldest ones if there are too many, but never this one."""
+        with self._lock:
+            key = (sample.batch_id, sample.sample_id)
+            self._samples.pop(key, None)
+            self._samples[key] = sample
+            while len(self._samples) > 1 and self._is_full():
+                self._samples.popitem(last=False)
+
+    def get(self, batch_id: int, sample_id: int) -> SampleMessages:
+        """Return a sample.
+
+        Raises:
+            NotFoundError: It was never rendered, or has been dropped.
+        """
+        with self._lock:
+            sample = self._samples.get((batch_id, sample_id))
+        if sample is None:
+            raise NotFoundError(
+                f"sample {sample_id} of batch {batch_id} is not here; "
+                f"at most {self._max_samples} are kept"
+            )
+        return sample
+
+    def _is_full(self) -> bool:
+        size = sum(sample.nbytes for sample in self._samples.values())
+        return len(self._samples) > self._max_samples or size > self._max_bytes
+
+
+class Durations:
+    """How long the last jobs of each kind took; safe to use from any thread."""
+
+    def __init__(self) -> None:
+        self._seconds: OrderedDict[Hashable, deque[float]] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def add(self, kind: Hashable, seconds: float) -> None:
+        """Remember how long a job took."""
+        with self._lock:
+            self._seconds.setdefault(kind, deque(maxlen=_DURATIONS_KEPT)).append(seconds)
+            self._seconds.move_to_end(kind)
+            while len(self._seconds) > _KINDS_KEPT:
+                self._seconds.popitem(last=False)
+
+    def median_s(self, kind: Hashable) -> float | None:
+        """Return how long jobs of a kind take; None if there was none yet."""
+        with self._lock:
+            seconds = self._seconds.get(kind)
+            return statistics.median(seconds) if seconds else None

@@ -25,9 +25,7 @@ from oaisys_core.types import Progress
 from oaisys_grpc.contract.faults import OvertakenError, ServerUnavailableError
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State
 from oaisys_grpc.contract.sample_messages import messages_from_bytes
-from oaisys_grpc.server.jobs.estimates import Estimates, RunningJob
-from oaisys_grpc.server.jobs.job import Job, Operation
-from oaisys_grpc.server.jobs.sample_store import SampleStore
+from oaisys_grpc.server.jobs.job import Durations, Job, Operation, SampleStore
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 from oaisys_grpc.worker.protocol import WorkerMessage
 
@@ -52,17 +50,21 @@ _WAKE_S = 0.25
 
 
 class OperationQueue:
-    """The queue, the loop that runs its jobs, and a record of each operation."""
+    """The queue, the loop that runs its jobs, and a record of each operation.
 
-    def __init__(self, supervisor: Supervisor, samples: SampleStore) -> None:
+    Attributes:
+        samples: The most recent ones.
+    """
+
+    def __init__(self, supervisor: Supervisor) -> None:
         # Names of an earlier server must not mean other operations of this one.
         self._instance = secrets.token_hex(4)
-        self._estimates = Estimates()
-        self._run: RunningJob | None = None
+        self._durations = Durations()
         self._supervisor = supervisor
-        self._samples = samples
+        self.samples = SampleStore()
         self._waiting: deque[Operation] = deque()
         self._running: Operation | None = None
+        self._begun_s = 0.0
         self._known: OrderedDict[str, Operation] = OrderedDict()
         self._by_request: dict[str, Operation] = {}
         self._count = 0
@@ -159,15 +161,17 @@ class OperationQueue:
     def _left_s(self, operation: Operation) -> float | None:
         """Return how long an operation and all before it in the queue will take; None: unknown."""
         with self._lock:
-            run = self._run
+            running, since_s = self._running, time.monotonic() - self._begun_s
             waiting = [o for o in self._waiting if not o.status.state.ended]
-        left_s = 0.0 if run is None else run.left_s()
-        if operation not in waiting:
-            return left_s if run is not None else None
-        ahead = waiting[: waiting.index(operation) + 1]
-        totals_s = [left_s, *(self._estimates.total_s(o.job.estimate_key) for o in ahead)]
-        known_s = [total_s for total_s in totals_s if total_s is not None]
-        return sum(known_s) if len(known_s) == len(totals_s) else None
+        ahead = waiting[: waiting.index(operation) + 1] if operation in waiting else []
+        if not ahead and operation is not running:
+            return None
+        left_s = [self._durations.median_s(o.job.estimate_key) for o in ahead]
+        if running is not None:
+            total_s = self._durations.median_s(running.job.estimate_key)
+            left_s.append(None if total_s is None else max(0.0, total_s - since_s))
+        known_s = [seconds for seconds in left_s if seconds is not None]
+        return sum(known_s) if len(known_s) == len(left_s) else None
 
     def _watch(self) -> None:
         """End what is overdue, even if the worker has not noticed yet."""
@@ -182,7 +186,7 @@ class OperationQueue:
             self._lock.wait_for(lambda: self._waiting or self._ending.is_set(), _WAKE_S)
             if not self._waiting:
                 return None
-            self._running = self._first_of_next_peer()
+            self._running, self._begun_s = self._first_of_next_peer(), time.monotonic()
             return self._running
 
     def _first_of_next_peer(self) -> Operation:
@@ -205,9 +209,8 @@ class OperationQueue:
         operation.expire()
         if not operation.update(state=State.RUNNING, progress=Progress("started", 0.0)):
             return
-        self._run = run = self._estimates.begin(job.estimate_key)
         try:
-            answer = self._answer(operation, run)
+            answer = self._answer(operation)
         except OaisysError as error:
             operation.stop(error)
             return
@@ -215,12 +218,10 @@ class OperationQueue:
             _LOG.exception("%s failed in the server", job.method)
             operation.stop(OaisysError(f"internal error: {type(error).__name__}: {error}"))
             return
-        finally:
-            self._run = None
         if job.kind is Kind.SAMPLE:
             rest = messages_from_bytes(answer.content, answer.arrays)
             is_cached = operation.from_cache
-            if not operation.complete(rest, keep=self._samples.add):
+            if not operation.complete(rest, keep=self.samples.add):
                 self._supervisor.withdraw()
                 return
         else:
@@ -228,9 +229,9 @@ class OperationQueue:
             batch_id = answer.head["batch_id"] if job.kind is Kind.BATCH else 0
             operation.succeed(batch_id=batch_id, reply=answer)
         if not is_cached:
-            self._estimates.learn(job.estimate_key, run)
+            self._durations.add(job.estimate_key, time.monotonic() - self._begun_s)
 
-    def _answer(self, operation: Operation, run: RunningJob) -> WorkerMessage:
+    def _answer(self, operation: Operation) -> WorkerMessage:
         """Call the worker, note what it sends meanwhile, and return its answer."""
         job = operation.job
         steps = self._supervisor.call(
@@ -249,8 +250,7 @@ class OperationQueue:
                 operation.add(messages_from_bytes(message.content, message.arrays))
             else:
                 progress = Progress(message.head["stage"], message.head["fraction"])
-                run.mark(progress.fraction)
-                operation.advance(progress)
+                operation.update(progress=progress)
 
     def _record(self, job: Job) -> Operation:
         self._count += 1

@@ -1,4 +1,4 @@
-"""Open calls: what each waits for, and the end of those that block others.
+"""Open calls: what each waits for, how many there may be, and the end of those that block others.
 
 Each call holds a thread. One whose client never sends its request, or never reads its answer, would
 hold it for ever.
@@ -6,6 +6,7 @@ hold it for ever.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -15,7 +16,9 @@ from typing import Any
 
 import grpc
 
+from oaisys_core.errors import QueueFullError
 from oaisys_grpc.memory import IdleMemory
+from oaisys_grpc.server.jobs.queue import QUEUE_LIMIT_OF_NEWCOMERS
 
 _LOG = logging.getLogger(__name__)
 
@@ -36,6 +39,37 @@ SLOT_PATIENCE_S = 5.0
 
 MOST_WAITING = 16
 """Calls of a method that may wait for a slot; each holds a thread, too."""
+
+LIMITS = {
+    "WatchOperation": 64,
+    "RenderSample": 48,
+    "GetSample": 16,
+    "GetGroundTruthMesh": 8,
+    "GetHeightField": 8,
+    "Watch": 32,
+    "GetFrame": 32,
+}
+"""Calls at a time, by method; all stream but GetFrame, whose answer may be as large."""
+
+LIMIT_OF_OTHERS = 8
+"""Other streams at a time, such as those of reflection."""
+
+SHARE_OF_CONNECTION = 0.75
+"""Share of each limit that one connection may have."""
+
+_RESERVE = 24
+"""Threads for calls that answer at once: health, cancellation, status."""
+
+THREADS = (
+    sum(LIMITS.values())
+    + LIMIT_OF_OTHERS
+    + MOST_WAITING * (len(LIMITS) + 1)
+    + QUEUE_LIMIT_OF_NEWCOMERS
+    + 2 * CROWDED_REQUESTS
+    + _RESERVE
+)
+"""One for each stream, each unary call that waits for the worker, and each call whose request is
+still to come."""
 
 _LOOK_S = 0.25
 _IDLE_S = 2.0
@@ -157,16 +191,19 @@ class Slots:
     connection if that has its share, else any.
     """
 
-    def __init__(self, most: int, most_of_peer: int) -> None:
-        self._most, self._most_of_peer = most, most_of_peer
+    def __init__(self, most: int) -> None:
+        self._most, self._most_of_peer = most, int(SHARE_OF_CONNECTION * most)
         self._calls: dict[OpenCall, None] = {}
         self._waiting = 0
         self._lock = threading.Condition()
 
-    def take(self, call: OpenCall) -> bool:
-        """Take a slot and return True, or return False; wait a moment for one.
+    def take(self, call: OpenCall) -> None:
+        """Take a slot; wait a moment for one.
 
         A connection that has its share, and reads all of its answers, does not wait.
+
+        Raises:
+            QueueFullError: There is none.
         """
         end_s = time.monotonic() + SLOT_PATIENCE_S
         with self._lock:
@@ -177,13 +214,13 @@ class Slots:
                     del self._calls[stuck]
                     stuck.end("the answer was not read, and others need the room")
                 elif time.monotonic() > end_s or not self._is_worth_waiting(call, unread):
-                    return False
+                    message = f"too many calls of {call.name} at a time; try again later"
+                    raise QueueFullError(message)
                 else:
                     self._waiting += 1
                     self._lock.wait(CROWDED_PATIENCE_S / 10)
                     self._waiting -= 1
             self._calls[call] = None
-            return True
 
     def _is_worth_waiting(self, call: OpenCall, unread: list[OpenCall]) -> bool:
         if call.ended or self._waiting >= MOST_WAITING:
@@ -208,6 +245,39 @@ class Slots:
         if call.peer.startswith("unix"):  # all clients of a socket have this name
             return []
         return [other for other in self._calls if other.peer == call.peer]
+
+
+class StreamLimits:
+    """Refuses calls beyond the limits of their methods, so that threads stay free for others."""
+
+    def __init__(self) -> None:
+        self._slots = {name: Slots(limit) for name, limit in LIMITS.items()}
+        self._others = Slots(LIMIT_OF_OTHERS)
+
+    @contextlib.contextmanager
+    def slot(self, call: OpenCall) -> Iterator[None]:
+        """Hold a slot for a stream.
+
+        Raises:
+            QueueFullError: There is none.
+        """
+        slots = self._slots.get(call.name, self._others)
+        slots.take(call)
+        try:
+            yield
+        finally:
+            slots.release(call)
+
+    def take(self, call: OpenCall, context: Any) -> None:
+        """Take a slot for a unary call, if its method is limited, until its end.
+
+        Raises:
+            QueueFullError: There is none.
+        """
+        slots = self._slots.get(call.name)
+        if slots is not None:
+            slots.take(call)
+            when_over(context, lambda: slots.release(call))
 
 
 def when_over(context: Any, action: Callable[[], None]) -> None:

@@ -18,10 +18,8 @@ from oaisys_core.errors import (
 from oaisys_grpc.contract.faults import Fault, error_from_fault
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.server.options import ServerOptions
-from oaisys_grpc.server.supervision.breaker import Breaker
-from oaisys_grpc.server.supervision.call_limit import Limit
+from oaisys_grpc.server.supervision.worker_limits import MEGABYTE, Breaker, CallLimit, MemoryLimits
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
-from oaisys_grpc.server.supervision.worker_memory import MEGABYTE, MemoryLimits
 from oaisys_grpc.server.supervision.worker_process import WorkerProcess
 from oaisys_grpc.worker.protocol import WorkerMessage
 
@@ -88,7 +86,7 @@ class Supervisor:
         if self._killed.is_set():
             self._worker.kill(_ENDING)
         _LOG.info("worker %d started", self._worker.pid)
-        limit = Limit(START_TIMEOUT_S, options.grace_s, threading.Event())
+        limit = CallLimit(START_TIMEOUT_S, options.grace_s, threading.Event())
         head = {
             "config": self._config,
             "state": self._state,
@@ -114,7 +112,7 @@ class Supervisor:
             BackendUnavailableError: Workers died too often.
         """
         is_sample = method == SAMPLE_METHOD
-        limit = Limit(timeout_s, self._options.grace_s, cancelled, worth_a_worker=is_sample)
+        limit = CallLimit(timeout_s, self._options.grace_s, cancelled, worth_a_worker=is_sample)
         self.ensure_worker()
         if limit.must_stop():
             raise limit.error()
@@ -130,14 +128,14 @@ class Supervisor:
 
     def withdraw(self) -> None:
         """Have the worker undo its last sample, because its caller was told that it failed."""
-        limit = Limit(WITHDRAW_TIMEOUT_S, self._options.grace_s, threading.Event())
+        limit = CallLimit(WITHDRAW_TIMEOUT_S, self._options.grace_s, threading.Event())
         try:
             self._raise_fault(self._finished("withdraw_sample", WorkerMessage({}), limit))
         except OaisysError as error:
             _LOG.warning("a sample that came too late keeps its id: %s", error)
 
     def _call(
-        self, method: str, request: WorkerMessage, limit: Limit
+        self, method: str, request: WorkerMessage, limit: CallLimit
     ) -> Generator[WorkerMessage, None, WorkerMessage]:
         """Call the worker and keep what it says of the world; drop a worker that is lost."""
         assert self._worker is not None
@@ -163,7 +161,7 @@ class Supervisor:
         self._keep(answer)
         return answer
 
-    def _finished(self, method: str, request: WorkerMessage, limit: Limit) -> WorkerMessage:
+    def _finished(self, method: str, request: WorkerMessage, limit: CallLimit) -> WorkerMessage:
         """Call the worker and return its answer."""
         steps = self._call(method, request, limit)
         while True:

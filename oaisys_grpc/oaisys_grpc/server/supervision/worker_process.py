@@ -25,10 +25,15 @@ from oaisys_core.errors import (
     DeadlineExceededError,
     WorkerLostError,
 )
-from oaisys_grpc.server.supervision.call_limit import Limit, ProcessorTime, Watchdog
 from oaisys_grpc.server.supervision.worker_folder import WorkerFolder
+from oaisys_grpc.server.supervision.worker_limits import (
+    MEGABYTE,
+    CallLimit,
+    ProcessorTime,
+    Watchdog,
+    resident_bytes,
+)
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
-from oaisys_grpc.server.supervision.worker_memory import MEGABYTE, resident_bytes
 from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
 _LOG = logging.getLogger(__name__)
@@ -112,7 +117,7 @@ class WorkerProcess:
         return self._process.poll() is None
 
     def call(
-        self, method: str, request: WorkerMessage, limit: Limit
+        self, method: str, request: WorkerMessage, limit: CallLimit
     ) -> Generator[WorkerMessage, None, WorkerMessage]:
         """Have the worker do something; yield what it sends meanwhile and return its answer.
 
@@ -246,7 +251,7 @@ def _telling(lines: list[str]) -> list[str]:
     return traceback[:_LINES_QUOTED]
 
 
-def _killed(method: str, limit: Limit) -> CancelledError | DeadlineExceededError:
+def _killed(method: str, limit: CallLimit) -> CancelledError | DeadlineExceededError:
     if limit.cancelled:
         return CancelledError(f"{method} was cancelled, and its worker replaced")
     return DeadlineExceededError(f"{method} hung beyond its deadline; worker killed")

@@ -14,7 +14,7 @@ from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, wait_unti
 from oaisys_core.errors import BackendUnavailableError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_grpc.server.server import REASON_KEY
-from oaisys_grpc.server.supervision.breaker import (
+from oaisys_grpc.server.supervision.worker_limits import (
     CRASH_WINDOW_S,
     CRASHES_ALLOWED,
     FIRST_PAUSE_S,

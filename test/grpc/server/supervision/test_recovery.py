@@ -30,13 +30,13 @@ from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.types import Progress, Sample
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.faults import ServerUnavailableError
-from oaisys_grpc.server.supervision.call_limit import (
+from oaisys_grpc.server.supervision.worker_folder import PREFIX
+from oaisys_grpc.server.supervision.worker_limits import (
     CANCEL_IDLE_S,
     CANCEL_WORK_S,
-    Limit,
+    CallLimit,
     ProcessorTime,
 )
-from oaisys_grpc.server.supervision.worker_folder import PREFIX
 from oaisys_grpc.server.supervision.worker_log import WorkerLog
 from oaisys_grpc.server.supervision.worker_process import WorkerProcess
 from oaisys_grpc.worker.protocol import WorkerMessage
@@ -189,7 +189,7 @@ def test_how_a_worker_ended_is_not_hidden_by_our_own_signal(tmp_path: Path) -> N
     )
     stand_in.chmod(0o755)
     worker = WorkerProcess(str(stand_in), WorkerLog())
-    limit = Limit(PATIENCE_S, PATIENCE_S, threading.Event())
+    limit = CallLimit(PATIENCE_S, PATIENCE_S, threading.Event())
     with pytest.raises(WorkerLostError, match=r"exited with 3; it said last: no disk is left"):
         next(worker.call("start", WorkerMessage({}), limit))
 
@@ -281,8 +281,8 @@ def spinning(nice: int, count: int = 1) -> Iterator[list[subprocess.Popen[bytes]
 def test_a_cancelled_worker_is_judged_by_its_work_not_by_the_clock() -> None:
     cancelled = threading.Event()
     cancelled.set()
-    limit = Limit(PATIENCE_S, 0.0, cancelled, worth_a_worker=True)
-    patient = Limit(PATIENCE_S, 0.0, cancelled)
+    limit = CallLimit(PATIENCE_S, 0.0, cancelled, worth_a_worker=True)
+    patient = CallLimit(PATIENCE_S, 0.0, cancelled)
     with spinning(5) as (worker,):
         wait_until(lambda: ProcessorTime(worker.pid).look()[0] >= 0)
         with spinning(0, count=4):

@@ -1,15 +1,25 @@
-"""When a call to the worker must stop, and when the worker is killed for it."""
+"""Limits of workers: the time of their calls, the memory that they hold, how often they crash."""
 
 from __future__ import annotations
 
+import collections
+import logging
 import math
 import os
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
-from oaisys_core.errors import CancelledError, DeadlineExceededError
+from oaisys_core.errors import (
+    BackendUnavailableError,
+    CancelledError,
+    DeadlineExceededError,
+    OaisysError,
+)
+
+_LOG = logging.getLogger(__name__)
 
 CANCEL_WORK_S = 0.8
 """Processor time of its busiest thread in which a worker must stop a cancelled sample."""
@@ -20,8 +30,36 @@ CANCEL_IDLE_S = 2.0
 _WATCH_S = 0.25
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+
 _USER, _SYSTEM = 11, 12
 """Fields of a thread's ``stat`` after the name in brackets."""
+
+MEGABYTE = 1_000_000
+
+_PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+
+_AUTOMATIC_SHARE = 0.6
+"""Share of the machine's memory, unless the user sets a limit."""
+
+_KILL_FACTOR = 1.5
+
+_GROWTH_FACTOR = 1.25
+
+_CONTROL_GROUP_FILES = (
+    Path("/sys/fs/cgroup/memory.max"),
+    Path("/sys/fs/cgroup/memory/memory.limit_in_bytes"),
+)
+"""Files with a container's limit, of versions 2 and 1."""
+
+CRASHES_ALLOWED = 3
+
+CRASH_WINDOW_S = 60.0
+"""After so many crashes within so many seconds, the next worker is started after a pause."""
+
+FIRST_PAUSE_S = 10.0
+
+LONGEST_PAUSE_S = 600.0
+"""Each pause is twice as long as the last, until a worker has done some work."""
 
 
 class Watchdog:
@@ -54,7 +92,7 @@ class Watchdog:
                 self._kill()
 
 
-class Limit:
+class CallLimit:
     """When a call must stop: when it is cancelled, or when its deadline has passed.
 
     A worker that does not stop within a grace period after the deadline is killed. After a mere
@@ -142,3 +180,96 @@ class ProcessorTime:
                 continue
             ticks[file.parent.name] = int(fields[_USER]) + int(fields[_SYSTEM])
         return ticks
+
+
+@dataclass(frozen=True)
+class MemoryLimits:
+    """The memory at which a worker is replaced.
+
+    Attributes:
+        recycle_bytes: Above it, a new worker takes its place between two frames.
+        kill_bytes: Above it, it is killed at once, before the machine runs out of memory.
+    """
+
+    recycle_bytes: float
+    kill_bytes: float
+
+    @classmethod
+    def of(cls, limit_bytes: int | None) -> MemoryLimits:
+        """Return the limits for the user's choice; None: by the machine's memory; 0: no limits."""
+        if limit_bytes == 0:
+            return cls(float("inf"), float("inf"))
+        recycle_bytes = limit_bytes or _AUTOMATIC_SHARE * machine_bytes()
+        return cls(recycle_bytes, _KILL_FACTOR * recycle_bytes)
+
+    def outgrown(self, resident_bytes: int, needed_bytes: int) -> bool:
+        """Return whether a new worker would help one that holds ``resident_bytes``.
+
+        Args:
+            needed_bytes: What it held after its first frame. A world that needs more than the
+                limit is not built anew with every frame.
+        """
+        return resident_bytes > max(self.recycle_bytes, _GROWTH_FACTOR * needed_bytes)
+
+
+def resident_bytes(pid: int) -> int:
+    """Return the resident memory of a process; 0 where it has ended."""
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * _PAGE_BYTES
+    except (OSError, IndexError):
+        return 0
+
+
+def machine_bytes() -> int:
+    """Return the memory of this machine, or of this container where that has less."""
+    found = [os.sysconf("SC_PHYS_PAGES") * _PAGE_BYTES]
+    for file in _CONTROL_GROUP_FILES:
+        try:
+            found.append(int(file.read_text()))
+        except (OSError, ValueError):  # there is no such file, or "max" is in it
+            continue
+    return min(found)
+
+
+class Breaker:
+    """Counts crashes; one thread reports them, any thread may ask for `refusal`."""
+
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._now_s = now_s
+        self._crashes_s: collections.deque[float] = collections.deque(maxlen=CRASHES_ALLOWED)
+        self._pause_s = FIRST_PAUSE_S
+        self._cause: OaisysError | None = None
+        self._next_s = 0.0
+
+    def crashed(self, error: OaisysError) -> None:
+        """Note that a worker was lost, or could not be started."""
+        now_s = self._now_s()
+        if self._cause is not None and now_s > self._next_s + CRASH_WINDOW_S:
+            self.worked()
+        self._crashes_s.append(now_s)
+        is_loop = now_s - self._crashes_s[0] < CRASH_WINDOW_S
+        if self._cause is not None or (is_loop and len(self._crashes_s) == CRASHES_ALLOWED):
+            self.pause(error)
+
+    def pause(self, error: OaisysError) -> None:
+        """Let no worker be started for a while, longer each time."""
+        self._cause, self._next_s = error, self._now_s() + self._pause_s
+        _LOG.error("no worker is started for %g s: %s", self._pause_s, error)
+        self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
+
+    def worked(self) -> None:
+        """Note that a worker has finished a call, or has run long enough."""
+        if self._cause is not None:
+            _LOG.warning("a worker works again")
+            self._cause, self._pause_s = None, FIRST_PAUSE_S
+            self._crashes_s.clear()
+
+    @property
+    def refusal(self) -> BackendUnavailableError | None:
+        """Why no worker may be started now, and when one may be; None: now."""
+        cause, left_s = self._cause, self._next_s - self._now_s()
+        if cause is None or left_s <= 0:
+            return None
+        return BackendUnavailableError(
+            f"no worker runs any more: {cause}; another one is started in {left_s:.0f} s"
+        )
