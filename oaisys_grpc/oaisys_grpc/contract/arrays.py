@@ -17,7 +17,6 @@ from oaisys_core.types import MAX_IMAGE_PX
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 AnyArray = NDArray[Any]
-
 Raw = NDArray[np.uint8]
 
 CHUNK_BYTES = 1 << 20
@@ -34,7 +33,6 @@ _DTYPES: dict[int, np.dtype[Any]] = {
     pb.DATA_TYPE_FLOAT32: np.dtype("<f4"),
     pb.DATA_TYPE_FLOAT64: np.dtype("<f8"),
 }
-
 _DATA_TYPES: dict[np.dtype[Any], Any] = {dtype: data_type for data_type, dtype in _DTYPES.items()}
 
 _FAST = 1

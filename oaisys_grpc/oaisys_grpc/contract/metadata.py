@@ -31,9 +31,7 @@ _LISTS = {
 """Messages that stand for a list of numbers, and their fields in its order."""
 
 _STRUCT = Struct.DESCRIPTOR.full_name
-
 _RANGE = pb.Range.DESCRIPTOR.full_name
-
 _INT32 = range(-(2**31), 2**31)
 
 

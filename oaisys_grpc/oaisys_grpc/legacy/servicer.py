@@ -193,9 +193,8 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
             raise status.error
         if operation.job.kind is Kind.BATCH:
             return ()
-        sample = sample_from_messages(
-            self._operations.samples.get(status.batch_id, status.sample_id)
-        )
+        messages = self._operations.samples.get(status.batch_id, status.sample_id)
+        sample = sample_from_messages(messages)
         info = self._supervisor.info
         cameras = [sensor.name for sensor in info.sensors]
         return self._files.write(sample, cameras, info.semantic_labels)

@@ -3,21 +3,18 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import inspect
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from importlib.metadata import version
 from typing import Any
 
 import grpc
 from google.protobuf.message import Message
 
-from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FrameName
 from oaisys_grpc.contract.arrays import array_chunks
-from oaisys_grpc.contract.errors import abort
 from oaisys_grpc.contract.metadata import metadata_from_proto
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State, status_to_proto
 from oaisys_grpc.contract.sample_messages import SampleMessages
@@ -96,18 +93,9 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
 
     def StepBatch(self, request: pb.StepBatchRequest, context: Context) -> pb.StepBatchResponse:
         """Enqueue a batch."""
-        _check_metadata(request)
-        job = Job(
-            kind=Kind.BATCH,
-            method="step_batch",
-            request=request.SerializeToString(),
-            timeout_s=_operation_timeout_s(request),
-            request_id=_checked_id(request.request_id),
-            body=_body(request),
-            estimate_key=("batch", request.reuse_stage),
-            request_bytes=request.ByteSize(),
-            peer=context.peer(),
-        )
+        estimate_key = ("batch", request.reuse_stage)
+        timeout_s = _operation_timeout_s(request)
+        job = _step_job(Kind.BATCH, request, request, timeout_s, estimate_key, context)
         operation = self._operations.submit(job)
         return pb.StepBatchResponse(operation=self._status(operation))
 
@@ -231,13 +219,11 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         return operation.reply
 
     def _in_chunks(
-        self, response: Callable[..., Message], method: str, request: Message, context: Context
+        self, response: Any, method: str, request: Message, context: Context
     ) -> Iterator[Any]:
-        """Ask the worker for arrays; yield their header and then their chunks."""
+        """Ask the worker for arrays; yield messages with their header and then their chunks."""
         answer = self._asked(method, request, context)
-        header = response()
-        header.ParseFromString(answer.content)
-        yield header
+        yield response.FromString(answer.content)
         for index, data in enumerate(answer.arrays):
             for chunk in array_chunks(data, index):
                 yield response(chunk=chunk)
@@ -246,40 +232,50 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         return status_to_proto(self._operations.timed(operation, status or operation.status))
 
 
+StepRequest = pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest
+
+
 def _sample_job(
     request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float, context: Context
 ) -> Job:
-    _check_metadata(request)
     step = pb.StepSampleRequest(modalities=request.modalities, sensors=request.sensors)
     if request.HasField("metadata"):
         step.metadata.CopyFrom(request.metadata)
     quality = request.metadata.typed_render.quality
+    estimate_key = ("sample", hash((*request.modalities, "", *request.sensors, "", quality)))
+    return _step_job(Kind.SAMPLE, request, step, timeout_s, estimate_key, context)
+
+
+def _step_job(
+    kind: Kind,
+    request: StepRequest,
+    step: Message,
+    timeout_s: float,
+    estimate_key: Hashable,
+    context: Context,
+) -> Job:
+    """Return the job of a request; ``step`` is the message for the worker.
+
+    Raises:
+        InvalidInputError: The id is too long, or the metadata cannot be read: they are refused
+            before anything is enqueued or overtaken.
+    """
+    if request.HasField("metadata"):
+        metadata_from_proto(request.metadata)
     return Job(
-        kind=Kind.SAMPLE,
-        method="step_sample",
+        kind=kind,
+        method="step_batch" if kind is Kind.BATCH else "step_sample",
         request=step.SerializeToString(),
         timeout_s=timeout_s,
         request_id=_checked_id(request.request_id),
         body=_body(request),
-        estimate_key=("sample", hash((*request.modalities, "", *request.sensors, "", quality))),
+        estimate_key=estimate_key,
         request_bytes=request.ByteSize(),
         peer=context.peer(),
     )
 
 
-def _check_metadata(
-    request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest,
-) -> None:
-    """Refuse metadata that are none before anything is enqueued or overtaken.
-
-    Raises:
-        InvalidInputError: As `metadata_from_proto`, with which the worker reads them.
-    """
-    if request.HasField("metadata"):
-        metadata_from_proto(request.metadata)
-
-
-def _body(request: pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest) -> bytes:
+def _body(request: StepRequest) -> bytes:
     """Return a digest of a request, without how it is to be answered."""
     if isinstance(request, pb.RenderSampleRequest) and request.HasField("transfer"):
         asked, request = request, pb.RenderSampleRequest()

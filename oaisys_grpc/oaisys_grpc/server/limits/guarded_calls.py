@@ -26,11 +26,8 @@ MAX_DEPTH = 64
 """Nested messages; a Struct in a Struct counts three."""
 
 _VARINT, _FIXED64, _LENGTH_DELIMITED, _FIXED32 = 0, 1, 2, 5
-
 _SKIPPED_BYTES = {_FIXED64: 8, _FIXED32: 4}
-
 _LONGEST_KEY = 2**32
-
 _LONGEST_VARINT = 10
 
 Fields = dict[int, Any]

@@ -30,19 +30,15 @@ CANCEL_IDLE_S = 2.0
 _WATCH_S = 0.25
 
 _TICKS_PER_S = os.sysconf("SC_CLK_TCK")
-
 _USER, _SYSTEM = 11, 12
 """Fields of a thread's ``stat`` after the name in brackets."""
 
 MEGABYTE = 1_000_000
-
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
-
 _AUTOMATIC_SHARE = 0.6
 """Share of the machine's memory, unless the user sets a limit."""
 
 _KILL_FACTOR = 1.5
-
 _GROWTH_FACTOR = 1.25
 
 _CONTROL_GROUP_FILES = (
@@ -52,12 +48,10 @@ _CONTROL_GROUP_FILES = (
 """Files with a container's limit, of versions 2 and 1."""
 
 CRASHES_ALLOWED = 3
-
 CRASH_WINDOW_S = 60.0
 """After so many crashes within so many seconds, the next worker is started after a pause."""
 
 FIRST_PAUSE_S = 10.0
-
 LONGEST_PAUSE_S = 600.0
 """Each pause is twice as long as the last, until a worker has done some work."""
 
