@@ -1,17 +1,28 @@
-"""A client's connection to one simulator: its channel, its calls, its errors."""
+"""A client's connection to one simulator: its requests, its calls, its errors."""
 
 from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterator
+import uuid
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import grpc
+from google.protobuf.duration_pb2 import Duration
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
-from oaisys_core.errors import CancelledError, DeadlineExceededError, OaisysError
+from oaisys_core.errors import (
+    CancelledError,
+    DeadlineExceededError,
+    InvalidInputError,
+    OaisysError,
+)
+from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc.contract.errors import error_from_rpc
+from oaisys_grpc.contract.metadata import metadata_to_proto, pose_to_proto
+from oaisys_grpc.contract.transfer import Transfer, transfer_to_proto
+from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.tls import ClientTls
 
@@ -32,11 +43,7 @@ _HEALTH_POLL_S = 0.1
 
 
 class Channel:
-    """The calls of one simulator; safe to share between threads.
-
-    Attributes:
-        stub: The calls as generated; those that answer with a stream are called by `stream`.
-    """
+    """The calls of one simulator; safe to share between threads."""
 
     def __init__(self, address: str, tls: ClientTls | None) -> None:
         """Prepare a connection; nothing is sent yet.
@@ -49,8 +56,13 @@ class Channel:
             self._channel = grpc.insecure_channel(address, options=_OPTIONS)
         else:
             self._channel = grpc.secure_channel(address, tls.credentials(), options=_OPTIONS)
-        self.stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
+        self._stub = simulator_pb2_grpc.SimulatorServiceStub(self._channel)
         self._health = health_pb2_grpc.HealthStub(self._channel)
+
+    def call(self, name: str, request: Any, timeout_s: float) -> Any:
+        """Call a method that answers with one message, and return that."""
+        with translated():
+            return getattr(self._stub, name)(request, timeout=timeout_s)
 
     @contextlib.contextmanager
     def stream(self, name: str, request: Any, timeout_s: float) -> Iterator[Any]:
@@ -59,7 +71,7 @@ class Channel:
         Yields the call: an iterator over the answers, which any thread may cancel.
         """
         with translated():
-            call = getattr(self.stub, name)(request, timeout=timeout_s)
+            call = getattr(self._stub, name)(request, timeout=timeout_s)
             try:
                 yield call
             finally:
@@ -105,3 +117,83 @@ def translated() -> Iterator[None]:
         if "closed" not in str(error):
             raise
         raise CancelledError("the connection was closed") from error
+
+
+def batch_request(
+    timeout_s: float,
+    seed: int | None,
+    reuse_stage: bool,
+    metadata: ModuleMetadata | None,
+    request_id: str,
+) -> pb.StepBatchRequest:
+    """Return a request for a new world.
+
+    Raises:
+        InvalidInputError: The seed or the metadata do not fit into a message.
+    """
+    if seed is not None and not -(2**63) <= seed < 2**63:
+        raise InvalidInputError("seed", seed, "a whole number from 0 to 2**63 - 1")
+    return pb.StepBatchRequest(
+        request_id=request_id or _new_id(),
+        metadata=_metadata(None, metadata),
+        seed=seed,
+        reuse_stage=reuse_stage,
+        timeout=_duration(timeout_s),
+    )
+
+
+def sample_request(
+    timeout_s: float,
+    pose: Pose | None,
+    metadata: ModuleMetadata | None,
+    modalities: Sequence[str],
+    sensors: Sequence[str],
+    request_id: str,
+) -> pb.StepSampleRequest:
+    """Return a request for a sample; a pose goes before that of the metadata.
+
+    Raises:
+        InvalidInputError: The metadata do not fit into a message.
+    """
+    return pb.StepSampleRequest(
+        request_id=request_id or _new_id(),
+        metadata=_metadata(pose, metadata),
+        modalities=modalities,
+        sensors=sensors,
+        timeout=_duration(timeout_s),
+    )
+
+
+def render_request(
+    pose: Pose | None,
+    metadata: ModuleMetadata | None,
+    modalities: Sequence[str],
+    sensors: Sequence[str],
+    transfer: Transfer,
+) -> pb.RenderSampleRequest:
+    """Return a request for a sample whose frames the same call brings; see `sample_request`."""
+    return pb.RenderSampleRequest(
+        request_id=_new_id(),
+        metadata=_metadata(pose, metadata),
+        modalities=modalities,
+        sensors=sensors,
+        transfer=transfer_to_proto(transfer),
+    )
+
+
+def _metadata(pose: Pose | None, metadata: ModuleMetadata | None) -> pb.ModuleMetadata | None:
+    if pose is None:
+        return None if metadata is None else metadata_to_proto(metadata)
+    message = metadata_to_proto(metadata or ModuleMetadata())
+    message.sensor.pose.CopyFrom(pose_to_proto(pose))
+    return message
+
+
+def _duration(seconds: float) -> Duration:
+    duration = Duration()
+    duration.FromMilliseconds(int(seconds * 1000))
+    return duration
+
+
+def _new_id() -> str:
+    return uuid.uuid4().hex

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator, Sequence
-from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,20 +22,22 @@ from oaisys_core.types import (
     TriangleMesh,
 )
 from oaisys_grpc.addresses import DEFAULT_ADDRESS
-from oaisys_grpc.client import requests
-from oaisys_grpc.client.channel import SERVICE, Channel, translated
-from oaisys_grpc.client.sample_stream import SampleStream
-from oaisys_grpc.client.samples import MAX_FRAME_BYTES, ProgressListener, SampleClient
+from oaisys_grpc.client.channel import (
+    SERVICE,
+    Channel,
+    batch_request,
+    render_request,
+    sample_request,
+)
+from oaisys_grpc.client.sample_stream import (
+    MAX_ARRAY_BYTES,
+    ProgressListener,
+    SampleClient,
+    SampleStream,
+)
+from oaisys_grpc.contract import world_messages as world
 from oaisys_grpc.contract.arrays import encodings_from_names
 from oaisys_grpc.contract.operation import OperationStatus, status_from_proto
-from oaisys_grpc.contract.world_messages import (
-    heights_from_parts,
-    heights_from_proto,
-    info_from_proto,
-    mesh_from_parts,
-    page_from_proto,
-    query_to_proto,
-)
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.tls import ClientTls, client_tls
 
@@ -71,7 +72,7 @@ class SimulatorClient:
         tls: ClientTls | None = None,
         shared_memory: bool = True,
         encodings: Sequence[str] = (),
-        max_array_bytes: int = MAX_FRAME_BYTES,
+        max_array_bytes: int = MAX_ARRAY_BYTES,
     ) -> None:
         """Prepare a connection; nothing is sent yet.
 
@@ -92,23 +93,14 @@ class SimulatorClient:
         self._max_array_bytes = max_array_bytes
         accepted = encodings_from_names(encodings)
         self._channel = Channel(address, tls)
-        self._stub = self._channel.stub
         self._samples = SampleClient(
-            self._channel,
-            shared_memory=shared_memory,
-            encodings=accepted,
-            max_frame_bytes=max_array_bytes,
+            self._channel, accepted, max_array_bytes, shared_memory=shared_memory
         )
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_exception: object) -> None:
         self.close()
 
     def wait_ready(self, timeout_s: float) -> None:
@@ -125,17 +117,12 @@ class SimulatorClient:
 
     def info(self) -> SimulatorInfo:
         """Return what the simulator is and where it stands."""
-        with translated():
-            request = pb.GetSimulatorInfoRequest()
-            message = self._stub.GetSimulatorInfo(request, timeout=self._timeout_s)
-        return info_from_proto(message)
+        return world.info_from_proto(self._call("GetSimulatorInfo", pb.GetSimulatorInfoRequest()))
 
     def config_json(self) -> str:
         """Return the simulator's whole configuration as JSON; empty: the server is older."""
-        with translated():
-            request = pb.GetSimulatorInfoRequest(with_config=True)
-            message = self._stub.GetSimulatorInfo(request, timeout=self._timeout_s)
-        return message.config_json
+        request = pb.GetSimulatorInfoRequest(with_config=True)
+        return str(self._call("GetSimulatorInfo", request).config_json)
 
     def step_batch(
         self,
@@ -209,7 +196,7 @@ class SimulatorClient:
         the render; the frames that came then belong to no sample. See `render_sample`.
         """
         transfer = self._samples.transfer(self._timeout_s)
-        request = requests.render_sample(pose, metadata, modalities, sensors, transfer)
+        request = render_request(pose, metadata, modalities, sensors, transfer)
         with self._samples.rendered(request, self._timeout_s, on_progress) as stream:
             yield stream
 
@@ -226,12 +213,8 @@ class SimulatorClient:
         Args:
             request_id: Makes a repeated request harmless; empty: this call is a new request.
         """
-        request = requests.step_batch(
-            self._timeout_s, seed, reuse_stage, metadata, request_id=request_id
-        )
-        with translated():
-            answer = self._stub.StepBatch(request, timeout=self._timeout_s)
-        return answer.operation.name
+        request = batch_request(self._timeout_s, seed, reuse_stage, metadata, request_id=request_id)
+        return str(self._call("StepBatch", request).operation.name)
 
     def start_sample(
         self,
@@ -243,18 +226,12 @@ class SimulatorClient:
         request_id: str = "",
     ) -> str:
         """Ask for a sample and return the operation's name at once; see `render_sample`."""
-        request = requests.step_sample(
-            self._timeout_s, pose, metadata, modalities, sensors, request_id=request_id
-        )
-        with translated():
-            answer = self._stub.StepSample(request, timeout=self._timeout_s)
-        return answer.operation.name
+        request = sample_request(self._timeout_s, pose, metadata, modalities, sensors, request_id)
+        return str(self._call("StepSample", request).operation.name)
 
     def get_operation(self, name: str) -> OperationStatus:
         """Return how an operation stands."""
-        with translated():
-            request = pb.GetOperationRequest(name=name)
-            answer = self._stub.GetOperation(request, timeout=self._timeout_s)
+        answer = self._call("GetOperation", pb.GetOperationRequest(name=name))
         return status_from_proto(answer.operation)
 
     def watch_operation(self, name: str) -> Iterator[OperationStatus]:
@@ -266,9 +243,7 @@ class SimulatorClient:
 
     def cancel_operation(self, name: str) -> OperationStatus:
         """Ask an operation to stop, and return how it stands now."""
-        with translated():
-            request = pb.CancelOperationRequest(name=name)
-            answer = self._stub.CancelOperation(request, timeout=self._timeout_s)
+        answer = self._call("CancelOperation", pb.CancelOperationRequest(name=name))
         return status_from_proto(answer.operation)
 
     def get_sample(self, batch_id: int, sample_id: int) -> Sample:
@@ -279,7 +254,7 @@ class SimulatorClient:
         """Return the surface of the world as rendered, in ``map``."""
         request = pb.GetGroundTruthMeshRequest()
         with self._channel.stream("GetGroundTruthMesh", request, self._timeout_s) as parts:
-            return mesh_from_parts(parts, self._max_array_bytes)
+            return world.mesh_from_parts(parts, self._max_array_bytes)
 
     def height_grid(
         self, resolution_m: float, extent_m: tuple[float, float, float, float] | None = None
@@ -292,11 +267,9 @@ class SimulatorClient:
         """
         request = pb.GetHeightFieldRequest(resolution_m=resolution_m)
         if extent_m is not None:
-            x0, y0, x1, y1 = extent_m
-            extent = pb.StageExtent(min_x_m=x0, min_y_m=y0, max_x_m=x1, max_y_m=y1)
-            request.extent.CopyFrom(extent)
+            request.extent.CopyFrom(world.extent_to_proto(extent_m))
         with self._channel.stream("GetHeightField", request, self._timeout_s) as parts:
-            return heights_from_parts(parts, self._max_array_bytes)
+            return world.heights_from_parts(parts, self._max_array_bytes)
 
     def query_height(self, points_m: ArrayLike) -> HeightQuery:
         """Return the heights under (N, 3) points in ``map``; NaN off the stage."""
@@ -307,9 +280,7 @@ class SimulatorClient:
         for begin in range(0, max(1, len(points)), _HEIGHTS_PER_CALL):
             block = points[begin : begin + _HEIGHTS_PER_CALL]
             request = pb.QueryHeightRequest(points_m=block.ravel().tolist())
-            with translated():
-                message = self._stub.QueryHeight(request, timeout=self._timeout_s)
-            answers.append(heights_from_proto(message))
+            answers.append(world.heights_from_proto(self._call("QueryHeight", request)))
         return HeightQuery(
             ground_height_m=np.concatenate([a.ground_height_m for a in answers]),
             surface_height_m=np.concatenate([a.surface_height_m for a in answers]),
@@ -325,15 +296,16 @@ class SimulatorClient:
             query: Which of them, and how many at most; None: the first thousand.
             metadata: As they will be once a sample has brought this, too; it is checked.
         """
-        with translated():
-            request = query_to_proto(query or ObjectQuery(), metadata)
-            return page_from_proto(self._stub.ListObjects(request, timeout=self._timeout_s))
+        request = world.query_to_proto(query or ObjectQuery(), metadata)
+        return world.page_from_proto(self._call("ListObjects", request))
 
     def end_simulation(self) -> None:
         """End the simulator: its worker and the server's process."""
-        with translated():
-            self._stub.EndSimulation(pb.EndSimulationRequest(), timeout=self._timeout_s)
+        self._call("EndSimulation", pb.EndSimulationRequest())
 
     def close(self) -> None:
         """Close the connection; the simulator goes on."""
         self._channel.close()
+
+    def _call(self, name: str, request: Any) -> Any:
+        return self._channel.call(name, request, self._timeout_s)

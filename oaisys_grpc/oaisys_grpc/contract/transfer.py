@@ -127,7 +127,7 @@ def place_from_proto(message: pb.SharedMemory) -> Place:
 def sample_to_parts(
     sample: SampleMessages, transfer: Transfer = DEFAULT_TRANSFER
 ) -> Iterator[pb.SamplePart]:
-    """Yield a sample, or pieces of it, as a client wants them; inverse: `sample_from_parts`."""
+    """Yield a sample, or pieces of it, as a client wants them; inverse: its `SampleStream`."""
 
     def parts() -> Iterator[pb.SamplePart]:
         if sample.header is not None:

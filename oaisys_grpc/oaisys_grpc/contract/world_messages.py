@@ -36,6 +36,7 @@ from oaisys_grpc.contract.sample_messages import (
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 Triple = tuple[float, float, float]
+Extent = tuple[float, float, float, float]
 
 
 def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
@@ -54,15 +55,12 @@ def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
         device=info.device,
     )
     if info.stage_extent_m is not None:
-        x0, y0, x1, y1 = info.stage_extent_m
-        extent = pb.StageExtent(min_x_m=x0, min_y_m=y0, max_x_m=x1, max_y_m=y1)
-        message.stage_extent.CopyFrom(extent)
+        message.stage_extent.CopyFrom(extent_to_proto(info.stage_extent_m))
     return message
 
 
 def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
     """Return a simulator's description."""
-    e = message.stage_extent
     known = message.HasField("stage_extent")
     return SimulatorInfo(
         backend=message.backend,
@@ -74,10 +72,21 @@ def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
         semantic_labels=dict(message.semantic_labels),
         batch_id=message.batch_id,
         sample_id=message.sample_id,
-        stage_extent_m=(e.min_x_m, e.min_y_m, e.max_x_m, e.max_y_m) if known else None,
+        stage_extent_m=extent_from_proto(message.stage_extent) if known else None,
         worker_restarts=message.worker_restarts,
         device=message.device,
     )
+
+
+def extent_to_proto(extent_m: Extent) -> pb.StageExtent:
+    """Return the message of (min_x, min_y, max_x, max_y); inverse: `extent_from_proto`."""
+    x0, y0, x1, y1 = extent_m
+    return pb.StageExtent(min_x_m=x0, min_y_m=y0, max_x_m=x1, max_y_m=y1)
+
+
+def extent_from_proto(message: pb.StageExtent) -> Extent:
+    """Return an extent."""
+    return message.min_x_m, message.min_y_m, message.max_x_m, message.max_y_m
 
 
 def _sensor_to_proto(sensor: SensorInfo) -> pb.Sensor:

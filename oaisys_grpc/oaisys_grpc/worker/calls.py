@@ -6,6 +6,7 @@ Must not import gRPC.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextvars import copy_context
@@ -38,6 +39,7 @@ from oaisys_grpc.contract.shared_memory import (
     segment_of,
 )
 from oaisys_grpc.contract.world_messages import (
+    extent_from_proto,
     height_grid_to_message,
     heights_to_proto,
     mesh_to_message,
@@ -113,7 +115,7 @@ class SimulationCalls:
     def _step_batch(self, call: WorkerMessage, context: CallContext) -> Reply:
         simulation = self._ready()
         request = pb.StepBatchRequest.FromString(call.content)
-        fault_injection.inject_in_batch(context.progress)
+        _inject_faults("batch", context)
         simulation.step_batch(
             _metadata(request),
             seed=request.seed if request.HasField("seed") else None,
@@ -126,7 +128,7 @@ class SimulationCalls:
         """Send the frames as they become ready; reply with the end of the sample."""
         simulation = self._ready()
         request = pb.StepSampleRequest.FromString(call.content)
-        fault_injection.inject_in_sample(context.progress)
+        _inject_faults("sample", context)
         steps = simulation.stream_sample(
             _metadata(request),
             modalities=names(request.modalities, "modalities"),
@@ -143,7 +145,7 @@ class SimulationCalls:
             finally:
                 steps.close()
             sender.wait()
-        fault_injection.inject_at_end(context.progress)
+        _inject_faults("end", context)
         return sender.rest(sample)
 
     def _withdraw_sample(self, _call: WorkerMessage, _context: CallContext) -> Reply:
@@ -161,10 +163,8 @@ class SimulationCalls:
 
     def _height_grid(self, call: WorkerMessage, context: CallContext) -> Reply:
         request = pb.GetHeightFieldRequest.FromString(call.content)
-        extent = request.extent
-        extent_m = (extent.min_x_m, extent.min_y_m, extent.max_x_m, extent.max_y_m)
-        given = extent_m if request.HasField("extent") else None
-        grid = self._ready().height_grid(request.resolution_m, given, context.progress)
+        extent_m = extent_from_proto(request.extent) if request.HasField("extent") else None
+        grid = self._ready().height_grid(request.resolution_m, extent_m, context.progress)
         message, arrays = height_grid_to_message(grid)
         return Reply(message.SerializeToString(), arrays)
 
@@ -237,7 +237,7 @@ class _FrameSender:
         self._has_header = True
         self._context.send_frames(Reply(*messages_to_bytes(SampleMessages(header, frames))))
         if is_first:
-            fault_injection.inject_after_frames(self._context.progress)
+            _inject_faults("frames", self._context)
 
 
 def _metadata(
@@ -246,3 +246,8 @@ def _metadata(
     if not request.HasField("metadata"):
         return None
     return metadata_from_proto(request.metadata)
+
+
+def _inject_faults(moment: fault_injection.Moment, context: CallContext) -> None:
+    if os.environ.get("OAISYS_FAULT"):
+        fault_injection.inject(moment, context.progress)

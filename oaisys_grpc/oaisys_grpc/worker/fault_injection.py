@@ -16,43 +16,28 @@ import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.types import Progress
 
 _STEP_S = 0.02
-_LATE, _LAST, _BATCH = "late-", "last-", "batch-"
+_PREFIXES = {"sample": "", "frames": "late-", "end": "last-", "batch": "batch-"}
+"""By the moment of a call at which the faults occur."""
+
+Moment = Literal["sample", "frames", "end", "batch"]
+
 _samples = 0
 _leaked: list[bytes] = []
 
 
-def inject_in_sample(progress: ProgressCallback) -> None:
-    """Inject the faults of a sample that is about to be rendered."""
+def inject(moment: Moment, progress: ProgressCallback) -> None:
+    """Inject the faults of a moment: each ``sample`` is counted as it begins."""
     global _samples
-    _samples += 1
+    _samples += moment == "sample"
     for fault in _wanted():
-        if not fault.startswith((_LATE, _LAST, _BATCH)):
-            _inject(fault, progress)
-
-
-def inject_in_batch(progress: ProgressCallback) -> None:
-    """Inject the faults of a batch that is about to be built."""
-    _inject_with_prefix(_BATCH, progress)
-
-
-def inject_after_frames(progress: ProgressCallback) -> None:
-    """Inject the faults of a sample whose first frames were sent."""
-    _inject_with_prefix(_LATE, progress)
-
-
-def inject_at_end(progress: ProgressCallback) -> None:
-    """Inject the faults of a sample that is complete but not answered."""
-    _inject_with_prefix(_LAST, progress)
-
-
-def _inject_with_prefix(prefix: str, progress: ProgressCallback) -> None:
-    for fault in _wanted():
-        if fault.startswith(prefix):
+        prefix = next((p for p in _PREFIXES.values() if p and fault.startswith(p)), "")
+        if prefix == _PREFIXES[moment]:
             _inject(fault.removeprefix(prefix), progress)
 
 

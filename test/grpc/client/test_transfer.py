@@ -22,7 +22,7 @@ from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, stepped_s
 from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import Frame, Sample
-from oaisys_grpc.client.sample_stream import SampleStream, sample_from_parts
+from oaisys_grpc.client.sample_stream import SampleStream
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.sample_messages import sample_to_messages
 from oaisys_grpc.contract.shared_memory import (
@@ -123,7 +123,7 @@ def test_a_sample_comes_back_whichever_way_it_goes(wanted: Transfer) -> None:
     assert all(sum(len(c.data) for c in group) <= wanted.group_bytes for group in in_groups)
     inline = [sum(len(p.frame.data) for p in group) for group in groups]
     assert all(size <= wanted.inline_bytes for size in inline)
-    assert_same(sample_from_parts(parts), sample)
+    assert_same(SampleStream(parts).read(), sample)
     again = transfer_from_proto(transfer_to_proto(wanted))
     assert again == wanted
 
@@ -133,7 +133,7 @@ def test_a_small_sample_is_one_message_where_the_client_takes_groups() -> None:
     wanted = Transfer(inline_bytes=1 << 20, grouped=True)
     (part,) = parts_of(sample, wanted)
     assert len(part.group.parts) == len(sample.frames) + 2
-    assert_same(sample_from_parts([part]), sample)
+    assert_same(SampleStream([part]).read(), sample)
 
 
 def test_a_sample_says_when_its_last_frame_existed(server: Server) -> None:

@@ -25,7 +25,7 @@ from oaisys_core.types import (
     SimulatorInfo,
     TriangleMesh,
 )
-from oaisys_grpc.client.sample_stream import sample_from_parts
+from oaisys_grpc.client.sample_stream import SampleStream
 from oaisys_grpc.contract import metadata, operation, sample_messages, world_messages
 from oaisys_grpc.contract.arrays import CHUNK_BYTES, ArrayAssembly, array_chunks, raw_header
 from oaisys_grpc.contract.errors import STATUS_CODES, error_from_status, status_from_error
@@ -123,7 +123,7 @@ def test_a_sample_comes_back_from_its_parts(size: tuple[int, int]) -> None:
     messages = [pb.GetSampleResponse(part=p).SerializeToString() for p in parts_of(sample)]
     assert max(len(message) for message in messages) < CHUNK_BYTES + 1024
     assert_same(
-        sample_from_parts(pb.GetSampleResponse.FromString(m).part for m in messages), sample
+        SampleStream(pb.GetSampleResponse.FromString(m).part for m in messages).read(), sample
     )
 
 
@@ -147,7 +147,7 @@ def test_a_stream_with_a_gap_is_refused(missing: int) -> None:
     parts = parts_of(make_sample(1200, 1600))
     del parts[missing]
     with pytest.raises(OaisysError):
-        sample_from_parts(parts)
+        SampleStream(parts).read()
 
 
 def test_a_header_that_contradicts_itself_allocates_nothing() -> None:
