@@ -260,6 +260,9 @@ def _step_job(
         InvalidInputError: The id is too long, or the metadata cannot be read: they are refused
             before anything is enqueued or overtaken.
     """
+    if len(request.request_id) > MAX_ID_CHARACTERS:
+        received = f"{len(request.request_id)} characters"
+        raise InvalidInputError("request_id", received, f"at most {MAX_ID_CHARACTERS}")
     if request.HasField("metadata"):
         metadata_from_proto(request.metadata)
     return Job(
@@ -267,7 +270,7 @@ def _step_job(
         method="step_batch" if kind is Kind.BATCH else "step_sample",
         request=step.SerializeToString(),
         timeout_s=timeout_s,
-        request_id=_checked_id(request.request_id),
+        request_id=request.request_id,
         body=_body(request),
         estimate_key=estimate_key,
         request_bytes=request.ByteSize(),
@@ -283,13 +286,6 @@ def _body(request: StepRequest) -> bytes:
         request.ClearField("transfer")
     content = request.DESCRIPTOR.name.encode() + request.SerializeToString(deterministic=True)
     return hashlib.sha256(content).digest()
-
-
-def _checked_id(request_id: str) -> str:
-    if len(request_id) > MAX_ID_CHARACTERS:
-        expected = f"at most {MAX_ID_CHARACTERS} characters"
-        raise InvalidInputError("request_id", f"{len(request_id)} characters", expected)
-    return request_id
 
 
 def _operation_timeout_s(request: pb.StepBatchRequest | pb.StepSampleRequest) -> float:

@@ -240,17 +240,13 @@ class OperationQueue:
             timeout_s=operation.deadline_s - time.monotonic(),
             cancelled=operation.cancelled,
         )
-        while True:
-            try:
-                message = next(steps)
-            except StopIteration as end:
-                answer: WorkerMessage = end.value
-                return answer
+        for message in steps:
             if message.type == "frames":
                 operation.add(messages_from_bytes(message.content, message.arrays))
-            else:
+            elif message.type == "progress":
                 progress = Progress(message.head["stage"], message.head["fraction"])
                 operation.update(progress=progress)
+        return message
 
     def _record(self, job: Job) -> Operation:
         self._count += 1

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from oaisys_core.config import SimulationConfig, canonical_json
@@ -86,24 +86,23 @@ class Supervisor:
         if self._killed.is_set():
             self._worker.kill(_ENDING)
         _LOG.info("worker %d started", self._worker.pid)
-        limit = CallLimit(START_TIMEOUT_S, options.grace_s, threading.Event())
         head = {
             "config": self._config,
             "state": self._state,
             "pose_cache_bytes": options.pose_cache_bytes,
             "asset_roots": [str(root) for root in options.asset_roots],
         }
-        self._raise_fault(self._finished(START_METHOD, WorkerMessage(head), limit))
+        self._finish(START_METHOD, head, START_TIMEOUT_S)
         self._needed_bytes = 0
         self._on_ready(True)
 
     def call(
         self, method: str, request: bytes, *, timeout_s: float, cancelled: threading.Event
-    ) -> Generator[WorkerMessage, None, WorkerMessage]:
+    ) -> Iterator[WorkerMessage]:
         """Have the worker do something, starting a new worker first where there is none.
 
-        Yields what the worker sends meanwhile, of the types ``progress`` and ``frames``, and
-        returns its answer.
+        Yields what the worker sends meanwhile, of the types ``progress`` and ``frames``, and at
+        last its answer.
 
         Raises:
             WorkerLostError: The worker died meanwhile.
@@ -116,7 +115,9 @@ class Supervisor:
         self.ensure_worker()
         if limit.must_stop():
             raise limit.error()
-        answer = yield from self._call(method, WorkerMessage({}, request), limit)
+        for answer in self._call(method, WorkerMessage({}, request), limit):
+            if answer.type != "answer":
+                yield answer
         if limit.must_stop():
             if is_sample and "fault" not in answer.head:
                 self.withdraw()
@@ -124,31 +125,26 @@ class Supervisor:
         self._raise_fault(answer)
         if is_sample:
             self._breaker.worked()
-        return answer
+        yield answer
 
     def withdraw(self) -> None:
         """Have the worker undo its last sample, because its caller was told that it failed."""
-        limit = CallLimit(WITHDRAW_TIMEOUT_S, self._options.grace_s, threading.Event())
         try:
-            self._raise_fault(self._finished("withdraw_sample", WorkerMessage({}), limit))
+            self._finish("withdraw_sample", {}, WITHDRAW_TIMEOUT_S)
         except OaisysError as error:
             _LOG.warning("a sample that came too late keeps its id: %s", error)
 
     def _call(
         self, method: str, request: WorkerMessage, limit: CallLimit
-    ) -> Generator[WorkerMessage, None, WorkerMessage]:
+    ) -> Iterator[WorkerMessage]:
         """Call the worker and keep what it says of the world; drop a worker that is lost."""
         assert self._worker is not None
         try:
-            steps = self._worker.call(method, request, limit)
-            while True:
-                message = next(steps)
+            for message in self._worker.call(method, request, limit):
                 if message.type == "info":
                     self._info = pb.GetSimulatorInfoResponse.FromString(message.content)
-                else:
+                elif message.type != "answer":
                     yield message
-        except StopIteration as end:
-            answer: WorkerMessage = end.value
         except (WorkerLostError, DeadlineExceededError) as error:
             if method != START_METHOD:
                 self._lost(error)
@@ -158,18 +154,14 @@ class Supervisor:
             raise
         if method == SAMPLE_METHOD:
             self._needed_bytes = self._needed_bytes or self._worker.resident_bytes()
-        self._keep(answer)
-        return answer
+        self._keep(message)
+        yield message
 
-    def _finished(self, method: str, request: WorkerMessage, limit: CallLimit) -> WorkerMessage:
-        """Call the worker and return its answer."""
-        steps = self._call(method, request, limit)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as end:
-                answer: WorkerMessage = end.value
-                return answer
+    def _finish(self, method: str, head: dict[str, Any], timeout_s: float) -> None:
+        """Call the worker and wait until it has succeeded; its answer says nothing else."""
+        limit = CallLimit(timeout_s, self._options.grace_s, threading.Event())
+        *_, answer = self._call(method, WorkerMessage(head), limit)
+        self._raise_fault(answer)
 
     def ensure_worker(self) -> None:
         """Start a new worker if the last one died or has grown too large; between two calls.

@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Generator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import oaisys_core
@@ -118,8 +118,8 @@ class WorkerProcess:
 
     def call(
         self, method: str, request: WorkerMessage, limit: CallLimit
-    ) -> Generator[WorkerMessage, None, WorkerMessage]:
-        """Have the worker do something; yield what it sends meanwhile and return its answer.
+    ) -> Iterator[WorkerMessage]:
+        """Have the worker do something; yield what it sends meanwhile, and at last its answer.
 
         Args:
             method: See `oaisys_grpc.worker.calls.SimulationCalls`.
@@ -152,7 +152,7 @@ class WorkerProcess:
                 if message.head["id"] != number:
                     continue
                 if message.type == "answer":
-                    return message
+                    break
                 yield message
         except (EOFError, OSError) as error:
             if limit.must_kill(since_told):
@@ -161,6 +161,7 @@ class WorkerProcess:
             raise WorkerLostError(f"{method}: {self.last_words()}") from error
         finally:
             self._watchdog.disarm()
+        yield message
 
     def end(self) -> None:
         """Ask the process to end; kill it where it does not."""
