@@ -12,12 +12,7 @@ import grpc
 from google.protobuf.duration_pb2 import Duration
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 
-from oaisys_core.errors import (
-    CancelledError,
-    DeadlineExceededError,
-    InvalidInputError,
-    OaisysError,
-)
+from oaisys_core.errors import CancelledError, DeadlineExceededError, InvalidInputError, OaisysError
 from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc.contract.errors import error_from_rpc
 from oaisys_grpc.contract.metadata import metadata_to_proto, pose_to_proto

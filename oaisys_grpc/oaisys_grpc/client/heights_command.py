@@ -32,8 +32,7 @@ def heights(
     backend: BackendOption = None,
     batch: Annotated[int, typer.Option(help="Which world of the configuration.", min=1)] = 1,
     address: Annotated[
-        str | None,
-        typer.Option(help="host:port of a running server: the world that stands there."),
+        str | None, typer.Option(help="host:port of a running server: the world that stands there.")
     ] = None,
     tls_ca: TlsCaOption = None,
     tls_cert: TlsCertOption = None,

@@ -22,13 +22,7 @@ from oaisys_core.types import (
     TriangleMesh,
 )
 from oaisys_grpc.addresses import DEFAULT_ADDRESS
-from oaisys_grpc.client.channel import (
-    SERVICE,
-    Channel,
-    batch_request,
-    render_request,
-    sample_request,
-)
+from oaisys_grpc.client.channel import Channel, batch_request, render_request, sample_request
 from oaisys_grpc.client.sample_stream import (
     MAX_ARRAY_BYTES,
     ProgressListener,
@@ -43,7 +37,6 @@ from oaisys_grpc.tls import ClientTls, client_tls
 
 __all__ = [
     "DEFAULT_ADDRESS",
-    "SERVICE",
     "ClientTls",
     "ProgressListener",
     "SampleStream",
@@ -172,11 +165,7 @@ class SimulatorClient:
             on_progress: Told how far it is, on this thread. If it raises, the render is cancelled.
         """
         with self.stream_sample(
-            pose,
-            metadata=metadata,
-            modalities=modalities,
-            sensors=sensors,
-            on_progress=on_progress,
+            pose, metadata=metadata, modalities=modalities, sensors=sensors, on_progress=on_progress
         ) as stream:
             return stream.read()
 
@@ -276,11 +265,10 @@ class SimulatorClient:
         points = np.asarray(points_m, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
             raise InvalidInputError("points_m", points.shape, "(N, 3) coordinates")
-        answers = []
-        for begin in range(0, max(1, len(points)), _HEIGHTS_PER_CALL):
-            block = points[begin : begin + _HEIGHTS_PER_CALL]
-            request = pb.QueryHeightRequest(points_m=block.ravel().tolist())
-            answers.append(world.heights_from_proto(self._call("QueryHeight", request)))
+        begins = range(0, max(1, len(points)), _HEIGHTS_PER_CALL)
+        blocks = (points[begin : begin + _HEIGHTS_PER_CALL].ravel().tolist() for begin in begins)
+        requests = (pb.QueryHeightRequest(points_m=block) for block in blocks)
+        answers = [world.heights_from_proto(self._call("QueryHeight", r)) for r in requests]
         return HeightQuery(
             ground_height_m=np.concatenate([a.ground_height_m for a in answers]),
             surface_height_m=np.concatenate([a.surface_height_m for a in answers]),

@@ -233,8 +233,7 @@ def _brief(provenance: Provenance) -> Provenance:
 def _camera(intrinsics: PinholeIntrinsics) -> pb.FrameHeader:
     """Return what the headers of all frames of a camera share; it must not be changed."""
     return pb.FrameHeader(
-        intrinsics=intrinsics_to_proto(intrinsics),
-        k=matrix_to_proto(intrinsics.K),
+        intrinsics=intrinsics_to_proto(intrinsics), k=matrix_to_proto(intrinsics.K)
     )
 
 

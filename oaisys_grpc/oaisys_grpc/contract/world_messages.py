@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +21,8 @@ from oaisys_core.types import (
     TriangleMesh,
 )
 from oaisys_grpc.contract import arrays
-from oaisys_grpc.contract.arrays import MAX_FRAME_BYTES, ArrayAssembly
-from oaisys_grpc.contract.metadata import (
-    metadata_to_proto,
-    names,
-    pose_from_proto,
-    pose_to_proto,
-)
+from oaisys_grpc.contract.arrays import MAX_FRAME_BYTES, AnyArray, ArrayAssembly
+from oaisys_grpc.contract.metadata import metadata_to_proto, names, pose_from_proto, pose_to_proto
 from oaisys_grpc.contract.sample_messages import (
     intrinsics_from_proto,
     intrinsics_to_proto,
@@ -138,20 +134,8 @@ def mesh_from_parts(
     Raises:
         OaisysError: Parts are missing, contradict each other, or are beyond the limit.
     """
-    begun: dict[str, ArrayAssembly] = {}
-    for part in parts:
-        if part.HasField("header"):
-            present = {field.name: header for field, header in part.header.ListFields()}
-            begun = {name: ArrayAssembly(header, limit) for name, header in present.items()}
-            continue
-        chunk = part.chunk
-        name = dict(enumerate(_MESH_ARRAYS)).get(chunk.index)
-        if name not in begun:
-            raise OaisysError(f"a chunk of array {chunk.index} came without its header")
-        begun[name].add(chunk)
-    if not {"vertices_m", "triangles"} <= begun.keys():
-        raise OaisysError("the mesh is incomplete: vertices or triangles are missing")
-    return TriangleMesh(**{name: assembly.array() for name, assembly in begun.items()})
+    _, arrays_by_name = _assembled(parts, _MESH_ARRAYS, ("vertices_m", "triangles"), limit)
+    return TriangleMesh(**arrays_by_name)
 
 
 _HEIGHT_ARRAYS = ("ground_height_m", "surface_height_m")
@@ -187,21 +171,35 @@ def heights_from_parts(
     Raises:
         OaisysError: Parts are missing, contradict each other, or are beyond the limit.
     """
-    header: pb.HeightFieldHeader | None = None
-    begun: list[ArrayAssembly] = []
+    header, heights_m = _assembled(parts, _HEIGHT_ARRAYS, _HEIGHT_ARRAYS, limit)
+    origin_xy_m = (header.origin_x_m, header.origin_y_m)
+    return HeightGrid(*(heights_m[name] for name in _HEIGHT_ARRAYS), origin_xy_m, header.spacing_m)
+
+
+def _assembled(
+    parts: Iterable[Any], names: Sequence[str], required: Sequence[str], limit: int
+) -> tuple[Any, dict[str, AnyArray]]:
+    """Return the header in a stream of arrays, and the arrays, by the header's names of them.
+
+    Args:
+        names: In the order of the chunks' indices.
+        required: Those that must have come.
+    """
+    header: Any = None
+    begun: dict[str, ArrayAssembly] = {}
     for part in parts:
         if part.HasField("header"):
             header = part.header
-            begun = [ArrayAssembly(getattr(header, name), limit) for name in _HEIGHT_ARRAYS]
+            present = filter(header.HasField, names)
+            begun = {name: ArrayAssembly(getattr(header, name), limit) for name in present}
             continue
-        chunk = part.chunk
-        if chunk.index >= len(begun):
-            raise OaisysError(f"a chunk of array {chunk.index} came without its header")
-        begun[chunk.index].add(chunk)
-    if header is None:
-        raise OaisysError("the height field is incomplete: its header has not come")
-    ground_m, surface_m = (assembly.array() for assembly in begun)
-    return HeightGrid(ground_m, surface_m, (header.origin_x_m, header.origin_y_m), header.spacing_m)
+        name = dict(enumerate(names)).get(part.chunk.index)
+        if name not in begun:
+            raise OaisysError(f"a chunk of array {part.chunk.index} came without its header")
+        begun[name].add(part.chunk)
+    if missing := set(required) - begun.keys():
+        raise OaisysError(f"the answer is incomplete: {', '.join(sorted(missing))} have not come")
+    return header, {name: assembly.array() for name, assembly in begun.items()}
 
 
 def heights_to_proto(heights: HeightQuery) -> pb.QueryHeightResponse:

@@ -38,7 +38,8 @@ from oaisys_core.errors import (
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose, Progress, Sample
-from oaisys_grpc.client.simulator_client import SERVICE, SimulatorClient
+from oaisys_grpc.client.channel import SERVICE
+from oaisys_grpc.client.simulator_client import SimulatorClient
 
 StartServer = Callable[..., Server]
 POSES = [pose_looking_down(1, 1, 11, 0.4), pose_looking_at((-6, -5, 7), (2, 3, 0))]
