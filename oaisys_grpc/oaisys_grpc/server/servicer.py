@@ -32,6 +32,7 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.server.jobs.job import Job, Operation
 from oaisys_grpc.server.jobs.queue import OperationQueue
+from oaisys_grpc.server.limits.open_calls import when_over
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 from oaisys_grpc.worker.protocol import WorkerMessage
 
@@ -96,14 +97,12 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         estimate_key = ("batch", request.reuse_stage)
         timeout_s = _operation_timeout_s(request)
         job = _step_job(Kind.BATCH, request, request, timeout_s, estimate_key, context)
-        operation = self._operations.submit(job)
-        return pb.StepBatchResponse(operation=self._status(operation))
+        return pb.StepBatchResponse(operation=self._status(self._operations.submit(job)))
 
     def StepSample(self, request: pb.StepSampleRequest, context: Context) -> pb.StepSampleResponse:
         """Enqueue a sample."""
         job = _sample_job(request, _operation_timeout_s(request), context)
-        operation = self._operations.submit(job)
-        return pb.StepSampleResponse(operation=self._status(operation))
+        return pb.StepSampleResponse(operation=self._status(self._operations.submit(job)))
 
     def GetOperation(
         self, request: pb.GetOperationRequest, _context: Context
@@ -305,6 +304,5 @@ def _remaining_s(context: Context) -> float:
 def _gone(context: Context) -> threading.Event:
     """Return an event that is set when the call has ended, for whatever reason."""
     gone = threading.Event()
-    if not context.add_callback(gone.set):
-        gone.set()
+    when_over(context, gone.set)
     return gone
