@@ -27,9 +27,9 @@ _OPTIONS = [
     # A server that was replaced is found again at once; the default waits up to two minutes.
     ("grpc.initial_reconnect_backoff_ms", 100),
     ("grpc.max_reconnect_backoff_ms", 1000),
-    # A proxy for the web is none for a simulator on this machine.
+    # A simulator is not reached through a web proxy.
     ("grpc.enable_http_proxy", 0),
-    # By default the server waits again and again for leave to send, and sends pieces of 16 KiB.
+    # By default, the server often waits for the client's window, and sends pieces of 16 KiB.
     ("grpc.http2.lookahead_bytes", 64 << 20),
     ("grpc.http2.bdp_probe", 0),
     ("grpc.http2.max_frame_size", (1 << 24) - 1),
@@ -108,7 +108,7 @@ def translated() -> Iterator[None]:
     except grpc.RpcError as error:
         raise error_from_rpc(error) from error
     except ValueError as error:
-        # grpc's word for a client that another thread has closed meanwhile.
+        # gRPC raises this where another thread has closed the channel.
         if "closed" not in str(error):
             raise
         raise CancelledError("the connection was closed") from error

@@ -76,7 +76,7 @@ class SimulatorClient:
             shared_memory: Read images in the server's memory where that is on this machine; they
                 come through the connection where it is not.
             encodings: In which of ``png`` and ``shuffled_zlib`` images may come through the
-                connection, the dearest first; none: not compressed. They are lossless.
+                connection, the preferred one first; none: not compressed. They are lossless.
             max_array_bytes: A larger image, or array of a mesh, is refused before it is received.
 
         Raises:
@@ -109,7 +109,7 @@ class SimulatorClient:
         return self._channel.is_ready(timeout_s)
 
     def info(self) -> SimulatorInfo:
-        """Return what the simulator is and where it stands."""
+        """Return a description of the simulator and its current batch and sample."""
         return world.info_from_proto(self._call("GetSimulatorInfo", pb.GetSimulatorInfoRequest()))
 
     def config_json(self) -> str:
@@ -125,13 +125,13 @@ class SimulatorClient:
         metadata: ModuleMetadata | None = None,
         on_progress: ProgressListener | None = None,
     ) -> int:
-        """Build a new world, wait until it stands, and return its batch id.
+        """Build a new world, wait until it is built, and return its batch id.
 
         Args:
             seed: Seed of this world; None derives it from the root seed and the batch id.
             reuse_stage: Keep the ground and its materials.
             metadata: Parts for the modules.
-            on_progress: Told how far it is, on this thread.
+            on_progress: Called on this thread with the progress.
         """
         name = self.start_batch(seed=seed, reuse_stage=reuse_stage, metadata=metadata)
         try:
@@ -162,7 +162,7 @@ class SimulatorClient:
             metadata: What else changes from here on.
             modalities: Which of them to render; none named: all of each sensor.
             sensors: Which of them to render; none named: all.
-            on_progress: Told how far it is, on this thread. If it raises, the render is cancelled.
+            on_progress: Called on this thread with the progress; if it raises, the render is cancelled.
         """
         with self.stream_sample(
             pose, metadata=metadata, modalities=modalities, sensors=sensors, on_progress=on_progress
@@ -219,24 +219,24 @@ class SimulatorClient:
         return str(self._call("StepSample", request).operation.name)
 
     def get_operation(self, name: str) -> OperationStatus:
-        """Return how an operation stands."""
+        """Return the status of an operation."""
         answer = self._call("GetOperation", pb.GetOperationRequest(name=name))
         return status_from_proto(answer.operation)
 
     def watch_operation(self, name: str) -> Iterator[OperationStatus]:
-        """Yield how an operation stands, at each change until it has ended."""
+        """Yield the status of an operation at each change until it has ended."""
         request = pb.WatchOperationRequest(name=name)
         with self._channel.stream("WatchOperation", request, self._timeout_s) as call:
             for answer in call:
                 yield status_from_proto(answer.operation)
 
     def cancel_operation(self, name: str) -> OperationStatus:
-        """Ask an operation to stop, and return how it stands now."""
+        """Cancel an operation, and return its status."""
         answer = self._call("CancelOperation", pb.CancelOperationRequest(name=name))
         return status_from_proto(answer.operation)
 
     def get_sample(self, batch_id: int, sample_id: int) -> Sample:
-        """Return a sample that was rendered lately."""
+        """Return a recent sample."""
         return self._samples.fetched(batch_id, sample_id, self._timeout_s)
 
     def ground_truth_mesh(self) -> TriangleMesh:
@@ -278,11 +278,11 @@ class SimulatorClient:
     def list_objects(
         self, query: ObjectQuery | None = None, metadata: ModuleMetadata | None = None
     ) -> ObjectPage:
-        """Return things that stand in the world, a page of them.
+        """Return one page of the objects in the world.
 
         Args:
             query: Which of them, and how many at most; None: the first thousand.
-            metadata: As they will be once a sample has brought this, too; it is checked.
+            metadata: List the objects as a sample with this metadata would leave them.
         """
         request = world.query_to_proto(query or ObjectQuery(), metadata)
         return world.page_from_proto(self._call("ListObjects", request))

@@ -288,7 +288,7 @@ def _check_content(descriptor: int, place: Place) -> None:
 
 
 def _all_seals() -> int:
-    """Return what keeps a file as it is: its bytes, its size, and this very promise."""
+    """Return the seals that fix a file's bytes, its size, and the seals themselves."""
     seals = 0
     for name in _SEALS:
         seals |= int(getattr(fcntl, name))

@@ -221,7 +221,7 @@ def heights_from_proto(message: pb.QueryHeightResponse) -> HeightQuery:
 
 
 def query_to_proto(query: ObjectQuery, metadata: ModuleMetadata | None) -> pb.ListObjectsRequest:
-    """Return the request for things of a world; inverse, but for metadata: `query_from_proto`."""
+    """Return the request for objects; inverse, but for the metadata: `query_from_proto`."""
     message = pb.ListObjectsRequest(
         kinds=query.kinds,
         groups=query.groups,
@@ -240,7 +240,7 @@ def query_to_proto(query: ObjectQuery, metadata: ModuleMetadata | None) -> pb.Li
 
 
 def query_from_proto(message: pb.ListObjectsRequest) -> ObjectQuery:
-    """Return which things are asked for."""
+    """Return which objects are asked for."""
     return ObjectQuery(
         kinds=names(message.kinds, "kinds"),
         groups=names(message.groups, "groups"),
@@ -254,7 +254,7 @@ def query_from_proto(message: pb.ListObjectsRequest) -> ObjectQuery:
 
 
 def page_to_proto(page: ObjectPage) -> pb.ListObjectsResponse:
-    """Return the message of things of a world; inverse: `page_from_proto`."""
+    """Return the message of a page of objects; inverse: `page_from_proto`."""
     return pb.ListObjectsResponse(
         objects=map(_object_to_proto, page.objects),
         total=page.total,
@@ -263,7 +263,7 @@ def page_to_proto(page: ObjectPage) -> pb.ListObjectsResponse:
 
 
 def page_from_proto(message: pb.ListObjectsResponse) -> ObjectPage:
-    """Return things of a world."""
+    """Return a page of objects."""
     objects = tuple(map(_object_from_proto, message.objects))
     return ObjectPage(objects, message.total, message.next_after_instance_id)
 

@@ -40,7 +40,7 @@ T_BLENDER_BASE = geometry.invert(geometry.T_LINK_OPTICAL @ geometry.T_OPTICAL_BL
 """Pose of ``base_link`` in the original's sensor base."""
 
 _NOT_ADMITTED = ("queued", "started")
-"""Stages of a sample's progress before its pose was looked at."""
+"""Stages of a sample's progress before its pose was checked."""
 
 Context = grpc.ServicerContext
 
@@ -55,7 +55,7 @@ class LegacyState(IntEnum):
 
 @dataclass(frozen=True)
 class Step:
-    """How a step stands: where it failed it is idle, with an error."""
+    """The state of a step; a failed one is idle, with an error."""
 
     state: LegacyState = LegacyState.IDLE
     files: Sequence[str] = ()
@@ -66,7 +66,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
     """Serves the original's clients; every method may run on any thread.
 
     One step at a time: while a batch or a sample of this service is under way, another one is
-    refused, so that no call touches the pose or the files of another. What a step brought stays
+    refused, so that no call changes the pose or the files of another. The result of a step is kept
     until the next one is accepted.
     """
 
@@ -78,10 +78,10 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         on_end: Callable[[], None],
         pose_policy: PosePolicy,
     ) -> None:
-        """Take what the service works with.
+        """Keep what the methods use.
 
         Args:
-            on_end: Told that a client ended the simulation; must return at once.
+            on_end: Called when a client ends the simulation; must return at once.
             pose_policy: What happens to a pose under the ground or off the stage. The original
                 admits every pose, and its client polls for ever for a sample that was refused.
         """
@@ -116,7 +116,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         return pb.StepSampleReply(successRet=True, batchID=batch_id, sampleID=sample_id)
 
     def RenderFinished(self, _request: pb.Empty, context: Context) -> pb.RenderFinishedReply:
-        """Answer how the last sample stands; its files are told as often as asked for."""
+        """Answer with the state of the last sample, and its files, as often as asked."""
         step = self._sample
         if step.error is not None:
             _tell(context, step.error)
@@ -125,14 +125,14 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
     def BatchCreationFinished(
         self, _request: pb.Empty, context: Context
     ) -> pb.BatchCreationFinishedReply:
-        """Answer how the last batch stands."""
+        """Answer with the state of the last batch."""
         step = self._batch
         if step.error is not None:
             _tell(context, step.error)
         return pb.BatchCreationFinishedReply(state=step.state)
 
     def EndSimulation(self, _request: pb.Empty, _context: Context) -> pb.SuccessMsg:
-        """Answer, and have everything end."""
+        """Answer, and end the server."""
         self._on_end()
         return pb.SuccessMsg(successRet=True)
 
@@ -147,7 +147,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         return ModuleMetadata(sensor=sensor)
 
     def _begin(self, job: Job) -> tuple[Operation, Future[None]]:
-        """Enqueue a step; return it and what is done once its end is known to every poll.
+        """Enqueue a step; return it, and what is done once every poll knows its end.
 
         Raises:
             QueueFullError: A step is under way, or too much waits.
@@ -164,7 +164,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
             return operation, self._follower.submit(self._follow, operation, before)
 
     def _follow(self, operation: Operation, sample_before: Step) -> None:
-        """Wait for the end of a step, write what it made, and only then say how it ended.
+        """Wait for the end of a step and write its files before its state says that it ended.
 
         A sample that was refused leaves what the one before it brought.
         """
@@ -202,7 +202,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
     def _admitted(
         self, operation: Operation, followed: Future[None], context: Context
     ) -> tuple[int, int]:
-        """Wait until there is something of a sample; return its batch and sample id.
+        """Wait until a sample has begun; return its batch and sample id.
 
         Raises:
             OaisysError: It was refused, or has failed already.
@@ -244,6 +244,6 @@ def rig_pose_from_blender(message: pb.SensorModuleRequest.PoseType) -> Pose:
 
 
 def _tell(context: Context, error: OaisysError) -> None:
-    """Send the reason along."""
+    """Send the reason in the trailing metadata."""
     forget_frames(error)
     context.set_trailing_metadata(((ERROR_KEY, printable(str(error))),))

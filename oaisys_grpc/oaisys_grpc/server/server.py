@@ -65,7 +65,7 @@ class HealthWithReason(health.HealthServicer):
     """
 
     def __init__(self) -> None:
-        # A reader that takes nothing must not hold up the thread that tells of a change.
+        # A client that does not read must not block the thread that reports a change.
         super().__init__(experimental_non_blocking=False)
         self.why_not: Callable[[], OaisysError | None] = lambda: None
 
@@ -94,7 +94,7 @@ class SimulatorServer:
 
         Args:
             address: ``host:port``, port 0 for any free one, or ``unix:PATH``.
-            on_end: Told that a client asked for the end.
+            on_end: Called when a client asks for the end.
 
         Raises:
             OaisysError: The address cannot be bound.
@@ -227,7 +227,7 @@ def serve(
     afterwards, so that none interrupts the program on its way out.
 
     Args:
-        on_ready: Told the address, with its real port, once the worker is ready.
+        on_ready: Called with the address, with its real port, once the worker is ready.
 
     Raises:
         OaisysError: The address cannot be bound, or the worker does not start.

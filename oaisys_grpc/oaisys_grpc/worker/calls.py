@@ -51,7 +51,7 @@ from oaisys_grpc.worker import fault_injection
 from oaisys_grpc.worker.protocol import WorkerMessage
 
 MAX_SEGMENTS = 400
-"""That frames, such as those of the cache, may lie in; each takes two descriptors."""
+"""In which frames, such as those of the cache, may lie; each takes two descriptors."""
 
 
 class Reply(NamedTuple):
@@ -65,7 +65,7 @@ class CallContext(NamedTuple):
     """What a call may do while it runs.
 
     Attributes:
-        progress: Tells the server how far it is; raises `CancelledError` once it is cancelled.
+        progress: Sends the progress to the server; raises `CancelledError` once cancelled.
         send_frames: Sends frames, or whatever else of a sample is ready.
     """
 

@@ -103,7 +103,7 @@ class Worker:
 
 
 class _Reporter:
-    """Tells the server how far a call is, and stops it where it was cancelled."""
+    """Sends a call's progress to the server, and stops the call where it was cancelled."""
 
     def __init__(self, connection: Connection, call: int, cancelled: set[int]) -> None:
         self._connection = connection

@@ -39,7 +39,7 @@ class Job:
     """What the worker shall do.
 
     Attributes:
-        kind: Of the operation; None for a question, which leaves no record.
+        kind: Of the operation; None for a question, which is not recorded.
         method: See `oaisys_grpc.worker.calls.SimulationCalls`.
         request: The serialized message of the contract that the method takes.
         timeout_s: From now until it must have ended, including its time in the queue.
@@ -123,11 +123,11 @@ class Operation:
             self.update(state=State.SUCCEEDED, progress=done, batch_id=batch_id)
 
     def complete(self, rest: SampleMessages, keep: Callable[[SampleMessages], None]) -> bool:
-        """End a sample, unless it has ended; return whether that was so.
+        """End a sample unless it has ended; return whether this call ended it.
 
         Args:
-            rest: What had not come of it.
-            keep: Given the whole sample before anybody hears of the end.
+            rest: The last piece of the sample.
+            keep: Called with the whole sample before any caller learns of the end.
         """
         with self._changed:
             if self.status.state.ended:
@@ -218,7 +218,7 @@ class Operation:
             return self.update(state=state, error=error_from_fault(fault_from_error(error)))
 
     def _forget_unfollowed(self) -> None:
-        """Let go of a large result that nobody waits for."""
+        """Drop a large result that nobody waits for."""
         if not self._followers:
             self._sample = None
 

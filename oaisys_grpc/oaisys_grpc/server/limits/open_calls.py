@@ -29,7 +29,7 @@ STALL_PATIENCE_S = 30.0
 """For a client to read one message of an answer: 3 MiB at 100 kB/s."""
 
 CROWDED_REQUESTS = 64
-"""From so many calls without a request on, the oldest are ended."""
+"""When this many calls wait for their requests, the oldest are ended."""
 
 CROWDED_PATIENCE_S = 0.5
 """For a request to arrive, or for a client to read a message, while others need the thread."""
@@ -281,7 +281,7 @@ class StreamLimits:
 
 
 def when_over(context: Any, action: Callable[[], None]) -> None:
-    """Call ``action`` once a call has ended, however it did."""
+    """Call ``action`` once a call has ended, for whatever reason."""
     if not context.add_callback(action):
         action()
 

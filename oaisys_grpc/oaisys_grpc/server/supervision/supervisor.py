@@ -40,7 +40,7 @@ SAMPLE_METHOD = "step_sample"
 
 
 class Supervisor:
-    """Owns the worker process and what is known of its world.
+    """Owns the worker process, and remembers the state of its world.
 
     All but `info` and `kill` belong to one thread, which must live as long as the worker.
     """
@@ -137,7 +137,7 @@ class Supervisor:
     def _call(
         self, method: str, request: WorkerMessage, limit: CallLimit
     ) -> Iterator[WorkerMessage]:
-        """Call the worker and keep what it says of the world; drop a worker that is lost."""
+        """Call the worker and remember the state of its world; drop a worker that is lost."""
         assert self._worker is not None
         try:
             for message in self._worker.call(method, request, limit):
@@ -158,7 +158,7 @@ class Supervisor:
         yield message
 
     def _finish(self, method: str, head: dict[str, Any], timeout_s: float) -> None:
-        """Call the worker and wait until it has succeeded; its answer says nothing else."""
+        """Call the worker, and wait until it has succeeded."""
         limit = CallLimit(timeout_s, self._options.grace_s, threading.Event())
         *_, answer = self._call(method, WorkerMessage(head), limit)
         self._raise_fault(answer)
@@ -242,7 +242,7 @@ class Supervisor:
             worker.kill(_ENDING)
 
     def _keep(self, answer: WorkerMessage) -> None:
-        """Keep what an answer says of the world."""
+        """Remember the state of the world that an answer brings."""
         head = answer.head
         if "state" in head:
             self._state = head["state"]
