@@ -162,7 +162,7 @@ class SimulatorClient:
             metadata: What else changes from here on.
             modalities: Which of them to render; none named: all of each sensor.
             sensors: Which of them to render; none named: all.
-            on_progress: Called on this thread with the progress; if it raises, the render is cancelled.
+            on_progress: Called on this thread with the progress; if it raises, the render ends.
         """
         with self.stream_sample(
             pose, metadata=metadata, modalities=modalities, sensors=sensors, on_progress=on_progress
