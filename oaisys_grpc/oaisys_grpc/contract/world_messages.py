@@ -172,8 +172,8 @@ def heights_from_parts(
         OaisysError: Parts are missing, contradict each other, or are beyond the limit.
     """
     header, heights_m = _assembled(parts, _HEIGHT_ARRAYS, _HEIGHT_ARRAYS, limit)
-    origin_xy_m = (header.origin_x_m, header.origin_y_m)
-    return HeightGrid(*(heights_m[name] for name in _HEIGHT_ARRAYS), origin_xy_m, header.spacing_m)
+    ground_m, surface_m = (heights_m[name] for name in _HEIGHT_ARRAYS)
+    return HeightGrid(ground_m, surface_m, (header.origin_x_m, header.origin_y_m), header.spacing_m)
 
 
 def _assembled(
