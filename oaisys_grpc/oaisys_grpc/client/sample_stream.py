@@ -157,9 +157,9 @@ class SampleStream:
         if content == "shared_memory":
             yield from self._shared(header)
             return
-        self._begun = header, ArrayAssembly(header.array, self._limit)
-        size = arrays.checked_nbytes(header.array, self._limit)
-        self.largest_copied_bytes = max(self.largest_copied_bytes, size)
+        assembly = ArrayAssembly(header.array, self._limit)
+        self._begun = header, assembly
+        self.largest_copied_bytes = max(self.largest_copied_bytes, assembly.nbytes)
         if content == "data":
             yield from self._add(pb.Chunk(index=header.index, data=header.data))
 

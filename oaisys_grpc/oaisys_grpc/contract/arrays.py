@@ -109,7 +109,11 @@ def checked_nbytes(header: pb.ArrayHeader, limit: int) -> int:
 
 
 class ArrayAssembly:
-    """Puts an array together from its header and its chunks, in one allocation."""
+    """Puts an array together from its header and its chunks, in one allocation.
+
+    Attributes:
+        nbytes: Of the array, decoded.
+    """
 
     def __init__(self, header: pb.ArrayHeader, limit: int = MAX_FRAME_BYTES) -> None:
         """Check the header and allocate.
@@ -120,7 +124,7 @@ class ArrayAssembly:
         Raises:
             OaisysError: The header contradicts itself, or says what this client cannot read.
         """
-        checked_nbytes(header, limit)
+        self.nbytes = checked_nbytes(header, limit)
         self._header = header
         self._bytes = np.empty(header.byte_size, dtype=np.uint8)
         self._received = 0
