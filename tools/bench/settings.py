@@ -17,6 +17,11 @@ Say = Callable[[float, str], None]
 """Takes the share of a topic that is done, and what comes next."""
 
 
+def say_of_part(say: Say, index: int, parts: int, name: str) -> Say:
+    """Return what takes the progress of one of several equal parts of a topic."""
+    return lambda share, text: say((index + share) / parts, f"{name}: {text}")
+
+
 @dataclass(frozen=True)
 class Settings:
     """Settings of a run.

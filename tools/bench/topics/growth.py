@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
-from tools.bench.settings import Say, Settings
+from tools.bench.settings import Say, Settings, say_of_part
 
 WIDTHS_PX = (160, 320, 640, 1280, 1920)
 ROCKS = (0, 1_000, 2_000, 10_000, 20_000, 50_000, 100_000)
@@ -42,14 +42,11 @@ def run(settings: Settings, say: Say) -> list[Figure]:
     pairs = DOUBLINGS[:1] if settings.quick else DOUBLINGS
     jobs = len(points) + len(pairs)
 
-    def teller(index: int, name: str) -> Say:
-        return lambda share, text: say((index + share) / jobs, f"{name}: {text}")
-
     for index, point in enumerate(points):
         found = run_job(
             "growth.point",
             settings,
-            teller(index, f"{point.curve} {point.x:,}"),
+            say_of_part(say, index, jobs, f"{point.curve} {point.x:,}"),
             changes=point.changes,
             cameras=point.cameras,
             width_px=point.width_px,
@@ -59,7 +56,7 @@ def run(settings: Settings, say: Say) -> list[Figure]:
         turns = run_job(
             "growth.in_turns",
             settings,
-            teller(index, f"rocks {few:,} and {many:,}"),
+            say_of_part(say, index, jobs, f"rocks {few:,} and {many:,}"),
             worlds=[{"assets": {"rocks": _rocks(count)}} for count in (few, many)],
         )
         figures += slower(few, many, turns)

@@ -6,7 +6,7 @@ from typing import Any
 
 from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure, ratio
-from tools.bench.settings import Say, Settings
+from tools.bench.settings import Say, Settings, say_of_part
 
 # 708 x 708 points: 999,698 triangles.
 MILLION: dict[str, Any] = {
@@ -29,15 +29,11 @@ LEAST_PERCENT = 99.95
 def batches(settings: Settings, say: Say) -> list[Figure]:
     """Return figures of both worlds; each value is from a process of its own."""
     figures = []
-    total = len(WORLDS) * settings.runs
+    parts = len(WORLDS) * settings.runs
     for index, (world, changes) in enumerate(WORLDS.items()):
         runs = []
         for number in range(settings.runs):
-            done = (index * settings.runs + number) / total
-
-            def tell(share: float, text: str, done: float = done, world: str = world) -> None:
-                say(done + share / total, f"{world}: {text}")
-
+            tell = say_of_part(say, index * settings.runs + number, parts, world)
             runs.append(run_job("samples.batches", settings, tell, changes=changes))
         figures += _batch_figures(world, runs)
     return figures

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
-from tools.bench.settings import Say, Settings
+from tools.bench.settings import Say, Settings, say_of_part
 
 SAMPLES_PER_RUN = 8
 LARGE_PX = (4096, 3072)
@@ -39,14 +39,10 @@ def transfer(settings: Settings, say: Say) -> list[Figure]:
         ways += [Way(LARGE_PX, name, True, settings.runs) for name in TRANSFER_MS]
     figures = []
     for index, way in enumerate(ways):
-
-        def tell(share: float, text: str, index: int = index, way: Way = way) -> None:
-            say((index + share) / len(ways), f"{way.stem}: {text}")
-
         found = run_job(
             "transfer.samples",
             settings,
-            tell,
+            say_of_part(say, index, len(ways), way.stem),
             size_px=way.size_px,
             shared_memory=way.name == "shared_memory",
             cached=way.cached,
