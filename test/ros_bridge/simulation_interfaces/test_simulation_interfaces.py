@@ -136,9 +136,11 @@ def test_a_simulation_is_paused_stepped_and_played(stage: Stage) -> None:
         SimulateSteps.Goal(steps=3),
         lambda m: feedback.append((m.feedback.completed_steps, m.feedback.remaining_steps)),
     )
-    done = stage.user.answer(stage.user.answer(sent).get_result_async())
-    assert (done.status, done.result.result.result) == (GoalStatus.STATUS_SUCCEEDED, 1)
+    goal = stage.user.answer(sent)
+    # A client of rclpy passes no feedback on once it has the result.
     stage.user.wait_until(lambda: len(feedback) == 3)
+    done = stage.user.answer(goal.get_result_async())
+    assert (done.status, done.result.result.result) == (GoalStatus.STATUS_SUCCEEDED, 1)
     assert feedback == [(1, 2), (2, 1), (3, 0)]
 
     assert simulator.set_state(PLAYING)[0] == Result.RESULT_OK
