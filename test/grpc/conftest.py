@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from leak_check import LeakCheck
-from served_simulator import FLAT_WORLD, Server
+from served_simulator import FLAT_WORLD, Server, stepped_server
 
 from oaisys_grpc.client.simulator_client import SimulatorClient
 
@@ -21,9 +21,9 @@ def start_server(tmp_path: Path, leaks: LeakCheck) -> Iterator[Callable[..., Ser
 
         def start(config: dict[str, Any], *options: str, **env: str) -> Server:
             number = len(list(tmp_path.iterdir()))
-            server = Server(tmp_path / f"server{number}", config, list(options), env)
-            stack.callback(server.end)
-            return server
+            return stack.enter_context(
+                Server(tmp_path / f"server{number}", config, *options, **env)
+            )
 
         yield start
 
@@ -31,9 +31,15 @@ def start_server(tmp_path: Path, leaks: LeakCheck) -> Iterator[Callable[..., Ser
 @pytest.fixture(scope="module")
 def flat_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """A server with the plane, shared by the tests of a module."""
-    server = Server(tmp_path_factory.mktemp("grpc") / "flat", FLAT_WORLD, [], {})
-    yield server
-    server.end()
+    with Server(tmp_path_factory.mktemp("grpc") / "flat", FLAT_WORLD) as server:
+        yield server
+
+
+@pytest.fixture(scope="module")
+def stepped_flat_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """As that, with a first batch."""
+    with stepped_server(tmp_path_factory.mktemp("stepped") / "flat", FLAT_WORLD) as server:
+        yield server
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,6 @@ import re
 import shutil
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -23,10 +22,10 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from waiting import PATIENCE_S, wait_until
 from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
-DEADLINE_S = 60.0
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 OPTIONS = (
     "--headless=new",
@@ -70,19 +69,17 @@ class Page:
 
     def wait_for(self, expression: str) -> Any:
         """Wait until an expression holds and return its value."""
-        deadline = time.monotonic() + DEADLINE_S
-        while not (found := self.value(expression)):
-            assert time.monotonic() < deadline, f"not in time: {expression}; {self.errors}"
-            time.sleep(0.1)
-        return found
+        return wait_until(
+            lambda: self.value(expression), explain=lambda: f"{expression}; {self.errors}"
+        )
 
     def wait_until_shown(self, is_so: Callable[[NDArray[np.uint8]], bool]) -> NDArray[np.uint8]:
         """Return the first picture of the page of which something holds."""
-        deadline = time.monotonic() + DEADLINE_S
-        while not is_so(image := self.picture()):
-            assert time.monotonic() < deadline, f"never shown; {self.errors}"
-            time.sleep(0.3)
-        return image
+        shown: NDArray[np.uint8]
+        (shown,) = wait_until(
+            lambda: is_so(image := self.picture()) and (image,), explain=lambda: self.errors
+        )
+        return shown
 
     def picture(self) -> NDArray[np.uint8]:
         """Return the window as (H, W, 3) RGB."""
@@ -94,7 +91,7 @@ class Page:
         self._last += 1
         self._socket.send(json.dumps({"id": self._last, "method": method, "params": parameters}))
         while True:
-            message = json.loads(self._socket.recv(timeout=DEADLINE_S))
+            message = json.loads(self._socket.recv(timeout=PATIENCE_S))
             if message.get("id") == self._last:
                 assert "error" not in message, message
                 return dict(message["result"])
@@ -135,34 +132,30 @@ def browser_page(profile: Path, size: tuple[int, int] = (1200, 900)) -> Iterator
         )
     try:
         port = _port(log, process)
-        with connect(_page_address(port), max_size=None, open_timeout=DEADLINE_S) as socket:
+        with connect(_page_address(port), max_size=None, open_timeout=PATIENCE_S) as socket:
             yield Page(socket)
     finally:
         os.killpg(process.pid, signal.SIGKILL)
-        process.wait(DEADLINE_S)
+        process.wait(PATIENCE_S)
 
 
 def _port(log: Path, process: subprocess.Popen[bytes]) -> int:
-    deadline = time.monotonic() + DEADLINE_S
-    while time.monotonic() < deadline:
-        text = log.read_text(encoding="utf-8", errors="replace")
-        if found := re.search(r"DevTools listening on ws://127\.0\.0\.1:(\d+)/", text):
-            return int(found[1])
-        if process.poll() is not None:
-            pytest.fail(f"the browser ended: {text[-800:]}")
-        time.sleep(0.1)
-    pytest.fail("the browser did not come up in time")
+    def said() -> str:
+        return log.read_text(encoding="utf-8", errors="replace")
+
+    listening = re.compile(r"DevTools listening on ws://127\.0\.0\.1:(\d+)/")
+    found = wait_until(
+        lambda: listening.search(said()), process=process, explain=lambda: said()[-800:]
+    )
+    return int(found[1])
 
 
 def _page_address(port: int) -> str:
     """Return the socket of the browser's one page."""
     from urllib.request import urlopen
 
-    deadline = time.monotonic() + DEADLINE_S
-    while time.monotonic() < deadline:
-        with urlopen(f"http://127.0.0.1:{port}/json/list", timeout=DEADLINE_S) as answer:
-            pages = [page for page in json.load(answer) if page["type"] == "page"]
-        if pages:
-            return str(pages[0]["webSocketDebuggerUrl"])
-        time.sleep(0.1)
-    pytest.fail("the browser opened no page in time")
+    def pages() -> list[dict[str, str]]:
+        with urlopen(f"http://127.0.0.1:{port}/json/list", timeout=PATIENCE_S) as answer:
+            return [page for page in json.load(answer) if page["type"] == "page"]
+
+    return str(wait_until(pages)[0]["webSocketDebuggerUrl"])

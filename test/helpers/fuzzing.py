@@ -14,7 +14,7 @@ from google.protobuf.descriptor import MethodDescriptor
 from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.struct_pb2 import Struct
-from served_simulator import PATIENCE_S
+from waiting import PATIENCE_S
 
 from oaisys_grpc.pb.legacy import oaisys_pb2 as legacy
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb

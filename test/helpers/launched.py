@@ -6,13 +6,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Self
 
 from repository import REPOSITORY
+from waiting import START_PATIENCE_S, wait_until
 
-PATIENCE_S = 120.0
 LAUNCH = """
 import sys
 from launch import LaunchService
@@ -61,13 +60,14 @@ class Launched:
 
     def wait_for(self, text: str) -> None:
         """Wait until it has printed a text."""
-        end_s = time.monotonic() + PATIENCE_S
-        while text not in self.log.read_text():
-            assert self.process.poll() is None, self.log.read_text()
-            assert time.monotonic() < end_s, self.log.read_text()
-            time.sleep(0.1)
+        wait_until(
+            lambda: text in self.log.read_text(),
+            START_PATIENCE_S,
+            process=self.process,
+            explain=self.log.read_text,
+        )
 
     def interrupt(self) -> int:
         """Press Ctrl-C and return its exit code."""
         os.killpg(self.process.pid, signal.SIGINT)
-        return self.process.wait(PATIENCE_S)
+        return self.process.wait(START_PATIENCE_S)

@@ -22,8 +22,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 from rclpy.task import Future
-from served_simulator import PATIENCE_S, Server
+from served_simulator import Server
 from std_msgs.msg import Bool, Header
+from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.types import Pose
 from oaisys_msgs.srv import SetPose
@@ -107,11 +108,7 @@ class User:
 
     def wait_until(self, condition: Callable[[], Any]) -> Any:
         """Take messages in until the condition holds, and return what it returned."""
-        end_s = time.monotonic() + PATIENCE_S
-        while not (value := condition()):
-            assert time.monotonic() < end_s, "waited in vain"
-            self._executor.spin_once(timeout_sec=0.05)
-        return value
+        return wait_until(condition, pause=lambda: self._executor.spin_once(timeout_sec=0.05))
 
     def wait_until_ready(self, ready: bool = True) -> None:
         """Wait for the bridge to be (or not to be) ready, and to be heard on all topics."""
@@ -237,9 +234,8 @@ class Stage:
     def start_world(self, config: dict[str, Any], *options: str, **env: str) -> Server:
         """Start a server for a world, on a free port unless options say otherwise."""
         number = len(list(self._folder.iterdir()))
-        server = Server(self._folder / f"server{number}", config, list(options), env)
-        self._stack.callback(server.end)
-        return server
+        folder = self._folder / f"server{number}"
+        return self._stack.enter_context(Server(folder, config, *options, **env))
 
     def start_node(self, module: str, *arguments: str) -> NodeProcess:
         node = NodeProcess(module, self._folder / f"{module}.log", *arguments)

@@ -8,29 +8,17 @@ import os
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import grpc
 import psutil
 import yaml
+from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 
 from oaisys_core.errors import OaisysError
 from oaisys_grpc.client.simulator_client import SimulatorClient
-
-PATIENCE_S = 60.0
-"""For what should take a second: a busy machine must not fail a test."""
-
-START_PATIENCE_S = 240.0
-"""For a server to start, which loads all libraries twice: 70 s were seen on a starved machine."""
-
-LOAD_FACTOR = 5.0
-"""What the bounds of docs/reliability.md are multiplied with: the machine does other work, too."""
-
-SHUTDOWN_S = 5.0
-"""The bound of row 20 of docs/reliability.md: everything is down."""
 
 FLAT_WORLD: dict[str, Any] = {
     "backend": "analytic",
@@ -49,11 +37,9 @@ ROCKY_WORLD: dict[str, Any] = {
 
 
 class Server:
-    """A running server process; stdout and stderr go to files, so that no pipe fills up."""
+    """A running server process, a context manager; stdout and stderr go to files in a new folder."""
 
-    def __init__(
-        self, folder: Path, config: dict[str, Any], options: list[str], env: dict[str, str]
-    ) -> None:
+    def __init__(self, folder: Path, config: dict[str, Any], *options: str, **env: str) -> None:
         folder.mkdir()
         self.stdout, self.stderr = folder / "stdout", folder / "stderr"
         file = folder / "world.yaml"
@@ -66,14 +52,21 @@ class Server:
                 command, stdout=out, stderr=err, env={**os.environ, **own, **env}
             )
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
     @property
     def address(self) -> str:
-        wait_until(
-            lambda: "\n" in self.stdout.read_text() or self.process.poll() is not None,
+        line: str = wait_until(
+            lambda: "\n" in (said := self.stdout.read_text()) and said,
             START_PATIENCE_S,
+            process=self.process,
+            explain=self.stderr.read_text,
         )
-        line = self.stdout.read_text()
-        assert line.startswith("ready: "), self.stderr.read_text()
+        assert line.startswith("ready: "), line
         return line.removeprefix("ready: ").strip()
 
     def client(self) -> SimulatorClient:
@@ -112,30 +105,9 @@ def _is_worker(process: psutil.Process) -> bool:
 
 
 @contextlib.contextmanager
-def within(bound_s: float) -> Iterator[None]:
-    """Fail where what is inside takes longer than a documented bound times `LOAD_FACTOR`."""
-    began_s = time.monotonic()
-    yield
-    took_s = time.monotonic() - began_s
-    assert took_s <= LOAD_FACTOR * bound_s, f"{took_s:.1f} s, the bound is {bound_s:g} s"
-
-
-def wait_until(condition: Callable[[], Any], patience_s: float = PATIENCE_S) -> Any:
-    """Return what the condition returns as soon as that is true."""
-    end_s = time.monotonic() + patience_s
-    while not (value := condition()):
-        assert time.monotonic() < end_s, "waited in vain"
-        time.sleep(0.01)
-    return value
-
-
-@contextlib.contextmanager
 def stepped_server(folder: Path, config: dict[str, Any]) -> Iterator[Server]:
     """Run a server that has made its first batch."""
-    server = Server(folder, config, [], {})
-    try:
+    with Server(folder, config) as server:
         with server.client() as client:
             client.step_batch(seed=3)
         yield server
-    finally:
-        server.end()

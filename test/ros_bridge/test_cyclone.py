@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -24,12 +23,6 @@ pytestmark = pytest.mark.ros
 READER = Path(__file__).with_name("cyclone_reader.py")
 PAGE = REPOSITORY / "docs" / "ros.md"
 DEPTH = "camera/depth/image_raw"
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def documented_setting() -> str:

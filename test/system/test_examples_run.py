@@ -75,11 +75,8 @@ def test_one_view(world: Path, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("no_process_left")
 def test_over_grpc(tmp_path: Path) -> None:
-    server = Server(tmp_path / "server", SMALL_WORLD, [], {})
-    try:
+    with Server(tmp_path / "server", SMALL_WORLD) as server:
         output = run("02_over_grpc.py", tmp_path, server.address)
-    finally:
-        server.end()
     assert "sample 1: median depth" in output
     arrived = re.findall(r"sample 2: (\w+) is here", output)
     assert sorted(arrived) == ["depth", "instance", "rgb", "semantic_0"]

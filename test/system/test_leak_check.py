@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
 
+import psutil
 import pytest
 from leak_check import MARK, LeakCheck
+from waiting import wait_until
 
 OWNER = """
 import fcntl, mmap, sys, time
@@ -37,8 +38,12 @@ node = rclpy.create_node("killed")
 print("ready", flush=True)
 time.sleep(100)
 """
-LOOKS_S = 1.0
-"""Enough for the check to look at least once."""
+
+
+def look(check: LeakCheck) -> None:
+    """Wait until the check has looked at all that runs now."""
+    looks = check.looks
+    wait_until(lambda: check.looks >= looks + 2)  # it may be looking just now
 
 
 class Processes:
@@ -54,6 +59,7 @@ class Processes:
         env = {k: v for k, v in os.environ.items() if k != MARK} | {"ROS_DOMAIN_ID": domain}
         process = subprocess.Popen(
             [sys.executable, "-c", code, *arguments],
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
             env=env if mark is None else env | {MARK: mark},
@@ -67,7 +73,9 @@ class Processes:
         for process in self.started:
             process.kill()
             process.wait()
+            assert process.stdin is not None
             assert process.stdout is not None
+            process.stdin.close()
             process.stdout.close()
 
 
@@ -90,7 +98,7 @@ def segment() -> Iterator[str]:
 def test_memory_of_a_killed_process_is_left_behind(processes: Processes, segment: str) -> None:
     with LeakCheck(processes.mark) as check:
         processes.start(OWNER, segment, mark=processes.mark, domain="1")
-        time.sleep(LOOKS_S)
+        look(check)
         processes.kill()
 
     assert check.left_behind() == [f"shared memory: {segment}"]
@@ -104,7 +112,7 @@ def test_memory_of_another_domain_is_not(
     owner = processes.start(OWNER, segment, mark=mark, domain="2")
     with LeakCheck(processes.mark) as check:
         user = processes.start(USER, segment, mark=processes.mark, domain="1")
-        time.sleep(LOOKS_S)
+        look(check)
         user.kill()
         if owner_ends:
             owner.kill()
@@ -120,7 +128,7 @@ def test_memory_of_an_unmarked_process_in_the_domain_is_left_behind(
     owner = processes.start(OWNER, segment, mark=None, domain="1")
     with LeakCheck(processes.mark) as check:
         user = processes.start(USER, segment, mark=processes.mark, domain="1")
-        time.sleep(LOOKS_S)
+        look(check)
         user.kill()
 
     (left,) = check.left_behind()
@@ -132,7 +140,7 @@ def test_memory_that_nobody_owns_is_left_behind(processes: Processes, segment: s
     processes.kill()
     with LeakCheck(processes.mark) as check:
         user = processes.start(USER, segment, mark=processes.mark, domain="1")
-        time.sleep(LOOKS_S)
+        look(check)
         user.kill()
 
     assert check.left_behind() == [f"shared memory: {segment}"]
@@ -141,14 +149,18 @@ def test_memory_that_nobody_owns_is_left_behind(processes: Processes, segment: s
 @pytest.mark.long
 def test_a_process_that_drops_its_mark_is_left_behind(processes: Processes) -> None:
     drops = (
-        "import os, sys, time; time.sleep(float(sys.argv[1])); "
+        "import os, sys; sys.stdin.readline(); "
         "os.execve(sys.executable, [sys.executable, '-c', 'import time; time.sleep(100)'], {})"
     )
     with LeakCheck(processes.mark) as check:
         process = processes.start(
-            f"print('ready', flush=True); {drops}", str(LOOKS_S), mark=processes.mark, domain="1"
+            f"print('ready', flush=True); {drops}", mark=processes.mark, domain="1"
         )
-        time.sleep(2 * LOOKS_S)
+        look(check)
+        assert process.stdin is not None
+        process.stdin.write("\n")
+        process.stdin.close()
+        wait_until(lambda: MARK not in psutil.Process(process.pid).environ())
 
     (left,) = check.left_behind()
     assert left.startswith("process: ")
@@ -159,7 +171,7 @@ def test_a_process_that_drops_its_mark_is_left_behind(processes: Processes) -> N
 def test_memory_of_a_killed_node_is_left_behind(processes: Processes, ros_domain_id: int) -> None:
     with LeakCheck(processes.mark) as check:
         processes.start(NODE, mark=processes.mark, domain=str(ros_domain_id))
-        time.sleep(LOOKS_S)
+        look(check)
         processes.kill()
 
     (left,) = check.left_behind()

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 from repository import REPOSITORY
-from served_simulator import PATIENCE_S, Server
+from served_simulator import Server
+from waiting import PATIENCE_S
 
 
 @pytest.fixture(scope="module")

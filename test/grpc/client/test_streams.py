@@ -5,23 +5,17 @@ from __future__ import annotations
 import contextlib
 import gc
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import count
 
 import pytest
-from served_simulator import FLAT_WORLD, Server, stepped_server
+from served_simulator import Server
 
 from oaisys_core.errors import CancelledError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_grpc.client.simulator_client import SimulatorClient
 
 ROUNDS = 5
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with stepped_server(tmp_path_factory.mktemp("streams") / "flat", FLAT_WORLD) as server:
-        yield server
 
 
 def calls_kept() -> int:
@@ -78,10 +72,10 @@ HEIGHTS_M = (3.0 + 0.01 * number for number in count())
     "use", [use_to_the_end, leave, cancel, leave_while_another_thread_reads, fail]
 )
 def test_no_call_stays_however_it_ended(
-    server: Server, use: Callable[[SimulatorClient, float], None]
+    stepped_flat_server: Server, use: Callable[[SimulatorClient, float], None]
 ) -> None:
     before = calls_kept()
-    with server.client() as client:
+    with stepped_flat_server.client() as client:
         with client.stream_sample(pose_looking_down(0.0, 0.0, next(HEIGHTS_M))) as stream:
             assert calls_kept() > before  # it would be seen
             stream.read()

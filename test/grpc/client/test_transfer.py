@@ -17,7 +17,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_samples import assert_same, make_sample
-from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, stepped_server, wait_until
+from served_simulator import ROCKY_WORLD, Server, code_of, stepped_server
+from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.errors import InvalidInputError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NoReturn
 
 import grpc
-from served_simulator import PATIENCE_S
+from waiting import PATIENCE_S
 
 from oaisys_core.errors import NotReadyError, OaisysError
 from oaisys_grpc.contract.errors import abort

@@ -12,7 +12,7 @@ from google.rpc import error_details_pb2
 from grpc_status import rpc_status
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from served_simulator import FLAT_WORLD, Server, stepped_server
+from served_simulator import Server
 
 from oaisys_core.config.sections.environment import EnvironmentConfig, HazeConfig, SkyConfig
 from oaisys_core.config.sections.environment import SunFromTimeConfig as SunFromTime
@@ -190,12 +190,6 @@ def test_a_key_that_comes_both_ways_is_refused(path: str) -> None:
     assert "not in both" in refused.value.expected
 
 
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    with stepped_server(tmp_path_factory.mktemp("typed") / "flat", FLAT_WORLD) as server:
-        yield server
-
-
 def rendered(stub: Any, metadata: pb.ModuleMetadata) -> list[bytes]:
     """The chunks of a sample's colour."""
     request = pb.RenderSampleRequest(metadata=metadata, modalities=["rgb"])
@@ -211,8 +205,8 @@ def violations(error: grpc.RpcError) -> list[str]:
     return found
 
 
-def test_a_server_takes_either_and_refuses_both(server: Server) -> None:
-    with grpc.insecure_channel(server.address) as channel:
+def test_a_server_takes_either_and_refuses_both(stepped_flat_server: Server) -> None:
+    with grpc.insecure_channel(stepped_flat_server.address) as channel:
         stub = simulator_pb2_grpc.SimulatorServiceStub(channel)
         before = rendered(stub, pb.ModuleMetadata())
         typed = rendered(stub, pb.ModuleMetadata(typed_render=pb.RenderMetadata(exposure_ev=-1)))

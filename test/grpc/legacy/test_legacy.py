@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.resources
 import os
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -20,7 +19,8 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from grpc_tools import protoc
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
-from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, wait_until
+from served_simulator import FLAT_WORLD, ROCKY_WORLD, Server
+from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.config.importing.frames import mount
 from oaisys_core.errors import InvalidInputError
@@ -127,11 +127,11 @@ class OriginalClient:
         self.wait_for_batch()
 
     def _poll(self, method: str) -> Any:
-        end_s = time.monotonic() + PATIENCE_S
-        while (reply := self.call(method)).state != FINISHED:
-            assert time.monotonic() < end_s, self.why
-            time.sleep(0.01)
-        return reply
+        def finished() -> Any:
+            reply = self.call(method)
+            return reply if reply.state == FINISHED else None
+
+        return wait_until(finished, explain=lambda: self.why)
 
 
 @pytest.fixture

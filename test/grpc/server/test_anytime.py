@@ -11,7 +11,8 @@ from typing import Any
 import grpc
 import numpy as np
 import pytest
-from served_simulator import FLAT_WORLD, PATIENCE_S, Server, code_of
+from served_simulator import FLAT_WORLD, Server, code_of
+from waiting import PATIENCE_S
 
 from oaisys_core.errors import DeadlineExceededError, NotFoundError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_down
@@ -36,17 +37,15 @@ LATE = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": f"late-slow:{2 * PATIENCE_S:g}
 @pytest.fixture(scope="module")
 def pair_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """Two cameras above a plane."""
-    server = Server(tmp_path_factory.mktemp("grpc") / "pair", PAIR, [], {})
-    yield server
-    server.end()
+    with Server(tmp_path_factory.mktemp("grpc") / "pair", PAIR) as server:
+        yield server
 
 
 @pytest.fixture(scope="module")
 def late_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """As that, but colour takes longer than any test waits."""
-    server = Server(tmp_path_factory.mktemp("grpc") / "late", PAIR, [], LATE)
-    yield server
-    server.end()
+    with Server(tmp_path_factory.mktemp("grpc") / "late", PAIR, **LATE) as server:
+        yield server
 
 
 def parts_of(server: Server) -> list[pb.SamplePart]:

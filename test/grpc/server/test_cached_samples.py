@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import psutil
 import pytest
-from served_simulator import FLAT_WORLD, PATIENCE_S, Server, wait_until
+from served_simulator import FLAT_WORLD, Server
+from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.types import ModuleMetadata, Sample

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 from fuzzing import OURS, Mutator, Target
 from grpc_health.v1 import health_pb2, health_pb2_grpc
-from served_simulator import FLAT_WORLD, PATIENCE_S, Server
+from served_simulator import FLAT_WORLD, Server
+from waiting import PATIENCE_S
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_grpc.contract.metadata import pose_to_proto

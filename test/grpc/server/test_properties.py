@@ -10,7 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-from served_simulator import FLAT_WORLD, PATIENCE_S, Server
+from served_simulator import FLAT_WORLD, Server
+from waiting import PATIENCE_S
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import ModuleMetadata, Pose
@@ -80,12 +81,11 @@ bad_changes = st.one_of(
 @pytest.fixture(scope="module")
 def simulator(tmp_path_factory: pytest.TempPathFactory) -> Any:
     world = {**FLAT_WORLD, "sensors": {"cameras": [CAMERA]}}
-    server = Server(tmp_path_factory.mktemp("properties") / "server", world, [], {})
-    with server.client() as client:
+    folder = tmp_path_factory.mktemp("properties") / "server"
+    with Server(folder, world) as server, server.client() as client:
         client.step_batch()
         client.render_sample(Pose((0, 0, 5), (0, math.sqrt(0.5), 0, math.sqrt(0.5))))
         yield client
-    server.end()
 
 
 def _unchanged_by(client: SimulatorClient, metadata: ModuleMetadata) -> InvalidInputError:
@@ -178,17 +178,14 @@ def test_a_valid_configuration_is_served(
         "stage": {**FLAT_WORLD["stage"], "extent_m": extent_m},
         "sensors": {"cameras": [camera]},
     }
-    server = Server(tmp_path_factory.mktemp("configured") / "server", world, [], {})
-    try:
-        with server.client() as client:
-            client.wait_ready(PATIENCE_S)
-            client.step_batch()
-            down = Pose((0, 0, height_m), (0, math.sqrt(0.5), 0, math.sqrt(0.5)))
-            depth_m = client.render_sample(down, modalities=["depth"]).frames[0].data
-            assert depth_m.shape == size_px[::-1]
-            seen = np.isfinite(depth_m)
-            assert_allclose(depth_m[seen], height_m, rtol=1e-5)
-            assert seen[size_px[1] // 2, size_px[0] // 2]
-            assert client.info().seed == seed
-    finally:
-        server.end()
+    folder = tmp_path_factory.mktemp("configured") / "server"
+    with Server(folder, world) as server, server.client() as client:
+        client.wait_ready(PATIENCE_S)
+        client.step_batch()
+        down = Pose((0, 0, height_m), (0, math.sqrt(0.5), 0, math.sqrt(0.5)))
+        depth_m = client.render_sample(down, modalities=["depth"]).frames[0].data
+        assert depth_m.shape == size_px[::-1]
+        seen = np.isfinite(depth_m)
+        assert_allclose(depth_m[seen], height_m, rtol=1e-5)
+        assert seen[size_px[1] // 2, size_px[0] // 2]
+        assert client.info().seed == seed

@@ -17,7 +17,8 @@ import pytest
 from certificates import Authority
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from needs_blender import skip_without_blender
-from served_simulator import FLAT_WORLD, PATIENCE_S, Server
+from served_simulator import FLAT_WORLD, Server
+from waiting import PATIENCE_S
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.section import Section
@@ -275,11 +276,12 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def confined(tmp_path_factory: pytest.TempPathFactory, places: Path) -> Any:
     folder = tmp_path_factory.mktemp("security") / "confined"
-    server = Server(folder, FLAT_WORLD, ["--asset-root", str(places / "assets")], {})
-    with server.client() as client:
+    with (
+        Server(folder, FLAT_WORLD, "--asset-root", str(places / "assets")) as server,
+        server.client() as client,
+    ):
         client.step_batch()
         yield client
-    server.end()
 
 
 FIELDS = tuple(naming("", ""))

@@ -13,7 +13,8 @@ import pytest
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import (
     ProtoReflectionDescriptorDatabase,
 )
-from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, code_of
+from served_simulator import FLAT_WORLD, ROCKY_WORLD, Server, code_of
+from waiting import PATIENCE_S
 
 from oaisys_core.config import config_from_mapping, config_sha256
 from oaisys_core.errors import InvalidInputError, NotFoundError, NotReadyError

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import subprocess
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +25,6 @@ from oaisys_ros_bridge.conversions import image_from_msg
 from oaisys_ros_bridge.qos import SENSOR_QOS
 
 VIEWS = 3
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def wait_for_line(stage: Stage, recorder: NodeProcess, line: str) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -39,12 +38,6 @@ MAPPER_READS = [
 RELIABLE_QOS = QoSProfile(depth=50)
 RELIABLE = qos_entry(depth=5, reliable=True, transient_local=False)
 LATCHED = qos_entry(depth=1, reliable=True, transient_local=True)
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 PATIENCE = ("--wait-timeout", "100")

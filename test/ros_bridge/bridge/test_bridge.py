@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -74,12 +72,6 @@ STAMPED_TOPICS: dict[str, type[Any]] = {
     "ground_truth/odometry": Odometry,
     "oaisys_bridge/sample_info": SampleInfo,
 }
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 @pytest.fixture

@@ -5,14 +5,14 @@ from __future__ import annotations
 import signal
 import socket
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from ros_peer import Stage, nanoseconds
-from served_simulator import FLAT_WORLD, PATIENCE_S, SHUTDOWN_S, within
+from served_simulator import FLAT_WORLD
 from std_srvs.srv import Trigger
+from waiting import PATIENCE_S, SHUTDOWN_S, within
 
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_core.geometry import pose_looking_down
@@ -21,12 +21,6 @@ from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 from oaisys_ros_bridge.qos import DEEP_QOS, SENSOR_QOS
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def free_address() -> str:

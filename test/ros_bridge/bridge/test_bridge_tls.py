@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,14 +14,6 @@ from oaisys_core.geometry import pose_looking_down
 from oaisys_ros_bridge.qos import SENSOR_QOS
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    folder = tmp_path / "stage"
-    folder.mkdir()
-    with Stage(folder) as stage:
-        yield stage
 
 
 def start_bridge(stage: Stage, address: str, **tls: Path) -> NodeProcess:

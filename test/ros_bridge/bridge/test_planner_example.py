@@ -7,25 +7,18 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from repository import REPOSITORY
 from ros_peer import Stage
-from served_simulator import FLAT_WORLD, PATIENCE_S
+from served_simulator import FLAT_WORLD
+from waiting import PATIENCE_S
 
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.qos import SMALL_MESSAGE_QOS
 
 PLANNER = REPOSITORY / "examples" / "03_planner.py"
 SAMPLES = "oaisys_bridge/sample_info"
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def started(timeout_s: float) -> subprocess.Popen[str]:

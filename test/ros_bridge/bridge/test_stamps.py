@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -16,13 +15,6 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.bridge.world_topics import Stamps
 
 pytestmark = pytest.mark.ros
-
-
-@pytest.fixture
-def user(ros_domain_id: int) -> Iterator[User]:
-    user = User()
-    yield user
-    user.close()
 
 
 def settings(**values: Any) -> dict[str, Any]:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,12 +27,6 @@ pytestmark = pytest.mark.ros
 SAMPLES = "oaisys_bridge/sample_info"
 SLOW_FROM_SAMPLE_3 = {"OAISYS_FAULT": "late-slow:120@3", "OAISYS_TEST_BUILD": "1"}
 """The third sample takes longer than any test once its depth is there."""
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def bridged(stage: Stage, **env: str) -> User:

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,13 +16,13 @@ import pytest
 from browser import browser_page
 from certificates import Authority
 from served_simulator import FLAT_WORLD, Server
+from waiting import START_PATIENCE_S, wait_until
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_at
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.report.web_viewer import PosedImages, point_cloud_of
 
-DEADLINE_S = 120.0
 CAMERA = PinholeIntrinsics(64, 48, 54.0, 54.0, 31.5, 23.5)
 COMMAND = [sys.executable, "-m", "oaisys_core"]
 
@@ -45,21 +44,21 @@ def watching(folder: Path, *options: str) -> Iterator[tuple[subprocess.Popen[byt
 
 def said(process: subprocess.Popen[bytes], out: Path, beginning: str) -> str:
     """Wait for a line and return what follows its beginning."""
-    deadline = time.monotonic() + DEADLINE_S
-    while time.monotonic() < deadline:
-        for line in out.read_text(encoding="utf-8").splitlines():
-            if line.startswith(beginning):
-                return line.removeprefix(beginning)
-        assert process.poll() is None, out.with_suffix(".err").read_text(encoding="utf-8")
-        time.sleep(0.1)
-    pytest.fail(f"{beginning!r} was not said: {out.read_text(encoding='utf-8')}")
+
+    def line() -> str | None:
+        lines = out.read_text(encoding="utf-8").splitlines()
+        return next((line for line in lines if line.startswith(beginning)), None)
+
+    found: str = wait_until(
+        line, START_PATIENCE_S, process=process, explain=out.with_suffix(".err").read_text
+    )
+    return found.removeprefix(beginning)
 
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[Server]:
-    server = Server(tmp_path / "server", FLAT_WORLD, [], {})
-    yield server
-    server.end()
+    with Server(tmp_path / "server", FLAT_WORLD) as server:
+        yield server
 
 
 @pytest.mark.long
@@ -84,7 +83,7 @@ def test_what_others_render_is_shown_over_grpc(server, tmp_path):
         hosts = {urlsplit(a).netloc for a in page.requests if a.startswith("http")}
         assert hosts == {urlsplit(url).netloc}
         process.send_signal(signal.SIGINT)
-        assert process.wait(DEADLINE_S) == 0
+        assert process.wait(START_PATIENCE_S) == 0
     triangles = int(said(process, out, "2 views, ").split()[0])
     assert triangles > 1000
     # The scene's own page holds a whole viewer, and what was shown.
@@ -111,7 +110,7 @@ def test_a_page_that_cannot_be_stopped_holds_up_no_end_once_the_scene_is_saved(s
         [sys.executable, "-c", NEVER_STOPPING, "view", *options],
         capture_output=True,
         text=True,
-        timeout=DEADLINE_S,
+        timeout=START_PATIENCE_S,
         check=False,
     )
     assert result.returncode == 0, result.stderr
@@ -131,11 +130,11 @@ def test_a_survey_is_watched_over_ros(tmp_path, ros_domain_id):
             env=environment,
             capture_output=True,
             text=True,
-            timeout=2 * DEADLINE_S,
+            timeout=START_PATIENCE_S,
             check=False,
         )
         assert (tmp_path / "survey" / "report.json").is_file(), survey.stderr
-        assert process.wait(DEADLINE_S) == 0
+        assert process.wait(START_PATIENCE_S) == 0
     assert int(said(process, out, "2 views, ").split()[0]) > 1000
     assert (tmp_path / "scene.html").is_file()
 
@@ -159,7 +158,7 @@ def test_a_server_that_is_not_there_is_told_in_one_line(tmp_path):
         [*COMMAND, "view", "--address", "127.0.0.1:9", "--port", "0"],
         capture_output=True,
         text=True,
-        timeout=DEADLINE_S,
+        timeout=START_PATIENCE_S,
         check=False,
     )
     assert result.returncode == 1

@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker
+from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics, Pose
@@ -39,7 +39,6 @@ CAMERA = PinholeIntrinsics(160, 120, 135.0, 135.0, 79.5, 59.5)
 SLOPE = 0.2
 """The plane is z = SLOPE * x."""
 POSES = [pose_looking_down(x, y, 8.0, yaw_rad=x) for x in (-2.0, 0.0, 2.0) for y in (-1.0, 1.0)]
-DEADLINE_S = 60.0
 TOPICS = {
     "depth": "camera/depth/image_raw",
     "info": "camera/depth/camera_info",
@@ -115,11 +114,11 @@ class Peer:
         )
 
     def wait_until(self, is_so: Callable[[], bool]) -> None:
-        end_s = time.monotonic() + DEADLINE_S
-        while not is_so():
-            assert time.monotonic() < end_s, "waited too long"
-            assert self.process.poll() is None, "the mapper has ended"
-            self.executor.spin_once(timeout_sec=0.1)
+        wait_until(
+            is_so,
+            process=self.process,
+            pause=lambda: self.executor.spin_once(timeout_sec=0.1),
+        )
 
     def show(self, pose: Pose, stamp: Time) -> None:
         """Publish what the camera sees of the plane, the transform last of all."""
@@ -308,7 +307,7 @@ def test_a_wrong_parameter_is_told_in_one_line(ros_domain_id: int, parameter: st
         parameter,
     ]
 
-    ended = subprocess.run(command, capture_output=True, text=True, timeout=DEADLINE_S, check=False)
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
 
     assert ended.returncode == 2
     assert len(ended.stderr.splitlines()) == 1

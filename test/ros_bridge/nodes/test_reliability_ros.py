@@ -22,8 +22,9 @@ from mcap.reader import NonSeekingReader
 from ros_peer import NodeProcess, Stage, User, nanoseconds, stamped
 from rosbags.rosbag2 import Reader
 from sensor_msgs.msg import Image
-from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, SHUTDOWN_S, within
+from served_simulator import FLAT_WORLD, ROCKY_WORLD
 from std_msgs.msg import Bool
+from waiting import PATIENCE_S, SHUTDOWN_S, within
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
 from oaisys_core.types import Pose

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +12,8 @@ from rcl_interfaces.msg import Parameter, ParameterDescriptor
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter as RclpyParameter
 from ros_peer import Stage, User
-from served_simulator import FLAT_WORLD, PATIENCE_S
+from served_simulator import FLAT_WORLD
+from waiting import PATIENCE_S
 
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow
@@ -50,12 +49,6 @@ def another_value(row: ParameterRow) -> Any:
     default: Any = row.default
     values = [row.most, row.least, default + 1]
     return row.kind(next(v for v in values if v is not None and v != row.default))
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def set_parameter(user: User, name: str, value: Any) -> tuple[bool, str]:

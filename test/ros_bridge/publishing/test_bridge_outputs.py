@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -40,12 +38,6 @@ STARTED_WITH = {
     "faults.depth_noise": "gaussian",
     "faults.depth_sigma_m": SIGMA_M,
 }
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def set_parameters(user: User, **values: Any) -> list[tuple[bool, str]]:

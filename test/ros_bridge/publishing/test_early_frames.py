@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +9,9 @@ import pytest
 from nav_msgs.msg import Odometry
 from ros_peer import Stage, User, stamped
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
-from served_simulator import FLAT_WORLD, PATIENCE_S
+from served_simulator import FLAT_WORLD
 from tf2_msgs.msg import TFMessage
+from waiting import PATIENCE_S
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_msgs.msg import SampleInfo
@@ -36,12 +35,6 @@ LATE: dict[str, type[Any]] = {
     "camera/depth_registered/points": PointCloud2,
     "oaisys_bridge/sample_info": SampleInfo,
 }
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def bridged(stage: Stage) -> User:

@@ -6,8 +6,6 @@ the published camera; points by OpenCV's `projectPoints`; transforms by SciPy.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -131,12 +129,6 @@ def mount(name: str) -> FloatArray:
 
 OPTICAL = matrix([0, 0, 0], [-0.5, 0.5, -0.5, 0.5])
 """Of z forward, x right, y down in x forward, y left, z up."""
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def topics() -> dict[str, type[Any]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -102,13 +101,6 @@ def sample_of(info: SimulatorInfo) -> Sample:
         for m in s.modalities
     ]
     return Sample(1, 5, RIG, tuple(frames), 0.1, HOW)
-
-
-@pytest.fixture
-def user(ros_domain_id: int) -> Iterator[User]:
-    user = User()
-    yield user
-    user.close()
 
 
 def test_every_modality_of_every_camera_is_published(user: User) -> None:

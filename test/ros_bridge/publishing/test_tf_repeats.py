@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import time
-from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -24,12 +23,6 @@ METRICS = "oaisys_mapper/metrics"
 REPEATS = 25
 PERIODS = 10
 """Of the usual rate, in which nothing may come."""
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def stamps_ns(user: User) -> list[int]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -83,12 +83,6 @@ class Simulator:
         code, message, answer = self.call("GetEntities", filters=EntityFilters(**filters))
         assert code == Result.RESULT_OK, message
         return list(answer.entities)
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def started(stage: Stage, world: dict[str, Any]) -> Simulator:

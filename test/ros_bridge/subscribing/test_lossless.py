@@ -8,7 +8,7 @@ import signal
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import psutil
@@ -17,8 +17,9 @@ import yaml
 from geometry_msgs.msg import PoseArray
 from mcap.reader import make_reader
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage, stamped
-from served_simulator import FLAT_WORLD, START_PATIENCE_S
+from served_simulator import FLAT_WORLD
 from std_msgs.msg import Header
+from waiting import LOAD_FACTOR, START_PATIENCE_S, wait_until
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_msgs.action import Sweep
@@ -43,14 +44,7 @@ RECORDED = {
     "/path",
     "/viewpoints",
 }
-LOAD_FACTOR = 5.0
 """Of times on a machine that does something else as well."""
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 class Crew:
@@ -236,15 +230,6 @@ def test_a_stopped_reader_holds_the_bridge_up_once_and_no_longer_than_it_may(
     assert crew.end_recorder().incomplete > 0
 
 
-def wait_for(condition: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
-    """Wait for something that a process does."""
-    end_s = time.monotonic() + START_PATIENCE_S
-    while not condition():
-        assert process.poll() is None, "it has ended"
-        assert time.monotonic() < end_s, "waited in vain"
-        time.sleep(0.02)
-
-
 @pytest.mark.long
 def test_a_survey_whose_recorder_ends_early_says_so_and_fails(
     tmp_path: Path, ros_domain_id: int, no_process_left: None
@@ -253,15 +238,21 @@ def test_a_survey_whose_recorder_ends_early_says_so_and_fails(
     command = ["oaisys", "survey", "--backend", "analytic", "--size", "64x48", "--views", "6"]
     # The recorder has ended long before the last sample is there.
     slow = {"OAISYS_FAULT": "late-slow:10@6", "OAISYS_TEST_BUILD": "1"}
-    with (tmp_path / "said").open("w") as said:
+    said = tmp_path / "said"
+    with said.open("w") as output:
         survey = subprocess.Popen(
             [*command, "--voxel-size", "0.3", "--no-faults", "--out", str(out)],
-            stdout=said,
-            stderr=said,
+            stdout=output,
+            stderr=output,
             env={**os.environ, **slow},
         )
     try:
-        wait_for(lambda: "rendered in" in (tmp_path / "said").read_text(), survey)
+        wait_until(
+            lambda: "rendered in" in said.read_text(),
+            START_PATIENCE_S,
+            process=survey,
+            explain=said.read_text,
+        )
         (recorder,) = (
             child
             for child in psutil.Process(survey.pid).children(recursive=True)
@@ -274,7 +265,7 @@ def test_a_survey_whose_recorder_ends_early_says_so_and_fails(
         survey.wait()
 
     report = json.loads((out / "report.json").read_text())
-    assert code == 1, (tmp_path / "said").read_text()
+    assert code == 1, said.read_text()
     assert not report["closed"]
     assert report["lost"] == ["/oaisys_recorder had ended before the last sample"]
-    assert "missed: /oaisys_recorder had ended" in (tmp_path / "said").read_text()
+    assert "missed: /oaisys_recorder had ended" in said.read_text()

@@ -7,7 +7,8 @@ from pathlib import Path
 import grpc
 import pytest
 from attacks import own_channel
-from served_simulator import FLAT_WORLD, PATIENCE_S, Server, code_of
+from served_simulator import FLAT_WORLD, Server, code_of
+from waiting import PATIENCE_S
 
 from oaisys_core.errors import (
     CancelledError,
@@ -35,9 +36,8 @@ POSES = [pose_looking_down(-10 + i, 5 - i / 2, 4 + i / 4) for i in range(20)]
 def slow_server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """Each sample takes longer than any test waits, unless it is cancelled."""
     env = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": f"slow:{2 * PATIENCE_S:g}"}
-    server = Server(tmp_path_factory.mktemp("grpc") / "slow", FLAT_WORLD, [], env)
-    yield server
-    server.end()
+    with Server(tmp_path_factory.mktemp("grpc") / "slow", FLAT_WORLD, **env) as server:
+        yield server
 
 
 @pytest.fixture
@@ -210,22 +210,18 @@ def test_a_cancelled_operation_frees_the_worker(slow_client: SimulatorClient) ->
 
 def test_a_sample_cancelled_as_it_ends_leaves_its_id_to_the_next_one(tmp_path: Path) -> None:
     env = {"OAISYS_TEST_BUILD": "1", "OAISYS_FAULT": "last-nap:0.5@2"}
-    server = Server(tmp_path / "naps", FLAT_WORLD, [], env)
-    try:
-        with server.client() as client:
-            client.step_batch()
-            assert client.render_sample(POSES[0]).sample_id == 1
-            name = client.start_sample(POSES[1])
-            rendering(client, name)  # it is complete, and the worker is about to say so
-            client.cancel_operation(name)
-            status = ended(client, name)
-            used = status.state is State.SUCCEEDED  # where this test was slower than the worker
-            assert used or isinstance(status.error, CancelledError)
-            following = client.render_sample(POSES[2])
-            assert following.sample_id == (3 if used else 2)
-            assert following.rig_pose == POSES[2]
-    finally:
-        server.end()
+    with Server(tmp_path / "naps", FLAT_WORLD, **env) as server, server.client() as client:
+        client.step_batch()
+        assert client.render_sample(POSES[0]).sample_id == 1
+        name = client.start_sample(POSES[1])
+        rendering(client, name)  # it is complete, and the worker is about to say so
+        client.cancel_operation(name)
+        status = ended(client, name)
+        used = status.state is State.SUCCEEDED  # where this test was slower than the worker
+        assert used or isinstance(status.error, CancelledError)
+        following = client.render_sample(POSES[2])
+        assert following.sample_id == (3 if used else 2)
+        assert following.rig_pose == POSES[2]
 
 
 def test_a_dropped_call_cancels_its_render(slow_client: SimulatorClient) -> None:

@@ -25,7 +25,8 @@ from attacks import (
     own_channel,
 )
 from grpc_health.v1 import health_pb2, health_pb2_grpc
-from served_simulator import FLAT_WORLD, PATIENCE_S, ROCKY_WORLD, Server, wait_until
+from served_simulator import FLAT_WORLD, ROCKY_WORLD, Server
+from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_looking_down
@@ -113,7 +114,6 @@ def test_refused_requests_leave_no_memory_behind(start_server: StartServer) -> N
     with server.client() as client, own_channel(server.address) as channel:
         client.step_batch()
         worker = server.worker().pid
-        time.sleep(3.0)  # until the server has given back what the first batch took
         before = [megabytes(pid) for pid in (server.process.pid, worker)]
         step: Any = channel.unary_unary(OURS + "StepBatch")
         slowest_s = 0.0
@@ -147,7 +147,6 @@ def test_requests_that_failed_are_not_kept(start_server: StartServer) -> None:
                 assert isinstance(last.error, InvalidInputError)
 
         fail(range(10))  # gRPC's buffers of a connection grow with its first large messages
-        time.sleep(3.0)
         before = megabytes(server.process.pid)
         fail(range(10, 60))
         wait_until(lambda: megabytes(server.process.pid) < before + KEPT_MB, LOAD * 5)
@@ -278,11 +277,13 @@ def hasty_server(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
     calls.close()
 
 
-def test_a_reader_that_reads_nothing_is_told_why_it_was_ended(hasty_server: str) -> None:
+def test_a_reader_that_reads_nothing_is_told_why_it_was_ended(
+    hasty_server: str, caplog: pytest.LogCaptureFixture
+) -> None:
     with own_channel(hasty_server) as channel:
         unread, read = (channel.unary_stream("/test/Flood")(b"") for _ in range(2))
         assert code_and_details(read)[0] == grpc.StatusCode.OK
-        time.sleep(LOAD)
+        wait_until(lambda: "the answer was not read" in caplog.text)
         assert code_and_details(unread) == (
             grpc.StatusCode.RESOURCE_EXHAUSTED,
             "the answer was not read for 1 s",

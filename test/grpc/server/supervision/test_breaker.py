@@ -9,7 +9,8 @@ from typing import Any
 import grpc
 import pytest
 from attacks import own_channel
-from served_simulator import PATIENCE_S, ROCKY_WORLD, Server, code_of, wait_until
+from served_simulator import ROCKY_WORLD, Server, code_of
+from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.errors import BackendUnavailableError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_down

@@ -15,15 +15,8 @@ import grpc
 import psutil
 import pytest
 from attacks import OURS, own_channel
-from served_simulator import (
-    PATIENCE_S,
-    ROCKY_WORLD,
-    SHUTDOWN_S,
-    Server,
-    code_of,
-    wait_until,
-    within,
-)
+from served_simulator import ROCKY_WORLD, Server, code_of
+from waiting import PATIENCE_S, SHUTDOWN_S, wait_until, within
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
@@ -285,8 +278,8 @@ def test_a_cancelled_worker_is_judged_by_its_work_not_by_the_clock() -> None:
     patient = CallLimit(PATIENCE_S, 0.0, cancelled)
     with spinning(5) as (worker,):
         wait_until(lambda: ProcessorTime(worker.pid).look()[0] >= 0)
-        with spinning(0, count=4):
-            time.sleep(1.0)  # until all of them compute
+        with spinning(0, count=4) as rivals:
+            wait_until(lambda: all(ProcessorTime(r.pid).look()[0] > 0 for r in rivals))
             effort = ProcessorTime(worker.pid)
             end_s = time.monotonic() + 3 * CANCEL_WORK_S
             while time.monotonic() < end_s:
@@ -324,7 +317,7 @@ def test_a_question_whose_caller_is_gone_leaves_no_traceback(start_server: Start
                     hasty.query_height([[0, 0, 5]])
                 asked = channel.unary_unary(f"{OURS}QueryHeight").future(b"", timeout=PATIENCE_S)
                 mesh = channel.unary_stream(f"{OURS}GetGroundTruthMesh")(b"", timeout=PATIENCE_S)
-                time.sleep(0.1)  # until they wait for the worker
+                client.info()  # it comes after them
                 asked.cancel()
                 mesh.cancel()
             sample.result(PATIENCE_S)

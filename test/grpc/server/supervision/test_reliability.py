@@ -17,15 +17,8 @@ import numpy as np
 import psutil
 import pytest
 from grpc_health.v1 import health_pb2, health_pb2_grpc
-from served_simulator import (
-    FLAT_WORLD,
-    PATIENCE_S,
-    ROCKY_WORLD,
-    Server,
-    code_of,
-    wait_until,
-    within,
-)
+from served_simulator import FLAT_WORLD, ROCKY_WORLD, Server, code_of
+from waiting import PATIENCE_S, wait_until, within
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import (

@@ -13,7 +13,8 @@ import numpy as np
 import psutil
 import pytest
 from endurance import config
-from served_simulator import PATIENCE_S, ROCKY_WORLD, Server
+from served_simulator import ROCKY_WORLD, Server
+from waiting import PATIENCE_S
 
 from oaisys_core.errors import WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
