@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import uuid
 from collections.abc import Iterator
 
@@ -17,6 +18,18 @@ import oaisys_core  # noqa: F401
 # HYPOTHESIS_PROFILE=default.
 hypothesis.settings.register_profile("repeatable", derandomize=True)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def end_in_order_on_sigterm() -> Iterator[None]:
+    """Tear fixtures down when pytest is told to end: else its nodes outlive their ROS domain."""
+
+    def end(*_: object) -> None:
+        pytest.exit("SIGTERM", returncode=128 + signal.SIGTERM)
+
+    before = signal.signal(signal.SIGTERM, end)
+    yield
+    signal.signal(signal.SIGTERM, before)
 
 
 @pytest.fixture

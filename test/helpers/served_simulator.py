@@ -37,7 +37,7 @@ ROCKY_WORLD: dict[str, Any] = {
 
 
 class Server:
-    """A running server process, a context manager; stdout and stderr go to files in a new folder."""
+    """A running server process, a context manager; what it says goes to files in a new folder."""
 
     def __init__(self, folder: Path, config: dict[str, Any], *options: str, **env: str) -> None:
         folder.mkdir()

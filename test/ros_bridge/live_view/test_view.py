@@ -143,14 +143,11 @@ def test_a_server_that_encrypts_is_shown(tmp_path):
     authority = Authority(tmp_path)
     cert, key = authority.pair("server")
     tls = ["--tls-cert", str(cert), "--tls-key", str(key)]
-    server = Server(tmp_path / "server", FLAT_WORLD, tls, {})
-    try:
+    with Server(tmp_path / "server", FLAT_WORLD, *tls) as server:
         options = ["--address", server.address, "--tls-ca", str(authority.ca)]
         with watching(tmp_path, *options) as (process, _):
             process.send_signal(signal.SIGINT)
-            assert process.wait(DEADLINE_S) == 0
-    finally:
-        server.end()
+            assert process.wait(START_PATIENCE_S) == 0
 
 
 def test_a_server_that_is_not_there_is_told_in_one_line(tmp_path):

@@ -70,7 +70,6 @@ def down() -> Pose:
     return pose_looking_down(0.0, 0.0, 5.0)
 
 
-@pytest.mark.long
 def test_it_goes_where_it_is_told(stage: Stage) -> None:
     user, address = stage.user, free_address()
     manager = Manager(user)

@@ -126,7 +126,6 @@ def test_a_worker_that_dies_in_a_render_is_replaced_and_goes_on_as_if_nothing_ha
             assert labels_of(sample) == labels_of(expected)
 
 
-@pytest.mark.long
 def test_a_crash_loop_ends_and_nothing_spins(start_server: StartServer) -> None:
     server = start_server(ROCKY_WORLD, OAISYS_FAULT="crash", **FAULTY)
     with server.client() as client:
@@ -150,7 +149,6 @@ def test_a_crash_loop_ends_and_nothing_spins(start_server: StartServer) -> None:
     assert log.read_text().count("in _step_sample") == 3
 
 
-@pytest.mark.long
 def test_a_stopped_worker_is_killed_after_the_deadline_while_health_answers(
     start_server: StartServer,
 ) -> None:
@@ -180,7 +178,6 @@ def test_a_stopped_worker_is_killed_after_the_deadline_while_health_answers(
     }
 
 
-@pytest.mark.long
 def test_a_worker_that_grows_is_replaced_between_two_frames(start_server: StartServer) -> None:
     poses = [pose_looking_down(i / 2, -i / 2, 10 + i / 10) for i in range(8)]
     expected = control_run(poses)
@@ -277,7 +274,6 @@ def test_a_quaternion_almost_of_unit_norm_is_normalised(
             flat_client.render_sample(scaled)
 
 
-@pytest.mark.long
 def test_poses_under_the_ground_and_outside_the_world(start_server: StartServer) -> None:
     def world(policy: str) -> dict[str, object]:
         return {**FLAT_WORLD, "sensors": {**FLAT_WORLD["sensors"], "pose_policy": policy}}
