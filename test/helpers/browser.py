@@ -12,6 +12,7 @@ import re
 import shutil
 import signal
 import subprocess
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -70,14 +71,18 @@ class Page:
     def wait_for(self, expression: str) -> Any:
         """Wait until an expression holds and return its value."""
         return wait_until(
-            lambda: self.value(expression), explain=lambda: f"{expression}; {self.errors}"
+            lambda: self.value(expression),
+            explain=lambda: f"{expression}; {self.errors}",
+            pause=_rest,
         )
 
     def wait_until_shown(self, is_so: Callable[[NDArray[np.uint8]], bool]) -> NDArray[np.uint8]:
         """Return the first picture of the page of which something holds."""
         shown: NDArray[np.uint8]
         (shown,) = wait_until(
-            lambda: is_so(image := self.picture()) and (image,), explain=lambda: self.errors
+            lambda: is_so(image := self.picture()) and (image,),
+            explain=lambda: self.errors,
+            pause=_rest,
         )
         return shown
 
@@ -137,6 +142,11 @@ def browser_page(profile: Path, size: tuple[int, int] = (1200, 900)) -> Iterator
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait(PATIENCE_S)
+
+
+def _rest() -> None:
+    """Leave the processor to the browser."""
+    time.sleep(0.1)
 
 
 def _port(log: Path, process: subprocess.Popen[bytes]) -> int:
