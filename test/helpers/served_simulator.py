@@ -6,6 +6,7 @@ import contextlib
 import copy
 import os
 import signal
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -88,6 +89,13 @@ class Server:
         finally:
             self.process.kill()
             self.process.wait()
+
+
+def free_address() -> str:
+    """Return an address that nobody serves at yet."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{free.getsockname()[1]}"
 
 
 def code_of(error: OaisysError) -> grpc.StatusCode:

@@ -1,14 +1,13 @@
 """The shell commands, run as a user runs them."""
 
 import re
-import subprocess
-import sys
 import time
 from io import StringIO
 from pathlib import Path
 
 import pytest
 import yaml
+from commands import oaisys
 from original_config import document, write
 from repository import REPOSITORY
 from rich.console import Console
@@ -26,11 +25,6 @@ materials: {texture_size_px: 64, mask: {size_px: 32}}
 assets: {rocks: []}
 sensors: {cameras: [{width_px: 32, height_px: 24}]}
 """
-
-
-def oaisys(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "oaisys_core", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
 @pytest.fixture

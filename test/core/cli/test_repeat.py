@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import oaisys
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import InvalidInputError
@@ -302,11 +301,6 @@ samples:
 """
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "oaisys_core", *map(str, arguments)]
-    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What `oaisys render` writes of two worlds of three samples."""
@@ -314,7 +308,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (top / "world.yaml").write_text(json.dumps(WORLD))
     (top / "steps.yaml").write_text(STEPS)
     steps = ("--metadata", top / "steps.yaml", "--batches", 2, "--batch-offset", 4)
-    done = run("render", "--config", top / "world.yaml", "--out", top / "out", *steps)
+    done = oaisys("render", "--config", top / "world.yaml", "--out", top / "out", *steps)
     assert done.returncode == 0, done.stderr
     return top / "out"
 
@@ -325,7 +319,7 @@ def sample_file(folder: Path, batch: int, sample: int) -> Path:
 
 @pytest.mark.long
 def test_repeat_finds_every_sample_of_a_folder_equal(folder: Path) -> None:
-    done = run("repeat", folder, "--all")
+    done = oaisys("repeat", folder, "--all")
     assert done.returncode == 0, done.stdout + done.stderr
     heads = [line for line in done.stdout.splitlines() if line.startswith("batch")]
     assert heads == [f"batch {b} sample {s}: equal" for b in (1, 2) for s in (1, 2, 3)]
@@ -334,10 +328,10 @@ def test_repeat_finds_every_sample_of_a_folder_equal(folder: Path) -> None:
 
 @pytest.mark.long
 def test_repeat_takes_the_newest_or_the_one_named(folder: Path) -> None:
-    assert "batch 2 sample 3: equal" in run("repeat", folder).stdout
-    assert "batch 1 sample 2: equal" in run("repeat", folder, "--sample", "1/2").stdout
-    assert "batch 1 sample 2: equal" in run("repeat", sample_file(folder, 1, 2)).stdout
-    refused = run("repeat", folder, "--sample", "3/1")
+    assert "batch 2 sample 3: equal" in oaisys("repeat", folder).stdout
+    assert "batch 1 sample 2: equal" in oaisys("repeat", folder, "--sample", "1/2").stdout
+    assert "batch 1 sample 2: equal" in oaisys("repeat", sample_file(folder, 1, 2)).stdout
+    refused = oaisys("repeat", folder, "--sample", "3/1")
     assert refused.returncode == 2
     assert "1/1 to 2/3" in refused.stderr
 
@@ -349,7 +343,7 @@ def test_repeat_tells_a_pixel_that_differs(folder: Path) -> None:
         depth_m = read_image(file, "depth")
         depth_m[3, 4] = np.nextafter(depth_m[3, 4], np.float32(0))
         write_image(file, frame_of(depth_m))
-        done = run("repeat", folder)
+        done = oaisys("repeat", folder)
     finally:
         file.write_bytes(kept)
     assert done.returncode == 1
@@ -360,14 +354,14 @@ def test_repeat_tells_a_pixel_that_differs(folder: Path) -> None:
 @pytest.mark.long
 def test_repeat_needs_the_same_configuration(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "other.yaml").write_text(json.dumps({**WORLD, "seed": 12}))
-    done = run("repeat", folder, "--config", tmp_path / "other.yaml")
+    done = oaisys("repeat", folder, "--config", tmp_path / "other.yaml")
     assert done.returncode == 2
     assert "sha256" in done.stderr
     config = folder / "config.yaml"
     config.rename(tmp_path / "config.yaml")
     try:
-        without = run("repeat", folder)
-        given = run("repeat", folder, "--config", tmp_path / "config.yaml")
+        without = oaisys("repeat", folder)
+        given = oaisys("repeat", folder, "--config", tmp_path / "config.yaml")
     finally:
         (tmp_path / "config.yaml").rename(config)
     assert (without.returncode, given.returncode) == (2, 0)
@@ -378,7 +372,7 @@ def test_repeat_needs_the_same_configuration(folder: Path, tmp_path: Path) -> No
 def test_repeat_refuses_what_is_no_record(tmp_path: Path) -> None:
     (tmp_path / "some.json").write_text("{}")
     for path in (tmp_path / "none", tmp_path, tmp_path / "some.json"):
-        done = run("repeat", path)
+        done = oaisys("repeat", path)
         assert done.returncode == 2, done.stdout
         assert "Traceback" not in done.stderr
 
@@ -395,8 +389,8 @@ def test_blender_repeats_noise_light_and_additions(tmp_path: Path) -> None:
     (tmp_path / "world.yaml").write_text(json.dumps(config))
     (tmp_path / "steps.yaml").write_text("\n".join(steps))
     given = ("--config", tmp_path / "world.yaml", "--metadata", tmp_path / "steps.yaml")
-    rendered = run("render", *given, "--out", tmp_path / "out")
+    rendered = oaisys("render", *given, "--out", tmp_path / "out")
     assert rendered.returncode == 0, rendered.stderr
-    done = run("repeat", tmp_path / "out", "--all")
+    done = oaisys("repeat", tmp_path / "out", "--all")
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count(": equal, 3072 pixels") >= 16

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from commands import oaisys
 from repository import REPOSITORY
 from typer.testing import CliRunner
 
@@ -16,7 +15,6 @@ from oaisys_core.config.checking import name_faults
 
 CONFIG = REPOSITORY / "config"
 
-OAISYS = Path(sys.executable).with_name("oaisys")
 
 PLACE = "name: a, label: a, semantic_id: 9, position_m: [0, 0, 0]"
 
@@ -43,11 +41,6 @@ WRONG = [
 ]
 
 
-def checked(path: Path) -> subprocess.CompletedProcess[str]:
-    command = [str(OAISYS), "config", "check", str(path)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-
-
 @pytest.mark.long
 @pytest.mark.parametrize(("text", "path", "meant"), WRONG, ids=[each[1] for each in WRONG])
 def test_a_name_that_is_not_there_is_refused_with_the_one_that_was_meant(
@@ -55,7 +48,7 @@ def test_a_name_that_is_not_there_is_refused_with_the_one_that_was_meant(
 ) -> None:
     file = tmp_path / "world.yaml"
     file.write_text(f"seed: 1\n{text}\n", encoding="utf-8")
-    ended = checked(file)
+    ended = oaisys("config", "check", file)
     assert ended.returncode == 2, ended.stdout
     assert path in ended.stderr
     assert str(file) in ended.stderr
@@ -74,7 +67,7 @@ def test_all_faults_are_told_at_once_each_with_its_line(tmp_path: Path) -> None:
         "assets:\n  rocks: []\n  rock_texture: stone\n",
         encoding="utf-8",
     )
-    ended = checked(file)
+    ended = oaisys("config", "check", file)
     assert ended.returncode == 2
     for line, path in (
         (2, "stage.preset"),
@@ -89,7 +82,7 @@ def test_a_file_that_holds_no_mesh_is_told(tmp_path: Path) -> None:
     (tmp_path / "ground.obj").write_text("v 0 0 0\n", encoding="utf-8")
     file = tmp_path / "world.yaml"
     file.write_text("stage: {mesh: {file: ground.obj}}\n", encoding="utf-8")
-    ended = checked(file)
+    ended = oaisys("config", "check", file)
     assert ended.returncode == 2
     assert "stage.mesh.file" in ended.stderr
 
@@ -97,7 +90,7 @@ def test_a_file_that_holds_no_mesh_is_told(tmp_path: Path) -> None:
 def test_examples_and_defaults_have_no_faults() -> None:
     assert name_faults(config_from_mapping({})) == []
     for name in ("stage_mesh", "stage_dem", "environment_hdri", "materials_label_image"):
-        ended = checked(CONFIG / "examples" / f"{name}.yaml")
+        ended = oaisys("config", "check", CONFIG / "examples" / f"{name}.yaml")
         assert ended.returncode == 0, ended.stderr
         assert "valid" in ended.stdout
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +9,7 @@ import numpy as np
 import pytest
 import rasterio
 import yaml
+from commands import oaisys
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import CancelledError, InvalidInputError
@@ -152,17 +151,14 @@ def test_a_grid_can_be_cancelled() -> None:
         simulation(world()).height_grid(0.05, progress=cancel)
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "oaisys_core", "heights", *map(str, arguments)]
-    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
-
-
 @pytest.mark.long
 def test_the_command_writes_a_file_or_says_why_not(tmp_path: Path) -> None:
     config = tmp_path / "world.yaml"
     config.write_text(yaml.safe_dump(world({"preset": "mounds"})))
     out = tmp_path / "heights.tif"
-    done = run("--config", config, "--resolution", 0.5, "--out", out, "--extent", "-4,-4,4,6")
+    done = oaisys(
+        "heights", "--config", config, "--resolution", 0.5, "--out", out, "--extent", "-4,-4,4,6"
+    )
     assert done.returncode == 0, done.stderr
     assert "16 x 20 cells of 0.5 m" in done.stdout
     expected = simulation(world({"preset": "mounds"})).height_grid(0.5, (-4, -4, 4, 6))
@@ -172,6 +168,6 @@ def test_the_command_writes_a_file_or_says_why_not(tmp_path: Path) -> None:
         ("--out", out, "--resolution", 0),
         ("--out", out, "--extent", "1,2,3"),
     ):
-        refused = run("--config", config, *arguments)
+        refused = oaisys("heights", "--config", config, *arguments)
         assert refused.returncode == 2
         assert "Traceback" not in refused.stderr

@@ -15,6 +15,7 @@ import grpc
 import numpy as np
 import pytest
 from certificates import Authority
+from commands import oaisys
 from grpc_health.v1 import health_pb2, health_pb2_grpc
 from needs_blender import skip_without_blender
 from served_simulator import FLAT_WORLD, Server
@@ -150,13 +151,7 @@ def test_heights_come_from_a_server_that_wants_to_know_its_clients(
         (2, *server, *ca, "--tls-cert", own_cert),  # without its key
         (2, *ca),  # no server
     ):
-        done = subprocess.run(
-            [sys.executable, "-m", "oaisys_core", "heights", "--out", out, *options],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=PATIENCE_S,
-        )
+        done = oaisys("heights", "--out", out, *options)
         assert done.returncode == code, done.stderr
         assert "Traceback" not in done.stderr
         assert out.exists() == (code == 0)

@@ -2,14 +2,13 @@
 
 import json
 import socket
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import grpc
 import numpy as np
 import pytest
+from commands import oaisys
 from grpc_reflection.v1alpha.proto_reflection_descriptor_database import (
     ProtoReflectionDescriptorDatabase,
 )
@@ -254,8 +253,8 @@ def test_the_heights_of_a_server_are_written_by_the_command(
     with server.client() as client:
         client.step_batch()
         out = tmp_path / "heights.npz"
-        command = [sys.executable, "-m", "oaisys_core", "heights", "--address", server.address]
-        subprocess.run([*command, "--out", str(out), "--resolution", "0.5"], check=True)
+        done = oaisys("heights", "--address", server.address, "--out", out, "--resolution", 0.5)
+        assert done.returncode == 0, done.stderr
         grid = client.height_grid(0.5)
     with np.load(out) as found:
         np.testing.assert_array_equal(found["ground_m"], grid.ground_m)

@@ -1,8 +1,6 @@
 """``oaisys evaluate`` as a user runs it, and the files it reads."""
 
 import json
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from io import StringIO
@@ -10,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import oaisys
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 
@@ -38,15 +37,12 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
     return mesh, truth
 
 
-def evaluate(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "oaisys_core", "evaluate", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-
-
 def test_figures_are_printed_as_json(files: tuple[Path, Path], tmp_path: Path) -> None:
     mesh, truth = files
     out = tmp_path / "figures.json"
-    result = evaluate("--mesh", mesh, "--truth", truth, "--max-rmse", "0.05", "--json", out)
+    result = oaisys(
+        "evaluate", "--mesh", mesh, "--truth", truth, "--max-rmse", "0.05", "--json", out
+    )
     assert result.returncode == 0, result.stderr
     figures = json.loads(result.stdout)
     assert figures == json.loads(out.read_text(encoding="utf-8"))
@@ -57,7 +53,7 @@ def test_figures_are_printed_as_json(files: tuple[Path, Path], tmp_path: Path) -
 
 def test_progress_is_printed_on_standard_error_only(files: tuple[Path, Path]) -> None:
     mesh, truth = files
-    result = evaluate("--mesh", mesh, "--truth", truth)
+    result = oaisys("evaluate", "--mesh", mesh, "--truth", truth)
     assert result.stderr.splitlines()[0] == "measuring: reading the meshes"
     assert json.loads(result.stdout)["closed"] is True
 
@@ -103,7 +99,7 @@ def test_without_a_terminal_a_line_is_printed_every_few_seconds(
 
 def test_a_missed_threshold_is_exit_1(files: tuple[Path, Path]) -> None:
     mesh, truth = files
-    result = evaluate("--mesh", mesh, "--truth", truth, "--max-rmse", "0.01")
+    result = oaisys("evaluate", "--mesh", mesh, "--truth", truth, "--max-rmse", "0.01")
     assert result.returncode == 1
     assert json.loads(result.stdout)["closed"] is False
 
@@ -112,7 +108,7 @@ def test_a_missed_threshold_is_exit_1(files: tuple[Path, Path]) -> None:
 def test_a_missing_file_is_exit_2(files: tuple[Path, Path], tmp_path: Path, name: str) -> None:
     arguments = {"--mesh": files[0], "--truth": files[1]}
     arguments[name] = tmp_path / "nowhere"
-    result = evaluate(*(part for pair in arguments.items() for part in pair))
+    result = oaisys("evaluate", *(part for pair in arguments.items() for part in pair))
     assert result.returncode == 2
     assert "nowhere" in result.stderr
     assert "Traceback" not in result.stderr

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 from builtin_interfaces.msg import Time
+from commands import oaisys
 from rclpy.serialization import serialize_message
 from std_msgs.msg import Header, String
 
@@ -67,11 +66,6 @@ class Recorded:
             self.write(name, "sensor_msgs/msg/Image", image)
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "oaisys_core", "repeat", *map(str, arguments)]
-    return subprocess.run(command, check=False, capture_output=True, text=True, timeout=300)
-
-
 @pytest.mark.long
 def test_a_bag_repeats_all_of_its_samples_noise_included(tmp_path: Path) -> None:
     recorded = Recorded(tmp_path / "bag", [{"name": "left", **CAMERA}, {"name": "right", **CAMERA}])
@@ -84,7 +78,7 @@ def test_a_bag_repeats_all_of_its_samples_noise_included(tmp_path: Path) -> None
         recorded.sample(sim.step_sample(dusk), FAULTS)
         sim.step_batch(reuse_stage=True)
         recorded.sample(sim.step_sample(modalities=["depth", "instance"]), first=1)
-    done = run(tmp_path / "bag", "--all")
+    done = oaisys("repeat", tmp_path / "bag", "--all")
     assert done.returncode == 0, done.stdout + done.stderr
     heads = [line for line in done.stdout.splitlines() if line.startswith("batch")]
     assert heads == [f"batch {b} sample {s}: equal" for b, s in ((1, 1), (1, 2), (2, 1))]
@@ -102,13 +96,13 @@ def test_a_bag_without_a_configuration_needs_one(tmp_path: Path) -> None:
         sample = recorded.simulation.step_sample()
         recorded.sample(sample, FAULTS)
     (file,) = (tmp_path / "bag").glob("*.mcap")
-    refused = run(file)
+    refused = oaisys("repeat", file)
     assert refused.returncode == 2
     assert "--config FILE" in refused.stderr
     config = tmp_path / "config.yaml"
     config.write_text(canonical_json(recorded.config))
-    assert "batch 1 sample 2: equal" in run(file, "--config", config).stdout
-    named = run(file, "--config", config, "--sample", "1/2", "--sample", "1/1")
+    assert "batch 1 sample 2: equal" in oaisys("repeat", file, "--config", config).stdout
+    named = oaisys("repeat", file, "--config", config, "--sample", "1/2", "--sample", "1/1")
     assert named.returncode == 0, named.stdout
 
 
@@ -123,7 +117,7 @@ def test_a_pixel_that_differs_in_a_bag_is_told(tmp_path: Path) -> None:
         depth.flags.writeable = True
         depth[5, 5] += 0.25
         recorded.sample(sample)
-    done = run(tmp_path / "bag")
+    done = oaisys("repeat", tmp_path / "bag")
     assert done.returncode == 1
     assert "front/depth: 1 of 432 pixels differ" in done.stdout
 
@@ -136,6 +130,6 @@ def test_faults_that_no_bridge_tells_are_refused(tmp_path: Path, text: str) -> N
         recorded.simulation.step_batch()
         told = sample_info_msg(recorded.simulation.step_sample(), Header(), text)
         recorded.write(f"{NODE}/sample_info", "oaisys_msgs/msg/SampleInfo", told)
-    done = run(tmp_path / "bag")
+    done = oaisys("repeat", tmp_path / "bag")
     assert done.returncode == 2
     assert "faults_json" in done.stderr

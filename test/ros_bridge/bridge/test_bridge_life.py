@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import signal
-import socket
 import time
 from pathlib import Path
 
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
 from ros_peer import Stage, nanoseconds
-from served_simulator import FLAT_WORLD
+from served_simulator import FLAT_WORLD, free_address
 from std_srvs.srv import Trigger
 from waiting import PATIENCE_S, SHUTDOWN_S, within
 
@@ -21,13 +20,6 @@ from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 from oaisys_ros_bridge.qos import DEEP_QOS, SENSOR_QOS
 
 pytestmark = pytest.mark.ros
-
-
-def free_address() -> str:
-    """Return an address that nobody serves at yet."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"127.0.0.1:{free.getsockname()[1]}"
 
 
 def said(diagnostics: DiagnosticArray) -> dict[str, str]:

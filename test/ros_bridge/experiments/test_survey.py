@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import oaisys
 from repository import REPOSITORY
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, messages_of_samples
 from rosbags.highlevel import AnyReader
@@ -92,8 +93,7 @@ def test_a_survey_closes_and_leaves_everything_behind(
     _check_second_mapper(out)
     arguments = ["--mesh", out / "mesh.ply", "--truth", out / "truth.ply"]
     arguments += ["--poses", out / "poses.json", "--max-rmse", "0.05", "--min-completion", "0.95"]
-    evaluate = [sys.executable, "-m", "oaisys_core", "evaluate", *map(str, arguments)]
-    again = subprocess.run(evaluate, capture_output=True, text=True, timeout=200, check=False)
+    again = oaisys("evaluate", *arguments)
     assert again.returncode == 0, again.stdout + again.stderr
     assert json.loads(again.stdout)["rmse_m"] == pytest.approx(figures["rmse_m"], rel=0.1)
     _check_figures(figures)
@@ -140,28 +140,23 @@ def _check_figures(figures: dict[str, Any]) -> None:
 def _check_certificate(out: Path) -> None:
     """It holds, also where everything is rendered again; and the bag alone gives its faults."""
     file = str(out / "certificate.json")
-    result = certificate("check", file, "--render-again")
+    result = oaisys("certificate", "check", file, "--render-again")
     assert result.returncode == 0, result.stdout + result.stderr
     assert "FAILED" not in result.stdout
     assert "the certificate holds" in result.stdout
-    result = certificate("challenge", str(out))
+    result = oaisys("certificate", "challenge", str(out))
     assert result.returncode == 0, result.stdout + result.stderr
     with (out / "mesh.ply").open("r+b") as mesh:
         mesh.seek(5000)
         mesh.write(bytes(12))
-    result = certificate("check", file)
+    result = oaisys("certificate", "check", file)
     assert result.returncode == 1
     assert "FAILED: the hash of mesh" in result.stdout
 
 
-def certificate(*arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "oaisys_core", "certificate", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-
-
 @pytest.mark.parametrize("arguments", [["nowhere.json"], ["--mesh", "nowhere.ply"]])
 def test_a_certificate_that_is_none_is_exit_2(world: Path, arguments: list[str]) -> None:
-    result = certificate("check", str(world), *arguments)
+    result = oaisys("certificate", "check", str(world), *arguments)
     assert result.returncode == 2
     assert "Traceback" not in result.stderr
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import socket
-
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition, TransitionEvent
 from lifecycle_msgs.srv import ChangeState, GetAvailableStates, GetAvailableTransitions, GetState
 from ros_peer import Stage, User
-from served_simulator import FLAT_WORLD
+from served_simulator import FLAT_WORLD, free_address
 from simulation_interfaces.msg import SimulationState
 from simulation_interfaces.srv import SetSimulationState
 
@@ -58,12 +56,6 @@ class Manager:
             return None
 
         return self._user.wait_until(found)
-
-
-def free_address() -> str:
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        return f"127.0.0.1:{free.getsockname()[1]}"
 
 
 def down() -> Pose:
