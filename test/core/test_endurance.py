@@ -7,7 +7,7 @@ import subprocess
 import sys
 
 import pytest
-from needs_blender import skip_without_blender
+from blender_process import skip_without_blender
 from repository import HELPERS
 
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from needs_blender import require_blender
+from blender_process import require_blender
 from repository import HELPERS, TESTS
 
 from oaisys_core.native_libraries import LIBRARY, Open3DGuard, guard_open3d
@@ -83,7 +83,7 @@ def test_a_blender_that_cannot_be_imported_fails_a_test_instead_of_skipping_it(
     (tmp_path / "bpy").mkdir()
     (tmp_path / "bpy" / "__init__.py").write_text("raise ImportError('undefined symbol')\n")
     text = f"import sys; sys.path[:0] = [{str(tmp_path)!r}, {str(HELPERS)!r}]\n"
-    ended = ran(text + "from needs_blender import require_blender; require_blender()")
+    ended = ran(text + "from blender_process import require_blender; require_blender()")
     assert ended.returncode != 0
     assert "ImportError: undefined symbol" in ended.stderr
 

@@ -1,12 +1,14 @@
 """Calls functions in a process of their own, where Blender may be imported.
 
 Blender's data is global to a process and does not get on with an Open3D that came first, so no
-test imports it into pytest's process.
+test imports it into pytest's process. Tests that need Blender are skipped where it is not
+installed, and for no other reason.
 """
 
 from __future__ import annotations
 
 import importlib
+import importlib.util
 import pickle
 import subprocess
 import sys
@@ -15,9 +17,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from needs_blender import skip_without_blender
 
 TIMEOUT_S = 300
+
+
+def skip_without_blender(*, module: bool = False) -> None:
+    """Skip the test, or the whole module, where there is no ``bpy``; nothing is imported."""
+    if importlib.util.find_spec("bpy") is None:
+        pytest.skip("bpy is not installed", allow_module_level=module)
+
+
+def require_blender() -> None:
+    """As `skip_without_blender`; where there is a ``bpy`` it must import, else the test fails."""
+    skip_without_blender()
+    importlib.import_module("bpy")
 
 
 def in_blender(job: str, *arguments: Any) -> Any:

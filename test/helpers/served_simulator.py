@@ -36,6 +36,14 @@ ROCKY_WORLD: dict[str, Any] = {
     "assets": {"rocks": [{"count": [20, 40]}]},
 }
 
+MOUNDS: dict[str, Any] = {
+    "backend": "analytic",
+    "stage": {"preset": "mounds", "extent_m": 32, "resolution_px": 129},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
+    "assets": {"rocks": [{"count": [20, 20]}]},
+}
+"""A world whose survey closes with two small views."""
+
 
 class Server:
     """A running server process, a context manager; what it says goes to files in a new folder."""

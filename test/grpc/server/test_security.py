@@ -14,10 +14,10 @@ from typing import Any
 import grpc
 import numpy as np
 import pytest
+from blender_process import skip_without_blender
 from certificates import Authority
 from commands import oaisys
 from grpc_health.v1 import health_pb2, health_pb2_grpc
-from needs_blender import skip_without_blender
 from served_simulator import FLAT_WORLD, Server
 from waiting import PATIENCE_S
 

@@ -12,14 +12,9 @@ import yaml
 from leak_check import LeakCheck
 from ros_peer import messages_of_samples
 from rosbags.rosbag2 import Reader
+from served_simulator import MOUNDS
 
 VIEWS = 2
-WORLD = {
-    "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 32, "resolution_px": 129},
-    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
-    "assets": {"rocks": [{"count": [20, 20]}]},
-}
 COMMON = {"/clock", "/diagnostics", "/parameter_events", "/rosout"}
 
 
@@ -36,7 +31,7 @@ def test_two_surveys_at_once_map_each_its_own_world(
     tmp_path: Path, leaks: LeakCheck, ros_domain_id: int
 ) -> None:
     config = tmp_path / "world.yaml"
-    config.write_text(yaml.safe_dump(WORLD))
+    config.write_text(yaml.safe_dump(MOUNDS))
     seeds = {"mars": 1, "moon": 2}
     running = {}
     for name, seed in seeds.items():

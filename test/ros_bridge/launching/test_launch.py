@@ -20,7 +20,7 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from repository import REPOSITORY
 from ros_peer import User
-from served_simulator import FLAT_WORLD
+from served_simulator import FLAT_WORLD, MOUNDS
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_ros_bridge.launching.arguments import EXPLORE, SIMULATOR, SURVEY
@@ -33,13 +33,6 @@ except PackageNotFoundError:
     pytest.skip(f"the workspace is not built: {BUILD}", allow_module_level=True)
 
 LAUNCH_FILES = sorted((REPOSITORY / "launch").glob("*.launch.py"))
-MOUNDS = {
-    "backend": "analytic",
-    "stage": {"preset": "mounds", "extent_m": 32, "resolution_px": 129},
-    "materials": {"texture_size_px": 64, "mask": {"size_px": 64}},
-    "assets": {"rocks": [{"count": [20, 20]}]},
-}
-"""A world whose survey closes with two small views."""
 ARGUMENTS = {
     "simulator": set(SIMULATOR),
     "survey": {*SURVEY, "rviz"},
