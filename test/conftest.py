@@ -8,6 +8,7 @@ import uuid
 from collections.abc import Iterator
 
 import hypothesis
+import psutil
 import pytest
 from leak_check import MARK, LeakCheck
 
@@ -20,16 +21,17 @@ hypothesis.settings.register_profile("repeatable", derandomize=True)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 
-@pytest.fixture(scope="session", autouse=True)
-def end_in_order_on_sigterm() -> Iterator[None]:
-    """Tear fixtures down when pytest is told to end: else its nodes outlive their ROS domain."""
+def pytest_configure(config: pytest.Config) -> None:
+    """Let SIGTERM end tests in order: else their nodes outlive the claim of their ROS domain."""
 
     def end(*_: object) -> None:
-        pytest.exit("SIGTERM", returncode=128 + signal.SIGTERM)
+        if config.pluginmanager.hasplugin("dsession"):  # the tests run in xdist's workers
+            for worker in psutil.Process().children():
+                worker.terminate()
+        else:
+            pytest.exit("terminated")
 
-    before = signal.signal(signal.SIGTERM, end)
-    yield
-    signal.signal(signal.SIGTERM, before)
+    signal.signal(signal.SIGTERM, end)
 
 
 @pytest.fixture
