@@ -43,7 +43,7 @@ def _steps(environment: Environment) -> list[SetupStep]:
     return [
         SetupStep(
             "requirements",
-            "installing the pinned packages (3 GB, 2 to 4 minutes)",
+            "installing the pinned packages (3 GB, 1 to 3 minutes)",
             requirements,
             lambda done_before: install_requirements(environment, keep=done_before),
             lambda done_before: check_machine(environment, keep=done_before),
