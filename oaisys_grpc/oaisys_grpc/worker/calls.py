@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Sequence
+import time
+from collections.abc import Callable, Container, Sequence
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import replace
@@ -17,12 +18,12 @@ from weakref import WeakSet
 
 import numpy as np
 
-from oaisys_core.backend.base import FrameGroup, ProgressCallback
+from oaisys_core.backend.base import FrameGroup
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.paths import AssetRoots, confined
-from oaisys_core.errors import NotReadyError
+from oaisys_core.errors import CancelledError, NotReadyError
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import Frame, ModuleMetadata, Sample, SampleOutline
+from oaisys_core.types import Frame, ModuleMetadata, Progress, Sample, SampleOutline
 from oaisys_grpc.contract.arrays import AnyArray
 from oaisys_grpc.contract.metadata import metadata_from_proto, names
 from oaisys_grpc.contract.sample_messages import (
@@ -48,10 +49,12 @@ from oaisys_grpc.contract.world_messages import (
 )
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.worker import fault_injection
-from oaisys_grpc.worker.protocol import WorkerMessage
+from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
 MAX_SEGMENTS = 400
 """In which frames, such as those of the cache, may lie; each takes two descriptors."""
+
+_PROGRESS_PERIOD_S = 0.05
 
 
 class Reply(NamedTuple):
@@ -61,16 +64,40 @@ class Reply(NamedTuple):
     arrays: Sequence[AnyArray] = ()
 
 
-class CallContext(NamedTuple):
-    """What a call may do while it runs.
+class CallContext:
+    """Sends what a call has to say while it runs, and stops it where it was cancelled."""
 
-    Attributes:
-        progress: Sends the progress to the server; raises `CancelledError` once cancelled.
-        send_frames: Sends frames, or whatever else of a sample is ready.
-    """
+    def __init__(self, connection: Connection, call: int, cancelled: Container[int]) -> None:
+        """Begin a call.
 
-    progress: ProgressCallback
-    send_frames: Callable[[Reply], None]
+        Args:
+            call: Its number.
+            cancelled: The numbers of cancelled calls; another thread adds to them.
+        """
+        self._connection = connection
+        self._call = call
+        self._cancelled = cancelled
+        self._last_stage = ""
+        self._last_s = 0.0
+
+    def progress(self, progress: Progress) -> None:
+        """Send the progress, not too often; raise `CancelledError` as `stop_if_cancelled`."""
+        self.stop_if_cancelled()
+        now_s = time.monotonic()
+        if progress.stage == self._last_stage and now_s - self._last_s < _PROGRESS_PERIOD_S:
+            return
+        self._last_stage, self._last_s = progress.stage, now_s
+        self._connection.send({"type": "progress", "id": self._call, **vars(progress)})
+
+    def send_frames(self, frames: Reply) -> None:
+        """Send frames, or whatever else of a sample is ready, unless the call was cancelled."""
+        self.stop_if_cancelled()
+        self._connection.send({"type": "frames", "id": self._call}, *frames)
+
+    def stop_if_cancelled(self) -> None:
+        """Raise `CancelledError` where the call was cancelled, or its time is over."""
+        if self._call in self._cancelled:
+            raise CancelledError("cancelled by the caller")
 
 
 class SimulationCalls:

@@ -18,16 +18,15 @@ import resource
 import signal
 import socket
 import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from oaisys_core.config.paths import confined
-from oaisys_core.errors import CancelledError, OaisysError, RenderError
+from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.interruption import interruptible
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import Progress, SimulatorInfo
+from oaisys_core.types import SimulatorInfo
 from oaisys_grpc.contract.faults import fault_from_error
 from oaisys_grpc.contract.world_messages import info_to_proto
 from oaisys_grpc.worker.calls import CallContext, Reply, SimulationCalls
@@ -35,7 +34,6 @@ from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
 _LOG = logging.getLogger(__name__)
 _PR_SET_PDEATHSIG = 1
-_PROGRESS_PERIOD_S = 0.05
 _MAX_FILES = 4096
 _OUT_OF_MEMORY_SCORE = 500
 """Half of the machine's memory on top of its own, where the kernel chooses what to kill."""
@@ -74,11 +72,11 @@ class Worker:
     def _answer(self, call: WorkerMessage) -> None:
         number, method = call.head["id"], call.head["method"]
         head: dict[str, Any] = {"type": "answer", "id": number}
-        reporter = _Reporter(self._connection, number, self._cancelled)
+        context = CallContext(self._connection, number, self._cancelled)
         reply = Reply()
         try:
-            with confined(self._calls.roots), interruptible(reporter.stop_if_cancelled):
-                reply = self._calls.answer(call, CallContext(reporter, reporter.send_frames))
+            with confined(self._calls.roots), interruptible(context.stop_if_cancelled):
+                reply = self._calls.answer(call, context)
         except OaisysError as error:
             head["fault"] = vars(fault_from_error(error))
         except Exception as error:  # noqa: BLE001 - whatever failed is the caller's to know
@@ -100,35 +98,6 @@ class Worker:
             self._connection.send({"type": "info", "id": call}, content)
         state = json.dumps(simulation.state())
         return {"batch_id": info.batch_id, "sample_id": info.sample_id, "state": state}
-
-
-class _Reporter:
-    """Sends a call's progress to the server, and stops the call where it was cancelled."""
-
-    def __init__(self, connection: Connection, call: int, cancelled: set[int]) -> None:
-        self._connection = connection
-        self._call = call
-        self._cancelled = cancelled
-        self._last_stage = ""
-        self._last_s = 0.0
-
-    def __call__(self, progress: Progress) -> None:
-        self.stop_if_cancelled()
-        now_s = time.monotonic()
-        if progress.stage == self._last_stage and now_s - self._last_s < _PROGRESS_PERIOD_S:
-            return
-        self._last_stage, self._last_s = progress.stage, now_s
-        self._connection.send({"type": "progress", "id": self._call, **vars(progress)})
-
-    def send_frames(self, frames: Reply) -> None:
-        """Send frames, unless the call was cancelled."""
-        self.stop_if_cancelled()
-        self._connection.send({"type": "frames", "id": self._call}, *frames)
-
-    def stop_if_cancelled(self) -> None:
-        """Raise `CancelledError` where the call was cancelled, or its time is over."""
-        if self._call in self._cancelled:
-            raise CancelledError("cancelled by the caller")
 
 
 def _differs(info: SimulatorInfo, sent: SimulatorInfo) -> bool:
