@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -278,20 +278,7 @@ def provenance_from_proto(message: pb.Provenance) -> Provenance:
     return Provenance(**{name: getattr(message, name) for name in _PROVENANCE})
 
 
-_PROVENANCE = (
-    "seed",
-    "batch_seed",
-    "config_sha256",
-    "backend",
-    "backend_version",
-    "quality",
-    "render_samples",
-    "device",
-    "stage_seed",
-    "asset_seed",
-    "metadata_json",
-    "previous_poses_json",
-)
+_PROVENANCE = tuple(each.name for each in fields(Provenance))
 
 
 def matrix_from_proto(values: Sequence[float]) -> FloatArray:

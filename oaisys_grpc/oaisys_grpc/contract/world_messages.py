@@ -268,16 +268,14 @@ def page_from_proto(message: pb.ListObjectsResponse) -> ObjectPage:
     return ObjectPage(objects, message.total, message.next_after_instance_id)
 
 
+_PLAIN = ("instance_id", "name", "kind", "group", "label", "semantic_id", "scale")
+"""Attributes of an object that its message holds as they are."""
+
+
 def _object_to_proto(thing: SceneObject) -> pb.SceneObject:
     return pb.SceneObject(
-        instance_id=thing.instance_id,
-        name=thing.name,
-        kind=thing.kind,
-        group=thing.group,
-        label=thing.label,
-        semantic_id=thing.semantic_id,
+        **{name: getattr(thing, name) for name in _PLAIN},
         pose=pose_to_proto(thing.pose),
-        scale=thing.scale,
         low_m=_vector(thing.low_m),
         high_m=_vector(thing.high_m),
     )
@@ -285,14 +283,8 @@ def _object_to_proto(thing: SceneObject) -> pb.SceneObject:
 
 def _object_from_proto(message: pb.SceneObject) -> SceneObject:
     return SceneObject(
-        instance_id=message.instance_id,
-        name=message.name,
-        kind=message.kind,
-        group=message.group,
-        label=message.label,
-        semantic_id=message.semantic_id,
+        **{name: getattr(message, name) for name in _PLAIN},
         pose=pose_from_proto(message.pose),
-        scale=message.scale,
         low_m=_triple(message.low_m),
         high_m=_triple(message.high_m),
     )

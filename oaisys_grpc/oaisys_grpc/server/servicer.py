@@ -77,7 +77,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self._probe = Probe() if shared_memory and AVAILABLE else None
 
     def GetSimulatorInfo(
-        self, request: pb.GetSimulatorInfoRequest, _context: Context
+        self, request: pb.GetSimulatorInfoRequest, _: Context
     ) -> pb.GetSimulatorInfoResponse:
         """Answer with the worker's last info."""
         message = pb.GetSimulatorInfoResponse()
@@ -104,9 +104,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         job = _sample_job(request, _operation_timeout_s(request), context)
         return pb.StepSampleResponse(operation=self._status(self._operations.submit(job)))
 
-    def GetOperation(
-        self, request: pb.GetOperationRequest, _context: Context
-    ) -> pb.GetOperationResponse:
+    def GetOperation(self, request: pb.GetOperationRequest, _: Context) -> pb.GetOperationResponse:
         """Answer at once."""
         operation = self._operations.get(request.name)
         return pb.GetOperationResponse(operation=self._status(operation))
@@ -120,21 +118,19 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
             yield pb.WatchOperationResponse(operation=self._status(operation, status))
 
     def CancelOperation(
-        self, request: pb.CancelOperationRequest, _context: Context
+        self, request: pb.CancelOperationRequest, _: Context
     ) -> pb.CancelOperationResponse:
         """Cancel, and answer with the status."""
         operation = self._operations.cancel(request.name)
         return pb.CancelOperationResponse(operation=self._status(operation))
 
-    def GetSample(
-        self, request: pb.GetSampleRequest, _context: Context
-    ) -> Iterator[pb.GetSampleResponse]:
+    def GetSample(self, request: pb.GetSampleRequest, _: Context) -> Iterator[pb.GetSampleResponse]:
         """Send a recent sample."""
         sample = self._operations.samples.get(request.batch_id, request.sample_id)
         for part in sample_to_parts(sample, self._granted(request)):
             yield pb.GetSampleResponse(part=part)
 
-    def GetFrame(self, request: pb.GetFrameRequest, _context: Context) -> pb.GetFrameResponse:
+    def GetFrame(self, request: pb.GetFrameRequest, _: Context) -> pb.GetFrameResponse:
         """Answer with one frame of a recent sample."""
         sample = self._operations.samples.get(request.batch_id, request.sample_id)
         name = FrameName(request.sensor, request.modality)
@@ -193,9 +189,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         answer = self._asked("list_objects", request, context)
         return pb.ListObjectsResponse.FromString(answer.content)
 
-    def EndSimulation(
-        self, _request: pb.EndSimulationRequest, _context: Context
-    ) -> pb.EndSimulationResponse:
+    def EndSimulation(self, *_: object) -> pb.EndSimulationResponse:
         """Answer, and end the server."""
         self._on_end()
         return pb.EndSimulationResponse()
