@@ -1,6 +1,7 @@
 """The two verbs on the analytic backend: draws, metadata, refusals, restoring."""
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -8,7 +9,9 @@ import pytest
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.errors import CancelledError, ConfigError, InvalidInputError, NotReadyError
+from oaisys_core.extension_modules import ExtensionModule, NoOptions
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
+from oaisys_core.module import Metadata, World
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose, Progress, Sample
 
@@ -252,3 +255,38 @@ def test_rocks_raise_the_surface_over_the_ground(simulation: Simulation) -> None
 def test_unknown_presets_and_kinds_are_config_errors(section: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match="expected one of"):
         Simulation(world(**section))
+
+
+class Idle(ExtensionModule):
+    name = "idle"
+
+    def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
+        pass
+
+
+def test_a_sample_steps_the_modules_that_it_changes(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = Simulation(world())
+    simulation.step_batch()
+    stepped: list[str] = []
+    for module in simulation._modules.all:
+
+        def step(*args: Any, name: str = module.name, original: Any = module.step_sample) -> None:
+            stepped.append(name)
+            original(*args)
+
+        monkeypatch.setattr(module, "step_sample", step)
+
+    def stepped_by(metadata: ModuleMetadata) -> list[str]:
+        stepped.clear()
+        simulation.step_sample(metadata, modalities=["depth"])
+        return list(stepped)
+
+    assert stepped_by(at(POSES[0])) == ["sensors"]
+    assert stepped_by(ModuleMetadata(render={"exposure_ev": 1})) == ["sensors", "render"]
+    hourly = {"redraw": "sample", "sun_elevation_deg": [10, 80]}
+    assert stepped_by(ModuleMetadata(environment=hourly)) == ["environment", "sensors"]
+    assert stepped_by(ModuleMetadata()) == ["environment", "sensors"]
+    # A module of another package may change what the others have set.
+    modules = simulation._modules
+    simulation._modules = replace(modules, all=(*modules.all, Idle(NoOptions())))
+    assert stepped_by(ModuleMetadata()) == [module.name for module in modules.all]
