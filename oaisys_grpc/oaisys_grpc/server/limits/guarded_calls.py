@@ -216,8 +216,9 @@ def _messages_in(descriptor: Any) -> Fields:
 
 @functools.cache
 def _is_flat(descriptor: Any) -> bool:
-    """Return whether a message holds neither messages nor lists of texts."""
-    return not any(
+    """Return whether a message holds fields, but neither messages nor lists of texts."""
+    # Parsing a message without fields lets some bytes pass that are none.
+    return bool(descriptor.fields) and not any(
         field.message_type is not None
         or (field.is_repeated and field.cpp_type == field.CPPTYPE_STRING)
         for field in descriptor.fields

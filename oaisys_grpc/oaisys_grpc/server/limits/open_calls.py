@@ -10,6 +10,7 @@ import contextlib
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from enum import Enum
 from typing import Any
@@ -50,6 +51,9 @@ LIMITS = {
     "GetFrame": 32,
 }
 """Calls at a time, by method; all stream but GetFrame, whose answer may be as large."""
+
+IDLE_MAKE_ROOM = frozenset({"Watch"})
+"""Methods whose clients only wait, and may call again: one of them ends for a newcomer."""
 
 LIMIT_OF_OTHERS = 8
 """Other streams at a time, such as those of reflection."""
@@ -191,7 +195,15 @@ class Slots:
     connection if that has its share, else any.
     """
 
-    def __init__(self, most: int) -> None:
+    def __init__(self, most: int, *, idle_make_room: bool = False) -> None:
+        """Start without calls.
+
+        Args:
+            most: Calls at a time.
+            idle_make_room: Whether a call that waits for the simulator is ended for another one,
+                too: of the connection that has the most calls, the one that waits longest.
+        """
+        self._idle_make_room = idle_make_room
         self._most, self._most_of_peer = most, int(SHARE_OF_CONNECTION * most)
         self._calls: dict[OpenCall, None] = {}
         self._waiting = 0
@@ -210,9 +222,11 @@ class Slots:
             while (rivals := self._rivals(call)) is not None:
                 unread = [other for other in rivals if other.phase is Phase.READER]
                 stuck = max(unread, key=OpenCall.unread_s, default=None)
+                idle = self._longest_idle(rivals)
                 if stuck is not None and stuck.unread_s() > CROWDED_PATIENCE_S:
-                    del self._calls[stuck]
-                    stuck.end("the answer was not read, and others need the room")
+                    self._end(stuck, "the answer was not read, and others need the room")
+                elif idle is not None and idle.stuck_s() > CROWDED_PATIENCE_S:
+                    self._end(idle, "others need the room; call again")
                 elif time.monotonic() > end_s or not self._is_worth_waiting(call, unread):
                     message = f"too many calls of {call.name} at a time; try again later"
                     raise QueueFullError(message)
@@ -221,6 +235,10 @@ class Slots:
                     self._lock.wait(CROWDED_PATIENCE_S / 10)
                     self._waiting -= 1
             self._calls[call] = None
+
+    def _end(self, call: OpenCall, details: str) -> None:
+        del self._calls[call]
+        call.end(details)
 
     def _is_worth_waiting(self, call: OpenCall, unread: list[OpenCall]) -> bool:
         if call.ended or self._waiting >= MOST_WAITING:
@@ -232,6 +250,14 @@ class Slots:
         with self._lock:
             self._calls.pop(call, None)
             self._lock.notify_all()
+
+    def _longest_idle(self, rivals: list[OpenCall]) -> OpenCall | None:
+        """Return the call that makes room: of the connection with the most, the longest idle."""
+        if not self._idle_make_room:
+            return None
+        by_peer = Counter(call.peer for call in rivals)
+        idle = [call for call in rivals if call.phase is Phase.WORK]
+        return max(idle, key=lambda call: (by_peer[call.peer], call.stuck_s()), default=None)
 
     def _rivals(self, call: OpenCall) -> list[OpenCall] | None:
         """Return the calls of which one would have to end; None if a slot is free."""
@@ -251,7 +277,10 @@ class StreamLimits:
     """Refuses calls beyond the limits of their methods, so that threads stay free for others."""
 
     def __init__(self) -> None:
-        self._slots = {name: Slots(limit) for name, limit in LIMITS.items()}
+        self._slots = {
+            name: Slots(limit, idle_make_room=name in IDLE_MAKE_ROOM)
+            for name, limit in LIMITS.items()
+        }
         self._others = Slots(LIMIT_OF_OTHERS)
 
     @contextlib.contextmanager

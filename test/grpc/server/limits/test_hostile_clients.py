@@ -35,7 +35,12 @@ from oaisys_grpc.contract.metadata import metadata_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.server.limits import open_calls
 from oaisys_grpc.server.limits.guarded_calls import MAX_FIELDS, GuardedCalls, check_bounds
-from oaisys_grpc.server.limits.open_calls import REQUEST_PATIENCE_S
+from oaisys_grpc.server.limits.open_calls import (
+    CROWDED_PATIENCE_S,
+    LIMITS,
+    REQUEST_PATIENCE_S,
+    SHARE_OF_CONNECTION,
+)
 
 StartServer = Callable[..., Server]
 
@@ -100,6 +105,13 @@ def test_what_a_user_sends_is_within_bounds() -> None:
 def test_bytes_that_are_no_message(data: bytes) -> None:
     with pytest.raises(InvalidInputError):
         check_bounds(data, pb.StepBatchRequest.DESCRIPTOR)
+
+
+def test_a_call_without_fields_takes_no_bytes_that_are_no_message() -> None:
+    """Protobuf itself lets these pass, and the call may be EndSimulation."""
+    with pytest.raises(InvalidInputError):
+        check_bounds(b"\x00\x01", pb.EndSimulationRequest.DESCRIPTOR)
+    check_bounds(b"", pb.EndSimulationRequest.DESCRIPTOR)
 
 
 @pytest.mark.long
@@ -291,6 +303,35 @@ def test_a_reader_that_reads_nothing_is_told_why_it_was_ended(
 
 
 @pytest.mark.long
+def test_idle_watches_of_health_make_room(start_server: StartServer) -> None:
+    """For another connection: the oldest of the one that has most of them."""
+    server = start_server(FLAT_WORLD)
+    most = LIMITS["Watch"]
+    share = int(SHARE_OF_CONNECTION * most)
+
+    def watch(channel: grpc.Channel) -> Any:
+        call = channel.unary_stream(HEALTH + "Watch")(b"", timeout=PATIENCE_S)
+        answer = health_pb2.HealthCheckResponse.FromString(next(call))
+        assert answer.status == health_pb2.HealthCheckResponse.SERVING
+        return call
+
+    greedy, modest, other = (own_channel(server.address) for _ in range(3))
+    with greedy, modest, other:
+        idle = [watch(greedy) for _ in range(share)]
+        kept = [watch(modest) for _ in range(most - share)]
+        time.sleep(2 * CROWDED_PATIENCE_S)
+        for ended in idle[:3]:
+            begin_s = time.monotonic()
+            kept.append(watch(other))
+            assert time.monotonic() - begin_s < LOAD
+            assert code_and_details(ended)[0] == grpc.StatusCode.RESOURCE_EXHAUSTED
+        assert not any(call.done() for call in kept)
+        time.sleep(2 * CROWDED_PATIENCE_S)
+        watch(greedy)
+        assert not any(call.done() for call in kept)
+        assert_ends(server)
+
+
 def test_requests_that_never_come_leave_room_for_others(start_server: StartServer) -> None:
     server = start_server(FLAT_WORLD)
     paths = [HEALTH + "Check", HEALTH + "Watch", OURS + "GetSimulatorInfo", REFLECTION]
