@@ -17,7 +17,6 @@ from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.sensors import PosePolicy
 from oaisys_core.errors import OaisysError
 from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket
-from oaisys_grpc.contract.errors import printable
 from oaisys_grpc.contract.transfer import MAX_REQUEST_BYTES
 from oaisys_grpc.legacy.files import LegacyFiles
 from oaisys_grpc.legacy.servicer import LEGACY_SERVICE, LegacyServicer
@@ -28,7 +27,7 @@ from oaisys_grpc.server.jobs.queue import OperationQueue
 from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
 from oaisys_grpc.server.limits.open_calls import THREADS, OpenCalls
 from oaisys_grpc.server.options import ServerOptions
-from oaisys_grpc.server.servicer import SimulatorServicer
+from oaisys_grpc.server.servicer import SimulatorServicer, send_reason
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 from oaisys_grpc.server.supervision.worker_folder import remove_abandoned
 
@@ -37,9 +36,6 @@ _LOG = logging.getLogger(__name__)
 SERVICE = simulator_pb2.DESCRIPTOR.services_by_name["SimulatorService"].full_name
 HEALTH_NAMES = ("", SERVICE, LEGACY_SERVICE)
 """Services whose health is reported; "" is the server as a whole."""
-
-REASON_KEY = "oaisys-reason"
-"""Trailing metadata of ``Check`` where no worker runs."""
 
 _STOP_S = 1.0
 _WORKER_END_S = 0.8
@@ -73,9 +69,7 @@ class HealthWithReason(health.HealthServicer):
         self, request: health_pb2.HealthCheckRequest, context: grpc.ServicerContext
     ) -> Any:
         """Answer at once."""
-        reason = self.why_not()
-        if reason is not None:
-            context.set_trailing_metadata(((REASON_KEY, printable(str(reason))),))
+        send_reason(context, self.why_not())
         return super().Check(request, context)
 
 

@@ -12,9 +12,10 @@ from typing import Any
 import grpc
 from google.protobuf.message import Message
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import FrameName
 from oaisys_grpc.contract.arrays import array_chunks
+from oaisys_grpc.contract.errors import printable
 from oaisys_grpc.contract.metadata import metadata_from_proto
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State, status_to_proto
 from oaisys_grpc.contract.sample_messages import SampleMessages
@@ -48,7 +49,16 @@ MAX_POINTS = 100_000
 MAX_ID_CHARACTERS = 256
 """Of a request's id, which is remembered after its operation has ended."""
 
+REASON_KEY = "oaisys-reason"
+"""Trailing metadata of health's ``Check`` and of GetSimulatorInfo where no worker runs."""
+
 Context = grpc.ServicerContext
+
+
+def send_reason(context: Context, reason: OaisysError | None) -> None:
+    """Send, after a call's answer, why no worker runs; None: one does."""
+    if reason is not None:
+        context.set_trailing_metadata(((REASON_KEY, printable(str(reason))),))
 
 
 class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
@@ -77,9 +87,10 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self._probe = Probe() if shared_memory and AVAILABLE else None
 
     def GetSimulatorInfo(
-        self, request: pb.GetSimulatorInfoRequest, _: Context
+        self, request: pb.GetSimulatorInfoRequest, context: Context
     ) -> pb.GetSimulatorInfoResponse:
         """Answer with the worker's last info."""
+        send_reason(context, self._supervisor.refusal)
         message = pb.GetSimulatorInfoResponse()
         message.CopyFrom(self._supervisor.info)
         message.server_version = version("oaisys_grpc")
