@@ -98,7 +98,7 @@ def bag_replay(
         list[str] | None, typer.Option(help="Rename a topic, FROM:=TO, repeatable.")
     ] = None,
     wait_for: Annotated[
-        int, typer.Option(help="Start when all topics together have this many readers.", min=0)
+        int, typer.Option(help="Start when this many nodes read any of the topics.", min=0)
     ] = 0,
     wait_for_topic: Annotated[
         list[str] | None, typer.Option(help="Topic that must have a reader first, repeatable.")
@@ -107,15 +107,20 @@ def bag_replay(
         float, typer.Option(help="Longest time to wait for readers, seconds.", min=0, max=86_400)
     ] = 10.0,
     delay: Annotated[
-        float, typer.Option(help="Start after this many seconds, with or without readers.", min=0)
+        float,
+        typer.Option(
+            help="Start after this many seconds, with or without readers; with --wait-for or "
+            "--wait-for-topic, this long after these readers have come.",
+            min=0,
+        ),
     ] = 0.0,
 ) -> None:
     """Publish the messages of a bag with their recorded quality of service.
 
-    It starts when each topic of --topics or --wait-for-topic has a reader and there are --wait-for
-    readers; without these options, when every topic has a reader, or after --wait-timeout if any
-    has one. At the end it prints how many messages and readers each topic had. Exit 1 if the
-    readers did not come.
+    It starts when each topic of --topics or --wait-for-topic has a reader and --wait-for nodes
+    read; without these options, when every topic has a reader, or after --wait-timeout if any has
+    one. --delay alone waits for no reader. At the end it prints how many messages and readers each
+    topic had. Exit 1 if the readers did not come.
     """
     from oaisys_ros_bridge.nodes.player import main as play
 

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter, deque
+
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    DurabilityPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from oaisys_ros_bridge.bags.message_definition import message_class
 from oaisys_ros_bridge.bags.reading import offered_qos
@@ -20,7 +29,8 @@ class PlayedTopic:
 
     On a reliable topic, no more messages are published than the queue holds until the readers have
     acknowledged them: a message that leaves the queue earlier could be lost. After a reader has
-    failed to acknowledge in time, the topic does not wait any more.
+    failed to acknowledge in time, the topic does not wait any more. A latched topic sends late
+    readers the messages that are still in its queue.
 
     Args:
         node: Owner of the publisher.
@@ -30,7 +40,6 @@ class PlayedTopic:
     Attributes:
         name: Of the topic as it is published, remapping included.
         sent: Messages published.
-        with_reader: Those of them for which there was a reader.
 
     Raises:
         NotFoundError: The message's type is not installed.
@@ -39,38 +48,63 @@ class PlayedTopic:
     def __init__(self, node: Node, topic: RecordedTopic, acknowledged_within_s: float) -> None:
         kind = message_class(topic.type_name)
         offered = offered_qos(topic.qos_profiles)
+        self._node = node
         self._depth = offered.depth or USUAL_DEPTH
-        self._reliable, self._latched = offered.reliable, offered.transient_local
+        self._reliable = offered.reliable
         reliable, latched = ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL
-        profile = QoSProfile(
+        self._profile = QoSProfile(
             depth=self._depth,
             reliability=reliable if self._reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=latched if self._latched else DurabilityPolicy.VOLATILE,
+            durability=latched if offered.transient_local else DurabilityPolicy.VOLATILE,
         )
-        self._publisher: Publisher = node.create_publisher(kind, topic.name, profile)
+        self._publisher: Publisher = node.create_publisher(kind, topic.name, self._profile)
         self._acknowledged_within_s = acknowledged_within_s
         self._outstanding = 0
         self._stalled = False
-        self._most_readers = 0
+        self._readers = self._most_readers = self._most_best_effort = 0
+        self._sent_to: Counter[int] = Counter()
+        self._latched: deque[int] = deque(maxlen=self._depth if offered.transient_local else 0)
         self.name: str = self._publisher.topic_name
         self.sent = 0
-        self.with_reader = 0
 
     @property
     def readers(self) -> int:
         """Number of subscribers that are matched now."""
         return int(self._publisher.get_subscription_count())
 
+    @property
+    def with_reader(self) -> int:
+        """Number of messages published for which there was a reader."""
+        return self.sent - self._sent_to[0] - self._latched.count(0)
+
+    @property
+    def reading_nodes(self) -> set[tuple[str, str, bytes]]:
+        """Nodes with a subscription that can be matched: namespace, name, and its process' id."""
+        return {
+            # The first 12 bytes of an endpoint's id are its participant's.
+            (each.node_namespace, each.node_name, bytes(each.endpoint_gid[:12]))
+            for each in self._subscriptions()
+        }
+
+    @property
+    def is_matched(self) -> bool:
+        """Whether all subscriptions that are known, and can be matched, are matched."""
+        return self.readers >= len(self._subscriptions())
+
     def publish(self, data: bytes) -> None:
         """Publish a serialised message (CDR with its header)."""
         if self._outstanding >= self._depth:
             self.wait_until_acknowledged(self._acknowledged_within_s)
-        readers = self.readers
+        self._count_readers()
         self._publisher.publish(data)
         self.sent += 1
-        self.with_reader += readers > 0
-        self._outstanding += readers > 0 and self._reliable
-        self._most_readers = max(self._most_readers, readers)
+        if self._latched.maxlen:
+            if len(self._latched) == self._latched.maxlen:
+                self._sent_to[self._latched.popleft()] += 1
+            self._latched.append(self._readers)
+        else:
+            self._sent_to[self._readers] += 1
+        self._outstanding += self._readers > 0 and self._reliable
 
     def wait_until_acknowledged(self, timeout_s: float) -> None:
         """Wait for the readers' acknowledgements, unless one of them has been missing before."""
@@ -81,22 +115,53 @@ class PlayedTopic:
     def finish(self, timeout_s: float) -> str:
         """Wait for the last acknowledgements; return the topic's counts in words."""
         self.wait_until_acknowledged(timeout_s)
-        self._most_readers = max(self._most_readers, self.readers)
-        if self._latched and self._most_readers:
-            self.with_reader = max(self.with_reader, min(self.sent, self._depth))
+        self._count_readers()
         return f"{self.name}: {_count(self.sent, 'message')}, {self._audience()}"
 
+    def _count_readers(self) -> None:
+        """Note how many readers there are, and which messages of the queue the new ones get."""
+        readers = self.readers
+        if readers == self._readers:
+            return
+        self._readers = readers
+        self._most_readers = max(self._most_readers, readers)
+        best_effort = ReliabilityPolicy.BEST_EFFORT
+        found = sum(s.qos_profile.reliability == best_effort for s in self._subscriptions())
+        self._most_best_effort = max(self._most_best_effort, min(found, readers))
+        for index, sent_to in enumerate(self._latched):
+            self._latched[index] = max(sent_to, readers)
+
+    def _subscriptions(self) -> list[TopicEndpointInfo]:
+        """Return the known subscriptions whose quality of service fits the publisher's."""
+        return [
+            each
+            for each in self._node.get_subscriptions_info_by_topic(self.name)
+            if qos_check_compatible(self._profile, each.qos_profile)[0] != QoSCompatibility.ERROR
+        ]
+
     def _audience(self) -> str:
-        if not self._most_readers:
+        most = self._most_readers
+        if not most:
             return "no reader"
-        parts = [_count(self._most_readers, "reader")]
-        if self.with_reader < self.sent:
-            parts.append(f"but none for {self.sent - self.with_reader} of them")
-        if not self._reliable:
-            parts.append("best effort, which acknowledges nothing")
-        else:
-            parts.append("not acknowledged in time" if self._stalled else "acknowledged")
-        return ", ".join(parts)
+        parts = [_count(most, "reader")]
+        fewer = [
+            f"{_count(messages, 'message')} to {f'only {readers}' if readers else 'none'}"
+            for readers, messages in sorted((self._sent_to + Counter(self._latched)).items())
+            if readers < most
+        ]
+        if fewer:
+            parts.append(f"but {' and '.join(fewer)}")
+        return ", ".join([*parts, self._acknowledgement()])
+
+    def _acknowledgement(self) -> str:
+        if not self._reliable or self._most_best_effort == self._most_readers:
+            return "best effort, which acknowledges nothing"
+        if self._stalled:
+            return "not acknowledged in time"
+        if self._most_best_effort:
+            reliable = self._most_readers - self._most_best_effort
+            return f"acknowledged by {reliable}, best effort to {self._most_best_effort}"
+        return "acknowledged"
 
 
 def _count(number: int, noun: str) -> str:

@@ -67,6 +67,7 @@ class PlayerNode(ParameterNode, Node):
             (wanted or self._bag.topics.keys()) | awaited, wanted | awaited
         )
         required_names = awaited or wanted
+        self._awaits_readers = bool(awaited or values["wait_for_readers"])
         self._required = [topic for name, topic in self._topics.items() if name in required_names]
         self._clock_publisher = (
             self.create_publisher(Clock, CLOCK, 1) if self._publishes_clock else None
@@ -142,21 +143,23 @@ class PlayerNode(ParameterNode, Node):
         return not self._closing.wait(max(0.0, due_s - time.monotonic()))
 
     def _wait_for_readers(self) -> None:
-        """Wait for the required readers; warn of topics without a reader.
+        """Wait for the required readers, then for the delay; warn of topics without a reader.
+
+        With a delay, readers are waited for only where ``wait_for_readers`` or ``wait_for_topics``
+        asks for them.
 
         Raises:
             DeadlineExceededError: They did not come in time.
         """
-        end_s = time.monotonic() + self.parameters["wait_timeout_s"]
-        if self.parameters["delay_s"]:
-            self._closing.wait(self.parameters["delay_s"])
-        else:
+        if self._awaits_readers or not self.parameters["delay_s"]:
+            end_s = time.monotonic() + self.parameters["wait_timeout_s"]
             if missing := self._missing():
                 self.get_logger().info(f"waiting for {missing}")
             while self._missing() and time.monotonic() < end_s:
                 if self._closing.wait(READER_POLL_PERIOD_S):
                     return
             self._require_readers()
+        self._closing.wait(self.parameters["delay_s"])
         for topic in self._topics.values():
             if not topic.readers:
                 self.get_logger().warning(f"nobody reads {topic.name}")
@@ -164,9 +167,11 @@ class PlayerNode(ParameterNode, Node):
     def _missing(self) -> str:
         """Return, in words, which readers are still missing; empty if none."""
         least = self.parameters["wait_for_readers"]
-        readers = sum(topic.readers for topic in self._topics.values())
-        if readers < least:
-            return f"{least} readers, but there are {readers}"
+        nodes = set().union(*(topic.reading_nodes for topic in self._topics.values()))
+        if len(nodes) < least:
+            return f"readers: {len(nodes)} of {least} nodes are there"
+        if least and (unmatched := [t.name for t in self._topics.values() if not t.is_matched]):
+            return f"the subscriptions of {', '.join(unmatched)} to be matched"
         if least and not self._required:
             return ""
         topics = self._required or self._topics.values()
@@ -180,6 +185,8 @@ class PlayerNode(ParameterNode, Node):
         if missing and not (is_optional and any(t.readers for t in self._topics.values())):
             waited_s = self.parameters["wait_timeout_s"]
             hint = "--delay SECONDS plays without them"
+            if self._awaits_readers:
+                hint = f"without --wait-for and --wait-for-topic, {hint}"
             raise DeadlineExceededError(f"waited {waited_s:g} s for {missing}: {hint}")
 
     def _report(self) -> None:

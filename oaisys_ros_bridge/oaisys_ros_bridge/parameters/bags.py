@@ -92,7 +92,7 @@ PLAYER = ParameterTable(
         ParameterRow(
             "wait_for_readers",
             0,
-            "Readers that must be there before the first message, of all topics together.",
+            "Nodes that must read any of the topics before the first message.",
             least=0,
             most=10_000,
             changeable=Changeable.AT_START,
@@ -110,7 +110,8 @@ PLAYER = ParameterTable(
         ParameterRow(
             "delay_s",
             0.0,
-            "When to begin, whoever is there by then; 0: when the readers are.",
+            "When to begin, whoever is there by then, after the readers that wait_for_topics and "
+            "wait_for_readers ask for; 0: when the readers are there.",
             unit="s",
             least=0.0,
             most=86_400.0,

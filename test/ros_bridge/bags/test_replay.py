@@ -5,11 +5,13 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rclpy.qos import QoSProfile
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from ros_peer import SAMPLE_TYPES, Stage
 from rosbags.highlevel import AnyReader
@@ -145,25 +147,66 @@ def test_a_part_of_a_bag_is_played_over_and_over(stage: Stage, small_bag: Path) 
 
 @pytest.mark.long
 @pytest.mark.ros
-def test_readers_that_come_late_are_waited_for(stage: Stage, small_bag: Path) -> None:
-    """They came seconds after the player; waiting for calm had begun without them."""
+def test_nodes_that_come_late_are_waited_for(stage: Stage, small_bag: Path) -> None:
+    """They come seconds after the player; one node's two subscriptions are one reader."""
     options = ["--wait-for", "2", "--rate", "100", *PATIENCE]
     command = ["oaisys", "bag", "replay", str(small_bag), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as player:
         stage.user.wait_until(lambda: stage.user.node.count_publishers("/plain"))
         stage.user.listen(String, "/plain", RELIABLE_QOS)
+        stage.user.listen(String, "/latched", RELIABLE_QOS)
         calm_s = time.monotonic() + 4.0
         stage.user.wait_until(lambda: time.monotonic() > calm_s)
         assert player.poll() is None
         assert not stage.user.received["/plain"]
-        stage.user.listen(String, "/latched", RELIABLE_QOS)
+        second = Node("second", context=stage.user.node.context)
+        stage.user.spin_with(second)
+        heard: list[String] = []
+        second.create_subscription(String, "/plain", heard.append, RELIABLE_QOS)
         stage.user.wait_until(lambda: player.poll() is not None)
         told = player.communicate()[0]
     assert player.returncode == 0
     assert [m.data for m in stage.user.received["/plain"]] == list("12345")
+    assert [m.data for m in heard] == list("12345")
     assert [m.data for m in stage.user.received["/latched"]] == ["first"]
     assert "/latched: 1 message, 1 reader, acknowledged\n" in told
-    assert "/plain: 5 messages, 1 reader, acknowledged\n" in told
+    assert "/plain: 5 messages, 2 readers, acknowledged\n" in told
+
+
+@pytest.mark.long
+@pytest.mark.ros
+def test_it_says_which_messages_went_to_fewer_readers(stage: Stage, small_bag: Path) -> None:
+    """It said of a second reader that came at the fourth message that it got all of them."""
+    options = ["--rate", "0.1", "--wait-for-topic", "/plain", *PATIENCE]
+    command = ["oaisys", "bag", "replay", str(small_bag), *options]
+    stage.user.listen(String, "/plain", RELIABLE_QOS)
+    late: list[String] = []
+    latched: list[String] = []
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as player:
+        stage.user.wait_until(lambda: stage.user.received["/plain"])
+        stage.user.node.create_subscription(String, "/plain", late.append, RELIABLE_QOS)
+        stage.user.node.create_subscription(String, "/latched", latched.append, LATCHED_QOS)
+        stage.user.wait_until(lambda: player.poll() is not None)
+        told = player.communicate()[0]
+    assert 0 < len(late) < 5 == len(stage.user.received["/plain"])
+    missed = f"{5 - len(late)} message{'s' if len(late) < 4 else ''}"
+    assert f"/plain: 5 messages, 2 readers, but {missed} to only 1, acknowledged\n" in told
+    assert [m.data for m in latched] == ["first"]
+    assert "/latched: 1 message, 1 reader, acknowledged\n" in told
+
+
+@pytest.mark.ros
+def test_readers_with_best_effort_acknowledge_nothing(stage: Stage, small_bag: Path) -> None:
+    """It said that they acknowledged everything."""
+    best_effort = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+    stage.user.listen(String, "/plain", RELIABLE_QOS)
+    subscribe = partial(stage.user.node.create_subscription, String)
+    subscribe("/plain", stage.user.received["/plain"].append, best_effort)
+    subscribe("/latched", lambda _: None, best_effort)
+    told, _ = replay(small_bag, "--rate", "100", "--wait-for", "1", "--delay", "1", *PATIENCE)
+    assert "/plain: 5 messages, 2 readers, acknowledged by 1, best effort to 1\n" in told
+    nothing = "best effort, which acknowledges nothing"
+    assert f"/latched: 1 message, 1 reader, {nothing}\n" in told
 
 
 @pytest.mark.long
@@ -191,7 +234,12 @@ def test_topics_without_a_reader_are_named(stage: Stage, small_bag: Path) -> Non
         ([], "waited 0.5 s for readers of /latched, /plain"),
         (["--topics", "/plain"], "waited 0.5 s for readers of /plain"),
         (["--wait-for-topic", "/latched"], "waited 0.5 s for readers of /latched"),
-        (["--wait-for", "3"], "waited 0.5 s for 3 readers, but there are 0"),
+        (["--wait-for", "3"], "waited 0.5 s for readers: 0 of 3 nodes are there"),
+        (["--wait-for", "1", "--delay", "0.1"], "waited 0.5 s for readers: 0 of 1 nodes are there"),
+        (
+            ["--wait-for-topic", "/latched", "--delay", "0.1"],
+            "waited 0.5 s for readers of /latched",
+        ),
         (["--delay", "0.5"], "was played to nobody: no topic had a reader"),
     ],
 )
@@ -200,7 +248,7 @@ def test_playing_to_nobody_is_no_success(
 ) -> None:
     told, logged = replay(small_bag, "--rate", "100", "--wait-timeout", "0.5", *options, status=1)
     assert reason in logged
-    if "--delay" in options:
+    if options == ["--delay", "0.5"]:
         assert "nobody reads /plain" in logged
         assert "/plain: 5 messages, no reader\n" in told
 
