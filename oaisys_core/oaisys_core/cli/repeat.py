@@ -60,7 +60,10 @@ def repeat(
     wanted = chosen_ids(source, sample or (), every=every)
     recorded = None if config else source.config_json()
     if config is None and recorded is None:
-        expected = "--config FILE, because the record has no configuration"
+        expected = (
+            "--config FILE, because the record has no configuration (a bag has it if the topic "
+            "oaisys_bridge/configuration is recorded, too)"
+        )
         raise InvalidInputError("config", None, expected)
     chosen = load_config(config) if config else config_from_mapping(json.loads(recorded or "{}"))
     different = count = 0

@@ -36,6 +36,12 @@ SAMPLE_INFO, CONFIGURATION = "sample_info", "configuration"
 ONLY_CAMERA = "camera"
 """The topic prefix of a rig's only camera, whatever its own name."""
 
+NEEDED_TOPICS = (
+    "everything, or --topic oaisys_bridge/sample_info --topic oaisys_bridge/configuration beside "
+    "the images"
+)
+"""What `oaisys record` must record so that a bag can be repeated."""
+
 SampleId = tuple[int, int]
 
 
@@ -54,8 +60,10 @@ def open_bag(path: Path) -> BagSamples | None:
         if topic.type_name == "oaisys_msgs/msg/SampleInfo" and topic.name.endswith(SAMPLE_INFO)
     ]
     if len(infos) != 1:
-        expected = "a bag with one topic oaisys_bridge/sample_info"
-        raise InvalidInputError("record", str(path), f"{expected}, not {len(infos)}")
+        expected = f"a bag with one topic oaisys_bridge/sample_info, not {len(infos)}"
+        if not infos:
+            expected += f": record {NEEDED_TOPICS}"
+        raise InvalidInputError("record", str(path), expected)
     return BagSamples(reader, infos[0])
 
 

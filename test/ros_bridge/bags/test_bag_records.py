@@ -99,11 +99,24 @@ def test_a_bag_without_a_configuration_needs_one(tmp_path: Path) -> None:
     refused = oaisys("repeat", file)
     assert refused.returncode == 2
     assert "--config FILE" in refused.stderr
+    assert "oaisys_bridge/configuration is recorded" in refused.stderr
     config = tmp_path / "config.yaml"
     config.write_text(canonical_json(recorded.config))
     assert "batch 1 sample 2: equal" in oaisys("repeat", file, "--config", config).stdout
     named = oaisys("repeat", file, "--config", config, "--sample", "1/2", "--sample", "1/1")
     assert named.returncode == 0, named.stdout
+
+
+def test_a_bag_without_samples_is_told_which_topics_to_record(tmp_path: Path) -> None:
+    """It said only that there is no such topic."""
+    recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
+    with recorded.bag:
+        recorded.configuration()
+    refused = run(tmp_path / "bag")
+    assert refused.returncode == 2
+    assert "a bag with one topic oaisys_bridge/sample_info, not 0" in refused.stderr
+    needed = "--topic oaisys_bridge/sample_info --topic oaisys_bridge/configuration"
+    assert needed in " ".join(refused.stderr.split())
 
 
 @pytest.mark.long
