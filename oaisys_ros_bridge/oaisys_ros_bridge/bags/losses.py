@@ -7,7 +7,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
-from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
+from oaisys_ros_bridge.subscribing.sample_ledger import (
+    LedgerState,
+    middleware_shortfall,
+    samples_shortfall,
+)
 
 METADATA_NAME = "oaisys_samples"
 """Name of the MCAP metadata record; rosbag2's ``custom_data`` has the same entries."""
@@ -81,9 +85,13 @@ class BagLosses:
     @property
     def sentences(self) -> list[str]:
         """The losses in words, one sentence or two."""
-        state = LedgerState(self.announced, self.announced, self.incomplete, self.lost)
-        found = [shortfall(state) or f"{self.announced} samples, none of them incomplete"]
-        if self.lost_by_middleware:
-            lost = ", ".join(f"{topic} {n}" for topic, n in sorted(self.lost_by_middleware.items()))
-            found.append(f"the middleware lost messages of {lost}")
-        return found
+        state = LedgerState(
+            self.announced,
+            self.announced,
+            self.incomplete,
+            self.lost,
+            lost_by_middleware=self.lost_by_middleware,
+        )
+        complete = f"{self.announced} samples, none of them incomplete"
+        found = [samples_shortfall(state) or complete, middleware_shortfall(state)]
+        return list(filter(None, found))

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain, count
 
 from builtin_interfaces.msg import Time
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -24,8 +25,14 @@ from oaisys_ros_bridge.conversions import nanoseconds
 from oaisys_ros_bridge.parameters.table import Settings
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, WINDOW
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, SampleName, shortfall
+from oaisys_ros_bridge.timers import steady_timer
+
+ReaderKey = tuple[str, int]
+"""Full name of a reader's node, and the number by which nodes of one name differ."""
 
 WAIT = "wait"
+PRESENCE_PERIOD_S = 1.0
+"""Between two checks which readers have gone without their last receipt."""
 LOOK_UP_S = 0.1
 """Between two checks of a waiting thread whether it shall end."""
 MOST_OWED = 10_000
@@ -37,17 +44,22 @@ class _Reader:
     """A node that sends receipts.
 
     Attributes:
+        label: Its full name, with a number if another node has it, too.
         owed: Numbers and names of the samples whose receipt is missing, oldest first.
         state: What its last receipt says.
         taken_s: When its last receipt came.
+        receipt_s: When its last receipt came, whether it takes a sample or not.
         stalled_s: Since when it is not waited for; None: it is.
+        is_known: Whether the middleware has shown its publisher of receipts.
     """
 
+    label: str
     owed: deque[tuple[int, SampleName]] = field(default_factory=lambda: deque(maxlen=MOST_OWED))
     state: LedgerState = field(default_factory=LedgerState)
-    lost_by_middleware: Mapping[str, int] = field(default_factory=dict)
     taken_s: float = field(default_factory=time.monotonic)
+    receipt_s: float = field(default_factory=time.monotonic)
     stalled_s: float | None = None
+    is_known: bool = False
 
 
 def state_of(receipt: SampleReceipt) -> LedgerState:
@@ -59,6 +71,7 @@ def state_of(receipt: SampleReceipt) -> LedgerState:
         receipt.samples_incomplete,
         {loss.what: loss.count for loss in receipt.lost},
         SampleName(receipt.batch_id, receipt.sample_id, stamp_ns) if stamp_ns else None,
+        {loss.what: loss.count for loss in receipt.lost_by_middleware},
     )
 
 
@@ -74,15 +87,17 @@ class Readers:
         self._node = node
         self._settings = settings
         self._changed = threading.Condition()
-        self._readers: dict[str, _Reader] = {}
+        self._readers: dict[ReaderKey, _Reader] = {}
+        self._gone: dict[ReaderKey, str] = {}
         self._number = 0
-        node.create_subscription(
+        self._subscription = node.create_subscription(
             SampleReceipt,
             "~/receipts",
             self._on_receipt,
             LATCHED_HISTORY_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
         )
+        steady_timer(node, PRESENCE_PERIOD_S, self._drop_gone, MutuallyExclusiveCallbackGroup())
 
     def begin(self) -> None:
         """Count a sample that begins to be published, whether it gets complete or not."""
@@ -121,22 +136,23 @@ class Readers:
         with self._changed:
             return self._waits and bool(self._late(self._number))
 
-    def states(self) -> dict[str, LedgerState]:
-        """Return the last counts of each reader, by its name."""
+    def states(self) -> dict[ReaderKey, LedgerState]:
+        """Return the last counts of each reader."""
         with self._changed:
-            return {name: reader.state for name, reader in self._readers.items()}
+            return {key: reader.state for key, reader in self._readers.items()}
 
-    def shortfalls(self, before: Mapping[str, LedgerState]) -> list[str]:
-        """Return a sentence for each reader that is behind or has lost messages since then."""
+    def shortfalls(self, before: Mapping[ReaderKey, LedgerState]) -> list[str]:
+        """Return a sentence for each reader that is behind, has gone, or lost messages since."""
         with self._changed:
-            found = []
-            for name, reader in self._readers.items():
+            found = [sentence for key, sentence in self._gone.items() if key in before]
+            for key, reader in self._readers.items():
                 in_flight = 0 if self._waits else WINDOW
                 if len(reader.owed) > in_flight:
                     _, oldest = reader.owed[0]
-                    found.append(f"{name} has not taken {len(reader.owed)}, from {oldest} on")
-                if lost := shortfall(reader.state.since(before.get(name, LedgerState()))):
-                    found.append(f"{name}: {lost}")
+                    behind = f"{len(reader.owed)}, from {oldest} on"
+                    found.append(f"{reader.label} has not taken {behind}")
+                if lost := shortfall(reader.state.since(before.get(key, LedgerState()))):
+                    found.append(f"{reader.label}: {lost}")
             return found
 
     def diagnostics(self) -> tuple[Sequence[str], dict[str, object]]:
@@ -144,7 +160,8 @@ class Readers:
         with self._changed:
             wrong: list[str] = []
             values: dict[str, object] = {}
-            for name, reader in self._readers.items():
+            for reader in self._readers.values():
+                name = reader.label
                 if reader.stalled_s is not None:
                     stalled_s = time.monotonic() - reader.stalled_s
                     wrong.append(f"{name} is not waited for, for {stalled_s:.0f} s now")
@@ -158,7 +175,7 @@ class Readers:
                 values |= {f"{name} lost {w}": n for w, n in reader.state.lost.items()}
                 values |= {
                     f"{name} lost by middleware {w}": n
-                    for w, n in reader.lost_by_middleware.items()
+                    for w, n in reader.state.lost_by_middleware.items()
                 }
             return wrong, values
 
@@ -174,41 +191,69 @@ class Readers:
             while late := self._late(number):
                 cancellation.check()
                 now_s = time.monotonic()
-                last_s = [max(begun_s, self._readers[name].taken_s) for name in late]
-                self._give_up(
-                    [n for n, s in zip(late, last_s, strict=True) if now_s - s >= timeout_s]
-                )
+                self._give_up([r for r in late if now_s - max(begun_s, r.taken_s) >= timeout_s])
                 self._changed.wait(LOOK_UP_S)
 
-    def _late(self, number: int) -> list[str]:
+    def _late(self, number: int) -> list[_Reader]:
         """Return the readers that are waited for and have not taken all up to a sample."""
         return [
-            name
-            for name, reader in self._readers.items()
+            reader
+            for reader in self._readers.values()
             if reader.stalled_s is None and reader.owed and reader.owed[0][0] <= number
         ]
 
-    def _give_up(self, names: Sequence[str]) -> None:
-        for name in names:
-            reader = self._readers[name]
+    def _give_up(self, readers: Sequence[_Reader]) -> None:
+        for reader in readers:
             reader.stalled_s = time.monotonic()
             _, oldest = reader.owed[0]
             self._node.get_logger().warning(
-                f"{name} has not taken {oldest}: it is not waited for any more"
+                f"{reader.label} has not taken {oldest}: it is not waited for any more"
             )
 
+    def _drop_gone(self) -> None:
+        """Drop the readers whose publisher of receipts is no longer there: they were killed.
+
+        Of several nodes of one name, those are dropped whose last receipts are the oldest.
+        """
+        publishers = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
+        counts = Counter(f"{p.node_namespace.rstrip('/')}/{p.node_name}" for p in publishers)
+        with self._changed:
+            for node in {node for node, _ in self._readers}:
+                keys = sorted(
+                    (key for key in self._readers if key[0] == node),
+                    key=lambda key: self._readers[key].receipt_s,
+                )
+                if counts[node] >= len(keys):
+                    for key in keys:
+                        self._readers[key].is_known = True
+                known = [key for key in keys if self._readers[key].is_known]
+                for key in known[: len(keys) - counts[node]]:
+                    self._drop(key)
+            self._changed.notify_all()
+
+    def _drop(self, key: ReaderKey) -> None:
+        reader = self._readers.pop(key)
+        behind = f" before it had taken {reader.owed[0][1]}" if reader.owed else ""
+        self._gone[key] = f"{reader.label} has gone without a word{behind}"
+        self._node.get_logger().warning(f"{self._gone[key]}: it is no longer one of the readers")
+
+    def _new_reader(self, node: str) -> _Reader:
+        labels = {reader.label for reader in self._readers.values()}
+        others = (f"{node} ({number})" for number in count(2))
+        return _Reader(next(label for label in chain([node], others) if label not in labels))
+
     def _on_receipt(self, receipt: SampleReceipt) -> None:
+        key = receipt.node, receipt.instance
         with self._changed:
             if receipt.ended:
-                self._readers.pop(receipt.node, None)
+                self._readers.pop(key, None)
                 self._changed.notify_all()
                 return
-            state = state_of(receipt)
-            if receipt.node not in self._readers or state.last is None:
-                self._readers[receipt.node] = _Reader()  # it is new, or was restarted
-            reader = self._readers[receipt.node]
-            reader.state = state
-            reader.lost_by_middleware = {x.what: x.count for x in receipt.lost_by_middleware}
+            if key not in self._readers:
+                self._readers[key] = self._new_reader(receipt.node)
+            reader = self._readers[key]
+            reader.state = state = state_of(receipt)
+            reader.receipt_s = time.monotonic()
             if any(name == state.last for _, name in reader.owed):
                 reader.taken_s = time.monotonic()
                 while reader.owed[0][1] != state.last:
@@ -216,5 +261,5 @@ class Readers:
                 reader.owed.popleft()
                 if reader.stalled_s is not None:
                     reader.stalled_s = None
-                    self._node.get_logger().info(f"{receipt.node} takes samples again")
+                    self._node.get_logger().info(f"{reader.label} takes samples again")
             self._changed.notify_all()

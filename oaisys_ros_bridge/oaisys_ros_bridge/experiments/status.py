@@ -36,7 +36,7 @@ class StackStatus:
         self._first_batch_errors: dict[str, str] = {}
         self._integration_s: dict[int, float] = {}
         self._map = MapStatus()
-        self._receipts: dict[str, SampleReceipt] = {}
+        self._receipts: dict[tuple[str, int], SampleReceipt] = {}
         self._subscribers: dict[str, int] = {}
         self._transfer_s: dict[int, float] = {}
         client.subscribe(Bool, "oaisys_bridge/ready", self._on_ready, LATCHED_QOS)
@@ -158,7 +158,8 @@ class StackStatus:
             while (late := self._late(stamp_ns)) and (left_s := end_s - time.monotonic()) > 0:
                 changed.wait(left_s)
             found = [f"{name} had not taken all samples after {timeout_s:g} s" for name in late]
-            for name, receipt in self._receipts.items():
+            for receipt in self._receipts.values():
+                name = receipt.node
                 if lost := shortfall(state_of(receipt)):
                     found.append(f"{name}: {lost}")
                 if receipt.ended and nanoseconds(receipt.header.stamp) < stamp_ns:
@@ -168,8 +169,8 @@ class StackStatus:
     def _late(self, stamp_ns: int) -> list[str]:
         """Return the nodes that still run and have not received a sample."""
         return [
-            name
-            for name, receipt in self._receipts.items()
+            receipt.node
+            for receipt in self._receipts.values()
             if not receipt.ended and nanoseconds(receipt.header.stamp) < stamp_ns
         ]
 
@@ -192,4 +193,4 @@ class StackStatus:
         self._integration_s[message.frames_integrated] = message.integration_time
 
     def _on_receipt(self, message: SampleReceipt) -> None:
-        self._receipts[message.node] = message
+        self._receipts[message.node, message.instance] = message

@@ -161,7 +161,7 @@ class MapperInputs:
             qos,
             # In one group the executor would prefer the topic that was created first.
             callback_group=MutuallyExclusiveCallbackGroup(),
-            event_callbacks=counting_losses(self._lost_by_middleware, name),
+            event_callbacks=counting_losses(self._lost_by_middleware, name, qos),
         )
 
     def _add_image(self, kind: str, message: Any) -> None:

@@ -94,6 +94,7 @@ class MapperNode(ParameterNode, Node):
             lost_by_middleware,
             self._forget_map,
         )
+        self._samples.begin(time.time_ns())
         self._offer_services(values["mesh_period"])
         self._publish_status()
 
@@ -111,7 +112,7 @@ class MapperNode(ParameterNode, Node):
 
     def _on_settled(self) -> None:
         """Publish the status; warn when more is missing than before."""
-        state = self._samples.ledger.state
+        state = self._samples.state
         if state.incomplete > self._warned and not self._samples.ledger.open:
             self._warned = state.incomplete
             self.get_logger().warning(shortfall(state.since(self._before_map)))
@@ -204,7 +205,7 @@ class MapperNode(ParameterNode, Node):
 
     @property
     def _shortfall(self) -> str:
-        return shortfall(self._samples.ledger.state.since(self._before_map))
+        return shortfall(self._samples.state.since(self._before_map))
 
     def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Any:
         self._inputs.clear()
@@ -216,13 +217,13 @@ class MapperNode(ParameterNode, Node):
         """Clear the map, and no longer expect the samples announced before."""
         self._metrics_json = ""
         self._samples.ledger.forget(before_ns)
-        self._before_map = self._samples.ledger.state
+        self._before_map = self._samples.state
         self._fusion.reset()
 
     def _publish_status(self) -> None:
         with self._status_lock:  # an older state must not follow a newer one
             state = self._fusion.state
-            samples = self._samples.ledger.state.since(self._before_map)
+            samples = self._samples.state.since(self._before_map)
             stamp = stamp_from_nanoseconds(state.stamp_ns)
             status = MapStatus(
                 header=Header(stamp=stamp, frame_id=self.parameters["map_frame"]),
@@ -234,6 +235,7 @@ class MapperNode(ParameterNode, Node):
                 samples_announced=samples.announced,
                 samples_incomplete=samples.incomplete,
                 lost=losses_msg(samples.lost),
+                lost_by_middleware=losses_msg(samples.lost_by_middleware),
             )
             if status != self._published_status:
                 self._published_status = status

@@ -32,6 +32,7 @@ from oaisys_ros_bridge.bags.topic_selection import (
     subscription_qos,
 )
 from oaisys_ros_bridge.bags.writing import BagWriter
+from oaisys_ros_bridge.conversions import NS_PER_S, nanoseconds
 from oaisys_ros_bridge.namespaces import TF
 from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.parameters.bags import RECORDER
@@ -57,6 +58,8 @@ LAST_MESSAGE_S = 0.5
 other topics is not announced: recording also goes on until none has come for this long ..."""
 LONGEST_END_S = 3.0
 """... but no longer than this."""
+PUBLISHING_S = 2.0
+"""Longest time that publishing a sample takes beside rendering it."""
 LEAST_FREE_BYTES = 64 * 2**20
 
 
@@ -102,6 +105,7 @@ class RecorderNode(ParameterNode, Node):
         self._not_installed: set[str] = set()
         self._quiet_lookups = 0
         self._is_ready = False
+        self._ready_ns = 0
         self._has_ended = False
         self._last_message_s = 0.0
         self._losses = BagLosses()
@@ -151,9 +155,12 @@ class RecorderNode(ParameterNode, Node):
         """Return whether a topic is to be recorded, has a publisher, and is not recorded yet."""
         if name in self._subscribed or name in self._not_installed:
             return False
-        if name == self._recording.topic_name and name not in self._selection.requested:
-            return False
-        return self._selection.includes(name, type_name) and bool(self.count_publishers(name))
+        return self._includes(name, type_name) and bool(self.count_publishers(name))
+
+    def _includes(self, name: str, type_name: str = "") -> bool:
+        """Return whether a topic is to be recorded; its own is not, unless it is asked for."""
+        is_own = name == self._recording.topic_name and name not in self._selection.requested
+        return not is_own and self._selection.includes(name, type_name)
 
     @property
     def _unpublished(self) -> set[str]:
@@ -162,7 +169,10 @@ class RecorderNode(ParameterNode, Node):
 
     def _report_ready(self) -> None:
         self._is_ready = True
+        self._ready_ns = time.time_ns()
         self._counted |= self._subscribed.keys()
+        for watch in self._watches.values():
+            watch.begin(self._ready_ns)
         self._recording.publish(Bool(data=True))
         sys.stdout.write(f"recording: {self._folder}\n")
         sys.stdout.flush()
@@ -179,18 +189,36 @@ class RecorderNode(ParameterNode, Node):
         if name in self._watches or name.rpartition("/")[2] != SAMPLE_INFO:
             return
         watch = self._watches[name] = SampleWatch(self, name, self._lost_by_middleware)
+        if self._is_ready:
+            watch.begin(self._ready_ns)
         self.create_subscription(
             SampleInfo,
             name,
             partial(self._on_sample_info, watch),
             SMALL_MESSAGE_QOS,
             callback_group=MutuallyExclusiveCallbackGroup(),
-            event_callbacks=counting_losses(self._lost_by_middleware, name),
+            event_callbacks=counting_losses(self._lost_by_middleware, name, SMALL_MESSAGE_QOS),
         )
 
-    def _on_sample_info(self, watch: SampleWatch, info: SampleInfo) -> None:
+    def _on_sample_info(
+        self, watch: SampleWatch, info: SampleInfo, received: dict[str, int]
+    ) -> None:
         """Expect the messages of a sample on the recorded topics."""
-        watch.ledger.announce(name_of(info), info.sequence, self._counted & set(info.topics))
+        rendered_ns = int((info.render_time + PUBLISHING_S) * NS_PER_S)
+        topics = self._expected(watch, info, received["source_timestamp"] - rendered_ns)
+        watch.ledger.announce(name_of(info), info.sequence, topics & set(info.topics))
+
+    def _expected(self, watch: SampleWatch, info: SampleInfo, begun_ns: int) -> set[str]:
+        """Return the topics on which a sample has messages that this recorder can have received.
+
+        They are all that it records if the sample began after it was ready; otherwise those that
+        it knew. Of the first announced sample, messages may have been sent before it was there.
+        """
+        if watch.reader_was_first or (self._is_ready and begun_ns > self._ready_ns):
+            return {t for t in info.topics if t not in self._not_installed and self._includes(t)}
+        if watch.ledger.state.announced:
+            return self._counted
+        return watch.ledger.arrived(nanoseconds(info.header.stamp))
 
     def _subscribe(self, name: str, type_name: str) -> None:
         """Subscribe to a topic, unless it has lost its publishers or its type is not installed."""
@@ -207,15 +235,16 @@ class RecorderNode(ParameterNode, Node):
             return
         if (read_stamp := stamp_reader(message_type)) is not None:
             self._stamp_readers[name] = read_stamp
+        qos = subscription_qos(type_name, publishers)
         self._subscribed[name] = self.create_subscription(
             message_type,
             name,
             partial(self._record, name),
-            subscription_qos(type_name, publishers),
+            qos,
             raw=True,
             # In a common group the executor would serve one topic and starve the others.
             callback_group=MutuallyExclusiveCallbackGroup(),
-            event_callbacks=counting_losses(self._lost_by_middleware, name),
+            event_callbacks=counting_losses(self._lost_by_middleware, name, qos),
         )
 
     def _record(self, name: str, data: bytes, info: dict[str, int]) -> None:

@@ -42,6 +42,7 @@ class LedgerState:
         incomplete: Those of them that lack a message or result.
         lost: How many samples lack a message, by topic or by reason.
         last: The newest of the settled ones.
+        lost_by_middleware: Messages that the middleware says were lost, by topic.
     """
 
     announced: int = 0
@@ -49,17 +50,20 @@ class LedgerState:
     incomplete: int = 0
     lost: Mapping[str, int] = field(default_factory=dict)
     last: SampleName | None = None
+    lost_by_middleware: Mapping[str, int] = field(default_factory=dict)
 
     def since(self, before: LedgerState) -> LedgerState:
         """Return what was counted after ``before``."""
-        lost = Counter(self.lost)
+        lost, by_middleware = Counter(self.lost), Counter(self.lost_by_middleware)
         lost.subtract(before.lost)
+        by_middleware.subtract(before.lost_by_middleware)
         return LedgerState(
             self.announced - before.announced,
             self.settled - before.settled,
             max(self.incomplete - before.incomplete, 0),
             dict(+lost),
             self.last,
+            dict(+by_middleware),
         )
 
 
@@ -105,6 +109,8 @@ class SampleLedger:
         self._late: OrderedDict[int, set[str]] = OrderedDict()
         self._unseen: dict[int, frozenset[str]] = {}
         self._sequence = 0
+        self._from_first = False
+        self._begun_at: tuple[int, frozenset[str]] = (1, frozenset())
         self._announced = self._settled = self._incomplete = 0
         self._lost: Counter[str] = Counter()
         self._last: SampleName | None = None
@@ -116,6 +122,11 @@ class SampleLedger:
             return LedgerState(
                 self._announced, self._settled, self._incomplete, dict(+self._lost), self._last
             )
+
+    @property
+    def expects_from_first(self) -> bool:
+        """Whether the samples before the first announcement count as lost."""
+        return self._from_first
 
     @property
     def open(self) -> int:
@@ -151,6 +162,16 @@ class SampleLedger:
             settled = self._settle()
         self._report(settled)
 
+    def expect_from_first(self) -> None:
+        """Count the samples before the first announcement as lost: the reader was there before."""
+        with self._changed:
+            if self._from_first:
+                return
+            self._from_first = True
+            sequence, topics = self._begun_at
+            self._miss(range(1, sequence), topics)
+        self._report(sequence > 1)
+
     def arrive(self, what: str, stamp_ns: int) -> None:
         """Note that a message, or a result, has come."""
         with self._changed:
@@ -165,6 +186,11 @@ class SampleLedger:
                     self._early.popitem(last=False)
             settled = self._settle()
         self._report(settled)
+
+    def arrived(self, stamp_ns: int) -> set[str]:
+        """Return what has come of a sample that is not announced yet."""
+        with self._changed:
+            return set(self._early.get(stamp_ns, ()))
 
     def give_up(self, stamp_ns: int, reason: str) -> None:
         """Note that there will be no result of a sample, and why."""
@@ -221,18 +247,25 @@ class SampleLedger:
             self._incomplete -= 1
             self._lost.subtract([self._info_topic, *self._unseen.pop(sequence)])
             return
-        if self._sequence and sequence > self._sequence + 1:
-            for missing in range(self._sequence + 1, sequence):
-                self._unseen[missing] = topics
-                self._announced += 1
-                self._settled += 1
-                self._incomplete += 1
-                self._lost.update([self._info_topic, *topics])
-            while len(self._unseen) > REMEMBERED:
-                del self._unseen[next(iter(self._unseen))]
         if sequence <= self._sequence:  # another bridge
             self._unseen.clear()
+            self._sequence = 0
+        if self._sequence or self._from_first:
+            self._miss(range(self._sequence + 1, sequence), topics)
+        else:
+            self._begun_at = sequence, topics
         self._sequence = sequence
+
+    def _miss(self, sequences: range, topics: frozenset[str]) -> None:
+        """Count samples as lost whose announcement has not come."""
+        for missing in sequences:
+            self._unseen[missing] = topics
+            self._announced += 1
+            self._settled += 1
+            self._incomplete += 1
+            self._lost.update([self._info_topic, *topics])
+        while len(self._unseen) > REMEMBERED:
+            del self._unseen[next(iter(self._unseen))]
 
     def _take(self, entry: _Entry, what: str) -> None:
         entry.missing.discard(what)
@@ -293,8 +326,24 @@ class SampleLedger:
 
 
 def shortfall(state: LedgerState) -> str:
-    """Return a sentence about what is missing; empty: nothing is."""
+    """Return in words what is missing; empty: nothing is."""
+    found = [samples_shortfall(state), middleware_shortfall(state)]
+    return "; ".join(filter(None, found))
+
+
+def samples_shortfall(state: LedgerState) -> str:
+    """Return a sentence about what is missing of samples; empty: nothing is."""
     if not state.incomplete:
         return ""
-    lost = ", ".join(f"{what} {count}" for what, count in sorted(state.lost.items()))
+    lost = _listed(state.lost)
     return f"{state.incomplete} of {state.announced} samples are incomplete; lost: {lost}"
+
+
+def middleware_shortfall(state: LedgerState) -> str:
+    """Return a sentence about what the middleware says was lost; empty: nothing was."""
+    lost = _listed(state.lost_by_middleware)
+    return f"the middleware lost messages of {lost}" if lost else ""
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{what} {count}" for what, count in sorted(counts.items()))

@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from std_msgs.msg import Header
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import Header, String
 
 from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt
 from oaisys_ros_bridge.conversions import nanoseconds, stamp_from_nanoseconds
 from oaisys_ros_bridge.qos import LATCHED_QOS
-from oaisys_ros_bridge.subscribing.sample_ledger import SampleLedger, SampleName
+from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, SampleLedger, SampleName
 from oaisys_ros_bridge.timers import steady_timer
 
-SAMPLE_INFO, RECEIPTS = "sample_info", "receipts"
+SAMPLE_INFO, RECEIPTS, CONFIGURATION = "sample_info", "receipts", "configuration"
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""The middleware's name of a node that has been discovered but not named yet."""
 EXPIRY_PERIOD_S = 0.5
 """Between two checks for messages that are overdue."""
 
 
 class SampleWatch:
     """A ledger of the samples that one bridge announces, and the receipts for it.
+
+    Samples before the first announcement count as lost only where the reader was there before the
+    bridge: where the first configuration that the bridge latches, which it does before its first
+    sample, is younger than `begin`.
 
     Args:
         node: The reader.
@@ -39,20 +49,65 @@ class SampleWatch:
         lost_by_middleware: Mapping[str, int],
         on_settled: Callable[[], object] = lambda: None,
     ) -> None:
+        self._node = node
         self._node_name = node.get_fully_qualified_name()
+        self._info_topic = info_topic
+        self._instance = secrets.randbits(64)
+        self._begun_ns: int | None = None
         self._lost_by_middleware = lost_by_middleware
         self._on_settled = on_settled
         self._lock = threading.Lock()
         self._ended = False
+        self._reported: Mapping[str, int] = {}
         self.ledger = SampleLedger(info_topic, self._settled)
-        topic = f"{info_topic.rpartition('/')[0]}/{RECEIPTS}"
-        self._publisher = node.create_publisher(SampleReceipt, topic, LATCHED_QOS)
-        steady_timer(node, EXPIRY_PERIOD_S, self.ledger.expire)
+        bridge = info_topic.rpartition("/")[0]
+        self._publisher = node.create_publisher(SampleReceipt, f"{bridge}/{RECEIPTS}", LATCHED_QOS)
+        node.create_subscription(
+            String,
+            f"{bridge}/{CONFIGURATION}",
+            self._on_configuration,
+            LATCHED_QOS,
+            callback_group=MutuallyExclusiveCallbackGroup(),
+        )
+        steady_timer(node, EXPIRY_PERIOD_S, self._check)
         self._publish_receipt()
+
+    @property
+    def state(self) -> LedgerState:
+        """The ledger's counts, and those of the middleware."""
+        return replace(self.ledger.state, lost_by_middleware=dict(self._lost_by_middleware))
+
+    def begin(self, begun_ns: int) -> None:
+        """Note since when (system time) the reader takes everything."""
+        self._begun_ns = begun_ns
+
+    @property
+    def reader_was_first(self) -> bool:
+        """Whether the reader was there before the bridge."""
+        return self.ledger.expects_from_first
 
     def end(self) -> None:
         """Tell the bridge that this reader takes no more samples."""
         self._publish_receipt(ended=True)
+
+    def _on_configuration(self, _: String, info: dict[str, int]) -> None:
+        """Expect all samples of a bridge that has begun after the reader."""
+        is_first = info["publication_sequence_number"] == 1
+        is_younger = self._begun_ns is not None and info["source_timestamp"] > self._begun_ns
+        if is_first and is_younger and self._is_published_by_bridge():
+            self.ledger.expect_from_first()
+
+    def _is_published_by_bridge(self) -> bool:
+        """Return whether a bridge announces the samples, rather than the player of a bag."""
+        bridge = self._info_topic.rpartition("/")[0].rpartition("/")[2]
+        publishers = self._node.get_publishers_info_by_topic(self._info_topic)
+        return any(each.node_name in (bridge, UNKNOWN_NODE) for each in publishers)
+
+    def _check(self) -> None:
+        """Look for messages that are overdue, and for new losses of the middleware."""
+        self.ledger.expire()
+        if self._reported != self._lost_by_middleware:
+            self._settled()
 
     def _settled(self) -> None:
         self._publish_receipt()
@@ -63,18 +118,20 @@ class SampleWatch:
             if self._ended:
                 return
             self._ended = ended
-            state = self.ledger.state
+            state = self.state
+            self._reported = state.lost_by_middleware
             last = state.last or SampleName(0, 0, 0)
             self._publisher.publish(
                 SampleReceipt(
                     header=Header(stamp=stamp_from_nanoseconds(last.stamp_ns)),
                     node=self._node_name,
+                    instance=self._instance,
                     batch_id=last.batch_id,
                     sample_id=last.sample_id,
                     samples=state.settled,
                     samples_incomplete=state.incomplete,
                     lost=losses_msg(state.lost),
-                    lost_by_middleware=losses_msg(self._lost_by_middleware),
+                    lost_by_middleware=losses_msg(state.lost_by_middleware),
                     ended=ended,
                 )
             )
@@ -90,8 +147,15 @@ def name_of(info: SampleInfo) -> SampleName:
     return SampleName(info.batch_id, info.sample_id, nanoseconds(info.header.stamp))
 
 
-def counting_losses(lost: Counter[str], topic: str) -> SubscriptionEventCallbacks:
-    """Return callbacks that count the messages of a topic that the middleware reports as lost."""
+def counting_losses(
+    lost: Counter[str], topic: str, qos: QoSProfile
+) -> SubscriptionEventCallbacks | None:
+    """Return callbacks that count the messages of a topic that the middleware says were lost.
+
+    None for a latched topic, of which only the last messages count.
+    """
+    if qos.durability == DurabilityPolicy.TRANSIENT_LOCAL:
+        return None
 
     def add(status: Any) -> None:
         lost[topic] += status.total_count_change

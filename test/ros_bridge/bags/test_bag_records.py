@@ -112,7 +112,7 @@ def test_a_bag_without_samples_is_told_which_topics_to_record(tmp_path: Path) ->
     recorded = Recorded(tmp_path / "bag", [{"name": "front", **CAMERA}])
     with recorded.bag:
         recorded.configuration()
-    refused = run(tmp_path / "bag")
+    refused = oaisys("repeat", tmp_path / "bag")
     assert refused.returncode == 2
     assert "a bag with one topic oaisys_bridge/sample_info, not 0" in refused.stderr
     needed = "--topic oaisys_bridge/sample_info --topic oaisys_bridge/configuration"

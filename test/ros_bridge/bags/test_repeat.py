@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from commands import oaisys
 from geometry_msgs.msg import PoseArray
 from ros_peer import SAMPLE_TYPES, Stage, stamped
-from served_simulator import PATIENCE_S, ROCKY_WORLD
+from served_simulator import ROCKY_WORLD
 from std_msgs.msg import Header
+from waiting import PATIENCE_S
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_msgs.action import Sweep
@@ -25,12 +26,6 @@ FAULTS = (
     "faults.max_depth_m:=7.0",
     "faults.drift_m:=0.02",
 )
-
-
-@pytest.fixture
-def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
-    with Stage(tmp_path) as stage:
-        yield stage
 
 
 def sweep(stage: Stage) -> None:
@@ -59,9 +54,7 @@ def test_what_a_bridge_published_is_rendered_again_from_its_bag(
     try:
         stage.user.wait_until(lambda: f"recording: {bag}" in log.read_text())
         stage.user.wait_until_matched(SAMPLE_TYPES)
-        dusk = SetMetadata.Request(
-            module="environment", metadata_json='{"sun_elevation_deg": 8}'
-        )
+        dusk = SetMetadata.Request(module="environment", metadata_json='{"sun_elevation_deg": 8}')
         told = stage.user.call(SetMetadata, "set_metadata", dusk)
         assert told.success, told.message
         sweep(stage)
@@ -74,13 +67,7 @@ def test_what_a_bridge_published_is_rendered_again_from_its_bag(
         assert recorder.wait(PATIENCE_S) == 0
     assert f"{SWEPT + 1} samples, none of them incomplete" in log.read_text()
 
-    done = subprocess.run(
-        ["oaisys", "repeat", str(bag), "--all"],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+    done = oaisys("repeat", bag, "--all")
     assert done.returncode == 0, done.stdout + done.stderr
     heads = [line for line in done.stdout.splitlines() if line.startswith("batch")]
     assert len(heads) == SWEPT + 1

@@ -14,8 +14,10 @@ from pathlib import Path
 import psutil
 import pytest
 import yaml
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseArray
 from mcap.reader import make_reader
+from rclpy.qos import QoSProfile
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage, stamped
 from served_simulator import FLAT_WORLD
 from std_msgs.msg import Header
@@ -24,7 +26,7 @@ from waiting import LOAD_FACTOR, START_PATIENCE_S, wait_until
 from oaisys_core.geometry import pose_looking_down
 from oaisys_msgs.action import Sweep
 from oaisys_msgs.msg import MapStatus, SampleInfo, SampleReceipt
-from oaisys_msgs.srv import SaveMesh
+from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SMALL_MESSAGE_QOS
 from tools.soak.counts import busy_loops, stamps_of
@@ -128,6 +130,8 @@ def test_mapper_and_recorder_lose_nothing_of_a_sweep_on_a_busy_machine(
     assert crew.map.frames_dropped == 0
     losses = crew.end_recorder()
     assert (losses.announced, losses.incomplete, losses.lost) == (VIEWS, 0, {})
+    assert losses.lost_by_middleware == {}
+    assert crew.map.lost_by_middleware == []
     assert messages_of_samples(crew.bag) == dict.fromkeys(RECORDED, VIEWS)
     assert f"{VIEWS} samples, none of them incomplete" in crew.recorder.log.read_text()
     told = subprocess.run(
@@ -192,6 +196,7 @@ def test_views_that_a_stopped_mapper_loses_are_told_with_its_mesh(
     stage: Stage, tmp_path: Path
 ) -> None:
     crew = Crew(stage, tmp_path, "readers.when_behind:=drop")
+    crew.user.listen(DiagnosticArray, "/diagnostics", QoSProfile(depth=100))
 
     stop_in_the_middle(crew, crew.mapper, VIEWS)
     assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
@@ -206,7 +211,27 @@ def test_views_that_a_stopped_mapper_loses_are_told_with_its_mesh(
     assert 0 < saved.frames < published
     assert crew.map.samples_incomplete == published - saved.frames
     assert lost["/camera/depth/image_raw"] > VIEWS / 4
-    assert f"{published - saved.frames} of {published} samples are incomplete" in saved.message
+    incomplete = f"{published - saved.frames} of {published} samples are incomplete"
+    assert incomplete in saved.message
+    assert (tmp_path / "mesh.ply").stat().st_size > 0
+    by_middleware = {loss.what: loss.count for loss in crew.map.lost_by_middleware}
+    assert by_middleware["/camera/depth/image_raw"] > VIEWS / 4
+    assert "the middleware lost messages of" in saved.message
+    client = crew.user.client(Evaluate, "oaisys_mapper/evaluate")
+    truth = str(tmp_path / "mesh.ply")
+    evaluated = crew.user.answer(client.call_async(Evaluate.Request(truth_path=truth)))
+    assert (evaluated.success, evaluated.message) == (True, saved.message)
+    assert json.loads(evaluated.metrics_json)
+    warnings = crew.user.wait_until(
+        lambda: [
+            status.message
+            for array in crew.user.received["/diagnostics"]
+            for status in array.status
+            if status.name == "oaisys_bridge: readers"
+            and f"/oaisys_mapper: {incomplete}" in status.message
+        ]
+    )
+    assert "the middleware lost messages of" in warnings[-1]
 
 
 @pytest.mark.long
@@ -228,6 +253,69 @@ def test_a_stopped_reader_holds_the_bridge_up_once_and_no_longer_than_it_may(
     crew.user.wait_until(lambda: "takes samples again" in crew.bridge.log.read_text())
     assert crew.sweep(20).message == ""
     assert crew.end_recorder().incomplete > 0
+
+
+LOSING_VIEWS = 14
+EXPERIMENTS = {
+    "survey": ("--no-faults", "--voxel-size", "0.3"),
+    # Without an end at a coverage; from grid poses, so that planning takes no time.
+    "explore": ("--planner", "grid", "--until", "1", "--voxel-size", "0.3"),
+}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("kind", EXPERIMENTS)
+def test_an_experiment_whose_recorder_loses_messages_says_so_and_fails(
+    kind: str, tmp_path: Path, ros_domain_id: int, no_process_left: None
+) -> None:
+    out, said = tmp_path / kind, tmp_path / "said"
+    command = ["oaisys", kind, "--backend", "analytic", "--size", "64x48", *EXPERIMENTS[kind]]
+    with said.open("w") as output:
+        experiment = subprocess.Popen(
+            [*command, "--views", str(LOSING_VIEWS), "--out", str(out)],
+            stdout=output,
+            stderr=output,
+        )
+
+    def wait_for_views(number: int) -> None:
+        wait_until(
+            lambda: said.read_text().count("rendered in") >= number,
+            START_PATIENCE_S,
+            process=experiment,
+            explain=said.read_text,
+        )
+
+    try:
+        wait_for_views(1)
+        recorder = recorder_of(experiment)
+        recorder.suspend()
+        try:
+            # The bridge waits for it for 10 s, then goes on without.
+            wait_for_views(LOSING_VIEWS)
+        finally:
+            recorder.resume()
+        code = experiment.wait(START_PATIENCE_S)
+    finally:
+        experiment.kill()
+        experiment.wait()
+
+    assert code == 1, said.read_text()
+    report = json.loads((out / "report.json").read_text())
+    assert not report["closed"]
+    (sentence,) = report["lost"]
+    assert sentence.startswith("/oaisys_recorder: ")
+    assert f"of {LOSING_VIEWS} samples are incomplete; lost: " in sentence
+    assert f"missed: {sentence}" in said.read_text()
+
+
+def recorder_of(experiment: subprocess.Popen[bytes]) -> psutil.Process:
+    """Return the process of an experiment's recorder."""
+    (recorder,) = (
+        child
+        for child in psutil.Process(experiment.pid).children(recursive=True)
+        if "oaisys_ros_bridge.nodes.recorder" in child.cmdline()
+    )
+    return recorder
 
 
 @pytest.mark.long
@@ -253,12 +341,7 @@ def test_a_survey_whose_recorder_ends_early_says_so_and_fails(
             process=survey,
             explain=said.read_text,
         )
-        (recorder,) = (
-            child
-            for child in psutil.Process(survey.pid).children(recursive=True)
-            if "oaisys_ros_bridge.nodes.recorder" in child.cmdline()
-        )
-        recorder.send_signal(signal.SIGTERM)
+        recorder_of(survey).send_signal(signal.SIGTERM)
         code = survey.wait(START_PATIENCE_S)
     finally:
         survey.kill()

@@ -10,6 +10,7 @@ import pytest
 from oaisys_ros_bridge.bags.losses import BagLosses
 from oaisys_ros_bridge.subscribing.sample_ledger import (
     LOST_AFTER_S,
+    LedgerState,
     SampleLedger,
     SampleName,
     shortfall,
@@ -138,6 +139,55 @@ def test_another_bridge_begins_to_count_anew(watched):
         watched.ledger.announce(SampleName(1, sequence, stamp_ns), sequence, ())
     assert watched.ledger.state.incomplete == 0
     assert watched.ledger.state.announced == 3
+
+
+@pytest.mark.parametrize("known_first", [True, False])
+def test_samples_before_the_first_announcement_are_lost_to_a_reader_that_was_there(
+    watched, known_first
+):
+    """It took the first number that it saw for the beginning."""
+    if known_first:
+        watched.ledger.expect_from_first()
+    watched.announce(3)
+    watched.arrive(3)
+    if not known_first:
+        assert watched.ledger.state.incomplete == 0, "of a reader that came in the middle"
+        watched.ledger.expect_from_first()
+    state = watched.ledger.state
+    assert (state.announced, state.settled, state.incomplete) == (3, 3, 2)
+    assert state.lost == {INFO: 2, DEPTH: 2, COLOR: 2, POSE: 2}
+
+    watched.announce(4)
+    watched.arrive(4)
+    watched.ledger.expect_from_first()
+    assert watched.ledger.state.incomplete == 2
+
+
+def test_the_first_samples_of_the_next_bridge_are_lost_to_a_reader_that_was_there(watched):
+    watched.ledger.expect_from_first()
+    for stamp_ns, sequence in ((10, 1), (20, 2), (30, 3), (40, 3)):
+        watched.ledger.announce(SampleName(1, sequence, stamp_ns), sequence, ())
+    assert watched.ledger.state.lost == {INFO: 2}
+    assert watched.ledger.state.announced == 6
+
+
+def test_what_has_come_before_its_announcement_is_known(watched):
+    watched.arrive(1, DEPTH, POSE)
+    assert watched.ledger.arrived(name(1).stamp_ns) == {DEPTH, POSE}
+    assert watched.ledger.arrived(name(2).stamp_ns) == set()
+
+
+def test_the_middleware_s_losses_are_told_beside_ours():
+    before = LedgerState(2, 2, 0, {}, None, {POSE: 1})
+    state = LedgerState(3, 3, 1, {DEPTH: 1}, name(3), {POSE: 4, COLOR: 2})
+    since = state.since(before)
+    assert since.lost_by_middleware == {POSE: 3, COLOR: 2}
+    assert shortfall(since) == (
+        f"1 of 1 samples are incomplete; lost: {DEPTH} 1; "
+        f"the middleware lost messages of {COLOR} 2, {POSE} 3"
+    )
+    alone = LedgerState(3, 3, lost_by_middleware={POSE: 3})
+    assert shortfall(alone) == f"the middleware lost messages of {POSE} 3"
 
 
 def test_a_view_is_waited_for_after_its_messages_but_not_without_what_it_needs(watched):
