@@ -92,6 +92,13 @@ MAPPER_INTERFACES = (
     ),
     Interface(
         InterfaceKind.SUBSCRIBED,
+        "oaisys_bridge/configuration",
+        "std_msgs/msg/String",
+        "Tells whether the bridge began after the mapper, which then expects all samples.",
+        LATCHED,
+    ),
+    Interface(
+        InterfaceKind.SUBSCRIBED,
         "oaisys_bridge/batch",
         "oaisys_msgs/msg/SampleInfo",
         "Another world: the map is cleared.",
@@ -116,7 +123,7 @@ MAPPER_INTERFACES = (
         "~/metrics",
         "oaisys_msgs/msg/MapStatus",
         "Frames received, integrated, dropped; seconds for the last one; figures as JSON; samples "
-        "announced and incomplete, and what is missing.",
+        "announced and incomplete, and what is missing; what the middleware lost.",
         LATCHED,
     ),
     Interface(

@@ -30,7 +30,6 @@ class Recorders:
     def __init__(self, stage: Stage, folder: Path) -> None:
         self._user, self._folder = stage.user, folder
         self._stack = ExitStack()
-        self._user.listen(SampleReceipt, "oaisys_bridge/receipts", LATCHED_HISTORY_QOS)
 
     def __enter__(self) -> Self:
         return self
@@ -52,6 +51,8 @@ class Recorders:
 
     def wait_until_taken(self, recorders: int, samples: int) -> None:
         """Wait for the receipts of this many samples from this many recorders."""
+        if "oaisys_bridge/receipts" not in self._user.received:
+            self._user.listen(SampleReceipt, "oaisys_bridge/receipts", LATCHED_HISTORY_QOS)
         self._user.wait_until(
             lambda: len({r.instance for r in self._receipts() if r.samples == samples}) == recorders
         )
