@@ -21,6 +21,9 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 TF = "/tf"
 TF_STATIC = "/tf_static"
 
+UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
+"""The middleware's name of a node of which so far only a publisher or subscription is known."""
+
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 LARGEST_DOMAIN = 101
 """The ports of larger domains overlap the range from which Linux takes clients' ports."""

@@ -7,18 +7,13 @@ from collections import Counter, deque
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import (
-    DurabilityPolicy,
-    QoSCompatibility,
-    QoSProfile,
-    ReliabilityPolicy,
-    qos_check_compatible,
-)
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from oaisys_ros_bridge.bags.message_definition import message_class
 from oaisys_ros_bridge.bags.reading import offered_qos
 from oaisys_ros_bridge.bags.writing import RecordedTopic
+from oaisys_ros_bridge.namespaces import UNKNOWN_NODE
 
 USUAL_DEPTH = 10
 """Depth of a queue, where the bag does not say."""
@@ -52,12 +47,12 @@ class PlayedTopic:
         self._depth = offered.depth or USUAL_DEPTH
         self._reliable = offered.reliable
         reliable, latched = ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL
-        self._profile = QoSProfile(
+        profile = QoSProfile(
             depth=self._depth,
             reliability=reliable if self._reliable else ReliabilityPolicy.BEST_EFFORT,
             durability=latched if offered.transient_local else DurabilityPolicy.VOLATILE,
         )
-        self._publisher: Publisher = node.create_publisher(kind, topic.name, self._profile)
+        self._publisher: Publisher = node.create_publisher(kind, topic.name, profile)
         self._acknowledged_within_s = acknowledged_within_s
         self._outstanding = 0
         self._stalled = False
@@ -84,6 +79,7 @@ class PlayedTopic:
             # The first 12 bytes of an endpoint's id are its participant's.
             (each.node_namespace, each.node_name, bytes(each.endpoint_gid[:12]))
             for each in self._subscriptions()
+            if each.node_name != UNKNOWN_NODE
         }
 
     @property
@@ -132,12 +128,15 @@ class PlayedTopic:
             self._latched[index] = max(sent_to, readers)
 
     def _subscriptions(self) -> list[TopicEndpointInfo]:
-        """Return the known subscriptions whose quality of service fits the publisher's."""
-        return [
-            each
-            for each in self._node.get_subscriptions_info_by_topic(self.name)
-            if qos_check_compatible(self._profile, each.qos_profile)[0] != QoSCompatibility.ERROR
-        ]
+        """Return the known subscriptions that ask for no more than the publisher offers."""
+        found = self._node.get_subscriptions_info_by_topic(self.name)
+        return [each for each in found if self._fits(each.qos_profile)]
+
+    def _fits(self, asked: QoSProfile) -> bool:
+        # rclpy's check takes an infinite deadline, as it is discovered, for one that is too short.
+        if asked.reliability == ReliabilityPolicy.RELIABLE and not self._reliable:
+            return False
+        return bool(self._latched.maxlen) or asked.durability != DurabilityPolicy.TRANSIENT_LOCAL
 
     def _audience(self) -> str:
         most = self._most_readers

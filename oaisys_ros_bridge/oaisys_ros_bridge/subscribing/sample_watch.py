@@ -17,13 +17,12 @@ from std_msgs.msg import Header, String
 
 from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt
 from oaisys_ros_bridge.conversions import nanoseconds, stamp_from_nanoseconds
+from oaisys_ros_bridge.namespaces import UNKNOWN_NODE
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, SampleLedger, SampleName
 from oaisys_ros_bridge.timers import steady_timer
 
 SAMPLE_INFO, RECEIPTS, CONFIGURATION = "sample_info", "receipts", "configuration"
-UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-"""The middleware's name of a node that has been discovered but not named yet."""
 EXPIRY_PERIOD_S = 0.5
 """Between two checks for messages that are overdue."""
 
