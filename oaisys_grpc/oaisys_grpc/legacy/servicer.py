@@ -9,13 +9,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from enum import IntEnum
+from math import isfinite
 from typing import Any
 
 import grpc
 
-from oaisys_core import geometry
+from oaisys_core.config.importing.frames import rig_pose
 from oaisys_core.config.sections.sensors import PosePolicy
-from oaisys_core.errors import OaisysError, QueueFullError
+from oaisys_core.errors import InvalidInputError, OaisysError, QueueFullError
 from oaisys_core.types import ModuleMetadata, Pose
 from oaisys_grpc.contract.errors import forget_frames, printable
 from oaisys_grpc.contract.metadata import metadata_to_proto
@@ -36,9 +37,6 @@ LEGACY_SERVICE = pb.DESCRIPTOR.services_by_name["Oaisys"].full_name
 ERROR_KEY = "oaisys-error"
 """Trailing metadata: why a step was refused or failed, for which the messages have no field."""
 
-T_BLENDER_BASE = geometry.invert(geometry.T_LINK_OPTICAL @ geometry.T_OPTICAL_BLENDER)
-"""Pose of ``base_link`` in the original's sensor base."""
-
 _NOT_ADMITTED = ("queued", "started")
 """Stages of a sample's progress before its pose was checked."""
 
@@ -55,7 +53,7 @@ class LegacyState(IntEnum):
 
 @dataclass(frozen=True)
 class Step:
-    """The state of a step; a failed one is idle, with an error."""
+    """The state of a step; one that was refused or failed is finished, without files."""
 
     state: LegacyState = LegacyState.IDLE
     files: Sequence[str] = ()
@@ -68,6 +66,9 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
     One step at a time: while a batch or a sample of this service is under way, another one is
     refused, so that no call changes the pose or the files of another. The result of a step is kept
     until the next one is accepted.
+
+    The original refuses nothing, and its clients poll until a step is finished. So every step
+    finishes here, too: one that was refused or failed without files, with the error beside it.
     """
 
     def __init__(
@@ -83,7 +84,8 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         Args:
             on_end: Called when a client ends the simulation; must return at once.
             pose_policy: What happens to a pose under the ground or off the stage. The original
-                admits every pose, and its client polls for ever for a sample that was refused.
+                admits every pose. With ``reject``, numbers that are not finite are refused, too;
+                otherwise the rig stays where it is.
         """
         self._supervisor = supervisor
         self._operations = operations
@@ -99,6 +101,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         try:
             self._begin(Job(Kind.BATCH, "step_batch", b"", OPERATION_TIMEOUT_S))
         except OaisysError as error:
+            self._refuse(Kind.BATCH, error)
             _tell(context, error)
             return pb.StepBatchReply(successRet=False)
         return pb.StepBatchReply(successRet=True)
@@ -111,6 +114,7 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
             job = Job(Kind.SAMPLE, "step_sample", step, OPERATION_TIMEOUT_S)
             batch_id, sample_id = self._admitted(*self._begin(job), context)
         except OaisysError as error:
+            self._refuse(Kind.SAMPLE, error)
             _tell(context, error)
             return pb.StepSampleReply(successRet=False)
         return pb.StepSampleReply(successRet=True, batchID=batch_id, sampleID=sample_id)
@@ -143,8 +147,22 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
     def _metadata(self, request: pb.StepSampleRequest) -> ModuleMetadata:
         sensor: dict[str, Any] = {"pose_policy": self._pose_policy}
         if request.sensorModuleRequest.HasField("pose"):
-            sensor["pose"] = rig_pose_from_blender(request.sensorModuleRequest.pose)
+            try:
+                sensor["pose"] = rig_pose_from_blender(request.sensorModuleRequest.pose)
+            except InvalidInputError as error:
+                if self._pose_policy == "reject":
+                    raise
+                _LOG.warning("step_sample: %s; the rig stays where it is", error)
         return ModuleMetadata(sensor=sensor)
+
+    def _refuse(self, kind: Kind, error: OaisysError) -> None:
+        """Finish a step that never began, unless an earlier one has something to tell."""
+        step = Step(LegacyState.FINISHED, error=error)
+        with self._lock:
+            if kind is Kind.BATCH and self._batch.state is LegacyState.IDLE:
+                self._batch = step
+            elif kind is Kind.SAMPLE and self._sample.state is LegacyState.IDLE:
+                self._sample = step
 
     def _begin(self, job: Job) -> tuple[Operation, Future[None]]:
         """Enqueue a step; return it, and what is done once every poll knows its end.
@@ -171,16 +189,17 @@ class LegacyServicer(oaisys_pb2_grpc.OaisysServicer):
         try:
             step = Step(LegacyState.FINISHED, self._outcome(operation))
         except OaisysError as error:
-            step = Step(error=error)
+            step = Step(LegacyState.FINISHED, error=error)
         except Exception as error:  # noqa: BLE001 - a state must not stay busy for ever
             _LOG.exception("a step failed in the server")
-            step = Step(error=OaisysError(f"internal error: {type(error).__name__}: {error}"))
+            failure = OaisysError(f"internal error: {type(error).__name__}: {error}")
+            step = Step(LegacyState.FINISHED, error=failure)
         if step.error is not None:
             _LOG.warning("%s: %s", operation.job.method, step.error)
         with self._lock:
             if operation.job.kind is Kind.BATCH:
                 self._batch = step
-            elif step.error is not None and _waits(operation.status):
+            elif step.error is not None and sample_before.files and _waits(operation.status):
                 self._sample = sample_before
             else:
                 self._sample = step
@@ -227,20 +246,22 @@ def rig_pose_from_blender(message: pb.SensorModuleRequest.PoseType) -> Pose:
     """Return where the rig is when the original's sensor base is at a pose.
 
     The base has the axes of Blender's camera, so that a camera without a mount looks along the
-    base's -z with y up; ``base_link`` looks along its x with z up.
+    base's -z with y up; ``base_link`` looks along its x with z up. As in Blender, a quaternion of
+    any length is a rotation; zeros are a half turn about x.
 
     Args:
         message: Pose of the sensor base in Blender's world.
 
     Raises:
-        InvalidInputError: A number is not finite, or it is no unit quaternion.
+        InvalidInputError: A number is not finite.
     """
-    base = geometry.checked_pose(
-        (message.x, message.y, message.z),
-        (message.q_x, message.q_y, message.q_z, message.q_w),
-        "sensorModuleRequest.pose",
-    )
-    return geometry.pose_from_matrix(geometry.pose_to_matrix(base) @ T_BLENDER_BASE)
+    position_m = (message.x, message.y, message.z)
+    quat_wxyz = (message.q_w, message.q_x, message.q_y, message.q_z)
+    for name, numbers in (("position", position_m), ("orientation", quat_wxyz)):
+        if not all(map(isfinite, numbers)):
+            path = f"sensorModuleRequest.pose.{name}"
+            raise InvalidInputError(path, list(numbers), "finite numbers")
+    return rig_pose((*position_m, *quat_wxyz))
 
 
 def _tell(context: Context, error: OaisysError) -> None:

@@ -282,16 +282,39 @@ def test_overlapping_steps_are_refused_and_touch_nothing(
         assert_allclose(next(iter(file.channels().values())).pixels, 5.0, rtol=1e-5)
 
 
+NOT_FINITE = [
+    ((float("nan"), 0, 5), LOOKING_DOWN, "pose.position"),
+    ((0, float("inf"), 5), LOOKING_DOWN, "pose.position"),
+    ((0, 0, 5), (1, 0, float("nan"), 0), "pose.orientation"),
+]
+
+
 @pytest.mark.parametrize(
-    ("xyz", "q_wxyz", "field"),
-    [
-        ((float("nan"), 0, 5), LOOKING_DOWN, "pose.position"),
-        ((0, float("inf"), 5), LOOKING_DOWN, "pose.position"),
-        ((0, 0, 5), (0, 0, 0, 0), "pose.orientation"),
-        ((0, 0, 5), (1, 0, 0.2, 0), "pose.orientation"),
-    ],
+    "q_wxyz", [(0.7, 0, 0, 0.7), (2, 0, 0.4, 0), (1e-30, 0, 1e-31, 0), (0, 0, 0, 0)]
 )
-def test_a_bad_pose_is_refused_and_changes_nothing(
+def test_a_quaternion_of_any_length_is_a_rotation(
+    flat_server: Server,
+    flat_client: SimulatorClient,
+    connect: Callable[[Server], OriginalClient],
+    q_wxyz: tuple[float, float, float, float],
+) -> None:
+    """Blender normalises; zeros are a half turn about x there."""
+    client = connect(flat_server)
+    client.new_batch()
+    reply = client.step_sample((0, 0, 5), q_wxyz)
+    assert reply.successRet, client.why
+    assert client.wait_for_files()
+    w, *xyz = q_wxyz if any(q_wxyz) else (0, 1, 0, 0)
+    axes = Rotation.from_quat((*xyz, w)).as_matrix()
+    pose = flat_client.get_sample(reply.batchID, reply.sampleID).rig_pose
+    # The link's x is the base's -z, its z the base's y.
+    link = Rotation.from_quat(pose.quat_xyzw).as_matrix()
+    assert_allclose(link[:, 0], -axes[:, 2], atol=1e-6)
+    assert_allclose(link[:, 2], axes[:, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(("xyz", "q_wxyz", "field"), NOT_FINITE)
+def test_numbers_that_are_not_finite_keep_the_last_pose(
     flat_server: Server,
     flat_client: SimulatorClient,
     connect: Callable[[Server], OriginalClient],
@@ -302,20 +325,54 @@ def test_a_bad_pose_is_refused_and_changes_nothing(
     client = connect(flat_server)
     client.new_batch()
     assert client.step_sample((1, 2, 7)).successRet
-    files = client.wait_for_files()
-    before = flat_client.info()
-    assert not client.step_sample(xyz, q_wxyz).successRet
-    assert field in client.why
-    assert client.wait_for_files() == files
-    after = flat_client.info()
-    assert (after.batch_id, after.sample_id) == (before.batch_id, before.sample_id)
-    assert client.step_sample(None).successRet  # without a pose it stays where it is
     client.wait_for_files()
-    assert_allclose(
-        flat_client.get_sample(before.batch_id, before.sample_id + 1).rig_pose.position_m,
-        pose_looking_down(1, 2, 7).position_m,
-        atol=1e-6,
-    )
+    reply = client.step_sample(xyz, q_wxyz)
+    assert reply.successRet, client.why
+    assert client.wait_for_files()
+    pose = flat_client.get_sample(reply.batchID, reply.sampleID).rig_pose
+    assert_allclose(pose.position_m, (1, 2, 7), atol=1e-6)
+    assert f"sensorModuleRequest.{field}" in flat_server.stderr.read_text()
+    assert client.step_sample(None).successRet  # without a pose it stays where it is, too
+    client.wait_for_files()
+    after = flat_client.get_sample(reply.batchID, reply.sampleID + 1).rig_pose
+    assert_allclose(after.position_m, (1, 2, 7), atol=1e-6)
+
+
+def test_the_client_comes_to_its_end_whatever_is_refused(
+    start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
+) -> None:
+    """The original's own client polls until a step is finished, and does not look at the reply."""
+    options = ("--legacy-out", str(tmp_path / "out"), "--legacy-pose-policy", "reject")
+    client = connect(start_server(FLAT_WORLD, *options))
+    assert not client.step_sample((0, 0, 5)).successRet  # no batch yet
+    assert client.wait_for_files() == []
+    assert "batch" in client.why
+    refused = [*((xyz, LOOKING_DOWN, "pose.position") for xyz in UNDER_AND_OFF), *NOT_FINITE]
+    refused.append(((0, 0, 1e30), LOOKING_DOWN, "pose.position"))
+    for xyz, q_wxyz, field in refused:
+        client.new_batch()
+        assert not client.step_sample(xyz, q_wxyz).successRet
+        assert client.wait_for_files() == []
+        assert field in client.why
+    assert client.step_sample((0, 0, 5)).successRet
+    files = client.wait_for_files()
+    assert files
+    for xyz, q_wxyz, _ in refused:  # a sample that was refused leaves the one before
+        assert not client.step_sample(xyz, q_wxyz).successRet
+        assert client.wait_for_files() == files
+
+
+def test_a_batch_that_fails_is_finished_and_says_why(
+    start_server: StartServer, connect: Callable[[Server], OriginalClient]
+) -> None:
+    client = connect(start_server(FLAT_WORLD, OAISYS_TEST_BUILD="1", OAISYS_FAULT="batch-crash"))
+    assert client.call("StepBatch").successRet
+    client.wait_for_batch()
+    assert client.why
+    assert not client.step_sample((0, 0, 5)).successRet
+    assert client.wait_for_files() == []
+    assert client.why
+    assert client.call("EndSimulation").successRet
 
 
 UNDER_AND_OFF = ((0, 0, -5), (90, 0, 5))
@@ -350,7 +407,7 @@ def test_a_pose_off_the_stage_or_under_it_is_refused_on_request(
         assert "pose.position" in client.why
 
 
-def test_a_failed_step_is_not_finished(
+def test_a_failed_step_is_finished_without_files_and_says_why(
     start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
 ) -> None:
     """A file stands where the folder should be, so that no image can be written."""
@@ -360,7 +417,7 @@ def test_a_failed_step_is_not_finished(
     assert client.step_sample((0, 0, 5)).successRet
     wait_until(lambda: client.call("RenderFinished").state != BUSY)
     reply = client.call("RenderFinished")
-    assert (reply.state, list(reply.filePathList)) == (IDLE, [])
+    assert (reply.state, list(reply.filePathList)) == (FINISHED, [])
     assert "could not be written" in client.why
 
 
