@@ -237,6 +237,28 @@ def document() -> Json:
     }
 
 
+def online() -> Json:
+    """Return a world that clients step, with a mesh from a Blender file as its stage."""
+    world = document()
+    world["SENSOR_SETUP"]["GENERAL"]["onlineMode"] = True
+    world["ASSET_SETUP"]["STAGES"] = [
+        {
+            "name": "ground",
+            "type": "StageBlenderObject",
+            "stageParams": {
+                "meshInstanceName": "landscape",
+                "stageFilePath": "stages/ground.blend",
+                "stageName": "landscape",
+                "stageDisplacementActive": False,
+                "stageSizeX": 200,
+                "assetMaterial": "terrain",
+                "landscapeParams": {"random_seed": [0, 9]},
+            },
+        }
+    ]
+    return world
+
+
 def space() -> Json:
     """Return a body without a stage, in front of a rig that looks at it."""
     world = document()

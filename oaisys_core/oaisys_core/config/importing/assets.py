@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from oaisys_core.config.importing.context import ImportContext
 from oaisys_core.config.importing.document import Json, entries, part, span
 from oaisys_core.config.importing.frames import blender_rotation
 from oaisys_core.config.importing.materials import material, stand_in, texture_labels
+from oaisys_core.config.importing.stand_ins import StandIns
 from oaisys_core.geometry import pose_from_matrix, transform
 
 PRESETS = frozenset(
@@ -61,12 +63,12 @@ def _mesh_stage(params: Json, job: ImportContext) -> Json:
     if params.get("stageDisplacementActive", True):
         relief_m = abs(float(params.get("stageDisplacementStrength", 10.0)))
         return {"preset": "another_noise", "extent_m": 200.0, "relief_m": relief_m}
-    # A missing stage is replaced by a plane.
-    file = job.file(str(params.get("stageFilePath")), "a plane of 200 m")
+    path = str(params.get("stageFilePath"))
+    file = job.file(path, "a plane of 200 m", partial(StandIns.ground, name=path))
     if file is None:
         return {"preset": "plane", "extent_m": 200.0}
     mesh = {"file": str(file)}
-    if params.get("meshInstanceName"):
+    if params.get("meshInstanceName") and not _is_stand_in(file, path):
         mesh["object"] = str(params["meshInstanceName"])
     return {"mesh": mesh}
 
@@ -99,11 +101,15 @@ def _look(params: Json, job: ImportContext, shape: str) -> Json:
     file = job.file(path, f"the built-in shape {shape}", lambda made: made.mesh(path, shape))
     if file is None:
         return {"shape": shape}
-    if file.stem == Path(path).stem and file.suffix != Path(path).suffix:
-        # A stand-in contains no named objects and no colours.
+    if _is_stand_in(file, path):  # without colours
         return {"file": str(file), "texture": "rock"}
     name = params.get("meshInstanceName")
     return {"file": str(file), **({"object_name": str(name)} if name else {})}
+
+
+def _is_stand_in(file: Path, original: str) -> bool:
+    """Return whether a mesh replaces one of another format; it then has no named objects."""
+    return file.stem == Path(original).stem and file.suffix != Path(original).suffix
 
 
 def _labels(params: Json, job: ImportContext, name: str) -> Json:

@@ -8,16 +8,19 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scatter.shapes import make_shape
 from oaisys_core.textures import default_cache_dir, texture_set
+from oaisys_core.types import FloatArray
 
 SEED = 0
 MAP_PX = 512
 LABELS_PX = 256
 SKY_PX = (128, 256)
+GROUND_M, GROUND_POINTS = 200.0, 201
 
 
 class StandIns:
@@ -45,10 +48,23 @@ class StandIns:
         """Return an OBJ file with a built-in shape, 1 m large."""
         path = self._place(name).with_suffix(".obj")
         made = make_shape(shape, randomness.stream(SEED, f"stand_in/{shape}"))
-        lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in made.vertices_m.tolist()]
-        lines += [f"f {a} {b} {c}" for a, b, c in (made.triangles + 1).tolist()]
-        _prepare(path)
-        path.write_text("\n".join(["# stand-in", *lines, ""]), encoding="ascii")
+        _write_mesh(path, made.vertices_m, made.triangles)
+        return path
+
+    def ground(self, name: str) -> Path:
+        """Return an OBJ file with a ground of hills, 200 m large."""
+        path = self._place(name).with_suffix(".obj")
+        along_m = np.linspace(-GROUND_M / 2, GROUND_M / 2, GROUND_POINTS)
+        x, y = np.meshgrid(along_m, along_m)
+        z = 1.5 * np.sin(x / 9) * np.cos(y / 13) + 0.4 * np.sin(x / 3.1 + y / 4.3)
+        first = np.arange(GROUND_POINTS**2).reshape(GROUND_POINTS, GROUND_POINTS)[:-1, :-1].ravel()
+        right, up = first + 1, first + GROUND_POINTS
+        triangles = [[first, right, up + 1], [first, up + 1, up]]
+        _write_mesh(
+            path,
+            np.column_stack((x.ravel(), y.ravel(), z.ravel())),
+            np.concatenate([np.column_stack(corners) for corners in triangles]),
+        )
         return path
 
     def label_image(self, name: str, mapping: Mapping[str, Any]) -> Path:
@@ -80,6 +96,14 @@ class StandIns:
 
 def _prepare(path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _write_mesh(path: Path, vertices_m: FloatArray, triangles: NDArray[np.integer[Any]]) -> None:
+    """Write an OBJ file of (N, 3) vertices and (M, 3) indices."""
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices_m.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (triangles + 1).tolist()]
+    _prepare(path)
+    path.write_text("\n".join(["# stand-in", *lines, ""]), encoding="ascii")
 
 
 def _write_image(path: Path, image: Any) -> None:

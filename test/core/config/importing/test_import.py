@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from original_config import Json, document, space, write
+from original_config import Json, document, online, space, write
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -29,6 +29,7 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.types import Pose
 
 MODES: dict[str, Callable[[], Json]] = {"ground": document, "space": space}
+FILES = {**MODES, "online": online}
 
 
 def imported(data: Json, folder: Path, **options: Any) -> Json:
@@ -40,11 +41,11 @@ def outcome(data: Json, folder: Path) -> tuple[Json, tuple[str, ...]]:
     return found.config, found.warnings
 
 
-@pytest.mark.parametrize("name", MODES)
+@pytest.mark.parametrize("name", FILES)
 def test_the_imported_file_is_valid_and_says_what_became_of_every_key(
     name: str, tmp_path: Path
 ) -> None:
-    data = MODES[name]()
+    data = FILES[name]()
     found = import_file(write(data, tmp_path))
     assert set(found.outcomes) == set(key_paths(data))
     assert all(outcome_of(path) is not None for path in key_paths(data))
@@ -405,27 +406,38 @@ def test_an_id_that_things_share_is_named_after_all_of_them(tmp_path: Path) -> N
     assert any("the id 40 is shared by sky, red_sand" in warning for warning in found.warnings)
 
 
-@pytest.mark.parametrize("name", MODES)
+@pytest.mark.parametrize("name", FILES)
 def test_stand_ins_are_made_for_missing_files_and_render(name: str, tmp_path: Path) -> None:
     made = tmp_path / "made"
-    found = import_file(write(MODES[name](), tmp_path), stand_ins=made)
+    found = import_file(write(FILES[name](), tmp_path), stand_ins=made)
     file = tmp_path / "world.yaml"
     file.write_text(found.text("original.json"), encoding="utf-8")
     config = load_config(file)
     assert name_faults(config) == []
-    if name == "ground":
+    if name == "online":
+        assert config.stage.mesh is not None
+        assert config.stage.mesh.file == (made / "stages" / "ground.obj").resolve()
+        assert config.stage.mesh.object is None
+    elif name == "ground":
         assert (made / "maps" / "red_sand" / "red_sand_diff.png").is_file()
         assert config.assets.groups[0].file == (made / "meshes" / "rocks.obj").resolve()
     else:
         assert config.assets.objects[0].file == (made / "meshes" / "body.obj").resolve()
     with pytest.raises(InvalidInputError, match="none with --strict"):
-        import_file(write(MODES[name](), tmp_path), stand_ins=made, strict=True)
+        import_file(write(FILES[name](), tmp_path), stand_ins=made, strict=True)
     simulation = Simulation(adjusted(config, backend="analytic"))
     simulation.step_batch()
     sample = simulation.step_sample(modalities=("rgb", "depth"))
     rgb, depth_m = (sample.frames[index].data for index in (0, 1))
     assert np.isfinite(depth_m).any()
     assert rgb.std() > 1
+
+
+def test_the_online_mode_is_known_in_strict_mode(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError) as found:
+        import_file(write(online(), tmp_path), strict=True)
+    assert "onlineMode" not in str(found.value)  # only files are missing
+    assert "stages/ground.blend" in str(found.value)
 
 
 def test_unknown_keys_are_told_or_refused(tmp_path: Path) -> None:
