@@ -5,21 +5,32 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+LONGEST_NAME = 100
+"""Characters of a name for which similar ones are looked for; longer ones take too long."""
+
 
 def nearest(received: object, names: Iterable[str]) -> str | None:
-    """Return the name that was probably meant, or None if none is similar."""
-    known = list(names)
+    """Return the name that was probably meant, in whatever case, or None if none is similar."""
+    if not isinstance(received, str) or len(received) > LONGEST_NAME:
+        return None
+    wanted, by_folded = received.casefold(), {name.casefold(): name for name in names}
     # A key without its unit, such as fx, may be too short to be similar.
-    found = get_close_matches(str(received), known, n=1) or [
-        name for name in known if name.startswith(f"{received}_")
+    found = get_close_matches(wanted, by_folded, n=1) or [
+        name for name in by_folded if name.startswith(f"{wanted}_")
     ]
-    return found[0] if found else None
+    return by_folded[found[0]] if found else None
+
+
+def did_you_mean(received: object, names: Iterable[str]) -> str:
+    """Return a hint that ends the error about an unknown name; empty if no name is similar."""
+    near = nearest(received, names)
+    return "" if near in (None, received) else f" (did you mean {near}?)"
 
 
 def one_of(names: Iterable[str], received: object) -> str:
     """Return the text after "expected" in the error about a name that does not exist."""
     known = sorted(names)
-    return f"one of {', '.join(known) or 'none: none is installed'}{_hint(received, known)}"
+    return f"one of {', '.join(known) or 'none: there is none'}{did_you_mean(received, known)}"
 
 
 def one_of_keys(keys: Iterable[str], received: object) -> str:
@@ -27,12 +38,7 @@ def one_of_keys(keys: Iterable[str], received: object) -> str:
     known = sorted(keys)
     if not known:
         return "no key at all"
-    return f"one of the keys {', '.join(known)}{_hint(received, known)}"
-
-
-def _hint(received: object, known: Iterable[str]) -> str:
-    near = nearest(received, known)
-    return f" (did you mean {near}?)" if near is not None else ""
+    return f"one of the keys {', '.join(known)}{did_you_mean(received, known)}"
 
 
 class OaisysError(Exception):

@@ -65,7 +65,7 @@ def _made(name: str, options: Mapping[str, Any]) -> ExtensionModule:
     except ValidationError as error:
         faults = [
             ".".join(("extensions", name, *map(str, fault.location)))
-            + f": received {fault.received!r}, expected {fault.expected}"
+            + f": received {fault.received!r}, expected {fault.expected}{fault.hint}"
             for fault in faults_of(error, options, kind.options_type)
         ]
         raise ConfigError("\n".join(faults)) from error

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import extensions
-from oaisys_core.errors import nearest
+from oaisys_core.errors import did_you_mean
 
 FloatArray = NDArray[np.float64]
 
@@ -76,9 +76,8 @@ def expected_modality(received: str) -> str:
     """Return the text after "expected" in the error about a modality that does not exist."""
     levels = [f"semantic_{level}" for level in range(10)]
     passes = extensions.names(extensions.PASSES)
-    near = nearest(received, [*_MODALITIES, *levels, *passes])
+    hint = did_you_mean(received, [*_MODALITIES, *levels, *passes])
     built_in = ", ".join(_MODALITIES)
-    hint = "" if near is None else f" (did you mean {near}?)"
     installed = f"{', '.join(sorted(passes))}" if passes else "none is installed"
     return f"{built_in}, semantic_0 to semantic_9, or an installed pass ({installed}){hint}"
 

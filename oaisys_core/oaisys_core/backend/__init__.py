@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from oaisys_core.backend.base import Backend
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 
 BACKENDS = ("blender", "analytic")
 
@@ -23,4 +23,4 @@ def make_backend(name: str) -> Backend:
         from oaisys_core.backend.analytic import AnalyticBackend
 
         return AnalyticBackend()
-    raise InvalidInputError("backend", name, f"one of {', '.join(BACKENDS)}")
+    raise InvalidInputError("backend", name, one_of(BACKENDS, name))

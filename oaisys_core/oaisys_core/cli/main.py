@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import inspect
 import logging
+import re
 import sys
 from importlib.metadata import EntryPoint, entry_points, version
 from typing import Annotated, Any
@@ -16,7 +17,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, nearest
+from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError, did_you_mean
 
 COMMAND_GROUP = "oaisys.commands"
 PLAIN_HELP = None
@@ -27,19 +28,30 @@ EXIT_INVALID_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 
-class _InstalledCommands(TyperGroup):
+class _Commands(TyperGroup):
+    """Suggests a similar name for an unknown command."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        name, known = args[0], self.list_commands(ctx)
+        if name not in known and not name.startswith("-") and (hint := did_you_mean(name, known)):
+            ctx.fail(f"No such command {name!r}{hint}.")
+        return super().resolve_command(ctx, args)
+
+
+class _InstalledCommands(_Commands):
     """Imports the module of a sub-command only when that command is used."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return sorted(entry_points(group=COMMAND_GROUP).names)
 
-    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command; for an unknown one, suggest a similar name."""
-        name, known = args[0], self.list_commands(ctx)
-        near = nearest(name, known)
-        if name not in known and not name.startswith("-") and near is not None:
-            ctx.fail(f"No such command {name!r}. Did you mean {near!r}?")
-        return super().resolve_command(ctx, args)
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command; for an unknown choice of an option, suggest a similar one."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            received, *choices = re.findall("'([^']*)'", error.message) or [""]
+            error.message += did_you_mean(received, choices)
+            raise
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         found = entry_points(group=COMMAND_GROUP, name=cmd_name)
@@ -56,6 +68,8 @@ def _load(entry: EntryPoint) -> Any:
         app = typer.Typer(add_completion=False)
         app.command(entry.name)(target)
         target = app
+    elif not isinstance(target.info.cls, type):
+        target.info.cls = _Commands
     target.rich_markup_mode = PLAIN_HELP
     command = typer.main.get_command(target)
     command.name = entry.name

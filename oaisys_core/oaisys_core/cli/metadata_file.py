@@ -9,9 +9,12 @@ from typing import Any
 
 import yaml
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, did_you_mean
 from oaisys_core.geometry import checked_pose
 from oaisys_core.types import OWN_PARTS, ModuleMetadata, Pose
+
+_STEPS = ("batch", "samples")
+_SELECTIONS = ("modalities", "sensors")
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,10 @@ def load_steps(path: Path) -> Steps:
         raise InvalidInputError("metadata", str(path), f"a readable file ({error})") from error
     if isinstance(data, list):
         data = {"samples": data}
-    if not isinstance(data, Mapping) or not set(data) <= {"batch", "samples"}:
-        raise InvalidInputError("metadata", str(path), "a list of samples, or batch and samples")
+    if not isinstance(data, Mapping) or not set(data) <= set(_STEPS):
+        unknown = next((key for key in data or () if key not in _STEPS), None)
+        expected = f"a list of samples, or batch and samples{did_you_mean(unknown, _STEPS)}"
+        raise InvalidInputError("metadata", str(path), expected)
     samples = data.get("samples") or [{}]
     if not isinstance(samples, list):
         raise InvalidInputError("metadata.samples", samples, "a list")
@@ -69,7 +74,11 @@ def load_steps(path: Path) -> Steps:
 
 
 def _sample(data: Mapping[str, Any], path: str) -> SampleRequest:
-    parts = {key: value for key, value in data.items() if key not in ("modalities", "sensors")}
+    parts = {key: value for key, value in data.items() if key not in _SELECTIONS}
+    for key, value in parts.items():
+        if value is not None and not isinstance(value, Mapping):
+            hint = did_you_mean(key, (*OWN_PARTS, *_SELECTIONS))
+            raise InvalidInputError(f"{path}.{key}", value, f"a mapping{hint}")
     return SampleRequest(
         metadata=_metadata(parts, path),
         modalities=_names(data.get("modalities"), f"{path}.modalities"),

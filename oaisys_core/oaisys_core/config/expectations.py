@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import UnionType
@@ -11,7 +12,7 @@ from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
 from oaisys_core.config.section import Section
-from oaisys_core.errors import InvalidInputError, one_of_keys
+from oaisys_core.errors import InvalidInputError, did_you_mean, one_of_keys
 
 UNKNOWN_KEY = "extra_forbidden"
 MISSING_KEY = "missing"
@@ -99,6 +100,11 @@ class ConfigFault:
         """The location with dots between its parts."""
         return ".".join(map(str, self.location))
 
+    @property
+    def hint(self) -> str:
+        """Which of the expected values was probably meant, as text after them, or nothing."""
+        return did_you_mean(self.received, re.findall(r"'([^']+)'", self.expected))
+
 
 def faults_of(error: ValidationError, data: object, kind: Any) -> list[ConfigFault]:
     """Return the errors, without those that only repeat an error of a nested value.
@@ -138,7 +144,7 @@ def refusal(error: ValidationError, data: object, kind: Any, *path: str) -> Inva
     """
     fault = faults_of(error, data, kind)[0]
     where = ".".join((*path, *map(str, fault.location)))
-    return InvalidInputError(where, fault.received, fault.expected)
+    return InvalidInputError(where, fault.received, fault.expected + fault.hint)
 
 
 def _known_keys(kind: Any, data: Any, path: Iterable[int | str]) -> set[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from pydantic import ValidationError
 from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, ConfigFault, faults_of
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.paths import BASE
-from oaisys_core.errors import ConfigError, nearest
+from oaisys_core.errors import ConfigError
 
 
 def load_config(path: Path) -> SimulationConfig:
@@ -96,16 +95,10 @@ def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
         return f"{where}: {path}: missing, expected a value"
     received = f"received {_short(fault.received)}"
     if fault.statement is None:
-        return f"{where}: {path}: {received}, expected {fault.expected}{_hint(fault)}"
+        return f"{where}: {path}: {received}, expected {fault.expected}{fault.hint}"
     # Statements about a whole section name the keys; the section itself would be too long.
     shown = "" if isinstance(fault.received, Mapping) else f"{received}: "
     return f"{where}: {path}: {shown}{fault.statement}"
-
-
-def _hint(fault: ConfigFault) -> str:
-    """Return a hint which of the expected values was probably meant."""
-    near = nearest(fault.received, re.findall(r"'([^']+)'", fault.expected))
-    return "" if near is None else f" (did you mean {near}?)"
 
 
 def _short(value: object) -> str:

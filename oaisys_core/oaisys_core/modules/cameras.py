@@ -154,8 +154,7 @@ def _check_modalities(cameras: Sequence[PlacedCamera], modalities: Sequence[str]
     offered = {modality for camera in cameras for modality in camera.modalities}
     for modality in modalities:
         if modality not in offered:
-            known = ", ".join(sorted(offered))
-            raise InvalidInputError("modalities", modality, f"one of {known}")
+            raise InvalidInputError("modalities", modality, one_of(offered, modality))
 
 
 def _due(camera: PlacedCamera, config: CameraConfig, sample_id: int) -> PlacedCamera:

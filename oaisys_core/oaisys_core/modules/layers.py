@@ -167,7 +167,7 @@ def pool_layers(pool: PoolConfig) -> list[LayerConfig]:
     folders = texture_folders(pool.folder) if pool.folder else []
     unknown = sorted(pool.labels.keys() - {folder.name for folder in folders})
     if unknown:
-        known = ", ".join(folder.name for folder in folders) or "none: there is no folder"
+        known = one_of((folder.name for folder in folders), unknown[0])
         raise InvalidInputError("labels", unknown[0], f"a folder of the pool: {known}")
     for index, folder in enumerate(folders):
         label = pool.labels.get(folder.name)

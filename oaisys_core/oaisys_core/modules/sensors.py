@@ -13,7 +13,7 @@ from oaisys_core.config.expectations import refusal
 from oaisys_core.config.sections.faults import FaultsConfig
 from oaisys_core.config.sections.motion import AnyMotion
 from oaisys_core.config.sections.sensors import PosePolicy, SensorsConfig
-from oaisys_core.errors import InvalidInputError, one_of_keys
+from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.module import Metadata, Module, World, differing, overridden, require
 from oaisys_core.modules.cameras import (
     Cameras,
@@ -190,7 +190,7 @@ class SensorsModule(Module):
                     raise InvalidInputError(path, value, "a Pose")
                 geometry.checked_pose(value.position_m, value.quat_xyzw, path)
             if key == "pose_policy" and value not in get_args(PosePolicy):
-                raise InvalidInputError(path, value, f"one of {', '.join(get_args(PosePolicy))}")
+                raise InvalidInputError(path, value, one_of(get_args(PosePolicy), value))
 
     def _chosen_motion(self, metadata: Metadata) -> Motion | None:
         chosen = (metadata or {}).get("motion")

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 from oaisys_core import geometry
 from oaisys_core.config.sections.motion import CsvMotion, GridMotion, SplineMotion
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.motion.base import (
     Motion,
     MotionStep,
@@ -59,7 +59,7 @@ class Grid(Motion):
         by_name = {sensor.name: sensor for sensor in sensors}
         name = sensors[0].name if config.camera is None else config.camera
         if name not in by_name:
-            raise InvalidInputError("sensors.motion.camera", name, f"one of {', '.join(by_name)}")
+            raise InvalidInputError("sensors.motion.camera", name, one_of(by_name, name))
         camera = by_name[name]
         self._T_link_base = geometry.T_LINK_OPTICAL @ geometry.invert(camera.T_base_camera)
         self._spacing_m = geometry.nadir_spacing_m(

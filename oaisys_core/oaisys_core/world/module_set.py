@@ -9,7 +9,7 @@ from typing import Any
 from oaisys_core import randomness
 from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.config import SimulationConfig
-from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.errors import InvalidInputError, did_you_mean
 from oaisys_core.extension_modules import ExtensionModule, make_modules
 from oaisys_core.module import Module
 from oaisys_core.modules import (
@@ -73,10 +73,12 @@ class ModuleSet:
         Raises:
             InvalidInputError: Names the field.
         """
-        known = {module.metadata_part for module in self.all} - OWN_PARTS
+        parts = {module.metadata_part for module in self.all}
+        known = parts - OWN_PARTS
         for name, value in metadata.custom.items():
             if name not in known or not isinstance(value, Mapping):
-                expected = f"a mapping for a module: {one_of(known, name)}"
+                listed = ", ".join(sorted(known))
+                expected = f"a mapping for a module: one of {listed}{did_you_mean(name, parts)}"
                 raise InvalidInputError(f"metadata.custom.{name}", value, expected)
         for module in self.all:
             part = metadata.part(module.metadata_part)

@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.types import FloatArray, Pose
 from oaisys_mapping.exploration.planner import (
     Planner,
@@ -218,6 +218,6 @@ def make_planner(name: str) -> Planner:
         kinds.setdefault(name, found.load())
     kind = kinds.get(name)
     if not (isinstance(kind, type) and issubclass(kind, Planner)):
-        names = sorted({*kinds, *(point.name for point in entry_points(group=ENTRY_POINTS))})
-        raise InvalidInputError("planner", name, f"one of {', '.join(names)}")
+        names = {*kinds, *(point.name for point in entry_points(group=ENTRY_POINTS))}
+        raise InvalidInputError("planner", name, one_of(names, name))
     return kind()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_mapping.voxels.block_layout import (
     BLOCK_VOXELS,
     CELL_BLOCKS_PER_BLOCK,
@@ -82,8 +82,9 @@ class TsdfConfig:
         if not self.max_weight > 0:
             raise InvalidInputError("max_weight", self.max_weight, "a number above 0")
         for name, choices in (("weighting", WEIGHTINGS), ("when_full", WHEN_FULL)):
-            if getattr(self, name) not in choices:
-                raise InvalidInputError(name, getattr(self, name), f"one of {', '.join(choices)}")
+            value = getattr(self, name)
+            if value not in choices:
+                raise InvalidInputError(name, value, one_of(choices, value))
 
     @property
     def truncation_m(self) -> float:

@@ -108,7 +108,7 @@ def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: 
         return pose
     mounts = {s.name: s.T_base_camera for s in info.sensors}
     if sensor not in mounts:
-        raise InvalidInputError("sensor", sensor, f"empty or one of {', '.join(sorted(mounts))}")
+        raise InvalidInputError("sensor", sensor, f"empty or {one_of(mounts, sensor)}")
     T_base_link = mounts[sensor] @ invert(T_LINK_OPTICAL)
     return pose_from_matrix(pose_to_matrix(pose) @ invert(T_base_link))
 

@@ -15,7 +15,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow, ParameterTable
 
 LARGEST_INTEGER = 2**63 - 1
@@ -115,7 +115,7 @@ class ParameterNode(Node):
         if parameter.name not in self._table:
             if self.has_parameter(parameter.name):  # one of rclpy's own
                 return parameter
-            expected = "one of " + ", ".join(row.name for row in self._table)
+            expected = one_of((row.name for row in self._table), parameter.name)
             raise InvalidInputError("parameter", parameter.name, expected)
         row = self._table[parameter.name]
         value = row.checked(parameter.value)

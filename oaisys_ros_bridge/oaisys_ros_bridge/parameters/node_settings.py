@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 WILDCARDS = ("**", "*")
@@ -86,7 +86,7 @@ def node_settings(params_file: str, log_level: str, *, use_sim_time: bool) -> No
         InvalidInputError: There is no such file or level, or the file holds no parameters.
     """
     if log_level and log_level not in LOG_LEVELS:
-        raise InvalidInputError("log_level", log_level, f"one of {', '.join(LOG_LEVELS)}")
+        raise InvalidInputError("log_level", log_level, one_of(LOG_LEVELS, log_level))
     if not params_file:
         return NodeSettings(None, log_level, use_sim_time)
     file = Path(params_file).absolute()

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, did_you_mean
 
 Settings = Callable[[], Mapping[str, Any]]
 """Returns the values of a node's parameters by name, all of one moment."""
@@ -100,7 +100,8 @@ class ParameterRow:
         if self.kind is float and type(value) is int:
             value = float(value)
         if type(value) is not self.kind or not self._allows(value):
-            raise InvalidInputError(self.name, value, self.expected)
+            hint = did_you_mean(value, self.choices)
+            raise InvalidInputError(self.name, value, self.expected + hint)
         return value
 
     def _allows(self, value: Any) -> bool:

@@ -10,8 +10,11 @@ from repository import REPOSITORY
 from typer.testing import CliRunner
 
 from oaisys_core.cli.main import app
+from oaisys_core.cli.metadata_file import load_steps
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.checking import name_faults
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.simulation import Simulation
 
 CONFIG = REPOSITORY / "config"
 
@@ -38,7 +41,23 @@ WRONG = [
     ("environment: {effects: [{effect: rain}]}", "environment.effects.0.effect", None),
     ("extensions: {wind: {}}", "oaisys.modules", None),
     ("backend: blendr", "backend", "blender"),
+    ("stage: {preset: MOUNDS}", "stage.preset", "mounds"),
+    ("render: {quality: Standard}", "render.quality", "standard"),
+    ("Stage: {preset: mounds}", "Stage", "stage"),
 ]
+
+
+WITH_FERNS = {
+    "backend": "analytic",
+    "stage": {"preset": "plane", "extent_m": 8, "resolution_px": 17},
+    "assets": {
+        "rocks": [],
+        "groups": [
+            {"name": "ferns", "shape": "sphere", "label": "fern", "semantic_id": 5, "count": [1, 2]}
+        ],
+    },
+    "sensors": {"cameras": [{"width_px": 16, "height_px": 12, "fx_px": 15, "fy_px": 15}]},
+}
 
 
 @pytest.mark.long
@@ -97,10 +116,79 @@ def test_examples_and_defaults_have_no_faults() -> None:
 
 @pytest.mark.parametrize(
     ("arguments", "meant"),
-    [(["rendr"], "render"), (["config", "chek"], "check"), (["audti"], "audit")],
+    [
+        (["rendr"], "render"),
+        (["RENDER"], "render"),
+        (["audti"], "audit"),
+        (["config", "chek"], "check"),
+        (["config", "CHECK"], "check"),
+        (["serve", "--legacy-pose-policy", "rejct"], "reject"),
+        (["explore", "--via", "Trajectory"], "trajectory"),
+    ],
+    ids=" ".join,
 )
-def test_a_command_that_was_probably_meant_is_named(arguments: list[str], meant: str) -> None:
+def test_a_command_or_choice_that_was_probably_meant_is_named(
+    arguments: list[str], meant: str
+) -> None:
     ended = CliRunner().invoke(app, arguments)
     assert ended.exit_code == 2
-    assert "Did you mean" in ended.output
-    assert meant in ended.output
+    assert f"(did you mean {meant}?)" in ended.output
+
+
+def test_an_option_that_was_probably_meant_is_named() -> None:
+    ended = CliRunner().invoke(app, ["render", "--qualty", "high"])
+    assert ended.exit_code == 2
+    assert "--quality" in ended.output
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "meant"),
+    [
+        ("--quality", "standrd", "standard"),
+        ("--quality", "HIGH", "high"),
+        ("--backend", "blendr", "blender"),
+    ],
+)
+def test_a_value_of_an_option_that_was_probably_meant_is_named(
+    option: str, value: str, meant: str, tmp_path: Path
+) -> None:
+    ended = CliRunner().invoke(app, ["render", "--out", str(tmp_path / "out"), option, value])
+    assert isinstance(ended.exception, InvalidInputError)
+    assert ended.exception.expected.endswith(f"(did you mean {meant}?)")
+
+
+def step_through(file: Path) -> None:
+    """Step a small world as a file of metadata says."""
+    steps = load_steps(file)
+    with Simulation(config_from_mapping(WITH_FERNS)) as simulation:
+        simulation.step_batch(steps.batch)
+        for sample in steps.samples:
+            simulation.step_sample(
+                sample.metadata, modalities=sample.modalities, sensors=sample.sensors
+            )
+
+
+@pytest.mark.parametrize(
+    ("text", "meant"),
+    [
+        ("sampels: []", "samples"),
+        ("[{modalites: [depth]}]", "modalities"),
+        ("[{modalities: [dept]}]", "depth"),
+        ("[{sensors: [CAMERA]}]", "camera"),
+        ("[{enviroment: {}}]", "environment"),
+        ("[{sensor: {pose_policy: rejct}}]", "reject"),
+        ("[{sensor: {motion: {kind: hovr}}}]", "hover"),
+        ("[{environment: {sun: {elevation: 5}}}]", "elevation_deg"),
+        ("{batch: {stage: {preset: MOUNDS}}}", "mounds"),
+        ("{batch: {asset: {groups: {fern: {hidden: true}}}}}", "ferns"),
+        ("[{asset: {add: {extra: {prototype: fernz, semantic_id: 9, label: a}}}}]", "ferns"),
+    ],
+)
+def test_a_name_in_a_file_of_metadata_is_refused_with_the_one_that_was_meant(
+    text: str, meant: str, tmp_path: Path
+) -> None:
+    file = tmp_path / "steps.yaml"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InvalidInputError) as found:
+        step_through(file)
+    assert found.value.expected.endswith(f"(did you mean {meant}?)")

@@ -11,6 +11,7 @@ from oaisys_core import geometry
 from oaisys_core.config.section import Position, Positive, Section, is_unit_quaternion
 from oaisys_core.config.sections.faults import FaultsConfig
 from oaisys_core.config.sections.motion import AnyMotion, GivenMotion
+from oaisys_core.errors import one_of
 from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, expected_modality, modality_spec
 
 MAX_IMAGE_SIDE_PX = 16384
@@ -256,5 +257,6 @@ class SensorsConfig(Section):
         if len(set(names)) != len(names):
             raise ValueError("cameras and the cameras of stereo pairs must have different names")
         if self.motion.kind == "grid" and self.motion.camera not in (None, *names):
-            raise ValueError(f"motion.camera must be one of {', '.join(names)}")
+            known = one_of(names, self.motion.camera)
+            raise ValueError(f"motion.camera must be {known}")
         return self

@@ -177,8 +177,8 @@ class AssetsModule(Module):
         for name, edit in metadata.groups.items():
             path = f"metadata.{PART}.groups.{name}"
             if name not in counts:
-                known = ", ".join(sorted(counts)) or "none is configured"
-                raise InvalidInputError(path, name, f"the name of a group ({known})")
+                expected = f"the name of a group: {one_of(counts, name)}"
+                raise InvalidInputError(path, name, expected)
             factor = metadata.count_factor * (edit.count_factor if edit else 1.0)
             if factor * counts[name] > MOST_INSTANCES:
                 expected = f"at most {MOST_INSTANCES} instances in the group"
@@ -191,8 +191,8 @@ class AssetsModule(Module):
             path = f"metadata.{PART}.add.{name}"
             self._library.check(spec, path)
             if spec.prototype is not None and spec.prototype not in names:
-                known = ", ".join(sorted(names)) or "none is configured"
-                expected = f"the name of a group, object or mover ({known})"
+                known = one_of(names, spec.prototype)
+                expected = f"the name of a group, object or mover: {known}"
                 raise InvalidInputError(f"{path}.prototype", spec.prototype, expected)
             other = ids.setdefault(added_id(name), name)
             if other != name:

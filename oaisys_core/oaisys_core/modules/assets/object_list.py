@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
 from oaisys_core.geometry import pose_from_matrix, transform
 from oaisys_core.scene import MeshPrototype, Primitive
 from oaisys_core.types import MAX_OBJECTS, FloatArray, ObjectPage, ObjectQuery, SceneObject
@@ -74,7 +74,7 @@ def check_query(query: ObjectQuery) -> None:
     """
     for kind in query.kinds:
         if kind not in KINDS:
-            raise InvalidInputError("kinds", kind, f"one of {', '.join(KINDS)}")
+            raise InvalidInputError("kinds", kind, one_of(KINDS, kind))
     if not 1 <= query.limit <= MAX_OBJECTS:
         raise InvalidInputError("limit", query.limit, f"1 to {MAX_OBJECTS}")
     for name, corner in (("low_m", query.low_m), ("high_m", query.high_m)):
