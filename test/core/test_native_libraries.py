@@ -88,10 +88,12 @@ def test_a_blender_that_cannot_be_imported_fails_a_test_instead_of_skipping_it(
     assert "ImportError: undefined symbol" in ended.stderr
 
 
-def test_no_test_skips_where_blender_cannot_be_imported() -> None:
-    """`importorskip` takes an import's error for a module that is not installed."""
+def test_no_test_skips_where_a_module_is_installed_but_cannot_be_imported() -> None:
+    """`importorskip` takes any error of an import for a module that is not installed."""
     for path in TESTS.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and getattr(node.func, "attr", "") == "importorskip":
+                told = {each.arg: ast.unparse(each.value) for each in node.keywords}
+                assert told.get("exc_type") == "ModuleNotFoundError", f"{path}:{node.lineno}"
                 named = [each.value for each in node.args if isinstance(each, ast.Constant)]
-                assert "bpy" not in named, path
+                assert "bpy" not in named, f"{path}: needs_blender does it"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,27 @@ def check_mesh(vertices: FloatArray, triangles: NDArray[np.int32], path: Path, f
         )
     if not _has_area(vertices, triangles):
         raise InvalidInputError(field, str(path), "at least one triangle with an area")
+
+
+def check_uv(uvs: Iterable[NDArray[np.float32] | None], path: Path, field: str) -> None:
+    """Raise if a mesh's (T, 3, 2) texture coordinates cannot be looked up in its image.
+
+    Args:
+        uvs: Of each mesh of the file; None for one without an image.
+        path: The file.
+        field: Name of the file's field in errors.
+
+    Raises:
+        InvalidInputError: A coordinate is not finite or too large.
+    """
+    for uv in uvs:
+        if uv is None:
+            continue
+        bad = ~(np.abs(uv) <= MOST).all(axis=-1)
+        if bad.any():
+            u, v = uv[bad][0]
+            expected = f"finite texture coordinates of at most {MOST:g}, not ({u:g}, {v:g})"
+            raise InvalidInputError(field, str(path), expected)
 
 
 def line_of_bad_vertex(path: Path) -> int | None:

@@ -15,7 +15,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from oaisys_core.errors import BackendUnavailableError, InvalidInputError
-from oaisys_core.meshes.checks import check_mesh
+from oaisys_core.meshes.checks import check_mesh, check_uv
 from oaisys_core.types import FloatArray, ShortRepr
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".blend")
@@ -86,7 +86,9 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
     for mesh in meshes:
         check_mesh(np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces), path, field)
     turned = path.suffix.lower() in Y_UP_SUFFIXES
-    return _merged([_loaded(object_name or path.stem, mesh, turned) for mesh in meshes])
+    loaded = [_loaded(object_name or path.stem, mesh, turned) for mesh in meshes]
+    check_uv((mesh.uv for mesh in loaded), path, field)
+    return _merged(loaded)
 
 
 def _named_parts(scene: Any) -> Iterable[tuple[str, Any]]:
@@ -182,6 +184,7 @@ def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
     if "names" in found:
         raise _no_such_object(field, object_name or "", found["names"].tolist())
     check_mesh(found["vertices_m"].astype(np.float64), found["triangles"], path, field)
+    check_uv([found.get("uv")], path, field)
     return LoadedMesh(
         name=object_name or path.stem,
         vertices_m=found["vertices_m"],

@@ -138,12 +138,18 @@ PLY_HEADER = (
     "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
     "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
 )
+STL = (
+    "solid bad\nfacet normal 0 -1 0\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 {} 1\n"
+    "endloop\nendfacet\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\n"
+    "vertex 0 1 0\nendloop\nendfacet\nendsolid bad\n"
+)
 TEXT_FILES = {
     ".obj": (4, "# a comment\nv 0 0 0\nv 1 0 0\nv 0 {} 1\nv 0 1 0\nf 1 2 3\nf 1 2 4\n"),
     ".ply": (
         12,
         PLY_HEADER + "0 0 0\n1 0 0\n0 {} 1\n0 1 0\n3 0 1 2\n3 0 1 3\n",
     ),
+    ".stl": (6, STL),
 }
 
 
@@ -174,6 +180,30 @@ def test_bad_vertices_of_binary_files_are_refused(tmp_path: Path, suffix: str) -
     trimesh.Trimesh(vertices, box.faces, process=False, validate=False).export(path)
     with pytest.raises(InvalidInputError, match="finite coordinates"):
         load_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", TEXT_FILES)
+def test_a_line_that_holds_no_numbers_is_refused_with_the_file(tmp_path: Path, suffix: str) -> None:
+    path, _ = bad_file(tmp_path, suffix, "one")
+    with pytest.raises(InvalidInputError, match=path.name):
+        load_mesh(path, field="asset.add.file")
+
+
+TEXTURED = "mtllib bad.mtl\nusemtl wall\nv 0 0 0\nv 1 0 0\nv 0 0 1\nvt 0 0\nvt 1 {}\nvt 0 1\n"
+
+
+@pytest.mark.parametrize("number", BAD)
+def test_texture_coordinates_that_are_not_finite_or_huge_are_refused(
+    tmp_path: Path, number: str
+) -> None:
+    Image.fromarray(np.zeros((4, 4, 3), np.uint8)).save(tmp_path / "wall.png")
+    (tmp_path / "bad.mtl").write_text("newmtl wall\nmap_Kd wall.png\n", encoding="ascii")
+    path = tmp_path / "bad.obj"
+    path.write_text(TEXTURED.format("0.5") + "f 1/1 2/2 3/3\n", encoding="ascii")
+    assert load_mesh(path).uv is not None
+    path.write_text(TEXTURED.format(number) + "f 1/1 2/2 3/3\n", encoding="ascii")
+    with pytest.raises(InvalidInputError, match=r"bad\.obj.*finite texture coordinates"):
+        load_mesh(path, field="asset.add.file")
 
 
 def test_a_mesh_without_any_area_is_refused(tmp_path: Path) -> None:

@@ -25,7 +25,9 @@ from served_simulator import FLAT_WORLD, MOUNDS
 from oaisys_core.geometry import pose_looking_down
 from oaisys_ros_bridge.launching.arguments import EXPLORE, SIMULATOR, SURVEY
 
-pytest.importorskip("launch_ros", reason="ROS's launch system is not installed")
+pytest.importorskip(
+    "launch_ros", reason="ROS's launch system is not installed", exc_type=ModuleNotFoundError
+)
 try:
     get_package_prefix("oaisys_ros_bridge")
 except PackageNotFoundError:

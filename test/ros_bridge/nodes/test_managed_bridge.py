@@ -111,6 +111,26 @@ def test_it_goes_where_it_is_told(stage: Stage) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("state", [UNCONFIGURED, INACTIVE])
+def test_a_shutdown_ends_the_process_before_it_was_active_too(stage: Stage, state: int) -> None:
+    manager = Manager(stage.user)
+    address = stage.start_world(FLAT_WORLD).address
+    options = ("--ros-args", "-p", f"address:={address}", "-p", "autostart:=false")
+    bridge = stage.start_node("bridge", *options)
+    assert manager.state() == UNCONFIGURED
+    shutdown = Transition.TRANSITION_UNCONFIGURED_SHUTDOWN
+    if state == INACTIVE:
+        assert manager.change(Transition.TRANSITION_CONFIGURE)
+        assert manager.state() == INACTIVE
+        shutdown = Transition.TRANSITION_INACTIVE_SHUTDOWN
+    assert manager.change(shutdown)
+    stage.user.wait_until(lambda: bridge.process.poll() is not None)
+    assert bridge.process.returncode == 0
+    assert manager.reached()[-1] == "finalized"
+    assert "Traceback" not in bridge.log.read_text()
+
+
+@pytest.mark.long
 def test_it_comes_back_to_where_it_was_when_the_simulator_does(stage: Stage) -> None:
     user, address = stage.user, free_address()
     manager = Manager(user)

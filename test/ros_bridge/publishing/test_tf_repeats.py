@@ -13,6 +13,7 @@ from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from served_simulator import FLAT_WORLD
 from tf2_msgs.msg import TFMessage
+from waiting import LOAD_FACTOR
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_msgs.msg import MapStatus
@@ -21,6 +22,7 @@ from oaisys_ros_bridge.qos import CLOCK_QOS, LATCHED_QOS, TF_QOS
 pytestmark = pytest.mark.ros
 METRICS = "oaisys_mapper/metrics"
 REPEATS = 25
+RATE_HZ = 10
 PERIODS = 10
 """Of the usual rate, in which nothing may come."""
 
@@ -79,6 +81,21 @@ def test_a_late_reader_gets_the_last_transform_and_no_count_is_changed(
     assert f"tf2_msgs/msg/TFMessage  2 and {recorded - 2} repeats\n" in told
 
 
+@pytest.mark.long
+def test_the_last_transform_comes_ten_times_a_second(stage: Stage) -> None:
+    """Over the seconds of the stamps, which are those at which it was sent; load only slows it."""
+    user = stage.user
+    user.listen(TFMessage, "/tf", TF_QOS)
+    stage.start_bridge(stage.start_world(FLAT_WORLD).address)
+    user.wait_until_ready()
+    user.wait_until_matched(["/tf"])
+    assert user.set_pose(pose_looking_down(0.0, 0.0, 5.0)).success
+    user.wait_until(lambda: len(user.received["/tf"]) > 3 * RATE_HZ)
+    at_ns = stamps_ns(user)[1:]  # the first is the sample's own
+    rate_hz = (len(at_ns) - 1) / ((at_ns[-1] - at_ns[0]) / 1e9)
+    assert RATE_HZ / LOAD_FACTOR <= rate_hz <= 1.1 * RATE_HZ
+
+
 def past(end_s: float) -> bool:
     return time.monotonic() > end_s
 
@@ -96,6 +113,6 @@ def test_nothing_is_repeated_without_time_or_rate(stage: Stage, option: str) -> 
     user.wait_until_matched(["/tf"])
     for height_m in (5.0, 6.0, 7.0):
         assert user.set_pose(pose_looking_down(0.0, 0.0, height_m)).success
-        end_s = time.monotonic() + PERIODS / 10
+        end_s = time.monotonic() + PERIODS / RATE_HZ
         user.wait_until(partial(past, end_s))
     assert heights_m(user) == [5.0, 6.0, 7.0]

@@ -18,7 +18,7 @@ from oaisys_core.errors import (
     QueueFullError,
 )
 from oaisys_core.geometry import pose_looking_down
-from oaisys_core.types import Pose, Progress
+from oaisys_core.types import ModuleMetadata, Pose, Progress
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.errors import error_from_rpc
 from oaisys_grpc.contract.faults import OvertakenError
@@ -26,7 +26,7 @@ from oaisys_grpc.contract.operation import OperationStatus, State
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.server.jobs.job import MAX_SAMPLES
-from oaisys_grpc.server.jobs.queue import QUEUE_LIMIT
+from oaisys_grpc.server.jobs.queue import QUEUE_BYTES, QUEUE_LIMIT
 from oaisys_grpc.server.limits.open_calls import LIMITS, SHARE_OF_CONNECTION
 
 POSES = [pose_looking_down(-10 + i, 5 - i / 2, 4 + i / 4) for i in range(20)]
@@ -275,6 +275,21 @@ def _operations_known(client: SimulatorClient, name: str) -> bool:
     except NotFoundError:
         return False
     return True
+
+
+@pytest.mark.long
+def test_requests_that_wait_are_bounded_in_bytes(slow_client: SimulatorClient) -> None:
+    rendering(slow_client, slow_client.start_sample(POSES[0]))
+    note = {"text": "x" * (4 * 1024 * 1024 - 1024)}
+    large = ModuleMetadata(custom={"note": note})
+    names = [slow_client.start_sample(metadata=large) for _ in range(QUEUE_BYTES // (4 << 20))]
+    assert len(names) < QUEUE_LIMIT
+    with pytest.raises(QueueFullError, match="bytes of requests wait already") as refused:
+        slow_client.start_sample(metadata=large)
+    assert code_of(refused.value) == grpc.StatusCode.RESOURCE_EXHAUSTED
+    slow_client.start_sample(POSES[1])  # a small one still has room
+    slow_client.cancel_operation(names[3])
+    slow_client.start_sample(metadata=large)
 
 
 def test_a_full_queue_refuses_and_health_still_answers(slow_client: SimulatorClient) -> None:

@@ -181,9 +181,24 @@ def test_bad_bytes_to_any_service_are_refused_and_the_end_comes(start_server: St
         assert_ends(server)
 
 
-def assert_ends(server: Server) -> None:
+def test_a_second_signal_after_bad_bytes_to_reflection_ends_the_server(
+    start_server: StartServer,
+) -> None:
+    server = start_server(FLAT_WORLD)
+    bad = [b"\xff\xff\xff"] * 3
+    with own_channel(server.address) as channel:
+        for _ in range(3):
+            talk = channel.stream_stream(REFLECTION)(iter(bad), timeout=PATIENCE_S)
+            assert code_and_details(talk)[0] == grpc.StatusCode.INVALID_ARGUMENT
+        assert_ends(server, signals=2)
+
+
+def assert_ends(server: Server, signals: int = 1) -> None:
     begin_s = time.monotonic()
-    server.process.terminate()
+    for number in range(signals):
+        if number:
+            time.sleep(0.1)
+        server.process.terminate()
     assert server.process.wait(PATIENCE_S) == 0
     assert time.monotonic() - begin_s < END_S + LOAD
     assert "Traceback" not in server.stderr.read_text()
