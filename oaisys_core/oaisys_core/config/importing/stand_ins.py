@@ -14,7 +14,6 @@ from oaisys_core import randomness
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scatter.shapes import make_shape
 from oaisys_core.textures import default_cache_dir, texture_set
-from oaisys_core.types import FloatArray
 
 SEED = 0
 MAP_PX = 512
@@ -98,7 +97,9 @@ def _prepare(path: Path) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
 
 
-def _write_mesh(path: Path, vertices_m: FloatArray, triangles: NDArray[np.integer[Any]]) -> None:
+def _write_mesh(
+    path: Path, vertices_m: NDArray[np.floating[Any]], triangles: NDArray[np.integer[Any]]
+) -> None:
     """Write an OBJ file of (N, 3) vertices and (M, 3) indices."""
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in vertices_m.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (triangles + 1).tolist()]
