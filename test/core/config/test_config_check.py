@@ -19,7 +19,8 @@ from oaisys_core.simulation import Simulation
 CONFIG = REPOSITORY / "config"
 
 
-PLACE = "name: a, label: a, semantic_id: 9, position_m: [0, 0, 0]"
+ADDED = "label: a, semantic_id: 9, position_m: [0, 0, 0]"
+PLACE = f"name: a, {ADDED}"
 
 WRONG = [
     ("stage: {preset: mound}", "stage.preset", "mounds"),
@@ -50,10 +51,17 @@ WRONG = [
 WITH_FERNS = {
     "backend": "analytic",
     "stage": {"preset": "plane", "extent_m": 8, "resolution_px": 17},
+    "materials": {"texture_size_px": 64, "mask": {"size_px": 32}},
     "assets": {
         "rocks": [],
         "groups": [
-            {"name": "ferns", "shape": "sphere", "label": "fern", "semantic_id": 5, "count": [1, 2]}
+            {
+                "name": "ferns",
+                "shape": "angular",
+                "label": "fern",
+                "semantic_id": 5,
+                "count": [1, 2],
+            }
         ],
     },
     "sensors": {"cameras": [{"width_px": 16, "height_px": 12, "fx_px": 15, "fy_px": 15}]},
@@ -177,11 +185,11 @@ def step_through(file: Path) -> None:
         ("[{sensors: [CAMERA]}]", "camera"),
         ("[{enviroment: {}}]", "environment"),
         ("[{sensor: {pose_policy: rejct}}]", "reject"),
-        ("[{sensor: {motion: {kind: hovr}}}]", "hover"),
-        ("[{environment: {sun: {elevation: 5}}}]", "elevation_deg"),
+        ("{batch: {sensor: {motion: {kind: hovr}}}}", "hover"),
+        ("[{environment: {sun_elevation: 5}}]", "sun_elevation_deg"),
         ("{batch: {stage: {preset: MOUNDS}}}", "mounds"),
         ("{batch: {asset: {groups: {fern: {hidden: true}}}}}", "ferns"),
-        ("[{asset: {add: {extra: {prototype: fernz, semantic_id: 9, label: a}}}}]", "ferns"),
+        (f"[{{asset: {{add: {{extra: {{prototype: fernz, {ADDED}}}}}}}}}]", "ferns"),
     ],
 )
 def test_a_name_in_a_file_of_metadata_is_refused_with_the_one_that_was_meant(
