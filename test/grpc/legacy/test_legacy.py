@@ -338,6 +338,7 @@ def test_numbers_that_are_not_finite_keep_the_last_pose(
     assert_allclose(after.position_m, (1, 2, 7), atol=1e-6)
 
 
+@pytest.mark.long
 def test_the_client_comes_to_its_end_whatever_is_refused(
     start_server: StartServer, connect: Callable[[Server], OriginalClient], tmp_path: Path
 ) -> None:
@@ -362,6 +363,7 @@ def test_the_client_comes_to_its_end_whatever_is_refused(
         assert client.wait_for_files() == files
 
 
+@pytest.mark.long
 def test_a_batch_that_fails_is_finished_and_says_why(
     start_server: StartServer, connect: Callable[[Server], OriginalClient]
 ) -> None:

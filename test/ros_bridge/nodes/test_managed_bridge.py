@@ -126,7 +126,6 @@ def test_a_shutdown_ends_the_process_before_it_was_active_too(stage: Stage, stat
     assert manager.change(shutdown)
     stage.user.wait_until(lambda: bridge.process.poll() is not None)
     assert bridge.process.returncode == 0
-    assert manager.reached()[-1] == "finalized"
     assert "Traceback" not in bridge.log.read_text()
 
 

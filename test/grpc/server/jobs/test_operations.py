@@ -280,7 +280,7 @@ def _operations_known(client: SimulatorClient, name: str) -> bool:
 @pytest.mark.long
 def test_requests_that_wait_are_bounded_in_bytes(slow_client: SimulatorClient) -> None:
     rendering(slow_client, slow_client.start_sample(POSES[0]))
-    note = {"text": "x" * (4 * 1024 * 1024 - 1024)}
+    note = {"text": "x" * ((4 << 20) - 4096)}
     large = ModuleMetadata(custom={"note": note})
     names = [slow_client.start_sample(metadata=large) for _ in range(QUEUE_BYTES // (4 << 20))]
     assert len(names) < QUEUE_LIMIT
