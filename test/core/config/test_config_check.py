@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -168,7 +169,7 @@ def test_a_value_of_an_option_that_was_probably_meant_is_named(
 def step_through(file: Path) -> None:
     """Step a small world as a file of metadata says."""
     steps = load_steps(file)
-    with Simulation(config_from_mapping(WITH_FERNS)) as simulation:
+    with closing(Simulation(config_from_mapping(WITH_FERNS))) as simulation:
         simulation.step_batch(steps.batch)
         for sample in steps.samples:
             simulation.step_sample(

@@ -116,6 +116,9 @@ def _converted(document: Json, job: ImportContext) -> Json:
     found: Json = {"backend": "blender", "stage": ground}
     if entries(document, "ASSET_SETUP", "STAGES"):
         found["materials"] = materials(document, job, material_name, extent_m)
+        if "mesh" in ground:
+            found["materials"]["displacement"] = "bump"
+            job.warn("height maps only shade a stage that is a mesh: they do not move its surface")
     return found | {
         "assets": things,
         "environment": air,
