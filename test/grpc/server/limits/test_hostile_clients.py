@@ -181,6 +181,7 @@ def test_bad_bytes_to_any_service_are_refused_and_the_end_comes(start_server: St
         assert_ends(server)
 
 
+@pytest.mark.long
 def test_a_second_signal_after_bad_bytes_to_reflection_ends_the_server(
     start_server: StartServer,
 ) -> None:
