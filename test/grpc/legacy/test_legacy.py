@@ -348,8 +348,8 @@ def test_the_client_comes_to_its_end_whatever_is_refused(
     assert not client.step_sample((0, 0, 5)).successRet  # no batch yet
     assert client.wait_for_files() == []
     assert "batch" in client.why
-    refused = [*((xyz, LOOKING_DOWN, "pose.position") for xyz in UNDER_AND_OFF), *NOT_FINITE]
-    refused.append(((0, 0, 1e30), LOOKING_DOWN, "pose.position"))
+    places = [*UNDER_AND_OFF, (0, 0, 1e30)]
+    refused = [*((xyz, LOOKING_DOWN, "pose.position") for xyz in places), *NOT_FINITE]
     for xyz, q_wxyz, field in refused:
         client.new_batch()
         assert not client.step_sample(xyz, q_wxyz).successRet

@@ -326,7 +326,8 @@ def test_idle_watches_of_health_make_room(start_server: StartServer) -> None:
     share = int(SHARE_OF_CONNECTION * most)
 
     def watch(channel: grpc.Channel) -> Any:
-        call = channel.unary_stream(HEALTH + "Watch")(b"", timeout=PATIENCE_S)
+        start: Any = channel.unary_stream(HEALTH + "Watch")
+        call = start(b"", timeout=PATIENCE_S)
         answer = health_pb2.HealthCheckResponse.FromString(next(call))
         assert answer.status == health_pb2.HealthCheckResponse.SERVING
         return call
