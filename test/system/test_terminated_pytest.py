@@ -17,11 +17,16 @@ from waiting import START_PATIENCE_S, wait_until
 WITH_A_NODE = """
 import signal
 from pathlib import Path
+from oaisys_msgs.msg import MapStatus
+from oaisys_ros_bridge.qos import LATCHED_QOS
 from ros_peer import Stage
 
 def test_that_waits(ros_domain_id, no_process_left, tmp_path):
     with Stage(tmp_path) as stage:
+        stage.user.listen(MapStatus, "oaisys_mapper/metrics", LATCHED_QOS)
         node = stage.start_node("mapper")
+        # While it is imported it may ignore signals, as the parents of a background job do.
+        stage.user.wait_until(lambda: stage.user.received["oaisys_mapper/metrics"])
         Path({pid!r}).write_text(f"{{node.process.pid}}\\n")
         while True:
             signal.pause()
@@ -29,7 +34,13 @@ def test_that_waits(ros_domain_id, no_process_left, tmp_path):
 
 
 @pytest.mark.ros
-@pytest.mark.parametrize("workers", [[], ["-n", "1"]], ids=["alone", "xdist"])
+@pytest.mark.parametrize(
+    "workers",
+    [
+        pytest.param([], id="alone"),
+        pytest.param(["-n", "1"], id="xdist", marks=pytest.mark.long),
+    ],
+)
 def test_a_terminated_pytest_ends_its_nodes(workers: list[str], tmp_path: Path) -> None:
     pid, log = tmp_path / "pid", tmp_path / "log"
     shutil.copy(TESTS / "conftest.py", tmp_path)
