@@ -1,8 +1,8 @@
 """Conversions between the simulator's data and ROS messages, in pairs of inverses; no node needed.
 
-Large arrays are assigned to messages as `array.array`, with ``check_fields``. rclpy copies other
-sequences element by element, a constructor's argument twice, and without ``check_fields`` it makes
-another copy.
+Large arrays are assigned to messages as `array.array`, with ``check_fields``. rclpy copies any
+other sequence element by element. It copies such an argument of a constructor twice. Without
+``check_fields`` it makes one more copy.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Images of everything but colour, by modality, and the base class of further modalities.
 
-Cycles leaves a core idle while it renders colour, so that a thread can compute them meanwhile.
+While Cycles renders colour, one core is idle; a thread computes these images there.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ CORES = len(os.sched_getaffinity(0))
 
 
 class GeometryPass(ABC):
-    """Computes one modality, whose name is that of its entry point. It must not keep state."""
+    """Computes a modality of another package, named by its entry point. It must not keep state."""
 
     spec: ModalitySpec
     """Type and meaning of its pixels."""

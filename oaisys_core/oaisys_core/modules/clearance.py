@@ -18,7 +18,8 @@ HeightLookup = Callable[[FloatArray], HeightQuery]
 
 
 MOST_EXTENTS = 1000.0
-"""Largest distance of a rig from the stage's centre, in edge lengths of the stage."""
+"""Largest distance of a rig from the stage's centre along an axis, in edge lengths of the stage;
+further away, numbers are too coarse."""
 
 
 def admitted_pose(
@@ -37,13 +38,14 @@ def admitted_pose(
         sensors: The cameras of the rig.
         heights: Looks up heights of the surface.
         extent_m: (min_x, min_y, max_x, max_y) of the stage.
-        policy: ``allow`` any pose, ``reject`` it, ``lift`` it to the least clearance, or ``clamp``
-            it, which also moves the rig onto the stage.
+        policy: A `PosePolicy`: ``reject`` a pose too low or off the stage, ``clamp`` it to the
+            least clearance on the stage, or ``allow`` it. Or ``lift``, for motions only: lift a
+            pose that is too low, and reject one off the stage.
         least_m: Least height of each camera above the topmost surface.
 
     Raises:
-        InvalidInputError: A camera would be outside the stage, too close to the surface, or too far
-            away for numerical precision.
+        InvalidInputError: The policy refuses the pose; or, with any policy, it is further than
+            `MOST_EXTENTS` from the stage's centre.
     """
     _check_reach(pose, extent_m)
     if policy == "allow":

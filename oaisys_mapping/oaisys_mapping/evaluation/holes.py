@@ -1,7 +1,7 @@
 """Holes: places where a view saw the truth but the reconstruction has no surface.
 
-A gap is where a line along the truth's normal meets no surface; its border is exact, while
-distances would shrink a hole by their tolerance. A gap counts as a hole if any of its truth is
+A gap is where a line along the truth's normal meets no surface. This gives a hole's exact border; a
+distance threshold would shrink it by the threshold. A gap counts as a hole if any of its truth is
 further than `FAR_VOXELS` from the whole reconstruction. Truth that far always counts as a hole.
 """
 

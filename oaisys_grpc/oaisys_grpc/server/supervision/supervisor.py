@@ -36,13 +36,14 @@ _ENDING = "the server was told to end"
 START_METHOD = "start"
 
 SAMPLE_METHOD = "step_sample"
-"""The only call that a worker is killed for if it does not stop once it is cancelled."""
+"""The only call for which a worker that ignores a cancellation is killed before the deadline."""
 
 
 class Supervisor:
     """Owns the worker process, and remembers the state of its world.
 
-    All but `info` and `kill` belong to one thread, which must live as long as the worker.
+    One thread calls `start`, `call`, `withdraw`, `ensure_worker` and `end`; it must live as long as
+    the worker. Any thread may call `kill` and read attributes and properties.
     """
 
     def __init__(

@@ -90,7 +90,7 @@ class CallLimit:
     """When a call must stop: when it is cancelled, or when its deadline has passed.
 
     A worker that does not stop within a grace period after the deadline is killed. After a mere
-    cancellation it may work on until then, unless the call is worth a worker: then it is killed
+    cancellation it may work on until then, unless the call may cost a worker: then it is killed
     once it has worked for `CANCEL_WORK_S`, or has been idle for `CANCEL_IDLE_S`. Both are measured
     in processor time, so that a busy machine does not cost a worker.
     """
