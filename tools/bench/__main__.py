@@ -5,19 +5,21 @@ from __future__ import annotations
 import re
 import signal
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, NamedTuple, get_args
 
 import typer
 from rich.console import Console
 
+from oaisys_core.backend.base import Device
 from oaisys_core.errors import OaisysError
 from tools.bench.figures import Figure
 from tools.bench.machine import machine
 from tools.bench.report import TopicProgress, print_table, write_results
 from tools.bench.settings import Say, Settings
-from tools.bench.topics import growth, maps, quality, rendering, transport
+from tools.bench.topics import cores, growth, maps, panel, quality, rendering, transport
+from tools.bench.worlds import SIX_VIEWS, WORLDS
 
 
 class Topic(NamedTuple):
@@ -29,8 +31,10 @@ class Topic(NamedTuple):
 
 
 TOPICS = {
+    "panel": Topic(panel.run, 5400, 600),
     "quality": Topic(quality.run, 2400, 400),
     "plain": Topic(rendering.plain, 240, 60),
+    "cores": Topic(cores.run, 800, 240),
     "batches": Topic(rendering.batches, 400, 120),
     "sync": Topic(rendering.sync, 60, 40),
     "budget": Topic(rendering.budget, 220, 60),
@@ -43,6 +47,8 @@ TOPICS = {
     "planning": Topic(maps.planning, 60, 40),
 }
 QUICK_RUNS = 2
+PANEL = (*WORLDS, SIX_VIEWS)
+DEVICES = get_args(Device)
 
 
 def main(
@@ -65,28 +71,58 @@ def main(
     plain_views: Annotated[
         int, typer.Option(min=1, max=6, help="Views for the topic plain, 3 minutes each.")
     ] = 1,
+    device: Annotated[
+        str, typer.Option(help=f"render.device of all topics: {', '.join(DEVICES)}.")
+    ] = "auto",
+    worlds: Annotated[
+        list[str] | None,
+        typer.Option(help=f"A world of the panel, repeatable: {', '.join(PANEL)}; default: all."),
+    ] = None,
+    views_seed: Annotated[
+        int, typer.Option(min=0, help="Seed of the panel's random views.")
+    ] = Settings.views_seed,
+    against: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            file_okay=False,
+            help="Root of another checkout: the panel compares its times with ours, in turns.",
+        ),
+    ] = None,
 ) -> None:
     """Measure, show each figure beside its goal, and write bench.json, bench.md and plots.
 
     The exit code is 1 if a topic fails, but not if a goal is missed.
     """
+    chosen = only or list(TOPICS)
+    _check_names("--only", chosen, TOPICS)
+    _check_names("--worlds", worlds or (), PANEL)
+    _check_names("--device", [device], DEVICES)
+    if against is not None and chosen != ["panel"]:
+        raise typer.BadParameter("--against: only the panel compares, add --only panel")
     settings = Settings(
         out=out.absolute(),
         runs=runs or (QUICK_RUNS if quick else Settings.runs),
         quick=quick,
         with_final=final,
         plain_views=plain_views,
+        device=device,
+        worlds=tuple(worlds or ()),
+        views_seed=views_seed,
+        against=None if against is None else against.absolute(),
         **_size(size),
     )
-    chosen = only or list(TOPICS)
-    for name in chosen:
-        if name not in TOPICS:
-            raise typer.BadParameter(f"received {name}, expected one of {', '.join(TOPICS)}")
     # Like Ctrl-C, so that processes started here are ended, too.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     failures = _run(settings, chosen)
     if failures:
         raise typer.Exit(1)
+
+
+def _check_names(option: str, names: Iterable[str], known: Collection[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise typer.BadParameter(f"{option}: received {name}, expected {', '.join(known)}")
 
 
 def _size(text: str) -> dict[str, int]:

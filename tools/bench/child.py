@@ -15,6 +15,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,8 @@ TIMEOUT_S = 3600.0
 PATIENCE_S = 30.0
 """For a job to clean up after it is done or was told to stop."""
 LOG_LINES = 12
+CORE = "oaisys_core"
+"""Folder of the package that jobs measure, in the root of a checkout."""
 
 
 class JobError(OaisysError):
@@ -33,7 +36,14 @@ class JobError(OaisysError):
 
 
 def run_job(
-    job: str, settings: Settings, say: Say, *, timeout_s: float = TIMEOUT_S, **arguments: Any
+    job: str,
+    settings: Settings,
+    say: Say,
+    *,
+    timeout_s: float = TIMEOUT_S,
+    core_of: Path | None = None,
+    cores: Collection[int] = (),
+    **arguments: Any,
 ) -> Any:
     """Return what a job returns.
 
@@ -43,6 +53,8 @@ def run_job(
         settings: Of the run.
         say: Called with the progress.
         timeout_s: After it, the job is stopped.
+        core_of: Root of another checkout, to use its `oaisys_core` instead of this one's.
+        cores: Cores that the job's process may use; none: all.
         arguments: Keyword arguments of the job.
 
     Raises:
@@ -52,23 +64,48 @@ def run_job(
     log = settings.out / "logs" / f"{job}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "tools.bench.child", f"tools.bench.jobs.{module}", function]
-    with log.open("wb") as output:
-        process = subprocess.Popen(
+    process = _started(command, log, core_of, cores)
+    try:
+        result = _result(process, {"settings": settings.to_dict(), **arguments}, say, timeout_s)
+        process.wait(PATIENCE_S)
+    except (EOFError, subprocess.TimeoutExpired) as error:
+        raise JobError(f"{job}: {error}{_end_of(log)}") from error
+    finally:
+        _end(process)
+    return result
+
+
+def _started(
+    command: Sequence[str], log: Path, core_of: Path | None, cores: Collection[int]
+) -> subprocess.Popen[bytes]:
+    environment = dict(os.environ)
+    if core_of is not None:
+        # Found before the installed package, which is this checkout's; the tools stay this one's.
+        environment["PYTHONPATH"] = str(core_of / CORE)
+    with log.open("wb") as output, pinned(cores):
+        return subprocess.Popen(
             command,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=output,
             cwd=Path(__file__).parents[2],
+            env=environment,
             start_new_session=True,
         )
-        try:
-            result = _result(process, {"settings": settings.to_dict(), **arguments}, say, timeout_s)
-            process.wait(PATIENCE_S)
-        except (EOFError, subprocess.TimeoutExpired) as error:
-            raise JobError(f"{job}: {error}{_end_of(log)}") from error
-        finally:
-            _end(process)
-    return result
+
+
+@contextlib.contextmanager
+def pinned(cores: Collection[int]) -> Iterator[None]:
+    """Restrict this thread to cores for as long as the context lasts; none: to no fewer.
+
+    A process that it starts inherits that, so no library of the process sees other cores.
+    """
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, cores or before)
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
 
 
 def _result(

@@ -11,6 +11,9 @@ from rich.status import Status
 from rich.table import Table
 
 from tools.bench.figures import Figure, write_json, write_text
+from tools.bench.panel_table import COLUMNS as PANEL_COLUMNS
+from tools.bench.panel_table import HEADINGS as PANEL_HEADINGS
+from tools.bench.panel_table import panel_rows
 from tools.bench.plots import plot_growth, plot_quality
 from tools.bench.settings import Settings
 from tools.bench.topics import quality
@@ -86,7 +89,7 @@ def write_results(
     figures = [figure for topic in by_topic.values() for figure in topic]
     write_json(settings.out / "bench.json", [figure.to_dict() for figure in figures])
     write_json(settings.out / "machine.json", dict(machine))
-    points = quality.points(figures)
+    points = quality.points(by_topic.get("quality", ()))
     plots = []
     if points:
         plots.append(plot_quality(points, settings.out / "quality.png"))
@@ -108,11 +111,13 @@ def markdown(
     if settings.quick:
         lines += ["**A quick look** (`--quick`): fewer values, references of fewer samples.", ""]
     lines += [f"* {name}: {value}" for name, value in machine.items()]
-    lines += [f"* image: {settings.width_px}x{settings.height_px}", ""]
+    lines += [f"* image: {settings.width_px}x{settings.height_px}"]
+    lines += [f"* device: {settings.device}", f"* seed of random views: {settings.views_seed}", ""]
     for topic, figures in by_topic.items():
-        lines += [f"## {topic}", "", _row(HEADINGS), _row(["---"] * len(HEADINGS))]
-        lines += [_row(cells(figure)) for figure in figures]
-        lines.append("")
+        lines += [f"## {topic}", ""]
+        if panel := panel_rows(figures):
+            lines += [*_table(PANEL_HEADINGS, panel), ""]
+        lines += [*_table(HEADINGS, [cells(figure) for figure in figures]), ""]
     for topic, failure in failures.items():
         lines += [f"## {topic}: failed", "", "```", failure, "```", ""]
     lines += [f"![{plot.stem}]({plot.name})" for plot in plots]
@@ -145,7 +150,16 @@ def rounded(value: float) -> str:
 
 
 def print_table(console: Console, topic: str, figures: Sequence[Figure]) -> None:
-    """Print a topic's figures."""
+    """Print a topic's figures; of the panel, a row for each world and the figures with goals."""
+    if panel := panel_rows(figures):
+        for columns in PANEL_COLUMNS:
+            rows = Table(title=topic, title_justify="left")
+            for column in columns:
+                rows.add_column(PANEL_HEADINGS[column])
+            for row in panel:
+                rows.add_row(*(row[column] for column in columns))
+            console.print(rows)
+        figures = [figure for figure in figures if figure.goal is not None]
     table = Table(title=topic, title_justify="left")
     for heading in HEADINGS:
         justify: JustifyMethod = "right" if heading in HEADINGS[1:5] else "left"
@@ -155,6 +169,10 @@ def print_table(console: Console, topic: str, figures: Sequence[Figure]) -> None
         verdict = cells(figure)[-1].partition(",")[0] if figure.goal else ""
         table.add_row(*cells(figure)[:-1], verdict, style=colors[figure.is_met])
     console.print(table)
+
+
+def _table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    return [_row(headings), _row(["---"] * len(headings)), *map(_row, rows)]
 
 
 def _row(values: Sequence[str]) -> str:

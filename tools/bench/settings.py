@@ -7,10 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from oaisys_core.types import merged
-
 CONFIG = Path(__file__).parents[2] / "config" / "simulator.yaml"
 
 Say = Callable[[float, str], None]
@@ -33,6 +29,10 @@ class Settings:
         width_px, height_px: Image size.
         with_final: Whether the slowest preset is measured.
         plain_views: Number of views for the topic ``plain``.
+        device: ``render.device`` of everything that Blender renders.
+        worlds: Worlds of the panel; none: all, or a few with ``quick``.
+        views_seed: Seed of the panel's random views.
+        against: Root of another checkout to compare the panel's times with; None: no comparison.
     """
 
     out: Path
@@ -42,15 +42,22 @@ class Settings:
     height_px: int = 480
     with_final: bool = False
     plain_views: int = 1
+    device: str = "auto"
+    worlds: tuple[str, ...] = ()
+    views_seed: int = 1
+    against: Path | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as JSON-able data; inverse: `from_dict`."""
-        return asdict(self) | {"out": str(self.out)}
+        against = None if self.against is None else str(self.against)
+        return asdict(self) | {"out": str(self.out), "against": against}
 
     @classmethod
     def from_dict(cls, data: dict[str, Any]) -> Settings:
         """Return what `to_dict` was called on."""
-        return cls(**(data | {"out": Path(data["out"])}))
+        against = None if data["against"] is None else Path(data["against"])
+        paths = {"out": Path(data["out"]), "against": against}
+        return cls(**(data | paths | {"worlds": tuple(data["worlds"])}))
 
 
 def camera(width_px: int, height_px: int) -> dict[str, Any]:
@@ -58,9 +65,3 @@ def camera(width_px: int, height_px: int) -> dict[str, Any]:
     focal_px = 541.14 * width_px / 640
     size = {"width_px": width_px, "height_px": height_px, "fx_px": focal_px, "fy_px": focal_px}
     return {"sensors": {"cameras": [{"name": "camera", **size}]}}
-
-
-def demo_world(settings: Settings) -> dict[str, Any]:
-    """Return the demo's configuration at the run's image size."""
-    demo = yaml.safe_load(CONFIG.read_text(encoding="utf-8"))
-    return merged(demo, camera(settings.width_px, settings.height_px))

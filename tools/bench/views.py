@@ -18,6 +18,38 @@ NOON = {"sun_elevation_deg": 38.0, "sun_strength_w_m2": 4.0}
 
 
 @dataclass(frozen=True)
+class PosedView:
+    """The pose of a rig with its light.
+
+    Attributes:
+        name: For files and figures.
+        pose: ``T_map_base`` of the rig.
+        environment, render: Metadata of the sample, besides its quality.
+    """
+
+    name: str
+    pose: Pose
+    environment: Mapping[str, Any] = field(default_factory=dict)
+    render: Mapping[str, Any] = field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON-able data; inverse: `from_dict`."""
+        return {
+            "name": self.name,
+            "position_m": list(self.pose.position_m),
+            "quat_xyzw": list(self.pose.quat_xyzw),
+            "environment": dict(self.environment),
+            "render": dict(self.render),
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> PosedView:
+        """Return what `to_dict` was called on."""
+        pose = Pose(tuple(data["position_m"]), tuple(data["quat_xyzw"]))
+        return cls(data["name"], pose, data["environment"], data["render"])
+
+
+@dataclass(frozen=True)
 class BenchView:
     """A camera position, its target, and its light.
 
@@ -41,11 +73,19 @@ class BenchView:
         x, y = self.eye_xy_m
         x += offset_m
         target = self.target_xy_m or (x, y)
-        surface_m = heights_m([(x, y, 0.0), (*target, 0.0)])
+        # To a millimetre, so that ray casters whose last digits differ agree on the pose.
+        surface_m = np.round(heights_m([(x, y, 0.0), (*target, 0.0)]), 3)
         eye_z = float(surface_m[0]) + self.eye_rise_m
         if self.target_xy_m is None:
             return pose_looking_down(x, y, eye_z)
         return pose_looking_at((x, y, eye_z), (*target, float(surface_m[1]) + self.target_rise_m))
+
+    def posed(self, heights_m: Heights) -> PosedView:
+        """Return the view at its pose, lit from noon's sun where it does not say otherwise."""
+        light = {**NOON, **self.environment}
+        # Settings persist in a simulation, so each view sets all of them.
+        render = {"exposure_ev": 0.0, **self.render}
+        return PosedView(self.name, self.pose(heights_m), light, render)
 
 
 VIEWS = (

@@ -9,7 +9,7 @@ from oaisys_core.types import RGB
 from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.references import Image, ReferenceImage, ReferenceImages, psnr_db, sha256, ssim
 from tools.bench.settings import Say, Settings
-from tools.bench.views import VIEWS, BenchView
+from tools.bench.views import VIEWS, BenchView, PosedView
 
 REFERENCE_SAMPLES, QUICK_REFERENCE_SAMPLES = 512, 64
 CAMERA_STEP_M = 0.15
@@ -21,6 +21,7 @@ def presets(settings: Settings, say: Say) -> list[dict[str, Any]]:
     """Return, for each view, the time of its reference, and times and quality of each preset."""
     views = VIEWS
     names = ["geometry", "preview", "standard", "high", *(["final"] * settings.with_final)]
+    samples = QUICK_REFERENCE_SAMPLES if settings.quick else REFERENCE_SAMPLES
     rows = []
     config = world_config(settings)
     with simulation_of(config) as simulation:
@@ -31,7 +32,8 @@ def presets(settings: Settings, say: Say) -> list[dict[str, Any]]:
             share = index / len(views)
             say(share, f"{view.name}: reference")
             facts = {"config": config_sha256(config), "blender": version}
-            reference = _reference(observer, view, settings, facts)
+            posed = view.posed(observer.heights_m)
+            reference = reference_image(observer, posed, settings, facts, samples)
             by_preset = {}
             for each, name in enumerate(names):
                 say(share + (0.5 + 0.5 * each / len(names)) / len(views), f"{view.name}: {name}")
@@ -47,26 +49,31 @@ def presets(settings: Settings, say: Say) -> list[dict[str, Any]]:
     return rows
 
 
-def _reference(
-    observer: Observer, view: BenchView, settings: Settings, facts: dict[str, str]
+def reference_image(
+    observer: Observer, view: PosedView, settings: Settings, facts: dict[str, str], samples: int
 ) -> ReferenceImage:
     """Return the converged image of a view, from an earlier run if nothing has changed since.
 
     The image at one sample per pixel is part of the key, because any change of materials, shaders,
     light or colour management changes it.
+
+    Args:
+        observer: Of the simulation.
+        view: Which is rendered.
+        settings: Of the run.
+        facts: What the image depends on besides view, size and samples.
+        samples: Samples per pixel.
     """
-    samples = QUICK_REFERENCE_SAMPLES if settings.quick else REFERENCE_SAMPLES
-    pose = view.pose(observer.heights_m)
 
     def render(count: int) -> tuple[float, Image]:
-        quality = {"quality": "final", "samples": count, "denoise": False, **view.render}
-        seconds, sample = observer.sample(pose, quality, view.environment, [RGB])
+        quality = {"quality": "final", "samples": count, "denoise": False}
+        seconds, sample = observer.view(view, quality, [RGB])
         return seconds, sample.frames[0].data
 
     _, noisy = render(1)
     key = {
         **facts,
-        "pose": [*pose.position_m, *pose.quat_xyzw],
+        "pose": [*view.pose.position_m, *view.pose.quat_xyzw],
         "environment": dict(view.environment),
         "render": dict(view.render),
         "size": [settings.width_px, settings.height_px],

@@ -21,7 +21,8 @@ from tools.bench.jobs.processes import (
     choose_ros_domain,
     server,
 )
-from tools.bench.settings import Say, Settings, camera, demo_world
+from tools.bench.settings import Say, Settings, camera
+from tools.bench.worlds import world_mapping
 
 WARM_UP = 5
 BLOCK = 20
@@ -70,7 +71,7 @@ def end_to_end(settings: Settings, say: Say) -> dict[str, dict[str, list[float]]
     presets = QUICK_PRESETS if settings.quick else PRESETS
     found = {}
     with (
-        server(settings, demo_world(settings), "--pose-cache-mb", "0") as address,
+        server(settings, world_mapping(settings), "--pose-cache-mb", "0") as address,
         bridge(settings, address),
         Listener() as listener,
         SimulatorClient(address) as client,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from tools.bench.child import run_job
@@ -64,7 +65,7 @@ def _goal(limits: dict[str, float], preset: str, *, at_least: bool = False) -> G
     return Goal(limits[preset], at_least) if preset in limits else None
 
 
-def points(figures: list[Figure]) -> dict[str, tuple[float, float, float]]:
+def points(figures: Sequence[Figure]) -> dict[str, tuple[float, float, float]]:
     """Return (seconds, PSNR, worst PSNR) by preset, medians over the views, for the plot."""
     by_name = {each.name: each for each in figures}
     found = {}

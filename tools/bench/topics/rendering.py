@@ -21,8 +21,6 @@ PREPARE_PERCENT = 5.0
 BUDGETS_S = [1.0, 2.0, 4.0]
 WITHIN = 15.0
 
-FASTER = {"geometry": 150.0, "preview": 45.0, "standard": 18.0}
-
 LEAST_PERCENT = 99.95
 
 
@@ -106,10 +104,9 @@ def plain(settings: Settings, say: Say) -> list[Figure]:
     totals = [sum(view.values()) for view in views]
     figures.append(figure("plain_s", "s", totals, note=f"all of them, {note}"))
     for preset, seconds in found["presets"].items():
-        # With fewer samples, the ratios mean nothing.
-        goal = None if settings.quick else Goal(FASTER[preset], at_least=True)
         figures.append(figure(f"beside_plain_{preset}_s", "s", seconds))
-        figures.append(ratio(f"speedup_{preset}", totals, seconds, goal))
+        # No goal: whatever makes samples cheaper makes the plain way cheaper, too.
+        figures.append(ratio(f"speedup_{preset}", totals, seconds, None))
     return figures
 
 
