@@ -14,7 +14,9 @@ from synthetic_worlds import camera, rocky_world, settings
 from oaisys_core.backend.blender import BlenderBackend, cycles
 from oaisys_core.backend.blender.postprocessing import blenders_denoiser
 from oaisys_core.backend.blender.time_budget import DENOISING_COSTS
+from oaisys_core.errors import CancelledError
 from oaisys_core.geometry import pose_looking_at
+from oaisys_core.interruption import interruptible
 from oaisys_core.types import RGB
 
 Image = NDArray[np.float32]
@@ -38,7 +40,17 @@ def denoised(color: Image, albedo: Image, normal: Image) -> dict[str, Any]:
         denoiser.denoise(color, albedo[1:], normal, "thorough")
     except ValueError as error:
         found["error"] = str(error)
+    try:
+        with interruptible(_cancel):
+            denoiser.denoise(dark, albedo, normal, "fast")
+    except CancelledError as error:
+        found["cancelled"] = str(error)
+    found["after cancelling"] = denoiser.denoise(color, albedo, normal, "fast")
     return found
+
+
+def _cancel() -> None:
+    raise CancelledError("enough")
 
 
 def pictures() -> dict[str, NDArray[np.uint8]]:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.base import Device, RenderSettings
 from oaisys_core.backend.blender.compat import DIFFUSE_COLOR
+from oaisys_core.backend.blender.cycles_session import end_sampling
 from oaisys_core.backend.blender.devices import use_device
 from oaisys_core.backend.blender.postprocessing import (
     CYCLES_WIDTH_PX,
@@ -35,6 +36,7 @@ from oaisys_core.backend.blender.postprocessing import (
 from oaisys_core.backend.blender.time_budget import DenoisingQuality
 from oaisys_core.color import encoded
 from oaisys_core.errors import RenderError
+from oaisys_core.interruption import stop_if_unwanted, stopped_by
 
 BASE_EXPOSURE_EV = 0.6
 """Added to the configured exposure, so that 0 EV shows dry ground in full sun as mid-grey."""
@@ -165,12 +167,14 @@ def render_scene(settings: Mapping[str, Any]) -> RenderResult:
     written into the copy as well.
 
     Raises:
+        OaisysError: The render was no longer wanted.
         RuntimeError: Blender failed.
     """
     _write(settings, bpy.context.scene.cycles)
     rendered = RenderResult()
     with _intercepted(settings, rendered), _counted(rendered), _without_c_output():
         bpy.ops.render.render()
+    stop_if_unwanted()
     return rendered
 
 
@@ -187,7 +191,13 @@ def _intercepted(settings: Mapping[str, Any], rendered: RenderResult) -> Iterato
         update(engine, data, depsgraph)
 
     def render_and_read(engine: Any, depsgraph: Any) -> None:
-        render(engine, depsgraph)
+        def stop() -> None:
+            # Before, Cycles copies the scene, which it keeps for the next render.
+            if rendered.sampling_began_s:
+                end_sampling(engine.session)
+
+        with stopped_by(stop):
+            render(engine, depsgraph)
         result = engine.get_result()
         if result is not None:
             rendered.passes = _passes_of(result)

@@ -15,7 +15,18 @@ from __future__ import annotations
 import weakref
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from ctypes import CDLL, POINTER, byref, c_bool, c_char_p, c_int, c_size_t, c_void_p
+from ctypes import (
+    CDLL,
+    CFUNCTYPE,
+    POINTER,
+    byref,
+    c_bool,
+    c_char_p,
+    c_double,
+    c_int,
+    c_size_t,
+    c_void_p,
+)
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -31,6 +42,7 @@ from oaisys_core.backend.base import RenderSettings, ViewTransform
 from oaisys_core.backend.blender.time_budget import DenoisingQuality
 from oaisys_core.backend.geometry_pass import CORES
 from oaisys_core.errors import RenderError
+from oaisys_core.interruption import stop_if_unwanted, wanted_check
 
 Image = NDArray[np.float32]
 
@@ -47,6 +59,9 @@ OUTPUT = b"output"
 MAX_KEPT_PIXELS = 1920 * 1080
 """Filters of larger images are not kept for the next one, because of their memory."""
 
+_ProgressMonitor = CFUNCTYPE(c_bool, c_void_p, c_double)
+"""Type of ``OIDNProgressMonitorFunction``: returns whether to go on."""
+
 _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "oidnNewDevice": (c_void_p, [c_int]),
     "oidnSetDeviceBool": (None, [c_void_p, c_char_p, c_bool]),
@@ -59,6 +74,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     ),
     "oidnSetFilterBool": (None, [c_void_p, c_char_p, c_bool]),
     "oidnSetFilterInt": (None, [c_void_p, c_char_p, c_int]),
+    "oidnSetFilterProgressMonitorFunction": (None, [c_void_p, _ProgressMonitor, c_void_p]),
     "oidnCommitFilter": (None, [c_void_p]),
     "oidnExecuteFilter": (None, [c_void_p]),
     "oidnReleaseFilter": (None, [c_void_p]),
@@ -165,6 +181,7 @@ class Denoiser:
                 ``thorough`` denoises the guides first and then relies on them.
 
         Raises:
+            OaisysError: The image is no longer wanted.
             RenderError: The library failed.
             ValueError: A guide has another size.
         """
@@ -197,7 +214,9 @@ class Denoiser:
 
     def _check(self) -> None:
         message = c_char_p()
-        if self._library.oidnGetDeviceError(self._device, byref(message)):
+        has_failed = self._library.oidnGetDeviceError(self._device, byref(message))
+        stop_if_unwanted()  # The library reports that as a failure, too.
+        if has_failed:
             text = (message.value or b"no reason given").decode(errors="replace")
             raise RenderError(f"Open Image Denoise failed: {text}")
 
@@ -233,9 +252,15 @@ class _Filter:
         library.oidnCommitFilter(handle)
 
     def run(self, images: Mapping[bytes, Image]) -> Image:
-        """Return the (H, W, 3) result of images with at least three channels."""
+        """Return the (H, W, 3) result of images with at least three channels.
+
+        It is incomplete where it is no longer wanted.
+        """
         for name, image in images.items():
             self._images[name][...] = image[..., :3]
+        is_wanted = wanted_check()
+        monitor = _ProgressMonitor(lambda _pointer, _share: is_wanted())
+        self._library.oidnSetFilterProgressMonitorFunction(self._handle, monitor, None)
         self._library.oidnExecuteFilter(self._handle)
         return self._images[OUTPUT].copy()
 

@@ -21,7 +21,7 @@ from oaisys_core.errors import (
 
 _LOG = logging.getLogger(__name__)
 
-CANCEL_WORK_S = 0.8
+CANCEL_WORK_S = 3.0
 """Processor time of its busiest thread in which a worker must stop a cancelled sample."""
 
 CANCEL_IDLE_S = 2.0

@@ -44,13 +44,17 @@ def test_noise_goes_and_edges_stay(denoised: dict[str, Any], effort: str) -> Non
     np.testing.assert_allclose(step, (0.5, 0.4, 0.3), atol=0.05)
 
 
-@pytest.mark.parametrize("before", ["another", "another size"])
+@pytest.mark.parametrize("before", ["another", "another size", "cancelling"])
 def test_pictures_before_leave_no_trace(denoised: dict[str, Any], before: str) -> None:
     np.testing.assert_array_equal(denoised[f"after {before}"], denoised["fast"])
 
 
 def test_a_result_is_not_written_over_by_the_next_one(denoised: dict[str, Any]) -> None:
     assert error(denoised["dark"], 0.5 * two_halves()) < 0.05
+
+
+def test_denoising_stops_where_the_picture_is_no_longer_wanted(denoised: dict[str, Any]) -> None:
+    assert denoised["cancelled"] == "enough"
 
 
 def test_guides_of_another_size_are_refused(denoised: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Rows 1, 2 and 5 of docs/reliability.md with Blender at 32x24, row 24 at 64x48."""
+"""Rows 1, 2, 5 and 8 of docs/reliability.md with Blender at 32x24, row 24 at 64x48."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from waiting import PATIENCE_S
 
 from oaisys_core.errors import WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.types import ModuleMetadata, Progress, Sample
+from oaisys_core.types import ModuleMetadata, Pose, Progress, Sample
 from oaisys_grpc.client.simulator_client import SimulatorClient
 
 pytestmark = pytest.mark.blender
@@ -62,7 +62,7 @@ def kill_within_cycles(server: Server, client: SimulatorClient, number: signal.S
             rendering.result(PATIENCE_S)
 
 
-def cancel_within_cycles(client: SimulatorClient) -> None:
+def cancel_within_cycles(client: SimulatorClient, pose: Pose) -> None:
     """Give up a render that would take minutes, and see that a worker is free again."""
 
     class EnoughError(Exception):
@@ -73,8 +73,13 @@ def cancel_within_cycles(client: SimulatorClient) -> None:
             raise EnoughError
 
     with pytest.raises(EnoughError):
-        client.render_sample(POSES[1], metadata=LONG_RENDER, on_progress=leave)
+        client.render_sample(pose, metadata=LONG_RENDER, on_progress=leave)
     assert np.isfinite(client.query_height([[0, 0, 5]]).clearance_m).all()
+
+
+def assert_same_images(sample: Sample, control: Sample) -> None:
+    for frame, other in zip(sample.frames, control.frames, strict=True):
+        np.testing.assert_array_equal(frame.data, other.data)
 
 
 def assert_alike(sample: Sample, control: Sample) -> None:
@@ -86,6 +91,28 @@ def assert_alike(sample: Sample, control: Sample) -> None:
             assert np.abs(frame.data.astype(int) - other.data.astype(int)).max() <= 2
         else:
             np.testing.assert_array_equal(frame.data, other.data)
+
+
+def test_a_render_that_is_cancelled_within_cycles_leaves_worker_and_world_as_they_were(
+    start_server: Callable[..., Server],
+) -> None:
+    """Also before Cycles has the world: in the second batch, the first render is cancelled."""
+    server = start_server(WORLD, "--pose-cache-mb", "0")
+    with server.client() as client:
+        samples = []
+        for batch_id in (1, 2):
+            client.step_batch(seed=1)
+            worker = server.worker().pid
+            if batch_id == 2:
+                cancel_within_cycles(client, POSES[1])
+            for pose in POSES[1:3]:
+                samples.append(client.render_sample(POSES[0]))
+                cancel_within_cycles(client, pose)
+            assert server.worker().pid == worker
+            assert client.info().worker_restarts == 0
+    assert [(each.batch_id, each.sample_id) for each in samples] == [(1, 1), (1, 2), (2, 1), (2, 2)]
+    for sample in samples[1:]:
+        assert_same_images(sample, samples[0])
 
 
 @pytest.mark.long
@@ -109,7 +136,7 @@ def test_a_blender_that_is_killed_crashes_or_grows_is_replaced_and_renders_the_s
         samples.append(client.render_sample(POSES[5]))
         assert server.worker().pid != worker
         assert client.info().worker_restarts == 2
-        cancel_within_cycles(client)
+        cancel_within_cycles(client, POSES[1])
         samples.append(client.render_sample(POSES[6]))
     for sample, expected in zip(samples, control, strict=True):
         assert_alike(sample, expected)
