@@ -19,7 +19,7 @@ from oaisys_core.backend.blender.reference import FILTER_WIDTH_PX
 from oaisys_core.errors import CancelledError
 from oaisys_core.geometry import pose_looking_down
 from oaisys_core.scene import PlacedCamera, Primitive, Scene
-from oaisys_core.types import RGB, FloatArray, Frame, Progress, TriangleMesh
+from oaisys_core.types import RGB, FloatArray, Frame, PinholeIntrinsics, Progress, TriangleMesh
 
 
 def ignore(progress: Progress) -> None:
@@ -92,6 +92,15 @@ def life() -> dict[str, Any]:
     found["after cancelling"] = blocks()
     backend.close()
     return found
+
+
+def pictures_by_samples(counts: Sequence[int]) -> list[NDArray[Any]]:
+    """The same view with so many samples, one after the other."""
+    backend = BlenderBackend()
+    backend.build(rocky_world(), ignore)
+    small = PinholeIntrinsics(32, 24, 27.0, 27.0, 15.5, 11.5)
+    view = camera(pose_looking_down(0, 0, 9), small, (RGB,))
+    return [backend.render_all([view], settings(count), ignore)[0].data for count in counts]
 
 
 def moves() -> dict[str, tuple[int, NDArray[Any], NDArray[Any]]]:

@@ -43,6 +43,9 @@ BASE_EXPOSURE_EV = 0.6
 
 _SAMPLE = re.compile(r"Sample (\d+)/\d+")
 
+SHORTEST_PATTERN, LONGEST_PATTERN = 256, 8192
+"""Lengths of the table of Cycles' sampling pattern, which is a power of two."""
+
 READ_ALWAYS = {"samples", "time_limit"}
 """Settings that Cycles reads before each render; the others need an update of the scene."""
 
@@ -52,6 +55,7 @@ class Cycles:
 
     def __init__(self) -> None:
         self._wanted: Device | None = None
+        self._pattern_length = 0
         self.device: Device = "cpu"
         scene = bpy.context.scene
         render = scene.render
@@ -78,6 +82,7 @@ class Cycles:
         render = bpy.context.scene.render
         render.use_persistent_data = False
         render.use_persistent_data = True
+        self._pattern_length = 0
 
     def render_radiance(self, settings: RenderSettings, seconds: float = 0.0) -> RenderResult:
         """Render the radiance that the scene's camera sees.
@@ -143,12 +148,25 @@ class Cycles:
             # The same for albedo and colour, because a change marks the whole scene as changed.
             "filter_width": SAMPLED_WIDTH_PX if settings.denoise else CYCLES_WIDTH_PX,
         }
+        self._prepare_pattern(settings.samples)
         for kind in ("max", "diffuse", "glossy", "transmission", "transparent_max"):
             wanted[f"{kind}_bounces"] = settings.max_bounces
         try:
             return render_scene(wanted)
         except RuntimeError as error:
             raise RenderError(f"Blender could not render: {error}") from error
+
+    def _prepare_pattern(self, samples: int) -> None:
+        """Have Cycles start anew where its table of the sampling pattern is too long.
+
+        Cycles only ever lengthens the table, whose values depend on its length: a picture would
+        depend on those before it.
+        """
+        length = 1 << (samples - 1).bit_length()
+        length = min(max(length, SHORTEST_PATTERN), LONGEST_PATTERN)
+        if length < self._pattern_length:
+            self.free_persistent_data()
+        self._pattern_length = length
 
     def _denoiser(self) -> Denoiser | None:
         """Return the denoiser that runs after Cycles; None on a GPU, where Cycles denoises."""

@@ -91,6 +91,15 @@ def test_an_unchanged_ground_stays(life: dict[str, Any]) -> None:
     assert life["ground kept"]
 
 
+def test_a_picture_does_not_depend_on_the_samples_of_those_before() -> None:
+    few, _, few_again, many, _, many_again = in_blender(
+        "backend.pictures_by_samples", [2, 600, 2, 300, 600, 300]
+    )
+    np.testing.assert_array_equal(few_again, few)
+    np.testing.assert_array_equal(many_again, many)
+    assert (many != few).any()
+
+
 def test_light_and_exposure_change_the_colour(life: dict[str, Any]) -> None:
     assert life["brighter"].mean() > life["sunny"].mean() + 10
     assert life["night"].mean() < 0.3 * life["sunny"].mean()
