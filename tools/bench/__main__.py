@@ -18,7 +18,16 @@ from tools.bench.figures import Figure
 from tools.bench.machine import machine
 from tools.bench.report import TopicProgress, print_table, write_results
 from tools.bench.settings import Say, Settings
-from tools.bench.topics import cores, growth, maps, panel, quality, rendering, transport
+from tools.bench.topics import (
+    cores,
+    growth,
+    maps,
+    panel,
+    quality,
+    rendering,
+    reproducibility,
+    transport,
+)
 from tools.bench.worlds import SIX_VIEWS, WORLDS
 
 
@@ -40,6 +49,7 @@ TOPICS = {
     "budget": Topic(rendering.budget, 220, 60),
     "growth": Topic(growth.run, 700, 150),
     "equality": Topic(rendering.equality, 150, 80),
+    "reproducibility": Topic(reproducibility.run, 400, 160),
     "transfer": Topic(transport.transfer, 110, 45),
     "publish": Topic(transport.publish, 60, 30),
     "end_to_end": Topic(transport.end_to_end, 120, 60),
