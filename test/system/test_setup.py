@@ -5,56 +5,35 @@ from __future__ import annotations
 import importlib
 import json
 import os
-import re
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 from repository import REPOSITORY
 
 from tools.setup.checks import check_compiler, check_disk
-from tools.setup.packages import relocate
-from tools.setup.steps import (
-    OptionalStepError,
-    SetupError,
-    SetupStep,
-    colcon_progress,
-    digest,
-    pip_progress,
-    run_steps,
-    run_with_progress,
-)
+from tools.setup.errors import OptionalStepError, SetupError
+from tools.setup.programs import Display, Programs
+from tools.setup.steps import SetupStep, digest, run_stages
 
 PREFIX = Path(sys.prefix)
 SCRIPT = PREFIX / "oaisys_env.sh"
 
 
-def test_relocation_rewrites_text_and_is_idempotent(tmp_path: Path) -> None:
-    share = tmp_path / "share"
-    share.mkdir()
-    cmake = share / "export.cmake"
-    cmake.write_text(
-        "/opt/python/cp311-cp311/include/python3.11;"
-        "/opt/python/cp311-cp311/lib/python3.11/site-packages/numpy/_core/include;"
-        "/opt/python/cp311-cp311\n"
-    )
-    binary = share / "data.bin"
-    binary.write_bytes(b"\0/opt/python/cp311-cp311\0")
-
-    assert relocate(tmp_path, Path("/usr/include/python3.11"), Path("/np/include")) == 1
-    expected = f"/usr/include/python3.11;/np/include;{tmp_path}\n"
-    assert cmake.read_text() == expected
-    assert binary.read_bytes() == b"\0/opt/python/cp311-cp311\0"
-    assert relocate(tmp_path, Path("/elsewhere"), Path("/elsewhere")) == 0
-    assert cmake.read_text() == expected
+def run(stages: list[list[SetupStep]], stamps: Path) -> bool:
+    return run_stages(stages, stamps, Programs(Display()))
 
 
 def test_step_runs_once_and_again_when_its_key_changes(tmp_path: Path) -> None:
     done_before: list[bool] = []
-    for key in ("a", "a", "b"):
-        run_steps([SetupStep("step", "working", key, done_before.append)], tmp_path)
+    worked = [
+        run([[SetupStep("step", "working", key, done_before.append)]], tmp_path)
+        for key in ("a", "a", "b")
+    ]
     assert done_before == [False, True]
+    assert worked == [True, False, True]
 
 
 def test_step_that_fails_is_not_stamped(tmp_path: Path) -> None:
@@ -67,9 +46,9 @@ def test_step_that_fails_is_not_stamped(tmp_path: Path) -> None:
 
     step = SetupStep("step", "working", "key", fail_at_first)
     with pytest.raises(SetupError):
-        run_steps([step], tmp_path)
-    run_steps([step], tmp_path)
-    run_steps([step], tmp_path)
+        run([[step]], tmp_path)
+    run([[step]], tmp_path)
+    run([[step]], tmp_path)
     assert len(runs) == 2
 
 
@@ -82,52 +61,40 @@ def test_optional_step_that_fails_stops_nothing_and_is_tried_again(
         done.append("tried")
         raise OptionalStepError("no npm")
 
-    steps = [
-        SetupStep("three", "a", "key", fail),
-        SetupStep("last", "b", "key", lambda _: done.append("ran")),
+    stages = [
+        [SetupStep("three", "a", "key", fail)],
+        [SetupStep("last", "b", "key", lambda _: done.append("ran"))],
     ]
-    run_steps(steps, tmp_path)
-    run_steps(steps, tmp_path)
+    run(stages, tmp_path)
+    run(stages, tmp_path)
     assert done == ["tried", "ran", "tried"]
     assert "left out: no npm" in capsys.readouterr().err
 
 
-def test_a_long_program_is_told_of_while_it_runs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    log = tmp_path / "state" / "log"
-    code = (
-        "import time\nfor index in range(4):\n    print('Collecting', index, flush=True)\n"
-        "    time.sleep(0.3)\nexit(3)"
-    )
-    ended = run_with_progress(
-        [sys.executable, "-c", code],
-        dict(os.environ),
-        log,
-        lambda said: pip_progress(said, 4, tmp_path),
-        every_s=0.1,
-    )
-    assert ended == 3
-    assert log.read_text() == "".join(f"Collecting {index}\n" for index in range(4))
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) > 4
-    told = [re.fullmatch(r"setup:   (\d) of 4 packages collected, \d+ s", line) for line in lines]
-    counts = [int(found[1]) for found in told if found]
-    assert len(counts) == len(lines)
-    assert counts == sorted(counts)
-    assert counts[-1] == 4
+def test_steps_of_a_stage_run_at_the_same_time(tmp_path: Path) -> None:
+    both = threading.Barrier(2, timeout=60)
+    steps = [SetupStep(name, name, "key", lambda _: int(both.wait() < 0)) for name in "ab"]
+    run([steps], tmp_path)
+    assert {file.name for file in tmp_path.iterdir()} == {"a", "b"}
 
 
-def test_progress_counts_what_is_installed_and_compiled(tmp_path: Path) -> None:
-    for name in ("a-1.dist-info", "b-1.dist-info", "b"):
-        (tmp_path / name).mkdir()
-    said = "Collecting a\nRequirement already satisfied: b\n"
-    assert pip_progress(said, 3, tmp_path) == "2 of 3 packages collected"
-    said += "Installing collected packages: a, b\n"
-    assert pip_progress(said, 3, tmp_path) == "2 of 3 packages installed"
-    (tmp_path / "b" / "c.o").touch()
-    said = "Starting >>> a\nFinished <<< a [1s]\nStarting >>> b\n"
-    assert colcon_progress(said, 2, tmp_path) == "1 of 2 packages built, 1 files compiled"
+def test_a_step_that_fails_ends_the_programs_of_its_stage(tmp_path: Path) -> None:
+    programs = Programs(Display())
+    log = tmp_path / "log"
+    started = threading.Event()
+
+    def fail(_done_before: bool) -> None:
+        assert started.wait(60)
+        raise SetupError("no")
+
+    def sleep(_done_before: bool) -> None:
+        started.set()
+        programs.run(["sleep", "600"], os.environ, log)
+
+    steps = [SetupStep("a", "a", "key", sleep), SetupStep("b", "b", "key", fail)]
+    with pytest.raises(SetupError, match="no"):
+        run_stages([steps], tmp_path / "stamps", programs)
+    assert not (tmp_path / "stamps").exists()
 
 
 def test_digest_changes_with_a_file_below_a_folder(tmp_path: Path) -> None:
@@ -143,6 +110,7 @@ def test_full_disk_is_refused_with_both_figures(tmp_path: Path) -> None:
     check_disk(tmp_path / "not" / "there", 0.0)
     with pytest.raises(SetupError, match=r"GB free, 1000000 GB needed"):
         check_disk(tmp_path / "not" / "there", 1e6)
+    check_disk(tmp_path, 1e6, held_gb=lambda: 1e6)
 
 
 def test_missing_and_broken_compilers_are_refused(

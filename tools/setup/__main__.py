@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import fcntl
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,57 +24,54 @@ from tools.setup.environment import (
     Environment,
     process_environment,
 )
-from tools.setup.packages import (
-    THREE_VERSION,
-    build_interfaces,
-    check_machine,
-    install_packages,
-    install_requirements,
-    install_three,
-)
-from tools.setup.steps import SetupError, SetupStep, digest, run_steps
+from tools.setup.errors import SetupError
+from tools.setup.interfaces import install_interfaces
+from tools.setup.packages import check_machine, install_packages, install_requirements
+from tools.setup.programs import Display, Programs
+from tools.setup.steps import SetupStep, digest, run_stages
+from tools.setup.three import THREE_VERSION, install_three
 
 _PROJECT_FILES = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml")
 
 
-def _steps(environment: Environment) -> list[SetupStep]:
+def _stages(environment: Environment, programs: Programs) -> list[list[SetupStep]]:
+    """Return the steps; those of one stage run at the same time."""
     requirements = digest(REQUIREMENTS, SETUP, INTERPRETER, str(environment.root))
     interfaces = digest(requirements, OAISYS_MSGS, *UNDERLAY)
     project = [package / name for package in PYTHON_PACKAGES for name in _PROJECT_FILES]
     packages = digest(requirements, *(file for file in project if file.is_file()))
-    return [
-        SetupStep(
-            "requirements",
-            "installing the pinned packages (3 GB, 1 to 3 minutes)",
-            requirements,
-            lambda done_before: install_requirements(environment, keep=done_before),
-            lambda done_before: check_machine(environment, keep=done_before),
-        ),
-        SetupStep(
-            "interfaces",
-            "building the ROS interfaces (1 to 2 minutes)",
-            interfaces,
-            lambda _: build_interfaces(environment),
-        ),
-        SetupStep(
-            "libraries",
-            "checking that everything loads",
-            interfaces,
-            lambda _: check_libraries(environment),
-        ),
-        SetupStep(
-            "packages",
-            "installing the project's packages",
-            packages,
-            lambda _: install_packages(environment),
-        ),
-        SetupStep(
-            "three",
-            "fetching three.js for reports",
-            digest(requirements, THREE_VERSION),
-            lambda _: install_three(environment),
-        ),
-    ]
+    install = SetupStep(
+        "requirements",
+        "installing the pinned packages (3 GB)",
+        requirements,
+        lambda done_before: install_requirements(environment, programs, keep=done_before),
+        lambda done_before: check_machine(environment, keep=done_before),
+    )
+    build = SetupStep(
+        "interfaces",
+        "installing the ROS interfaces",
+        interfaces,
+        lambda _: install_interfaces(environment, programs),
+    )
+    fetch_three = SetupStep(
+        "three",
+        "fetching three.js for reports",
+        digest(requirements, THREE_VERSION),
+        lambda _: install_three(environment, programs),
+    )
+    check = SetupStep(
+        "libraries",
+        "checking that everything loads",
+        interfaces,
+        lambda _: check_libraries(environment),
+    )
+    install_project = SetupStep(
+        "packages",
+        "installing the project's packages",
+        packages,
+        lambda _: install_packages(environment, programs),
+    )
+    return [[install], [build, fetch_three], [check, install_project]]
 
 
 def _generate_protos(environment: Environment) -> None:
@@ -96,16 +95,24 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tools.setup", description=__doc__)
     parser.add_argument("--venv", type=Path, default=Path(".venv"))
     environment = Environment(parser.parse_args().venv.absolute())
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, signal.default_int_handler)
+    display = Display()
+    programs = Programs(display)
+    started_s = time.monotonic()
     try:
         with _alone(environment):
-            run_steps(_steps(environment), environment.state / "stamps")
+            stages = _stages(environment, programs)
+            worked = run_stages(stages, environment.state / "stamps", programs)
             _generate_protos(environment)
     except SetupError as error:
-        print(f"setup: {error}", file=sys.stderr)
+        display.say(str(error))
         return 1
     except KeyboardInterrupt:
-        print("setup: interrupted; run it again", file=sys.stderr)
+        display.say("interrupted; run it again")
         return 130
+    if worked:
+        display.say(f"done, {time.monotonic() - started_s:.0f} s altogether")
     return 0
 
 

@@ -9,10 +9,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from tools.setup.environment import Environment, process_environment
-from tools.setup.steps import SetupError
+from tools.setup.errors import SetupError
 
 NEEDED_DISK_GB = 5.0
 """3 GB for the environment, and 1.2 GB of wheels while they are unpacked."""
@@ -48,14 +50,29 @@ _DEBIAN_PACKAGES = {
 }
 
 
-def check_disk(folder: Path, needed_gb: float) -> None:
-    """Raise `SetupError` if the file system of ``folder`` has less than ``needed_gb`` free."""
-    existing = next(path for path in (folder, *folder.parents) if path.exists())
-    free_gb = shutil.disk_usage(existing).free / 1e9
-    if free_gb < needed_gb:
+def check_disk(folder: Path, needed_gb: float, held_gb: Callable[[], float] = lambda: 0.0) -> None:
+    """Raise `SetupError` if the file system of ``folder`` has less than ``needed_gb`` free.
+
+    Args:
+        folder: A folder on it, which need not exist.
+        needed_gb: What is needed in the end.
+        held_gb: How much of it is on the disk already; asked only if there might be too little.
+    """
+    free_gb = shutil.disk_usage(existing_folder(folder)).free / 1e9
+    if free_gb < needed_gb and free_gb < (missing_gb := needed_gb - held_gb()):
         raise SetupError(
-            f"not enough disk space for {folder}: {free_gb:.1f} GB free, {needed_gb:.0f} GB needed"
+            f"not enough disk space for {folder}: {free_gb:.1f} GB free, {missing_gb:.0f} GB needed"
         )
+
+
+def existing_folder(folder: Path) -> Path:
+    """Return ``folder``, or the nearest folder above it that exists."""
+    return next(path for path in (folder, *folder.parents) if path.is_dir())
+
+
+def folder_gb(folder: Path) -> float:
+    """Return the size of the files in ``folder``, which need not exist."""
+    return sum(file.lstat().st_size for file in folder.rglob("*")) / 1e9
 
 
 def check_compiler() -> None:
@@ -109,18 +126,24 @@ def check_libraries(environment: Environment) -> None:
 
 def _first_fault(environment: Environment) -> str | None:
     """Return why a module cannot be imported, for the first such module."""
-    for module in _MODULES:
-        result = subprocess.run(
-            [environment.python, "-c", f"import {module}"],
-            env=process_environment(environment),
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        if result.returncode:
-            lines = result.stderr.strip().splitlines() or [f"exit code {result.returncode}"]
-            return f"{module} cannot be imported: {lines[-1]}"
-    return None
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        faults = pool.map(lambda module: _fault(environment, module), _MODULES)
+        return next((fault for fault in faults if fault is not None), None)
+
+
+def _fault(environment: Environment, module: str) -> str | None:
+    """Return why a module cannot be imported, or None."""
+    result = subprocess.run(
+        [environment.python, "-c", f"import {module}"],
+        env=process_environment(environment),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if result.returncode == 0:
+        return None
+    lines = result.stderr.strip().splitlines() or [f"exit code {result.returncode}"]
+    return f"{module} cannot be imported: {lines[-1]}"
 
 
 def _can_install() -> bool:

@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
 
-LINE_EVERY_S = 5.0
-
-
-class SetupError(Exception):
-    """The set-up cannot continue; the message is the line that the user sees."""
-
-
-class OptionalStepError(SetupError):
-    """An optional step failed; the next set-up tries it again."""
+from tools.setup.errors import OptionalStepError
+from tools.setup.programs import Programs
 
 
 @dataclass(frozen=True)
@@ -61,81 +53,54 @@ def _files(path: Path) -> Iterable[Path]:
     return sorted(file for file in files if file.parent.name != "__pycache__")
 
 
-def run_steps(steps: Sequence[SetupStep], stamps: Path) -> None:
-    """Run the steps whose key differs from their stamp, in order.
+def run_stages(stages: Sequence[Sequence[SetupStep]], stamps: Path, programs: Programs) -> bool:
+    """Run the steps whose key differs from their stamp: stages in order, a stage's steps at once.
 
-    The stamp is written last, so that an interrupted step runs again at the next set-up.
-    """
-    for step in steps:
-        stamp = stamps / step.name
-        old_key = stamp.read_text() if stamp.is_file() else None
-        if old_key == step.key:
-            continue
-        step.check(old_key is not None)
-        print(f"setup: {step.does} ...", file=sys.stderr, flush=True)
-        stamp.unlink(missing_ok=True)
-        started_s = time.monotonic()
-        try:
-            step.run(old_key is not None)
-        except OptionalStepError as error:
-            print(f"setup: left out: {error}", file=sys.stderr, flush=True)
-            continue
-        stamps.mkdir(parents=True, exist_ok=True)
-        stamp.write_text(step.key)
-        elapsed_s = time.monotonic() - started_s
-        print(f"setup: {step.does}: done in {elapsed_s:.0f} s", file=sys.stderr, flush=True)
-
-
-def run_with_progress(
-    command: Sequence[str | Path],
-    variables: Mapping[str, str],
-    log: Path,
-    progress: Callable[[str], str],
-    every_s: float = LINE_EVERY_S,
-) -> int:
-    """Run a program and print a line of progress every few seconds.
-
-    Args:
-        command: The program and its arguments.
-        variables: Its environment variables.
-        log: File for its output.
-        progress: Returns a description of the progress, given the output so far.
-        every_s: Seconds between two lines.
+    A stamp is written last, so that an interrupted step runs again at the next set-up.
 
     Returns:
-        Its exit code.
+        Whether there was anything to do.
+
+    Raises:
+        SetupError: A step failed; the other steps of its stage were ended.
     """
-    started_s = time.monotonic()
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with log.open("w") as output:
-        process = subprocess.Popen(command, env=dict(variables), stdout=output, stderr=output)
-    try:
-        while True:
+    worked = False
+    for number, stage in enumerate(stages, start=1):
+        due = [step for step in stage if _old_key(step, stamps) != step.key]
+        for step in due:
+            step.check(_old_key(step, stamps) is not None)
+        if not due:
+            continue
+        worked = True
+        with ThreadPoolExecutor(len(due)) as pool:
+            for step in due:
+                programs.display.say(f"{number} of {len(stages)}: {step.does} ...")
+            running = [pool.submit(_run, step, stamps, programs) for step in due]
             try:
-                return process.wait(every_s)
-            except subprocess.TimeoutExpired:
-                elapsed_s = time.monotonic() - started_s
-                said = progress(log.read_text(errors="replace"))
-                print(f"setup:   {said}, {elapsed_s:.0f} s", file=sys.stderr, flush=True)
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+                finished, _ = wait(running, return_when=FIRST_EXCEPTION)
+                for future in finished:
+                    future.result()
+            except BaseException:
+                programs.stop()
+                raise
+    return worked
 
 
-def pip_progress(output: str, wanted: int, site_packages: Path) -> str:
-    """Return the progress of pip, from its output and the installed packages."""
-    lines = output.splitlines()
-    if any(line.startswith("Installing collected packages") for line in lines):
-        installed = sum(1 for _ in site_packages.glob("*.dist-info"))  # pip itself among them
-        return f"{min(installed, wanted)} of {wanted} packages installed"
-    starts = ("Collecting ", "Requirement already satisfied", "Obtaining ")
-    collected = sum(line.startswith(starts) for line in lines)
-    return f"{min(collected, wanted)} of {wanted} packages collected"
+def _old_key(step: SetupStep, stamps: Path) -> str | None:
+    stamp = stamps / step.name
+    return stamp.read_text() if stamp.is_file() else None
 
 
-def colcon_progress(output: str, wanted: int, build: Path) -> str:
-    """Return the progress of colcon, from its output and the compiled files."""
-    finished = output.count("Finished <<<")
-    objects = sum(1 for _ in build.rglob("*.o"))
-    return f"{finished} of {wanted} packages built, {objects} files compiled"
+def _run(step: SetupStep, stamps: Path, programs: Programs) -> None:
+    done_before = _old_key(step, stamps) is not None
+    stamp = stamps / step.name
+    stamp.unlink(missing_ok=True)
+    started_s = time.monotonic()
+    try:
+        step.run(done_before)
+    except OptionalStepError as error:
+        programs.display.say(f"left out: {error}")
+        return
+    stamps.mkdir(parents=True, exist_ok=True)
+    stamp.write_text(step.key)
+    programs.display.say(f"{step.does}: done in {time.monotonic() - started_s:.0f} s")
