@@ -26,7 +26,7 @@ from tools.setup.programs import Programs, Progress
 from tools.setup.relocation import replace_file
 from tools.setup.steps import digest
 
-_GENERATORS = SETUP / "generators"
+_CMAKE = SETUP / "cmake"
 _PLACEHOLDER = b"@OAISYS_PREFIX@"
 """Stands for the environment's path in the text files of an archive."""
 _COMPILER_VARIABLES = ("CC", "CXX", "CFLAGS", "CXXFLAGS", "LDFLAGS")
@@ -61,7 +61,7 @@ def _key(sources: list[Path]) -> str:
     """Return the hash of everything that built interfaces depend on."""
     machine = f"{platform.machine()} {platform.libc_ver()}"
     variables = " ".join(f"{name}={os.environ.get(name, '')}" for name in _COMPILER_VARIABLES)
-    code = (Path(__file__), _GENERATORS)
+    code = (Path(__file__), _CMAKE)
     return digest(REQUIREMENTS, INTERPRETER, machine, variables, *code, *sources)
 
 
@@ -76,9 +76,12 @@ def _build(environment: Environment, programs: Programs, sources: list[Path]) ->
     command += ["--build-base", build, "--install-base", stage]
     command += ["--base-paths", *sources, "--parallel-workers", str(len(sources))]
     command += ["--event-handlers", "console_cohesion-", "console_package_list-"]
-    command += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF"]
-    command += [f"-Drosidl_default_generators_DIR={_GENERATORS}", "-DCMAKE_UNITY_BUILD=ON"]
-    command += [f"-DPython3_EXECUTABLE={python}", f"-DPYTHON_EXECUTABLE={python}", "-Wno-dev"]
+    # No interface is used often enough for optimised code to pay for its compilation.
+    command += ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF", "-Wno-dev"]
+    command += ["-DCMAKE_C_FLAGS_RELEASE=-O0", "-DCMAKE_CXX_FLAGS_RELEASE=-O0"]
+    command += ["-DCMAKE_UNITY_BUILD=ON", "-DCMAKE_UNITY_BUILD_BATCH_SIZE=16"]
+    command += [f"-DCMAKE_MODULE_PATH={_CMAKE}", f"-Drosidl_default_generators_DIR={_CMAKE}"]
+    command += [f"-DPython3_EXECUTABLE={python}", f"-DPYTHON_EXECUTABLE={python}"]
     output = environment.state / "colcon.log"
     code = programs.run(
         command,
