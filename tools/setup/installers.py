@@ -77,7 +77,7 @@ def uv_settings(pip_config: str) -> IndexSettings:
     if values.get("no-index", "").lower() in ("1", "true", "yes", "on"):
         options.append("--no-index")
     # pip trusts the certificates of the system, uv a list of its own.
-    variables = {"UV_NATIVE_TLS": "true"}
+    variables = {"UV_SYSTEM_CERTS": "true"}
     if "cert" in values:
         variables["SSL_CERT_FILE"] = values["cert"]
     if "proxy" in values:
@@ -245,7 +245,7 @@ def uv_progress(output: str, wanted: int, site_packages: Path) -> Progress:
     total_mb = sum(size_mb.values())
     done_mb = sum(size_mb.get(name, 0.0) for name in arrived)
     if total_mb == 0.0:
-        return Progress(f"{wanted} packages looked up", 0.0)
+        return Progress(f"{wanted} packages being prepared", 0.0)
     return Progress(f"{done_mb:.0f} of {total_mb:.0f} MB downloaded", 0.5 * done_mb / total_mb)
 
 
