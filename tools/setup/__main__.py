@@ -96,7 +96,8 @@ def main() -> int:
     parser.add_argument("--venv", type=Path, default=Path(".venv"))
     environment = Environment(parser.parse_args().venv.absolute())
     for ending in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(ending, signal.default_int_handler)
+        if signal.getsignal(ending) is not signal.SIG_IGN:
+            signal.signal(ending, signal.default_int_handler)
     display = Display()
     programs = Programs(display)
     started_s = time.monotonic()

@@ -38,6 +38,8 @@ def read_entry(folder: Path, key: str) -> bytes | None:
         content = gzip.decompress(entry.read_bytes())  # checks length and checksum
     except (OSError, EOFError, zlib.error):
         return None
+    if not content:
+        return None  # an empty file has no checksum
     with contextlib.suppress(OSError):
         os.utime(entry)
     return content

@@ -205,7 +205,7 @@ class Installer:
         try:
             return self.programs.run(
                 command,
-                process_environment(self.environment) | variables | {"TMPDIR": str(temporary)},
+                {**process_environment(self.environment), **variables, "TMPDIR": str(temporary)},
                 log,
                 lambda said: progress(said, wanted, site_packages),
             )
