@@ -73,8 +73,11 @@ def test_optional_step_that_fails_stops_nothing_and_is_tried_again(
 
 def test_steps_of_a_stage_run_at_the_same_time(tmp_path: Path) -> None:
     both = threading.Barrier(2, timeout=60)
-    steps = [SetupStep(name, name, "key", lambda _: int(both.wait() < 0)) for name in "ab"]
-    run([steps], tmp_path)
+
+    def meet(_done_before: bool) -> None:
+        both.wait()
+
+    run([[SetupStep(name, name, "key", meet) for name in "ab"]], tmp_path)
     assert {file.name for file in tmp_path.iterdir()} == {"a", "b"}
 
 

@@ -31,7 +31,7 @@ def test_a_damaged_entry_is_not_used(tmp_path: Path, damage: str) -> None:
     entry = tmp_path / "key.tar.gz"
     content = bytearray(entry.read_bytes())
     content[5_000] ^= 1
-    damaged = {"cut": content[:4_000], "changed": content, "empty": b""}
+    damaged = {"cut": content[:4_000], "changed": content, "empty": bytearray()}
     entry.write_bytes(damaged[damage])
     assert read_entry(tmp_path, "key") is None
     write_entry(tmp_path, "key", b"new")
