@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
@@ -32,6 +31,8 @@ INVERSE_CHUNK = 16384
 
 LEAST_MAGNIFICATION = 1e-3
 """A distortion that scales areas by less than this anywhere in the image is refused."""
+
+IDENTITY_QUAT_XYZW = (0.0, 0.0, 0.0, 1.0)
 
 R_LINK_OPTICAL: FloatArray = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation of ``camera_optical_frame`` in ``camera_link`` (REP-103)."""
@@ -53,11 +54,17 @@ T_OPTICAL_BLENDER: FloatArray = transform(np.diag((1.0, -1.0, -1.0)), (0.0, 0.0,
 
 def pose_to_matrix(pose: Pose) -> FloatArray:
     """Return ``T_map_body`` (4, 4) of a pose; inverse: `pose_from_matrix`."""
+    if pose.quat_xyzw == IDENTITY_QUAT_XYZW:  # most mounts; SciPy takes long to import
+        return transform(np.eye(3), pose.position_m)
+    from scipy.spatial.transform import Rotation
+
     return transform(Rotation.from_quat(pose.quat_xyzw).as_matrix(), pose.position_m)
 
 
 def pose_from_matrix(T_map_body: ArrayLike) -> Pose:
     """Return the pose of a (4, 4) rigid transform, with a quaternion whose w is not negative."""
+    from scipy.spatial.transform import Rotation
+
     T = np.asarray(T_map_body, dtype=np.float64)
     x, y, z, w = Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
     px, py, pz = T[:3, 3]
@@ -116,6 +123,8 @@ def pose_looking_down(x_m: float, y_m: float, z_m: float, yaw_rad: float = 0.0) 
 
     At yaw 0 the image's upper edge points along ``map``'s +x.
     """
+    from scipy.spatial.transform import Rotation
+
     pitch_down = Rotation.from_euler("y", np.pi / 2)
     rotation = Rotation.from_euler("z", yaw_rad) * pitch_down
     return pose_from_matrix(transform(rotation.as_matrix(), (x_m, y_m, z_m)))

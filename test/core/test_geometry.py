@@ -31,6 +31,12 @@ def test_pose_matrix_round_trip(pose: Pose) -> None:
     assert abs(np.dot(back.quat_xyzw, pose.quat_xyzw)) == pytest.approx(1.0, abs=1e-12)
 
 
+def test_a_pose_without_rotation_is_the_matrix_that_scipy_makes() -> None:
+    pose = Pose((1.0, -2.0, 3.5), (0.0, 0.0, 0.0, 1.0))
+    expected = geometry.transform(Rotation.from_quat(pose.quat_xyzw).as_matrix(), pose.position_m)
+    assert geometry.pose_to_matrix(pose).tobytes() == expected.tobytes()
+
+
 @pytest.mark.parametrize("pose", random_poses(5))
 def test_inverse(pose: Pose) -> None:
     T = geometry.pose_to_matrix(pose)

@@ -7,9 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import Progress as ProgressBar
-from rich.table import Table
 
 from oaisys_core.cli.options import (
     BackendOption,
@@ -22,6 +19,8 @@ from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from oaisys_core.config import SimulationConfig
     from oaisys_core.verification.audit import AuditResult
 
@@ -51,6 +50,8 @@ def audit(
     Exit code 1 if the share of wrong pixels away from edges exceeds the limit.
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
+    from rich.console import Console
+
     from oaisys_core.config import SimulationConfig, adjusted, load_config
 
     loaded = load_config(config) if config else SimulationConfig()
@@ -82,6 +83,8 @@ def audit(
 
 def _audited(config: SimulationConfig, batches: int, views: int) -> list[AuditResult]:
     import numpy as np
+    from rich.console import Console
+    from rich.progress import Progress as ProgressBar
 
     from oaisys_core.simulation import Simulation
     from oaisys_core.types import ModuleMetadata
@@ -104,6 +107,8 @@ def _audited(config: SimulationConfig, batches: int, views: int) -> list[AuditRe
 
 
 def _table(found: list[AuditResult]) -> Table:
+    from rich.table import Table
+
     table = Table("sensor", "modality", "pixels off edges", "wrong", "share", "worst error")
     for f in found:
         worst = f"{f.worst_m * 1000:.3f} mm" if f.modality == "depth" else ""

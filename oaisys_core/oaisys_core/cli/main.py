@@ -11,6 +11,8 @@ import inspect
 import logging
 import re
 import sys
+from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points, version
 from typing import Annotated, Any
 
@@ -42,7 +44,7 @@ class _InstalledCommands(_Commands):
     """Imports the module of a sub-command only when that command is used."""
 
     def list_commands(self, ctx: Any) -> list[str]:
-        return sorted(entry_points(group=COMMAND_GROUP).names)
+        return sorted(_installed())
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command; for an unknown choice of an option, suggest a similar one."""
@@ -54,8 +56,14 @@ class _InstalledCommands(_Commands):
             raise
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        found = entry_points(group=COMMAND_GROUP, name=cmd_name)
-        return _load(next(iter(found))) if found else None
+        entry = _installed().get(cmd_name)
+        return None if entry is None else _load(entry)
+
+
+@cache
+def _installed() -> Mapping[str, EntryPoint]:
+    """Return the sub-commands by name; searching all installed packages takes 30 ms."""
+    return {entry.name: entry for entry in reversed(list(entry_points(group=COMMAND_GROUP)))}
 
 
 def _load(entry: EntryPoint) -> Any:

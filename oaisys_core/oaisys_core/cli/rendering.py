@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
 from oaisys_core.cli.options import (
     BackendOption,
@@ -15,12 +14,12 @@ from oaisys_core.cli.options import (
     SeedOption,
     SizeOption,
 )
-from oaisys_core.cli.render_progress import RenderProgress
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from oaisys_core.cli.metadata_file import SampleRequest, Steps
+    from oaisys_core.cli.render_progress import RenderProgress
     from oaisys_core.config import SimulationConfig
     from oaisys_core.output.writer import SampleWriter
     from oaisys_core.simulation import Simulation
@@ -114,6 +113,8 @@ class _Run:
         batches: int,
         saves_worlds: bool,
     ) -> None:
+        from rich.console import Console
+
         self._simulation = simulation
         self._writer = writer
         self._steps = steps
@@ -132,6 +133,8 @@ class _Run:
 
     def finish(self) -> None:
         """Render all missing views."""
+        from oaisys_core.cli.render_progress import RenderProgress
+
         views = self._steps.samples
         info = self._simulation.info()
         batch_id, done = info.batch_id, info.sample_id

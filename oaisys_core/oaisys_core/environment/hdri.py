@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -83,6 +82,8 @@ def read_radiance(file: Path) -> NDArray[np.float32]:
 
 
 def _read_hdr(file: Path) -> NDArray[Any]:
+    import cv2
+
     image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if image is None or image.ndim != 3:
         raise InvalidInputError("environment.hdri", str(file), "a readable Radiance image")
@@ -130,6 +131,8 @@ def _labelled(
 
 def _values(file: Path) -> NDArray[np.int64]:
     """Return (H, W) pixel values as numbers: grey values, or -1 - 0xrrggbb for colours."""
+    import cv2
+
     image: Any = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InvalidInputError("environment.hdri.labels_from", str(file), "a readable image")

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from oaisys_core.errors import BackendUnavailableError, InvalidInputError
@@ -63,6 +62,8 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
             be rendered, see `check_mesh`.
         BackendUnavailableError: It is a .blend file and ``bpy`` is not installed.
     """
+    import trimesh
+
     if path.suffix.lower() not in SUFFIXES:
         raise InvalidInputError(field, str(path), f"a file that ends in {', '.join(SUFFIXES)}")
     if not path.is_file():
@@ -93,6 +94,8 @@ def load_mesh(path: Path, object_name: str | None = None, field: str = "file") -
 
 def _named_parts(scene: Any) -> Iterable[tuple[str, Any]]:
     """Yield the objects of a file by name, in the coordinates of the scene."""
+    import trimesh
+
     for node in scene.graph.nodes_geometry:
         T, geometry = scene.graph[node]
         mesh = scene.geometry[geometry]

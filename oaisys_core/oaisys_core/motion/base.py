@@ -6,9 +6,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import isfinite
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from oaisys_core import geometry, randomness
 from oaisys_core.config.sections.motion import AnglesConfig, MotionConfig
@@ -16,6 +16,9 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import World, require
 from oaisys_core.scene import Ground
 from oaisys_core.types import FloatArray, Pose
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 VERTICAL_COSINE = 1 - 1e-9
 """For viewing directions closer to the vertical than this, the image's upper edge points to +x."""
@@ -142,6 +145,8 @@ def on_ground(position_m: FloatArray, above_m: float, ground: Ground) -> FloatAr
 
 def attitude(config: AnglesConfig, rng: np.random.Generator) -> Rotation:
     """Draw a rotation of the rig in ``map``."""
+    from scipy.spatial.transform import Rotation
+
     angles_deg = [
         drawn_from(ranges, rng) for ranges in (config.roll_deg, config.pitch_deg, config.yaw_deg)
     ]
@@ -161,6 +166,8 @@ def looking_at(eye_m: FloatArray, target_m: FloatArray, roll_deg: float = 0.0) -
     Raises:
         InvalidInputError: Both are the same point.
     """
+    from scipy.spatial.transform import Rotation
+
     way_m = target_m - eye_m
     distance_m = float(np.linalg.norm(way_m))
     if distance_m < 1e-6:

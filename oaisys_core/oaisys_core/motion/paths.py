@@ -7,8 +7,7 @@ from itertools import pairwise
 from math import atan2
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation, RotationSpline
+import scipy
 
 from oaisys_core import geometry
 from oaisys_core.config.sections.motion import CsvMotion, GridMotion, SplineMotion
@@ -42,6 +41,8 @@ class Csv(Motion):
 
     def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""
+        from scipy.spatial.transform import Rotation
+
         count = len(self._poses)
         chosen = self._poses[index_in(step.index, count, self._config.at_end, "poses of the file")]
         moved_m = np.array(chosen.position_m) + self._config.offset_m
@@ -89,13 +90,15 @@ class Spline(Motion):
     """See `SplineMotion`."""
 
     def __init__(self, config: SplineMotion) -> None:
+        from scipy.spatial.transform import Rotation, RotationSpline
+
         self._config = config
         self.step_interval = config.step_interval
         closing = [0] if config.is_closed else []
         waypoints_m = np.array([*config.waypoints_m, *(config.waypoints_m[i] for i in closing)])
         lengths_m = np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)
         knots = np.append(0.0, np.cumsum(lengths_m))
-        self._curve = CubicSpline(
+        self._curve = scipy.interpolate.CubicSpline(
             knots, waypoints_m, bc_type="periodic" if config.is_closed else "natural"
         )
         self._rotations: RotationSpline | None = None

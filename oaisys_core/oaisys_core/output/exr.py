@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenEXR
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, RenderError
@@ -31,6 +30,8 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
     Raises:
         RenderError: They could not be written.
     """
+    import OpenEXR
+
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     planes = {name: np.ascontiguousarray(c, np.float32) for name, c in channels.items()}
     try:
@@ -46,6 +47,8 @@ def read_channels(path: Path) -> dict[str, NDArray[Any]]:
     Raises:
         InvalidInputError: It cannot be read.
     """
+    import OpenEXR
+
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: c for part in file.parts for name, c in part.channels.items()}

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.density import (
@@ -115,7 +114,7 @@ def _cells(config: VoronoiDensity, ground: Ground, rng: np.random.Generator) -> 
     # Points beyond the rim keep the cells at the rim as wide as the others.
     low, high = np.array((x0, y0)) - config.cell_m, np.array((x1, y1)) + config.cell_m
     count = max(2, round(float(np.prod(high - low)) / config.cell_m**2))
-    tree = cKDTree(rng.uniform(low, high, (count, 2)))
+    tree = scipy.spatial.cKDTree(rng.uniform(low, high, (count, 2)))
     holds = np.zeros(count)
     holds[rng.permutation(count)[: round(config.cover * count)]] = 1
 
@@ -140,6 +139,8 @@ def _height_range_m(config: HeightDensity, ground: Ground) -> tuple[float, float
 
 
 def _image(config: ImageDensity) -> Field:
+    import cv2
+
     pixels: NDArray[np.uint8 | np.uint16] | None
     pixels = cv2.imread(str(config.file), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE)
     if pixels is None or pixels.dtype not in (np.uint8, np.uint16):

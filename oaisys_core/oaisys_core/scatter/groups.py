@@ -5,10 +5,8 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation
-from scipy.spatial.transform import Rotation
-from scipy.stats import truncnorm
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.groups import GroupConfig
@@ -91,7 +89,9 @@ def group_sizes_m(group: GroupConfig, count: int, rng: np.random.Generator) -> F
     else:
         mean_m = (low + high) / 2 if group.size_mean_m is None else group.size_mean_m
         std_m = (high - low) / 4 if group.size_std_m is None else group.size_std_m
-        bounds = truncnorm((low - mean_m) / std_m, (high - mean_m) / std_m, mean_m, std_m)
+        bounds = scipy.stats.truncnorm(
+            (low - mean_m) / std_m, (high - mean_m) / std_m, mean_m, std_m
+        )
         sizes_m = bounds.ppf(rng.uniform(size=count))
     return np.sort(np.clip(sizes_m, low, high))[::-1]
 
@@ -168,7 +168,7 @@ class _PlaceSampler:
         columns, rows = np.meshgrid(index, index)
         cells = np.column_stack((columns.ravel(), rows.ravel()))
         likely = self._density(self._low + (cells + 0.5) * self._cell) > 0
-        near = binary_dilation(likely.reshape(CELLS, CELLS), np.ones((3, 3), bool))
+        near = scipy.ndimage.binary_dilation(likely.reshape(CELLS, CELLS), np.ones((3, 3), bool))
         return np.asarray(cells[near.ravel()])
 
 
@@ -188,6 +188,8 @@ def _stances(
     rng: np.random.Generator,
 ) -> tuple[FloatArray, FloatArray]:
     """Return (N, 3, 3) rotations, and (N,) depths of the bases below the ground."""
+    from scipy.spatial.transform import Rotation
+
     count = len(xy)
     yaw_rad = np.radians(rng.uniform(*group.yaw_deg, count))
     tilt_rad = np.radians(group.tilt_deg) * rng.uniform(-1, 1, (count, 2))

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from oaisys_core.scatter.spacing import Spacing, first_come, pairs_too_near
 from oaisys_core.scene import Ground
 from oaisys_core.terrain.noise import Field, spectral
 from oaisys_core.types import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 ROUNDS = 16
 """Rounds of drawing positions before fewer objects are accepted."""
@@ -133,6 +137,8 @@ def _poses(
     max_tilt_deg: float,
     height_share: float,
 ) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
     count = len(xy)
     yaw_rad = rng.uniform(-np.pi, np.pi, count)
     tilt_rad = np.radians(max_tilt_deg) * rng.uniform(-1, 1, (count, 2))
@@ -178,6 +184,8 @@ def leaning(slope: FloatArray, share: float = 1.0) -> Rotation:
         slope: (N, 2) slopes of the ground along x and y.
         share: With 1 the z axis becomes the normal, by the shortest rotation.
     """
+    from scipy.spatial.transform import Rotation
+
     steepness = np.linalg.norm(slope, axis=1)
     axis = np.column_stack((slope[:, 1], -slope[:, 0], np.zeros(len(slope))))
     angle_rad = share * np.arctan(steepness)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from oaisys_core.types import FloatArray
 
@@ -38,19 +38,19 @@ class OccupiedPlaces:
 
     def __init__(self, spacing: Spacing) -> None:
         self._spacing = spacing
-        self._trees: list[tuple[cKDTree, FloatArray]] = []
+        self._trees: list[tuple[scipy.spatial.cKDTree, FloatArray]] = []
 
     def add(self, xy: FloatArray, sizes_m: FloatArray) -> None:
         """Occupy (N, 2) positions with objects of (N,) similar sizes."""
         if len(xy):
-            self._trees.append((cKDTree(xy), sizes_m))
+            self._trees.append((scipy.spatial.cKDTree(xy), sizes_m))
 
     def free(self, xy: FloatArray, sizes_m: FloatArray) -> NDArray[np.bool_]:
         """Return (N,) which of (N, 2) positions are far enough from all occupied ones."""
         is_free = np.ones(len(xy), bool)
         if not len(xy) or self._spacing == Spacing(0.0):
             return is_free
-        tree = cKDTree(xy)
+        tree = scipy.spatial.cKDTree(xy)
         for taken, taken_m in self._trees:
             reach_m = float(self._spacing.between_m(float(sizes_m.max()), float(taken_m.max())))
             near = tree.sparse_distance_matrix(taken, reach_m, output_type="ndarray")
@@ -65,7 +65,7 @@ def pairs_too_near(xy: FloatArray, sizes_m: FloatArray, spacing: Spacing) -> Pai
     if len(xy) < 2 or spacing == Spacing(0.0):
         return np.zeros((0, 2), np.intp)
     reach_m = float(spacing.between_m(float(sizes_m.max()), float(sizes_m.max())))
-    pairs = np.sort(cKDTree(xy).query_pairs(reach_m, output_type="ndarray"), axis=1)
+    pairs = np.sort(scipy.spatial.cKDTree(xy).query_pairs(reach_m, output_type="ndarray"), axis=1)
     first, second = pairs.T
     least_m = spacing.between_m(sizes_m[first], sizes_m[second])
     too_near = np.linalg.norm(xy[first] - xy[second], axis=1) < least_m

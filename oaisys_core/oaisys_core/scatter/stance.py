@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from oaisys_core.geometry import transform
 from oaisys_core.scatter.placement import bedding, leaning
@@ -44,6 +43,8 @@ def pose_on_ground(
     It stands on the plane that best fits the ground below its foot. A position outside the ground
     is moved to its rim.
     """
+    from scipy.spatial.transform import Rotation
+
     x0, y0, x1, y1 = ground.extent_m
     centre = np.clip(np.array([xy]), (x0, y0), (x1, y1))
     radius_m = np.array([max(foot_m, ground.spacing_m / 2)])

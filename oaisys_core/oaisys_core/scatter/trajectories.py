@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
+import scipy
 
 from oaisys_core.config.sections.objects import TrajectoryConfig
 from oaisys_core.geometry import pose_to_matrix, transform
@@ -61,6 +60,8 @@ class _Path:
     step_m: float
 
     def __call__(self, sample_id: int) -> FloatArray:
+        from scipy.spatial.transform import Rotation
+
         pieces = np.diff(self.points_m, axis=0)
         lengths_m = np.linalg.norm(pieces, axis=1)
         ends_m = np.cumsum(lengths_m)
@@ -78,7 +79,9 @@ def _spline(points_m: FloatArray, closed: bool) -> FloatArray:
     """Return points on a cubic spline through (K, 3) points."""
     chords_m = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
     knots = np.concatenate(([0.0], np.cumsum(chords_m)))
-    curve = CubicSpline(knots, points_m, bc_type="periodic" if closed else "natural")
+    curve = scipy.interpolate.CubicSpline(
+        knots, points_m, bc_type="periodic" if closed else "natural"
+    )
     steps = np.linspace(0, 1, SMOOTH_STEPS, endpoint=False)
     between = (knots[:-1, None] + chords_m[:, None] * steps).ravel()
     return np.asarray(curve(np.append(between, knots[-1])))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from oaisys_core.scatter.mesh_builder import MeshBuilder
 from oaisys_core.scene import MeshPrototype
@@ -100,6 +99,8 @@ def _running_gear(parts: MeshBuilder, side: float) -> None:
 
 def _wheel(parts: MeshBuilder, axle: FloatArray) -> None:
     """Add a wheel with cleats."""
+    from scipy.spatial.transform import Rotation
+
     half = np.array((0.0, WHEEL_WIDTH / 2, 0.0))
     parts.rod(axle - half, axle + half, WHEEL_RADIUS - 0.012, METAL, 24)
     for face in (-1.0, 1.0):
@@ -203,6 +204,8 @@ def _panel(
     parts: MeshBuilder, centre: FloatArray, size_m: tuple[float, float], roll_rad: float
 ) -> None:
     """Add a solar panel with its rows of cells."""
+    from scipy.spatial.transform import Rotation
+
     R = Rotation.from_euler("x", roll_rad).as_matrix()
     parts.box(centre, (*size_m, 0.025), METAL, R)
     cells = 4
@@ -218,6 +221,8 @@ def _xyz(x: float, y: float, z: float) -> FloatArray:
 
 
 def _pitch(angle_rad: float) -> FloatArray:
+    from scipy.spatial.transform import Rotation
+
     return np.asarray(Rotation.from_euler("y", angle_rad).as_matrix())
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -90,6 +89,8 @@ def with_effects(
 
 
 def _aberrated(image: Image, share: float, intrinsics: PinholeIntrinsics) -> Image:
+    import cv2
+
     result = image.copy()
     height, width = image.shape[:2]
     u, v = np.meshgrid(np.arange(width), np.arange(height))
@@ -104,6 +105,8 @@ def _aberrated(image: Image, share: float, intrinsics: PinholeIntrinsics) -> Ima
 
 
 def _bloomed(image: Image, bloom: Bloom) -> Image:
+    import cv2
+
     brightness = image.max(axis=2, keepdims=True)
     over = np.maximum(brightness - bloom.threshold, 0.0) / np.maximum(brightness, 1e-6)
     spilt = cv2.GaussianBlur(image * over, (0, 0), bloom.radius_px, borderType=cv2.BORDER_CONSTANT)

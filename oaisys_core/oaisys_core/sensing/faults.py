@@ -14,7 +14,6 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import DEPTH, RANGE, FloatArray, Frame, Odometry, Pose
@@ -223,6 +222,8 @@ class PoseDrift:
             batch_id: Id of the batch.
             sample_id: Id of the sample in the batch.
         """
+        from scipy.spatial.transform import Rotation
+
         step_m, step_rad = sigmas
         if not (step_m or step_rad):
             return pose

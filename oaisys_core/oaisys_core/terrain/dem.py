@@ -10,11 +10,8 @@ from math import ceil, cos, pi, radians, sin, sqrt
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
-import rasterio
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
-from scipy.interpolate import RectBivariateSpline
+import scipy
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.output import exr
@@ -150,6 +147,9 @@ def write_dem(path: Path, ground: HeightField) -> None:
     Raises:
         InvalidInputError: The file cannot be written.
     """
+    import rasterio
+    from rasterio.errors import RasterioError
+
     rows, cols = ground.elevation_m.shape
     x0, _, _, y1 = ground.extent_m
     half_m = ground.spacing_m / 2
@@ -176,6 +176,8 @@ def write_dem(path: Path, ground: HeightField) -> None:
 
 
 def _read_png(path: Path, field: str) -> FloatArray:
+    import cv2
+
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None or image.ndim != 2 or image.dtype != np.uint16:
         found = "nothing" if image is None else f"{image.shape} {image.dtype}"
@@ -194,6 +196,9 @@ def _read_exr(path: Path, field: str) -> FloatArray:
 
 
 def _read_tiff(path: Path, band: int, field: str) -> Dem:
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
@@ -265,6 +270,8 @@ def _resampled(
     height_m: FloatArray, pixel_m: tuple[float, float], step_m: float, field: str
 ) -> FloatArray:
     """Return heights at points ``step_m`` apart, from pixels ``pixel_m`` apart."""
+    import cv2
+
     rows, cols = height_m.shape
     # Tolerate one part in a million, more than the rounding in a GeoTIFF.
     counts = [
@@ -290,7 +297,7 @@ def _resampled(
     ]
     # Cubic if the file has enough points, so that a coarse file shows no facets.
     degrees = [min(3, size - 1) for size in height_m.shape]
-    spline = RectBivariateSpline(
+    spline = scipy.interpolate.RectBivariateSpline(
         np.arange(height_m.shape[0]),
         np.arange(height_m.shape[1]),
         height_m,

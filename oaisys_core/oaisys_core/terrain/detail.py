@@ -13,8 +13,8 @@ from functools import cached_property
 from math import ceil, log2
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import map_coordinates
 
 from oaisys_core import randomness
 from oaisys_core.scene import Ground, HeightField
@@ -233,7 +233,9 @@ def _smooth(ground: HeightField, row: FloatArray, column: FloatArray) -> FloatAr
     r0, c0 = max(int(row[0]) - 8, 0), max(int(column[0]) - 8, 0)
     window = ground.elevation_m[r0 : int(row[-1]) + 9, c0 : int(column[-1]) + 9]
     places = np.meshgrid(row - r0, column - c0, indexing="ij")
-    heights = map_coordinates(window.astype(np.float64), places, order=3, mode="nearest")
+    heights = scipy.ndimage.map_coordinates(
+        window.astype(np.float64), places, order=3, mode="nearest"
+    )
     return np.asarray(heights)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,6 +45,8 @@ def displaced(
 
 def _filtered_height(layer: TerrainLayer, spacing_m: float) -> NDArray[np.float32]:
     """Return the height map of a layer, with mean 0, at the resolution of the vertices."""
+    import cv2
+
     height = layer.maps.height
     size = max(round(layer.maps.tile_m / spacing_m), 1)
     if size < len(height):

@@ -6,8 +6,8 @@ All functions work on float64 grids of elevations with a spacing of ``spacing_m`
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from oaisys_core.terrain.noise import Field
 from oaisys_core.types import FloatArray
@@ -54,7 +54,7 @@ def streams(
         drop_m = z - z.ravel()[receiver].reshape(z.shape)
         z -= np.minimum(power, 0.5 * np.maximum(drop_m, 0.0))
         z = _with_filled_pits(z)
-        z += creep * (uniform_filter(z, 3, mode="nearest") - z)
+        z += creep * (scipy.ndimage.uniform_filter(z, 3, mode="nearest") - z)
         z = slides(z, spacing_m, steps=1, repose_deg=repose_deg)
     return z
 

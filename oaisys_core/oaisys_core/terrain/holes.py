@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, label, map_coordinates
-from scipy.sparse import csr_matrix
-from scipy.sparse.linalg import cg
 
 from oaisys_core.types import FloatArray
 
@@ -23,7 +21,7 @@ COARSER = 4
 
 def number_of_holes(missing: NDArray[np.bool_]) -> int:
     """Return the number of connected regions (8-connectivity)."""
-    return int(label(missing, structure=np.ones((3, 3)))[1])
+    return int(scipy.ndimage.label(missing, structure=np.ones((3, 3)))[1])
 
 
 def filled(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
@@ -42,14 +40,18 @@ def filled(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
     result = _from_coarser(height_m, missing) if is_large else _nearest(height_m, missing)
     system, known = _equations(result, missing)
     rounds = FINE_ROUNDS if is_large else MOST_ROUNDS
-    solution, _ = cg(system, known, x0=result[missing], rtol=1e-12, maxiter=rounds)
+    solution, _ = scipy.sparse.linalg.cg(
+        system, known, x0=result[missing], rtol=1e-12, maxiter=rounds
+    )
     result[missing] = solution
     return result
 
 
 def _nearest(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
     """Return the heights with missing ones taken from the nearest known pixel."""
-    nearest = distance_transform_edt(missing, return_distances=False, return_indices=True)
+    nearest = scipy.ndimage.distance_transform_edt(
+        missing, return_distances=False, return_indices=True
+    )
     return np.asarray(height_m[tuple(nearest)])
 
 
@@ -64,13 +66,15 @@ def _from_coarser(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArra
     mean_m = values.reshape(blocks).sum(axis=(1, 3)) / np.maximum(count, 1)
     coarse_m = filled(mean_m, count == 0)
     places = [(np.arange(n) + 0.5) / COARSER - 0.5 for n in (rows, cols)]
-    finer_m = map_coordinates(
+    finer_m = scipy.ndimage.map_coordinates(
         coarse_m, np.meshgrid(*places, indexing="ij"), order=1, mode="nearest"
     )
     return np.where(missing, finer_m, height_m)
 
 
-def _equations(height_m: FloatArray, missing: NDArray[np.bool_]) -> tuple[csr_matrix, FloatArray]:
+def _equations(
+    height_m: FloatArray, missing: NDArray[np.bool_]
+) -> tuple[scipy.sparse.csr_matrix, FloatArray]:
     """Return the matrix and right-hand side: each unknown is the mean of its neighbours."""
     count = int(missing.sum())
     number = np.full(missing.shape, -1)
@@ -91,4 +95,4 @@ def _equations(height_m: FloatArray, missing: NDArray[np.bool_]) -> tuple[csr_ma
     here = np.concatenate([np.arange(count), *(pair[0] for pair in pairs)])
     there = np.concatenate([np.arange(count), *(pair[1] for pair in pairs)])
     values = np.concatenate((neighbours, -np.ones(len(here) - count)))
-    return csr_matrix((values, (here, there)), shape=(count, count)), known
+    return scipy.sparse.csr_matrix((values, (here, there)), shape=(count, count)), known

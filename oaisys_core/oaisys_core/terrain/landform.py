@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import zoom
 
 from oaisys_core.terrain.noise import fractal, grid, warped
 from oaisys_core.types import FloatArray
@@ -67,4 +67,4 @@ def refined(coarse: FloatArray, size_px: int) -> FloatArray:
     if len(coarse) == size_px:
         return coarse
     factor = size_px / len(coarse)
-    return np.asarray(zoom(coarse, factor, order=3, mode="nearest", grid_mode=False))
+    return np.asarray(scipy.ndimage.zoom(coarse, factor, order=3, mode="nearest", grid_mode=False))

@@ -8,8 +8,8 @@ from math import floor
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy.ndimage import gaussian_filter
 
 from oaisys_core.scene import Ground
 from oaisys_core.terrain.noise import Field, gradient_noise, spectral
@@ -206,7 +206,7 @@ def relief_of(ground: Ground, size_px: int) -> Relief:
     # A ground may have no surface at the edges of its extent.
     height_m = np.where(np.isfinite(height_m), height_m, np.nanmean(height_m))
     sigma = (SLOPE_SCALE_M / step_y, SLOPE_SCALE_M / step_x)
-    smooth_m = gaussian_filter(height_m, sigma, mode="nearest")
+    smooth_m = scipy.ndimage.gaussian_filter(height_m, sigma, mode="nearest")
     up_y, up_x = np.gradient(smooth_m, step_y, step_x)
     return Relief(height_m.astype(np.float32), np.arctan(np.hypot(up_x, up_y)).astype(np.float32))
 

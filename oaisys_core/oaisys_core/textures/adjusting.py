@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import cv2
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.interpolate import PchipInterpolator
 
 from oaisys_core.color import encoded, linear
 from oaisys_core.textures.fields import normals_from_height
@@ -40,6 +39,8 @@ class ColorChange:
 
 def recolored(maps: PbrMaps, change: ColorChange) -> PbrMaps:
     """Return a texture set with changed colour, or itself if nothing changes."""
+    import cv2
+
     has_curves = any(change.curves.values())
     is_turned = (change.hue_deg % 360, change.saturation, change.value) != (0, 1, 1)
     if not has_curves and not is_turned:
@@ -87,5 +88,6 @@ def _tone(curves: Curves, channel: str) -> FloatArray:
         if points:
             # Later points replace earlier ones with the same input.
             through = dict(sorted(({0.0: 0.0, 1.0: 1.0} | dict(points)).items()))
-            values = PchipInterpolator(list(through), list(through.values()))(values)
+            curve = scipy.interpolate.PchipInterpolator(list(through), list(through.values()))
+            values = curve(values)
     return np.asarray(values)

@@ -6,7 +6,6 @@ are given as images of cell ids, so that cells may be warped or cut by others.
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,6 +66,8 @@ def border_distance(ids: Ids, keep: NDArray[np.bool_] | None = None) -> Field:
         ids: (N, N) cell ids.
         keep: (N, N) where borders count; None for everywhere.
     """
+    import cv2
+
     border = (ids != np.roll(ids, 1, axis=0)) | (ids != np.roll(ids, 1, axis=1))
     if keep is not None:
         border &= keep

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
 
 from oaisys_core.terrain.noise import Field, fractal, spectral
@@ -41,6 +40,8 @@ def grains(size_px: int, rng: np.random.Generator, width_px: float) -> Field:
 
 def blurred(field: Field, sigma_px: float) -> Field:
     """Return a field after a Gaussian blur that wraps around the tile's edges."""
+    import cv2
+
     pad = min(int(4 * sigma_px) + 1, field.shape[0])
     wrapped = np.pad(field, pad, mode="wrap")
     soft = cv2.GaussianBlur(wrapped, (0, 0), sigma_px)

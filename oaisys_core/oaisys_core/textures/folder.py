@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,6 +62,8 @@ def texture_folders(path: Path) -> list[Path]:
 
 def has_color_map(path: Path) -> bool:
     """Return whether a path is a folder with a readable colour map."""
+    import cv2
+
     file = _maps(path).get("color") if path.is_dir() else None
     # OpenCV reads only the first bytes of the file.
     return file is not None and (file.suffix.lower() == ".exr" or cv2.haveImageReader(str(file)))
@@ -174,6 +175,8 @@ def _exr_image(path: Path) -> NDArray[np.float32]:
 
 
 def _integer_image(path: Path) -> NDArray[np.float32]:
+    import cv2
+
     image: Any = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InvalidInputError("folder", str(path), "a readable image")
@@ -189,6 +192,8 @@ def _grey(files: Maps, kind: str, size: int) -> Image | None:
 
 
 def _resized(image: Image, size: int) -> Image:
+    import cv2
+
     if image.shape[:2] == (size, size):
         return image
     shrinks = size < min(image.shape[:2])

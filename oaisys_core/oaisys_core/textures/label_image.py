@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,6 +47,8 @@ def load_label_image(
 
 def _values(path: Path) -> tuple[NDArray[np.int64], bool]:
     """Return (rows, columns) pixel values, and whether they are colours (0xrrggbb)."""
+    import cv2
+
     image: Any = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype.kind != "u":
         raise InvalidInputError("labels_from", str(path), "a readable image of 8 or 16 bits")

@@ -13,8 +13,8 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from oaisys_core.types import FloatArray
 
@@ -158,7 +158,7 @@ def _voronoi_tables() -> tuple[NDArray[np.intp], NDArray[np.float32]]:
     points = corners + rng.uniform(0.1, 0.9, (PERIOD_CELLS**2, 2))
     axis = (np.arange(PERIOD_CELLS * CELL_PX) + 0.5) / CELL_PX
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    _, near = cKDTree(points, boxsize=PERIOD_CELLS).query(places, k=8)
+    _, near = scipy.spatial.cKDTree(points, boxsize=PERIOD_CELLS).query(places, k=8)
     to_first = _wrapped(points[near[:, 0]] - places)
     edge = np.full(len(places), np.inf)
     for other in near[:, 1:].T:

@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from oaisys_core.modules.assets.drawing import AssetPlacement
 from oaisys_core.modules.assets.metadata import GroupEdit, ObjectEdit
@@ -35,6 +34,8 @@ def changed_placement(
 
 def edited_pose(T_map_object: FloatArray, edit: ObjectEdit) -> FloatArray:
     """Return a (4, 4) pose with uniform scale after an edit."""
+    from scipy.spatial.transform import Rotation
+
     T = T_map_object.copy()
     if edit.position_m is not None:
         T[:3, 3] = edit.position_m
