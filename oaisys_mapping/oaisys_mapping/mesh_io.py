@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
@@ -68,6 +67,8 @@ def read_ply(path: Path, field: str = "mesh") -> ColoredMesh:
     Raises:
         InvalidInputError: The file cannot be read, is truncated, or holds no valid triangles.
     """
+    import open3d as o3d
+
     if not path.is_file():
         raise InvalidInputError(field, str(path), "an existing file")
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
-from rich.console import Console
-from rich.status import Status
+if TYPE_CHECKING:
+    from rich.console import Console
 
 ProgressCallback = Callable[[str], None]
 """Called with the current step, such as ``view 3 of 30``."""
@@ -41,6 +41,9 @@ class ProgressDisplay:
             print_line: Prints a plain line; None: on the console.
             console: The console; None: standard error.
         """
+        from rich.console import Console
+        from rich.status import Status
+
         self._what = what
         self._console = console or Console(stderr=True, highlight=False)
         self._print_line = print_line or self._print

@@ -6,8 +6,8 @@ Integration and visibility assume pinhole cameras and refuse distortion.
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pixel_rays, project, undistorted
@@ -60,15 +60,15 @@ def rectified(
     with np.errstate(divide="ignore"):
         inverse = 1 / depth_m.astype(np.float64)
     least, most = _neighbour_extremes(inverse, v_u)
-    smooth = map_coordinates(inverse, v_u, order=1, mode="nearest")
-    nearest = map_coordinates(inverse, v_u, order=0, mode="nearest")
+    smooth = scipy.ndimage.map_coordinates(inverse, v_u, order=1, mode="nearest")
+    nearest = scipy.ndimage.map_coordinates(inverse, v_u, order=0, mode="nearest")
     is_same_surface = (least > 0) & (most <= least * (1 + SAME_SURFACE))
     with np.errstate(divide="ignore"):
         rectified_m = (1 / np.where(is_same_surface, smooth, nearest)).astype(np.float32)
     if rgb is None:
         return rectified_m, None
     channels = [
-        map_coordinates(rgb[..., i].astype(np.float32), v_u, order=1, mode="nearest")
+        scipy.ndimage.map_coordinates(rgb[..., i].astype(np.float32), v_u, order=1, mode="nearest")
         for i in range(3)
     ]
     return rectified_m, np.rint(np.stack(channels, axis=-1)).astype(np.uint8)
@@ -85,7 +85,8 @@ def rectified_labels(labels: NDArray[np.uint16], camera: PinholeIntrinsics) -> N
     size = (camera.height_px, camera.width_px)
     if labels.shape != size:
         raise InvalidInputError("labels", labels.shape, f"an image of shape {size}")
-    found = map_coordinates(labels, _source_positions(camera), order=0, mode="nearest")
+    v_u = _source_positions(camera)
+    found = scipy.ndimage.map_coordinates(labels, v_u, order=0, mode="nearest")
     return np.asarray(found, np.uint16)
 
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
@@ -85,6 +84,8 @@ def _frustum_in_slab(
 
 def raycasting_scene(vertices_m: FloatArray, triangles: NDArray[np.int32]) -> Any:
     """Return Open3D's Embree scene of a mesh."""
+    import open3d as o3d
+
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(
         o3d.core.Tensor(np.ascontiguousarray(vertices_m, np.float32)),
@@ -149,6 +150,8 @@ def _in_image(
 
 
 def _unoccluded(points_m: FloatArray, view: PosedCamera, scene: Any) -> NDArray[np.bool_]:
+    import open3d as o3d
+
     origin_m = view.T_map_camera[:3, 3]
     rays = np.empty((len(points_m), 6), np.float32)
     rays[:, :3] = origin_m

@@ -6,8 +6,10 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +19,18 @@ from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr
 from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
-from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
+from oaisys_mapping.voxels.config import TsdfConfig
+
+if TYPE_CHECKING:
+    from oaisys_mapping.tsdf import TsdfVolume
 
 QUEUE_FRAMES = 32
 """Frames that may wait: 70 MB at 640x480. Any further one is dropped and counted."""
 QUEUE_BYTES = 2**30
 """Bytes that may wait; one frame may always wait."""
+
+VOLUME_TIMEOUT_S = 120.0
+"""For importing Open3D on a busy machine."""
 
 NOT_FUSED = "frames that could not be fused"
 QUEUE_FULL = "frames that found the mapper's queue full"
@@ -70,6 +78,8 @@ class FusionState:
 class Fusion:
     """A volume, the thread that fills it, and the views that it was made from.
 
+    The thread imports Open3D, which takes seconds, and makes the volume; meanwhile frames wait.
+
     Args:
         config: How the volume is made.
         on_change: Called on the thread after every frame.
@@ -85,7 +95,8 @@ class Fusion:
         on_error: Callable[[str], None],
         on_done: Callable[[int, str], object] = lambda *_: None,
     ) -> None:
-        self._volume = TsdfVolume(config)
+        self._config = config
+        self._made_volume: Future[TsdfVolume] = Future()
         self._views: list[PosedCamera] = []
         self._state = FusionState()
         self._on_change = on_change
@@ -97,6 +108,20 @@ class Fusion:
         self._settled = threading.Condition()
         self._thread = threading.Thread(target=self._run, name="fusion", daemon=True)
         self._thread.start()
+
+    @property
+    def _volume(self) -> TsdfVolume:
+        """The volume, once it is made.
+
+        Raises:
+            OaisysError: It could not be made.
+            DeadlineExceededError: It is not made in time.
+        """
+        try:
+            return self._made_volume.result(VOLUME_TIMEOUT_S)
+        except TimeoutError:
+            message = f"the map's volume was not made within {VOLUME_TIMEOUT_S:g} s"
+            raise DeadlineExceededError(message) from None
 
     @property
     def state(self) -> FusionState:
@@ -184,6 +209,7 @@ class Fusion:
                 raise DeadlineExceededError(message)
 
     def _run(self) -> None:
+        self._make_volume()
         while (entry := self._frames.get()) is not None:
             resets, frame = entry
             with self._volume_lock:
@@ -192,6 +218,15 @@ class Fusion:
             if is_wanted:
                 self._on_done(frame.stamp_ns, fault)
             self._on_change(self._state)
+
+    def _make_volume(self) -> None:
+        try:
+            from oaisys_mapping.tsdf import TsdfVolume
+
+            self._made_volume.set_result(TsdfVolume(self._config))
+        except Exception as error:  # noqa: BLE001 - raised for each frame and request
+            failure = OaisysError(f"the map's volume cannot be made: {error!r}")
+            self._made_volume.set_exception(failure)
 
     def _integrate(self, frame: DepthFrame) -> str:
         """Fuse a frame; return why that fails, or an empty string."""

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
@@ -20,10 +20,7 @@ from std_srvs.srv import Trigger
 
 from oaisys_core.errors import DeadlineExceededError, NotReadyError, OaisysError
 from oaisys_grpc.memory import keep_freed_memory
-from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
-from oaisys_mapping.evaluation.truth_io import read_truth
 from oaisys_mapping.mesh_io import write_ply
-from oaisys_mapping.tsdf import TsdfVolume
 from oaisys_msgs.msg import MapStatus
 from oaisys_msgs.srv import Evaluate, SaveMesh
 from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
@@ -37,6 +34,9 @@ from oaisys_ros_bridge.qos import LATCHED_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import LedgerState, shortfall
 from oaisys_ros_bridge.subscribing.sample_watch import SampleWatch, losses_msg
 from oaisys_ros_bridge.timers import steady_timer
+
+if TYPE_CHECKING:
+    from oaisys_mapping.tsdf import TsdfVolume
 
 VOLUME_SUFFIX = ".npz"
 """Suffix with which ``~/save_mesh`` writes the whole volume instead of its mesh."""
@@ -155,6 +155,10 @@ class MapperNode(ParameterNode, Node):
         return response
 
     def _on_evaluate(self, request: Evaluate.Request, response: Evaluate.Response) -> Any:
+        # Open3D is imported on the fusion's thread, while the node begins to listen.
+        from oaisys_mapping.evaluation.evaluate import Extras, evaluate_reconstruction
+        from oaisys_mapping.evaluation.truth_io import read_truth
+
         try:
             truth = read_truth(Path(request.truth_path))
             with self._settled() as volume:

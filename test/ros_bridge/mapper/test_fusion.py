@@ -6,8 +6,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from oaisys_core.errors import DeadlineExceededError
+from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.types import PinholeIntrinsics
+from oaisys_mapping import tsdf
 from oaisys_mapping.tsdf import TsdfConfig
 from oaisys_ros_bridge.mapper.fusion import QUEUE_FRAMES, DepthFrame, Fusion
 
@@ -107,3 +108,42 @@ def test_a_reset_forgets_the_map_and_the_frames_that_wait(watched):
     assert len(views) == 1
     assert watched.fusion.state.integrated == 1
     np.testing.assert_allclose(mesh.vertices_m[:, 2], 1.0, atol=1e-3)
+
+
+def test_frames_wait_until_the_volume_is_made(monkeypatch):
+    may_be_made, make = threading.Event(), tsdf.TsdfVolume
+
+    def slow(config: TsdfConfig) -> tsdf.TsdfVolume:
+        assert may_be_made.wait(30)
+        return make(config)
+
+    monkeypatch.setattr(tsdf, "TsdfVolume", slow)
+    waiting = Watched()
+    try:
+        assert all(waiting.fusion.add(ground_frame(stamp_ns)) for stamp_ns in (1, 2, 3))
+        assert waiting.fusion.state.integrated == 0
+        may_be_made.set()
+        _, views = waiting.fusion.surface(30.0)
+    finally:
+        may_be_made.set()
+        waiting.close()
+    assert len(views) == 3
+
+
+def test_a_volume_that_cannot_be_made_costs_every_frame_and_is_told(monkeypatch):
+    def broken(_: TsdfConfig) -> tsdf.TsdfVolume:
+        raise ImportError("no libtbb.so.12")
+
+    monkeypatch.setattr(tsdf, "TsdfVolume", broken)
+    failing = Watched()
+    try:
+        for stamp_ns in (1, 2):
+            failing.fusion.add(ground_frame(stamp_ns))
+        for _ in range(2):
+            assert failing.passed.acquire(timeout=30)
+        with pytest.raises(OaisysError, match=r"cannot be made.*libtbb"):
+            failing.fusion.surface(30.0)
+    finally:
+        failing.close()
+    assert failing.fusion.state.dropped == 2
+    assert len(failing.errors) == 2
