@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib import metadata, resources
 from pathlib import Path
@@ -84,6 +84,7 @@ class SurveyReport:
         cameras: Cameras that are drawn with the mesh.
         tables: Additional tables, below the verdict.
         losses: One sentence for each kind of data that was lost in transport.
+        elapsed_s: Returns the seconds since the start, for ``seconds_to_report``; None: without.
     """
 
     title: str
@@ -100,6 +101,7 @@ class SurveyReport:
     cameras: Sequence[PosedCamera] = ()
     tables: Sequence[ReportTable] = ()
     losses: Sequence[str] = ()
+    elapsed_s: Callable[[], float] | None = None
 
     @property
     def missed(self) -> list[str]:
@@ -107,8 +109,8 @@ class SurveyReport:
         return [*self.thresholds.missed_by(self.evaluation.metrics), *self.losses]
 
 
-def write_report(report: SurveyReport, out: Path) -> None:
-    """Write ``report.json``, ``report.html`` and the pictures below ``out``."""
+def write_report(report: SurveyReport, out: Path) -> dict[str, Any]:
+    """Write ``report.html``, its pictures and ``report.json`` below ``out``; return the latter."""
     figures = {
         **report.facts,
         **report.evaluation.metrics.to_dict(),
@@ -118,13 +120,16 @@ def write_report(report: SurveyReport, out: Path) -> None:
         "thresholds": asdict(report.thresholds),
         "versions": _versions(),
     }
-    (out / "report.json").write_text(json.dumps(figures, indent=2), encoding="utf-8")
     images = _pictures(report)
     folder = out / "pictures"
     folder.mkdir(exist_ok=True)
     for name, data in images.items():
         (folder / name).write_bytes(data)
     (out / "report.html").write_text(_html(report, figures, images), encoding="utf-8")
+    if report.elapsed_s is not None:
+        figures["seconds_to_report"] = report.elapsed_s()
+    (out / "report.json").write_text(json.dumps(figures, indent=2), encoding="utf-8")
+    return figures
 
 
 def _versions() -> dict[str, str]:

@@ -17,7 +17,7 @@ from oaisys_ros_bridge.bridge.requests import ViewRequest
 CHECK_PERIOD_S = 2.0
 """Between two checks of a server that answers."""
 FIRST_RETRY_S = 0.2
-LONGEST_RETRY_S = 1.0
+LONGEST_RETRY_S = 0.5
 HEALTH_TIMEOUT_S = 5.0
 
 
@@ -89,7 +89,7 @@ class SimulatorLink:
         self.first_batch_error = self.first_batch_retried_after = ""
         self._timeout_s = timeout_s
         self._on_change = on_change
-        self._state = LinkState(None, f"no simulator at {address} yet", 0)
+        self._state = LinkState(None, f"no simulator serves at {address}", 0)
         self._client: SimulatorClient | None = None
         self._lock = threading.RLock()
         self._stopping = threading.Event()

@@ -6,23 +6,27 @@ import os
 import re
 import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
-from oaisys_grpc.client.simulator_client import SimulatorClient
-from oaisys_ros_bridge.experiments.configuration import ExperimentOptions, write_config
+from oaisys_ros_bridge.experiments.configuration import (
+    ConfiguredSensors,
+    ExperimentOptions,
+    configured_sensors,
+    write_config,
+)
 from oaisys_ros_bridge.experiments.interruption import deferred_interruption
-from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.namespaces import (
@@ -32,7 +36,10 @@ from oaisys_ros_bridge.namespaces import (
     own_domain,
     require_namespace,
 )
-from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY, sensor_namespace
+
+if TYPE_CHECKING:  # they import ROS and gRPC, which takes longer than starting the processes
+    from oaisys_grpc.client.simulator_client import SimulatorClient
+    from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 
 START_TIMEOUT_S = 600.0
 """Until a world must be built; textures are made on a machine's first run."""
@@ -41,10 +48,12 @@ MAP_TIMEOUT_S = 120.0
 
 _WARNING = re.compile(r"\b(WARN|WARNING|ERROR|CRITICAL|FATAL)\b|Traceback")
 _POLL_PERIOD_S = 0.5
+_LONGEST_FOLDER = 80
+"""Characters of a folder for a socket, whose path has at most 107."""
 _LINES_QUOTED = 3
 """Of each log, in the notes of an error."""
 
-Client = TypeVar("Client", bound=PlannerClient)
+Client = TypeVar("Client", bound="PlannerClient")
 
 
 @dataclass(frozen=True)
@@ -70,7 +79,9 @@ def bring_up(
     make_client: Callable[[str, tuple[str, ...], str], Client],
     reporter: Reporter,
 ) -> Iterator[SimulatorStack[Client]]:
-    """Start server, bridge, mapper and recorder; end them in reverse order after the block.
+    """Start server, bridge, mapper and recorder; end the recorder and then the others.
+
+    They start side by side; what this process needs itself is imported meanwhile.
 
     Args:
         options: What to run; the complete configuration is written to ``out``.
@@ -84,30 +95,54 @@ def bring_up(
     """
     require_namespace(options.namespace)
     config_path = write_config(options)
+    sensors = configured_sensors(config_path)
+    wanted = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensors.modalities)
     with ExitStack() as stack:
         stack.enter_context(naming_logs(options.out / "logs"))
         stack.enter_context(own_domain())
+        address = f"unix:{stack.enter_context(_socket_folder())}/server"
         processes = _Processes(options, stack)
         reporter.say("starting the simulator")
-        address = processes.start_server(config_path)
-        simulator = stack.enter_context(SimulatorClient(address, timeout_s=START_TIMEOUT_S))
-        info = simulator.info()
-        sensor = info.sensors[0]
-        namespace = sensor_namespace(sensor.name, info.sensors)
-        reporter.say("building the world")
+        server = processes.start_server(config_path, address)
         processes.start_bridge(address)
-        processes.start_mapper(namespace, sensor)
-        modalities = tuple(m for m in (RGB, DEPTH, SEMANTIC_0, INSTANCE) if m in sensor.modalities)
-        client = make_client(namespace, modalities, options.namespace)
+        namespace = _topic_prefix(sensors)
+        processes.start_mapper(namespace, use_semantics=SEMANTIC_0 in wanted)
+        # The recorder ends first, while the bridge can still resend what it lacks.
+        stack.callback(processes.interrupt)
+        recorder = processes.start_recorder(namespace, wanted) if options.record else None
+        client = make_client(namespace, wanted, options.namespace)
         stack.enter_context(client)
+        server.wait_for_line("ready:", START_TIMEOUT_S)
+        reporter.say("building the world")
+        simulator = stack.enter_context(_simulator_client(address))
         wait_for_world = partial(_wait_for_world, client, simulator, processes.check, address)
         wait_for_world()
         client.wait_for_mapper()
-        if options.record:
-            processes.start_recorder(namespace, modalities)
+        if recorder is not None:
+            recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
         client.status.wait_for_subscribers()
         wait_for_world()  # a worker may have been lost since
-        yield SimulatorStack(simulator, client, sensor, _posed_sensor(info))
+        info = simulator.info()
+        yield SimulatorStack(simulator, client, info.sensors[0], _posed_sensor(info))
+
+
+def _socket_folder() -> tempfile.TemporaryDirectory[str]:
+    """Return a folder for a socket, whose address is known before the server runs."""
+    usual = tempfile.gettempdir()
+    short = usual if len(usual) <= _LONGEST_FOLDER else "/tmp"  # noqa: S108 - made for this user
+    return tempfile.TemporaryDirectory(prefix="oaisys-", dir=short)
+
+
+def _topic_prefix(sensors: ConfiguredSensors) -> str:
+    from oaisys_ros_bridge.publishing.sensor_topics import sensor_namespace
+
+    return sensor_namespace(sensors.names[0], sensors.names)
+
+
+def _simulator_client(address: str) -> SimulatorClient:
+    from oaisys_grpc.client.simulator_client import SimulatorClient
+
+    return SimulatorClient(address, timeout_s=START_TIMEOUT_S)
 
 
 class _Processes:
@@ -126,23 +161,28 @@ class _Processes:
         for process in self._running:
             process.check()
 
-    def start_server(self, config_path: Path) -> str:
-        """Start the simulator and return its address."""
-        arguments = ["serve", "--config", str(config_path), "--address", "127.0.0.1:0"]
+    def interrupt(self) -> None:
+        """Ask all processes to end, so that each ends while the others are waited for."""
+        for process in self._running:
+            process.interrupt()
+
+    def start_server(self, config_path: Path, address: str) -> ManagedProcess:
+        """Start the simulator; it prints ``ready:`` once its worker is ready."""
+        arguments = ["serve", "--config", str(config_path), "--address", address]
         if self._options.worker_python is not None:
             arguments += ["--worker-python", str(self._options.worker_python)]
         arguments += self._options.server_options
-        server = self._start("server", "oaisys_grpc", arguments)
-        return server.wait_for_line("ready:", START_TIMEOUT_S)
+        return self._start("server", "oaisys_grpc", arguments)
 
     def start_bridge(self, address: str) -> None:
+        """Start the bridge; it looks for the server until that is ready."""
         fixed = {"address": address, **self._options.bridge_parameters}
         self._start_node("bridge", fixed=fixed)
 
-    def start_mapper(self, namespace: str, sensor: SensorInfo) -> None:
+    def start_mapper(self, namespace: str, *, use_semantics: bool) -> None:
         """Start the mapper of a camera; a parameter file may change ``usual``, not ``fixed``."""
         # No mesh every few seconds: one is saved at the end.
-        usual = {"mesh_period": 0.0, "use_semantics": SEMANTIC_0 in sensor.modalities}
+        usual = {"mesh_period": 0.0, "use_semantics": use_semantics}
         fixed = {
             "camera": namespace,
             "voxel_size": self._options.voxel_size_m,
@@ -150,15 +190,16 @@ class _Processes:
         }
         self._start_node("mapper", usual=usual, fixed=fixed)
 
-    def start_recorder(self, namespace: str, modalities: Sequence[str]) -> None:
-        """Record everything; return once the recorder listens to the topics of a sample."""
+    def start_recorder(self, namespace: str, modalities: Sequence[str]) -> ManagedProcess:
+        """Record everything; it prints ``recording:`` once it hears the topics of a sample."""
+        from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY
+
         folder = self._options.out / "bag"
         _remove_old_bag(folder)
         topics = [f"{namespace}/{TOPIC_BY_MODALITY.get(m, m)}/image_raw" for m in modalities]
         topics += [TF, TF_STATIC, "ground_truth/odometry", "oaisys_bridge/sample_info"]
         arguments = ["--out", str(folder), "--all", "--topics", *topics]
-        recorder = self._start_node("recorder", arguments)
-        recorder.wait_for_line("recording:", MAP_TIMEOUT_S)
+        return self._start_node("recorder", arguments)
 
     def _start_node(
         self,

@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import ConfigError, OaisysError
-from oaisys_mapping.certificate.signature import PrivateKey
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings
+
+if TYPE_CHECKING:
+    from oaisys_mapping.certificate.signature import PrivateKey
 
 CONFIG_FILE = "config.yaml"
 """The complete configuration of an experiment, in its output folder."""
+
+MESH_FILE, TRUTH_FILE, VOLUME_FILE = "mesh.ply", "truth.ply", "volume.npz"
+"""The map's surface, the true one, and the map's voxels, in the output folder."""
 
 CONFIG_TIMEOUT_S = 600.0
 
@@ -75,3 +81,25 @@ def write_config(options: ExperimentOptions) -> Path:
     path = options.out / CONFIG_FILE
     path.write_text(result.stdout, encoding="utf-8")
     return path
+
+
+@dataclass(frozen=True)
+class ConfiguredSensors:
+    """The cameras of a simulator, before it runs.
+
+    Attributes:
+        names: In the order in which the simulator lists them.
+        modalities: Of the first camera.
+    """
+
+    names: tuple[str, ...]
+    modalities: tuple[str, ...]
+
+
+def configured_sensors(path: Path) -> ConfiguredSensors:
+    """Return the cameras of a configuration that `write_config` has written."""
+    section = json.loads(path.read_text(encoding="utf-8"))["sensors"]
+    cameras, pairs = section["cameras"], section["stereo"]
+    names = [camera["name"] for camera in cameras]
+    names += [f"{pair['name']}_{side}" for pair in pairs for side in ("left", "right")]
+    return ConfiguredSensors(tuple(names), tuple([*cameras, *pairs][0]["modalities"]))

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from oaisys_core.errors import InvalidInputError
+
+if TYPE_CHECKING:
+    from oaisys_mapping.certificate.signature import PrivateKey
 
 OutOption = Annotated[
     Path, typer.Option(help="Output folder: report, certificate, mesh, pictures and bag.")
@@ -72,7 +75,6 @@ def experiment_options(
         InvalidInputError: A file does not exist or cannot be used, or there is no such log level.
     """
     # Not for `oaisys --help`.
-    from oaisys_mapping.certificate.signature import read_private_key
     from oaisys_ros_bridge.parameters.node_settings import node_settings
 
     if config is not None and not config.is_file():
@@ -89,8 +91,14 @@ def experiment_options(
         "namespace": namespace,
         "nodes": node_settings(params_file, log_level, use_sim_time=use_sim_time),
         "command": ["oaisys", *sys.argv[1:]],
-        "key": None if key is None else read_private_key(key),
+        "key": None if key is None else _private_key(key),
     }
+
+
+def _private_key(path: Path) -> PrivateKey:
+    from oaisys_mapping.certificate.signature import read_private_key
+
+    return read_private_key(path)
 
 
 def seeds_of(text: str, first: int) -> tuple[int, ...]:

@@ -34,6 +34,7 @@ class ManagedProcess:
         """Start ``command``, with its standard error in the file ``log``."""
         self.name = name
         self._log = log
+        self._is_interrupted = False
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open("wb") as output:
             # In a session of its own: Ctrl-C at the terminal reaches the parent alone, which ends
@@ -98,10 +99,16 @@ class ManagedProcess:
         if code is not None:
             raise WorkerLostError(f"{self.name} ended with exit code {code}{self._quoted_log()}")
 
+    def interrupt(self) -> None:
+        """Send SIGINT, once, if the process still runs; `end` waits for its end."""
+        if not self._is_interrupted and self._process.poll() is None:
+            self._is_interrupted = True
+            self._process.send_signal(signal.SIGINT)
+
     def end(self) -> None:
         """End the process and all others in its session."""
+        self.interrupt()
         if self._process.poll() is None:
-            self._process.send_signal(signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(END_TIMEOUT_S)
         with contextlib.suppress(ProcessLookupError, PermissionError):

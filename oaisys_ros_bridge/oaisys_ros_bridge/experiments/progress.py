@@ -2,20 +2,47 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TypeVar
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_mapping.progress import ProgressDisplay
 
 T = TypeVar("T")
 
 FILE_COLUMNS = 160
 """Width of a table in a file: rich would take 80 columns there and shorten figures."""
+
+
+STARTED_VARIABLE = "OAISYS_STARTED_S"
+"""Environment variable with the start, in seconds since 1970, where it is not this process's."""
+
+_START_FIELD = 19
+"""Of ``/proc/PID/stat``, counted from 0 behind the name: the start, in ticks since the boot."""
+
+
+def seconds_since_start() -> float:
+    """Return the seconds since the time in `STARTED_VARIABLE`, or since this process started.
+
+    Raises:
+        InvalidInputError: The variable holds no number.
+    """
+    given = os.environ.get(STARTED_VARIABLE, "")
+    if given:
+        try:
+            return time.time() - float(given)
+        except ValueError:
+            raise InvalidInputError(STARTED_VARIABLE, given, "seconds since 1970") from None
+    fields = Path("/proc/self/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+    started_s = int(fields[_START_FIELD]) / os.sysconf("SC_CLK_TCK")
+    return time.clock_gettime(time.CLOCK_BOOTTIME) - started_s
 
 
 def print_table(table: Table) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import statistics
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -44,6 +44,7 @@ def write_experiment_report(
     facts: Mapping[str, Any],
     seconds_total: float,
     coverage: Sequence[CoverageRecord] = (),
+    elapsed_s: Callable[[], float] | None = None,
 ) -> bool:
     """Write the report, print its verdict, and return whether the map agrees with the true surface.
 
@@ -59,6 +60,8 @@ def write_experiment_report(
         facts: Further entries of ``report.json``.
         seconds_total: Duration of the experiment.
         coverage: Of explorations.
+        elapsed_s: Returns the seconds since the start, at which the report is there; None: that is
+            not told.
     """
     report = SurveyReport(
         title=title,
@@ -75,9 +78,12 @@ def write_experiment_report(
         cameras=result.cameras,
         tables=tables_of(result),
         losses=run.losses,
+        elapsed_s=elapsed_s,
     )
-    write_report(report, options.out)
+    figures = write_report(report, options.out)
     _say_verdict(report, options, reporter)
+    if elapsed_s is not None:
+        _say_times(figures, reporter)
     return not report.missed
 
 
@@ -130,3 +136,9 @@ def _say_verdict(report: SurveyReport, options: ExperimentOptions, reporter: Rep
         reporter.say(f"missed: {sentence}")
     verdict = "does not agree" if report.missed else "agrees"
     reporter.say(f"the map {verdict} with the true surface: {options.out / 'report.html'}")
+
+
+def _say_times(figures: Mapping[str, Any], reporter: Reporter) -> None:
+    picture_s, report_s = figures["seconds_to_first_picture"], figures["seconds_to_report"]
+    picture = "no picture" if picture_s is None else f"first picture after {picture_s:.0f} s"
+    reporter.say(f"{picture}, report after {report_s:.0f} s")

@@ -65,7 +65,7 @@ COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
 """Names of the compressed variants in image_transport."""
 
 
-def sensor_namespace(sensor: str, sensors: Sequence[SensorInfo]) -> str:
+def sensor_namespace(sensor: str, sensors: Sequence[object]) -> str:
     """Return the prefix of a sensor's topics and frames: ``camera`` for the only one of a rig."""
     return sensor if len(sensors) > 1 else "camera"
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -9,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 from commands import oaisys
 from repository import REPOSITORY
@@ -32,6 +34,8 @@ PROMISED = {
     "f_score",
     "hole_ratio",
     "seconds_total",
+    "seconds_to_first_picture",
+    "seconds_to_report",
     "seconds_per_view",
     "seed",
     "config_sha256",
@@ -89,6 +93,7 @@ def test_a_survey_closes_and_leaves_everything_behind(
     assert "The map agrees with the true surface" in (out / "report.html").read_text(
         encoding="utf-8"
     )
+    _check_first_picture(out, figures, result.stderr)
     _check_bag(out / "bag", views=6)
     _check_second_mapper(out)
     arguments = ["--mesh", out / "mesh.ply", "--truth", out / "truth.ply"]
@@ -98,6 +103,20 @@ def test_a_survey_closes_and_leaves_everything_behind(
     assert json.loads(again.stdout)["rmse_m"] == pytest.approx(figures["rmse_m"], rel=0.1)
     _check_figures(figures)
     _check_certificate(out)
+
+
+def _check_first_picture(out: Path, figures: dict[str, Any], printed: str) -> None:
+    """It was written and told before the second view, and timed like the report."""
+    path = out / "first_picture.png"
+    image = cv2.imread(str(path))
+    assert image.shape == (240, 320, 3)
+    assert image.std() > 1
+    told = f"first picture after {figures['seconds_to_first_picture']:.1f} s: {path}\n"
+    assert told in printed
+    assert printed.index(told) < printed.index("views 2/6")
+    assert 0 < figures["seconds_to_first_picture"] < figures["seconds_to_report"]
+    last = printed.splitlines()[-1]
+    assert re.search(r"first picture after \d+ s, report after \d+ s$", last)
 
 
 def _check_second_mapper(out: Path) -> None:

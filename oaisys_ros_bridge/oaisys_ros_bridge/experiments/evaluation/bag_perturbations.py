@@ -20,7 +20,8 @@ from oaisys_mapping.evaluation.true_surface import true_surface
 from oaisys_mapping.evaluation.truth_io import read_truth
 from oaisys_mapping.tsdf import TsdfConfig
 from oaisys_ros_bridge.bags.reading import BagReader
-from oaisys_ros_bridge.experiments.evaluation.map_evaluation import TRUTH_FILE, run_perturbations
+from oaisys_ros_bridge.experiments.configuration import TRUTH_FILE
+from oaisys_ros_bridge.experiments.evaluation.map_evaluation import run_perturbations
 from oaisys_ros_bridge.experiments.progress import Reporter
 from oaisys_ros_bridge.namespaces import TF, TF_STATIC
 from oaisys_ros_bridge.subscribing.frame_assembly import FrameAssembler

@@ -33,10 +33,15 @@ from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.mesh_io import read_ply
 from oaisys_mapping.tsdf import TsdfConfig, TsdfVolume
-from oaisys_ros_bridge.experiments.configuration import CONFIG_FILE, ExperimentOptions
+from oaisys_ros_bridge.experiments.configuration import (
+    CONFIG_FILE,
+    MESH_FILE,
+    TRUTH_FILE,
+    VOLUME_FILE,
+    ExperimentOptions,
+)
 from oaisys_ros_bridge.experiments.progress import Reporter
 
-MESH_FILE, TRUTH_FILE, VOLUME_FILE = "mesh.ply", "truth.ply", "volume.npz"
 POSES_FILE = "poses.json"
 
 TAUS_VOXELS = (0.2, 0.5, 1.0, 2.0)

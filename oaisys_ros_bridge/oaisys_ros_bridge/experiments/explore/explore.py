@@ -35,10 +35,8 @@ from oaisys_ros_bridge.experiments.bringup import (
     SimulatorStack,
     bring_up,
 )
-from oaisys_ros_bridge.experiments.evaluation.map_evaluation import (
-    MESH_FILE,
-    evaluate_and_certify,
-)
+from oaisys_ros_bridge.experiments.configuration import MESH_FILE
+from oaisys_ros_bridge.experiments.evaluation.map_evaluation import evaluate_and_certify
 from oaisys_ros_bridge.experiments.explore.exploration import (
     Exploration,
     ExplorationLimits,

@@ -71,7 +71,7 @@ def survey(
     world and every map with a deliberate fault is rejected.
     """
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals
-    from oaisys_ros_bridge.experiments.progress import Reporter
+    from oaisys_ros_bridge.experiments.progress import Reporter, seconds_since_start
     from oaisys_ros_bridge.experiments.survey.plan import SurveyOptions
     from oaisys_ros_bridge.experiments.survey.seeds import run_seeds
     from oaisys_ros_bridge.experiments.survey.survey import run_survey
@@ -98,6 +98,10 @@ def survey(
     )
     interrupt_on_signals()
     reporter = Reporter()
-    went_well = run_seeds(options, reporter, seeds) if seeds else run_survey(options, reporter)
+    seconds_since_start()  # a wrong start is refused at once
+    if seeds:
+        went_well = run_seeds(options, reporter, seeds)
+    else:
+        went_well = run_survey(options, reporter, seconds_since_start)
     if not went_well:
         raise typer.Exit(1)
