@@ -34,15 +34,15 @@ def filled(height_m: FloatArray, missing: NDArray[np.bool_]) -> FloatArray:
         height_m: Heights, with any values at missing pixels.
         missing: (rows, cols), at least one of them False.
     """
+    from scipy.sparse.linalg import cg
+
     if not missing.any():
         return height_m.copy()
     is_large = bool(missing.sum() > LARGE_PX)
     result = _from_coarser(height_m, missing) if is_large else _nearest(height_m, missing)
     system, known = _equations(result, missing)
     rounds = FINE_ROUNDS if is_large else MOST_ROUNDS
-    solution, _ = scipy.sparse.linalg.cg(
-        system, known, x0=result[missing], rtol=1e-12, maxiter=rounds
-    )
+    solution, _ = cg(system, known, x0=result[missing], rtol=1e-12, maxiter=rounds)
     result[missing] = solution
     return result
 
