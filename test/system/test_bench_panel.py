@@ -32,7 +32,7 @@ from tools.bench.settings import Settings
 from tools.bench.topics.against import compare, comparison_figures
 from tools.bench.topics.cores import core_figures, expected_s, serial_share
 from tools.bench.topics.panel import chosen_worlds, panel_figures
-from tools.bench.views import PosedView
+from tools.bench.views import VIEWS, PosedView, by_light
 from tools.bench.worlds import SIX_VIEWS, WORLDS, world_file, world_mapping
 
 TIMEOUT_S = 500
@@ -169,6 +169,12 @@ def test_settings_and_views_survive_the_way_to_a_job() -> None:
     assert Settings.from_dict(json.loads(json.dumps(plain.to_dict()))) == plain
     view = PosedView("a", Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0)), {"sun_elevation_deg": 8.0})
     assert PosedView.from_dict(json.loads(json.dumps(view.to_dict()))) == view
+
+
+def test_views_of_one_light_are_visited_together() -> None:
+    posed = [view.posed(lambda points: np.zeros(len(points))) for view in VIEWS]
+    groups = [[view.name for view in group] for group in by_light(posed)]
+    assert groups == [["nadir", "oblique", "close_up", "horizon"], ["low_sun"], ["shadow"]]
 
 
 def test_the_panel_has_eight_worlds_on_the_runs_device() -> None:

@@ -160,6 +160,8 @@ def print_table(console: Console, topic: str, figures: Sequence[Figure]) -> None
                 rows.add_row(*(row[column] for column in columns))
             console.print(rows)
         figures = [figure for figure in figures if figure.goal is not None]
+        if not figures:
+            return
     table = Table(title=topic, title_justify="left")
     for heading in HEADINGS:
         justify: JustifyMethod = "right" if heading in HEADINGS[1:5] else "left"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -104,6 +104,14 @@ VIEWS = (
         render={"exposure_ev": 2.0},
     ),
 )
+
+
+def by_light(views: Sequence[PosedView]) -> list[list[PosedView]]:
+    """Return views in groups of the same light, because a change of light takes seconds."""
+    groups: dict[str, list[PosedView]] = {}
+    for view in views:
+        groups.setdefault(str((view.environment, view.render)), []).append(view)
+    return list(groups.values())
 
 
 def random_poses(

@@ -25,7 +25,7 @@ from tools.bench.jobs.world import Observer, simulation_of, world_config
 from tools.bench.random_views import StageSurface, random_views
 from tools.bench.references import Image, ReferenceImage, psnr_db, sha256, ssim, top_octave_share
 from tools.bench.settings import Say, Settings, camera
-from tools.bench.views import VIEWS, PosedView
+from tools.bench.views import VIEWS, PosedView, by_light
 from tools.bench.worlds import SIX_VIEWS
 
 QUALITIES = ("geometry", "preview", "standard")
@@ -74,8 +74,8 @@ def measure(
 ) -> dict[str, Any]:
     """Return times of a world's batch and samples, and the quality of its pictures.
 
-    Calibrations alternate with the samples. Each round visits all views, so that the camera moves
-    before every sample.
+    Calibrations alternate with the samples. Each round visits all views of the same light, so that
+    the camera moves between samples.
 
     Args:
         settings: Of the run.
@@ -154,23 +154,22 @@ def _timed(
     rounds: int,
     calibration: Calibration,
 ) -> tuple[dict[str, Any], list[Sample]]:
-    """Return the times of samples at one quality, and the last sample of each view.
-
-    One sample, which changes the settings, goes before and is not counted.
-    """
-    observer.view(views[-1], _render(quality))
-    seconds, calibration_s = [], []
-    samples: list[Sample] = []
-    for _ in range(rounds):
-        samples = []
-        for view in views:
+    """Return the times of samples at one quality, and the last sample of each view."""
+    found: dict[str, list[float]] = {"s": [], "ratio": [], "calibration_s": []}
+    samples: dict[str, Sample] = {}
+    for group in by_light(views):
+        # It changes the settings and the light, and is not counted.
+        observer.view(group[-1], _render(quality))
+        seconds, calibration_s = [], []
+        for view in group * rounds:
             calibration_s.append(calibration.seconds())
-            took_s, sample = observer.view(view, _render(quality))
+            took_s, samples[view.name] = observer.view(view, _render(quality))
             seconds.append(took_s)
-            samples.append(sample)
-    calibration_s.append(calibration.seconds())
-    ratios = calibrated(seconds, calibration_s)
-    return {"s": seconds, "ratio": ratios, "calibration_s": calibration_s}, samples
+        calibration_s.append(calibration.seconds())
+        found["s"] += seconds
+        found["ratio"] += calibrated(seconds, calibration_s)
+        found["calibration_s"] += calibration_s
+    return found, [samples[view.name] for view in views]
 
 
 def _render(quality: str) -> dict[str, Any]:
