@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 from repository import REPOSITORY
 
+from tools.setup import checks
 from tools.setup.checks import check_compiler, check_disk
+from tools.setup.environment import Environment
 from tools.setup.errors import OptionalStepError, SetupError
 from tools.setup.programs import Display, Programs
 from tools.setup.steps import SetupStep, digest, run_stages
@@ -114,6 +116,15 @@ def test_full_disk_is_refused_with_both_figures(tmp_path: Path) -> None:
     with pytest.raises(SetupError, match=r"GB free, 1000000 GB needed"):
         check_disk(tmp_path / "not" / "there", 1e6)
     check_disk(tmp_path, 1e6, held_gb=lambda: 1e6)
+
+
+def test_the_first_library_that_does_not_load_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checks, "_MODULES", ("json", "not_there", "not_there_either"))
+    monkeypatch.setattr(checks, "_missing_debian_packages", lambda _: [])
+    with pytest.raises(SetupError, match=r"^not_there cannot be imported: .*No module named"):
+        checks.check_libraries(Environment(PREFIX))
+    monkeypatch.setattr(checks, "_MODULES", ("json", "csv"))
+    checks.check_libraries(Environment(PREFIX))
 
 
 def test_missing_and_broken_compilers_are_refused(
