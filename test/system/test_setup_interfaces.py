@@ -134,6 +134,13 @@ def test_no_interface_of_the_environment_is_built_for_another_one() -> None:
     assert any(bytes(PREFIX) in text for text in texts)
 
 
+@pytest.mark.parametrize("package", ["oaisys_msgs", "simulation_interfaces", "tf2_msgs"])
+def test_interfaces_have_what_the_middleware_loads(package: str) -> None:
+    """rmw_fastrtps registers a type by its introspection; rmw_cyclonedds needs nothing else."""
+    for support in ("c", "fastrtps_c", "introspection_c"):
+        assert (PREFIX / "lib" / f"lib{package}__rosidl_typesupport_{support}.so").is_file()
+
+
 @pytest.mark.long
 def test_a_users_own_build_has_messages_for_cpp(tmp_path: Path) -> None:
     """What the set-up leaves out is left out of its own builds only."""
