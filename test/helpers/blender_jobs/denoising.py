@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from synthetic_worlds import camera, rocky_world, settings
 
-from oaisys_core.backend.blender import BlenderBackend, cycles
-from oaisys_core.backend.blender.postprocessing import blenders_denoiser
-from oaisys_core.backend.blender.time_budget import DENOISING_COSTS
+from oaisys_core.backend.blender import BlenderBackend, cycles, postprocessing
+from oaisys_core.backend.blender.postprocessing import RenderResult, blenders_denoiser
+from oaisys_core.backend.blender.time_budget import DENOISING_COSTS, DenoisingQuality
 from oaisys_core.errors import CancelledError
 from oaisys_core.geometry import pose_looking_at
 from oaisys_core.interruption import interruptible
@@ -22,35 +22,48 @@ from oaisys_core.types import RGB
 Image = NDArray[np.float32]
 
 
-def denoised(color: Image, albedo: Image, normal: Image) -> dict[str, Any]:
-    """A picture by each denoising, again after others, and what is said about guides of another."""
+def denoised(light: Image, normal: Image) -> dict[str, Any]:
+    """Light by each denoising, again after others, and what is said of normals of another size."""
     denoiser = blenders_denoiser()
     if denoiser is None:
         raise AssertionError("Blender came without its denoiser")
     found: dict[str, Any] = {
-        denoising: denoiser.denoise(color, albedo, normal, denoising)
-        for denoising in DENOISING_COSTS
+        denoising: denoiser.denoise(light, normal, denoising) for denoising in DENOISING_COSTS
     }
-    dark = denoiser.denoise(0.5 * color, albedo, normal, "fast")
-    found["after another"] = denoiser.denoise(color, albedo, normal, "fast")
-    denoiser.denoise(color[1:], albedo[1:], normal[1:], "fast")
-    found["after another size"] = denoiser.denoise(color, albedo, normal, "fast")
+    dark = denoiser.denoise(0.5 * light, normal, "fast")
+    found["after another"] = denoiser.denoise(light, normal, "fast")
+    denoiser.denoise(light[1:], normal[1:], "fast")
+    found["after another size"] = denoiser.denoise(light, normal, "fast")
     found["dark"] = dark
     try:
-        denoiser.denoise(color, albedo[1:], normal, "thorough")
+        denoiser.denoise(light, normal[1:], "thorough")
     except ValueError as error:
         found["error"] = str(error)
     try:
         with interruptible(_cancel):
-            denoiser.denoise(dark, albedo, normal, "fast")
+            denoiser.denoise(dark, normal, "fast")
     except CancelledError as error:
         found["cancelled"] = str(error)
-    found["after cancelling"] = denoiser.denoise(color, albedo, normal, "fast")
+    found["after cancelling"] = denoiser.denoise(light, normal, "fast")
     return found
 
 
 def _cancel() -> None:
     raise CancelledError("enough")
+
+
+def of_passes(radiance: Image, albedo: Image, normal: Image, denoising: DenoisingQuality) -> Image:
+    """The radiance of a render's passes, denoised as a view's is."""
+    passes = {"Combined": radiance, "Denoising Albedo": albedo, "Denoising Normal": normal}
+    wanted = replace(settings(1), denoise=True)
+    return postprocessing.denoised(
+        RenderResult(passes, samples=1), wanted, blenders_denoiser(), denoising
+    )
+
+
+def filtered(image: Image) -> Image:
+    """An image after the second step of the pixel filter."""
+    return postprocessing.filter_denoised(image, 1)
 
 
 def pictures() -> dict[str, NDArray[np.uint8]]:

@@ -1,8 +1,11 @@
 """What is done to radiance after Cycles: denoising, the rest of the pixel filter, tone mapping.
 
+What is denoised is light: radiance is divided by the albedo that the same samples have seen, and
+multiplied by it afterwards, so that denoising does not blur textures.
+
 Denoising uses the Open Image Denoise library that comes with Blender. Cycles can call it itself,
-but counts its time as part of the last sample, which time budgets could not use, and always
-denoises guides with the quality of the image.
+but counts its time as part of the last sample, which time budgets could not use, and can only
+denoise radiance.
 
 The pixel filter of denoised images has two steps. Cycles filters by the position of samples in a
 pixel and puts the first one at the centre, so that each sample serves one pixel only. Filters that
@@ -94,14 +97,23 @@ are then as wide as Cycles' own filter."""
 FEW_SHARE, FEW_SAMPLES = 0.095, 8
 """The same weight for up to so many samples per pixel."""
 
-GUIDE_SHARE = 0.06
-"""The same weight for the denoiser's guides."""
+NORMAL_SHARE = 0.08
+"""The same weight for the normals that guide the denoiser."""
+
+LEAST_ALBEDO = np.float32(0.01)
+"""Added to the albedo that radiance is divided by."""
+
+ALBEDO_SHARE, EDGE_SHARE = 0.12, 0.25
+"""The same weight for smoothed albedo, and for the normals whose mean length shows edges."""
+
+SMOOTHED, EDGE_GAIN = 0.3, 6
+"""Share of smoothed albedo on even ground, and how fast it grows as that length falls below 1."""
 
 VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
 """Blender's names of the view transforms; all of them give sRGB, except raw, which is linear."""
 
-COMBINED, GUIDES = "Combined", ("Denoising Albedo", "Denoising Normal")
-"""Blender's names of the passes with radiance, and with what guides the denoiser."""
+COMBINED, SEEN_ALBEDO, SEEN_NORMAL = "Combined", "Denoising Albedo", "Denoising Normal"
+"""Blender's names of the passes with radiance, and with albedo and normals for the denoiser."""
 
 
 @dataclass
@@ -139,18 +151,41 @@ def denoised(
 ) -> Image:
     """Return the (H, W, 3 or 4) radiance of a render, denoised if the settings say so.
 
-    Without a ``denoiser``, Cycles has done it. Unless denoising is thorough, which denoises the
-    guides themselves, these are filtered.
+    Without a ``denoiser``, Cycles has done it.
     """
     radiance = pass_of(rendered, COMBINED)
     if not settings.denoise:
         return radiance
+    radiance = radiance[..., :3]
     if denoiser is not None:
-        albedo, normal = (pass_of(rendered, name) for name in GUIDES)
-        if denoising != "thorough":
-            albedo, normal = filter_guide(albedo), filter_guide(normal)
-        radiance = denoiser.denoise(radiance, albedo, normal, denoising)
-    return filter_denoised(radiance[..., :3], rendered.samples or settings.samples)
+        normal = pass_of(rendered, SEEN_NORMAL)
+        albedo = _divisor(pass_of(rendered, SEEN_ALBEDO), normal)
+        radiance = albedo * denoiser.denoise(radiance / albedo, normal, denoising)
+    return filter_denoised(radiance, rendered.samples or settings.samples)
+
+
+def _divisor(albedo: Image, normal: Image) -> Image:
+    """Return the (H, W, 3) albedo to divide radiance by: 1 for the sky, and nowhere 0.
+
+    It is smoothed most where normals turn within a pixel or two, as at edges and in foliage,
+    because few samples per pixel are not enough there.
+    """
+    length = np.linalg.norm(_convolved(normal, EDGE_SHARE), axis=-1, keepdims=True)
+    smoothed = np.clip(SMOOTHED + EDGE_GAIN * (1 - length), 0, 1).astype(np.float32)
+    albedo = albedo + _sky_share(albedo, normal)
+    mixed = albedo + smoothed * (_convolved(albedo, ALBEDO_SHARE) - albedo)
+    return np.asarray(mixed + LEAST_ALBEDO, np.float32)
+
+
+def _sky_share(albedo: Image, normal: Image) -> Image:
+    """Return the (H, W, 1) share of the sky in pixels of the sky and beside them.
+
+    There, the length of the mean normal is about the share of surfaces.
+    """
+    is_sky = ~(albedo.any(axis=-1) | normal.any(axis=-1))
+    near_sky = cv2.dilate(is_sky.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    surface = np.minimum(np.linalg.norm(normal, axis=-1), 1)
+    return np.asarray(np.where(near_sky, 1 - surface, 0)[..., None], np.float32)
 
 
 class Denoiser:
@@ -169,32 +204,31 @@ class Denoiser:
         self._size = (0, 0)
         self._filters: dict[tuple[Any, ...], _Filter] = {}
 
-    def denoise(
-        self, color: Image, albedo: Image, normal: Image, denoising: DenoisingQuality
-    ) -> Image:
-        """Return the (H, W, 3) denoised radiance.
+    def denoise(self, light: Image, normal: Image, denoising: DenoisingQuality) -> Image:
+        """Return (H, W, 3) denoised light.
 
         Args:
-            color: (H, W, 3) or (H, W, 4) radiance; a fourth channel is ignored.
-            albedo, normal: (H, W, 3) guides, with the noise of the same samples.
+            light: (H, W, 3) radiance divided by albedo.
+            normal: (H, W, 3) normals that the same samples have seen.
             denoising: ``fast`` uses a smaller network than ``balanced``, in half the time;
-                ``thorough`` denoises the guides first and then relies on them.
+                ``thorough`` denoises the normals first, which otherwise are only filtered.
 
         Raises:
             OaisysError: The image is no longer wanted.
             RenderError: The library failed.
-            ValueError: A guide has another size.
+            ValueError: The normals have another shape.
         """
-        for name, image in (("albedo", albedo), ("normal", normal)):
-            if image.shape != (*color.shape[:2], 3):
-                raise ValueError(f"{name}: received {image.shape} beside color {color.shape}")
-        images = {b"color": color, b"albedo": albedo, b"normal": normal}
-        thorough = denoising == "thorough"
-        if thorough:
-            for guide in (b"albedo", b"normal"):
-                images[guide] = self._filtered({guide: images[guide]}, QUALITY_FAST)
+        if normal.shape != light.shape:
+            raise ValueError(f"normal: received {normal.shape} beside light {light.shape}")
+        if denoising == "thorough":
+            normal = self._filtered({b"normal": normal}, QUALITY_FAST)
+        else:
+            normal = filter_normal(normal)
+        # The library takes normals only together with an albedo.
+        images = {b"color": light, b"albedo": np.ones_like(light), b"normal": normal}
         quality = QUALITY_FAST if denoising == "fast" else QUALITY_BALANCED
-        return self._filtered(images, quality, hdr=True, cleanAux=thorough)
+        # Without cleanAux, it would blur edges and relief as if the normals were noisy.
+        return self._filtered(images, quality, hdr=True, cleanAux=True)
 
     def _filtered(self, images: dict[bytes, Image], quality: int, **flags: bool) -> Image:
         height, width, _ = next(iter(images.values())).shape
@@ -283,9 +317,9 @@ def filter_denoised(radiance: NDArray[np.float32], samples: int) -> NDArray[np.f
     return _convolved(radiance, MANY_SHARE + (FEW_SHARE - MANY_SHARE) * few)
 
 
-def filter_guide(guide: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return (H, W, 3) albedo or normals after the second step of the pixel filter."""
-    return _convolved(guide, GUIDE_SHARE)
+def filter_normal(normal: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (H, W, 3) normals, smoothed a little so that the denoiser may rely on them."""
+    return _convolved(normal, NORMAL_SHARE)
 
 
 def _convolved(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
