@@ -157,7 +157,11 @@ class StackStatus:
         with changed:
             while (late := self._late(stamp_ns)) and (left_s := end_s - time.monotonic()) > 0:
                 changed.wait(left_s)
-            found = [f"{name} had not taken all samples after {timeout_s:g} s" for name in late]
+            found = [
+                f"{receipt.node}: after {timeout_s:g} s it had taken {receipt.samples} samples,"
+                " but not the last one"
+                for receipt in late
+            ]
             for receipt in self._receipts.values():
                 name = receipt.node
                 if lost := shortfall(state_of(receipt)):
@@ -166,10 +170,10 @@ class StackStatus:
                     found.append(f"{name} had ended before the last sample")
             return found
 
-    def _late(self, stamp_ns: int) -> list[str]:
-        """Return the nodes that still run and have not received a sample."""
+    def _late(self, stamp_ns: int) -> list[SampleReceipt]:
+        """Return the last receipts of nodes that still run and have not received a sample."""
         return [
-            receipt.node
+            receipt
             for receipt in self._receipts.values()
             if not receipt.ended and nanoseconds(receipt.header.stamp) < stamp_ns
         ]

@@ -49,10 +49,15 @@ def test_an_experiment_is_told_what_the_middleware_lost_of_each_of_two_recorders
         for instance, lost in ((1, [Loss(what=TF, count=3)]), (2, [])):
             status._on_receipt(
                 SampleReceipt(
-                    header=header, node=RECORDER, instance=instance, lost_by_middleware=lost
+                    header=header,
+                    node=RECORDER,
+                    instance=instance,
+                    samples=9,
+                    lost_by_middleware=lost,
                 )
             )
         told = status.shortfalls(5, 0.0)
         late = status.shortfalls(6, 0.0)
     assert told == [f"{RECORDER}: the middleware lost messages of {TF} 3"]
-    assert late.count(f"{RECORDER} had not taken all samples after 0 s") == 2
+    sentence = f"{RECORDER}: after 0 s it had taken 9 samples, but not the last one"
+    assert late.count(sentence) == 2
