@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import bpy
 from synthetic_worlds import settings
@@ -35,3 +36,27 @@ def blocks(scenes: Sequence[Scene]) -> list[dict[str, int]]:
         kinds = ("images", "materials", "node_groups")
         counts.append({kind: len(getattr(bpy.data, kind)) for kind in kinds})
     return counts
+
+
+def lookups_by_level(scene: Scene) -> list[set[tuple[str, float]]]:
+    """Which images each level of the ground's textures looks up, and how far aside, in tiles."""
+    BlenderBackend().build(scene, ignore)
+    groups = [g for g in bpy.data.node_groups if g.name.startswith("ground_level")]
+    return [
+        {
+            _lookup(node)
+            for layer in level.nodes
+            if layer.type == "GROUP" and layer.node_tree.name.startswith("ground_layer")
+            for node in layer.node_tree.nodes
+            if node.type == "TEX_IMAGE"
+        }
+        for level in groups
+    ]
+
+
+def _lookup(texel: Any) -> tuple[str, float]:
+    """An image and the horizontal shift of its coordinates."""
+    link = texel.inputs["Vector"].links[0].from_node
+    if link.type == "VECT_MATH":
+        return texel.image.name, link.inputs[2].default_value[0]
+    return texel.image.name, texel.texture_mapping.translation[0]

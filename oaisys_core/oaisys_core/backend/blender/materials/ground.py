@@ -11,7 +11,9 @@ from functools import partial
 from math import log2
 from typing import Any
 
+import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.materials.ground_layer import (
@@ -20,8 +22,8 @@ from oaisys_core.backend.blender.materials.ground_layer import (
     MaterialTables,
 )
 from oaisys_core.backend.blender.materials.haze import through_haze
-from oaisys_core.backend.blender.materials.images import ImageStore, new_image
-from oaisys_core.backend.blender.materials.nodes import MIX_RESULT, NodeTree, Socket, in_group
+from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, new_image
+from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket, in_group
 from oaisys_core.backend.blender.materials.surfaces import (
     is_glossy,
     new_material,
@@ -29,6 +31,7 @@ from oaisys_core.backend.blender.materials.surfaces import (
     without_detail,
 )
 from oaisys_core.backend.raycast.shading import mean_color
+from oaisys_core.color import encoded
 from oaisys_core.textures.levels import LEAST_PX
 from oaisys_core.world.terrain_material import TerrainLayer, TerrainMaterial
 from oaisys_core.world.tiling import PlainTiling, StochasticTiling, VoronoiTiling
@@ -49,7 +52,10 @@ MAX_LOOKUPS = 100
 CHANNELS = 4
 """Masks per image."""
 
-NEGLIGIBLE = 1 / 256
+MEAN_PX = 256
+"""Edge length of the image of the ground that indirect light sees."""
+
+NEGLIGIBLE = 1.5 / 255
 """Weights below it count as 0, and above 1 minus it as 1, so that Cycles evaluates one surface."""
 
 
@@ -103,7 +109,10 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
         varies=bool(variation.brightness or variation.tint) and bool(np.ptp(maps.height)),
     )
     footprints_m = _footprints_m(material)
-    levels = [MaterialLevel(material, images, tables, footprint_m) for footprint_m in footprints_m]
+    levels = [
+        MaterialLevel(material, images, tables, index, footprint_m)
+        for index, footprint_m in enumerate(footprints_m)
+    ]
     surfaces = [
         in_group(tree, "ground_level", partial(level_surface, level=level)) for level in levels
     ]
@@ -111,23 +120,42 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
     surface = tree.by_footprint(footprints_m[1:], surfaces)
     # An image of the whole ground has no meaningful mean colour.
     if not any(layer.label_image is not None for layer in material.layers):
-        mean = in_group(tree, "ground_mean", partial(_mean_surface, level=levels[-1]))
-        surface = without_detail(tree, surface, mean)
+        surface = without_detail(tree, surface, _mean_surface(tree, material, images))
     show(tree, surface, airlight)
     return result
 
 
-def _mean_surface(tree: NodeTree, level: MaterialLevel) -> Socket:
-    """Return the ground's surface with the mean colour of each layer."""
-    position = tree.add("NewGeometry").outputs["Position"]
-    shares = layer_shares(tree, level.material, level.tables.masks, position)
-    maps = [layer.maps for layer in level.material.layers]
-    first, *others = ((*mean_color(level.images.levels(each)[-1]), 1.0) for each in maps)
-    color: Socket = first
-    for other, share in zip(others, shares, strict=True):
-        color = tree.color_mix(share, color, other).outputs[MIX_RESULT]
-    roughness = float(np.mean([each.roughness.mean() for each in maps])) / 255
+def _mean_surface(tree: NodeTree, material: TerrainMaterial, images: ImageStore) -> Socket:
+    """Add the ground's surface with the mean colour of its layers."""
+    color: Any = (*_mean_colors(material, images)[0], 1.0)
+    if len(material.layers) > 1:
+        position = tree.add("NewGeometry").outputs["Position"]
+        inputs: dict[str | int, Any] = {"Vector": _mask_place(tree, material, position)}
+        image = mean_image(material, images)
+        texel = tree.add(
+            "TexImage", inputs, image=image, extension="MIRROR", interpolation="Closest"
+        )
+        color = texel.outputs["Color"]
+    roughness = float(np.mean([each.maps.roughness.mean() for each in material.layers])) / 255
     return tree.add("BsdfDiffuse", {"Color": color, "Roughness": roughness}).outputs[0]
+
+
+def _mean_colors(material: TerrainMaterial, images: ImageStore) -> NDArray[np.float64]:
+    """Return the (L, 3) linear mean colours of the layers."""
+    return np.array([mean_color(images.levels(layer.maps)[-1]) for layer in material.layers])
+
+
+def mean_image(material: TerrainMaterial, images: ImageStore) -> Any:
+    """Return a small image of the mean colour of the layers, mixed by their masks.
+
+    Light that comes from the ground hits it anywhere, so the image must fit into a core's cache.
+    """
+    size = min(MEAN_PX, material.masks.shape[1])
+    masks = [cv2.resize(m, (size, size), interpolation=cv2.INTER_AREA) for m in material.masks]
+    pixels = np.ones((size, size, 4), np.float32)
+    means = _mean_colors(material, images)
+    np.multiply(encoded(np.moveaxis(masks, 0, -1) @ means), BYTE, out=pixels[..., :3])
+    return new_image("ground_mean", pixels, is_float=False, is_color=True)
 
 
 def _footprints_m(material: TerrainMaterial) -> list[float]:
@@ -152,7 +180,7 @@ def mask_images(material: TerrainMaterial) -> list[Any]:
         # The first mask is in alpha, which needs no node to separate.
         pixels[..., -1] = part[0]
         pixels[..., : len(part) - 1] = np.moveaxis(part[1:], 0, -1)
-        images.append(new_image(f"masks_{first}", pixels, is_float=True, is_color=False))
+        images.append(new_image(f"masks_{first}", pixels, is_float=False, is_color=False))
     return images
 
 
@@ -160,13 +188,10 @@ def layer_shares(
     tree: NodeTree, material: TerrainMaterial, masks: Sequence[Any], position: Socket
 ) -> list[Socket]:
     """Return the mix factor at ``position`` of each layer but the first over those before it."""
-    x0, y0, x1, y1 = material.extent_m
-    size_inverse = (1.0 / (x1 - x0), 1.0 / (y1 - y0), 0.0)
-    start = (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
     left = len(material.layers) - 1
     weights: list[Socket] = []
     for image in masks:
-        place = tree.vector("MULTIPLY_ADD", position, size_inverse, start)
+        place = _mask_place(tree, material, position)
         texel = tree.add("TexImage", {"Vector": place}, image=image, extension="MIRROR")
         weights.append(texel.outputs["Alpha"])
         if left > 1:
@@ -181,3 +206,11 @@ def layer_shares(
         gain = 1 / (1 - 2 * NEGLIGIBLE)
         shares.append(tree.clamped("MULTIPLY_ADD", share, gain, -NEGLIGIBLE * gain))
     return shares[::-1]
+
+
+def _mask_place(tree: NodeTree, material: TerrainMaterial, position: Socket) -> Socket:
+    """Return the place in images of the whole ground at a position."""
+    x0, y0, x1, y1 = material.extent_m
+    size_inverse = (1.0 / (x1 - x0), 1.0 / (y1 - y0), 0.0)
+    start = (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
+    return tree.vector("MULTIPLY_ADD", position, size_inverse, start)

@@ -19,6 +19,11 @@ VARIATION_TILES, VARIATION_TURN_RAD = 7.3, 0.65
 """Size, in tiles of the first layer, and rotation of the pattern that varies the ground's colour,
 chosen so that pattern and texture do not repeat together."""
 
+NUDGE_TILES = 1e-9
+"""Times a level's index, added to its texture coordinates: far less than they are rounded by, but
+without it, Cycles would merge the lookups that levels have in common, and evaluate them for every
+pixel of the ground, whatever its level."""
+
 
 class Plane(NamedTuple):
     """A plane that textures are projected onto.
@@ -63,12 +68,14 @@ class MaterialLevel(NamedTuple):
         material: The material.
         images: Images of its texture sets.
         tables: What its levels share.
+        index: Number of finer levels.
         footprint_m: Size of a pixel on the ground.
     """
 
     material: TerrainMaterial
     images: ImageStore
     tables: MaterialTables
+    index: int
     footprint_m: float
 
     def seen(self, maps: PbrMaps, tile_m: float) -> PbrMaps:
@@ -93,6 +100,7 @@ class LayerNodes:
             parts = tree.add("SeparateXYZ", {0: self._position}).outputs
             place = tree.combined(parts[axes[0]], parts[axes[1]], 0.0)
         self._plane = Plane(place, axes)
+        self._nudge = (NUDGE_TILES * level.index, 0.0, 0.0)
 
     def surface(self, layer: TerrainLayer) -> Socket:
         """Return the surface of a layer without its mask."""
@@ -127,7 +135,8 @@ class LayerNodes:
         if layer.label_image is not None and plane.axes is not None:
             # Labels of such a layer are projected from above, so its colours must be, too.
             plane = Plane(self._position, plane.axes)
-        place = tree.scaled(plane.place, 1.0 / maps.tile_m)
+        scale = (1.0 / maps.tile_m,) * 3
+        place = tree.vector("MULTIPLY_ADD", plane.place, scale, self._nudge)
         lookups = self._tilings.lookups(layer.tiling, place)
         if len(lookups) == 1:
             return self._sample(maps, lookups[0])
@@ -170,6 +179,7 @@ class LayerNodes:
         # The node's own mapping is a matrix; a separate node would evaluate sine and cosine.
         texel.texture_mapping.rotation[2] = VARIATION_TURN_RAD
         texel.texture_mapping.scale = (1.0 / size_m,) * 3
+        texel.texture_mapping.translation = self._nudge
         ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
         least = tuple((1 - ranges / 2).tolist())
         return tree.vector("MULTIPLY_ADD", texel.outputs["Color"], tuple(ranges.tolist()), least)

@@ -93,13 +93,14 @@ class NodeTree:
             bounds_m: Sizes in ascending order.
             surfaces: One more than bounds.
         """
-        result = surfaces[-1]
-        if bounds_m:
-            seen_m = self.add("Group", node_tree=footprint_group()).outputs[0]
-        for bound_m, surface in zip(reversed(bounds_m), reversed(surfaces[:-1]), strict=True):
-            is_beyond = self.math("GREATER_THAN", seen_m, bound_m)
-            result = self.mixed(is_beyond, surface, result)
-        return result
+        if not bounds_m:
+            return surfaces[0]
+        middle = len(bounds_m) // 2
+        seen_m = self.add("Group", node_tree=footprint_group()).outputs[0]
+        is_beyond = self.math("GREATER_THAN", seen_m, bounds_m[middle])
+        finer = self.by_footprint(bounds_m[:middle], surfaces[: middle + 1])
+        coarser = self.by_footprint(bounds_m[middle + 1 :], surfaces[middle + 1 :])
+        return self.mixed(is_beyond, finer, coarser)
 
 
 def in_group(tree: NodeTree, name: str, make: Callable[[NodeTree], Socket]) -> Socket:

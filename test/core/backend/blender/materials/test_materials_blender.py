@@ -1,6 +1,7 @@
 """The ground's material in Blender: its colours lie where its labels do."""
 
 from dataclasses import replace
+from itertools import combinations, pairwise
 from typing import Any
 
 import numpy as np
@@ -153,3 +154,17 @@ def test_another_material_leaves_nothing_of_the_old_one() -> None:
         [replace(scene, stage_hash=str(index)) for index, scene in enumerate(order)],
     )
     assert counts[len(scenes) :] == counts[: len(scenes)]
+
+
+def test_levels_have_no_lookup_in_common() -> None:
+    # Texels of 6 and 11 cm: two levels show the same image of the coarser ones. Cycles would
+    # merge equal lookups and evaluate them for both levels.
+    fine = replace(checked(np.eye(4, dtype=bool)), height=np.eye(64, dtype=np.float32))
+    coarse = replace(fine, name="coarse", tile_m=1.8 * TILE_M)
+    layers = (TerrainLayer("a", (1,), fine), TerrainLayer("b", (2,), coarse))
+    scene = world(level(), layers)
+    scene = replace(scene, material=replace(scene.material, variation=Variation()))
+    lookups = in_blender("materials.lookups_by_level", scene)
+    images = [{name for name, _ in of_level} for of_level in lookups]
+    assert any(one & other for one, other in pairwise(images))
+    assert not any(one & other for one, other in combinations(lookups, 2))
