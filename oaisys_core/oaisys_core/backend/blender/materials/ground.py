@@ -110,8 +110,8 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
     )
     footprints_m = _footprints_m(material)
     levels = [
-        MaterialLevel(material, images, tables, index, footprint_m)
-        for index, footprint_m in enumerate(footprints_m)
+        MaterialLevel(material, images, tables, finer, footprint_m)
+        for finer, footprint_m in enumerate(footprints_m)
     ]
     surfaces = [
         in_group(tree, "ground_level", partial(level_surface, level=level)) for level in levels
@@ -154,7 +154,7 @@ def mean_image(material: TerrainMaterial, images: ImageStore) -> Any:
     masks = [cv2.resize(m, (size, size), interpolation=cv2.INTER_AREA) for m in material.masks]
     pixels = np.ones((size, size, 4), np.float32)
     means = _mean_colors(material, images)
-    np.multiply(encoded(np.moveaxis(masks, 0, -1) @ means), BYTE, out=pixels[..., :3])
+    np.multiply(encoded(np.stack(masks, axis=-1) @ means), BYTE, out=pixels[..., :3])
     return new_image("ground_mean", pixels, is_float=False, is_color=True)
 
 

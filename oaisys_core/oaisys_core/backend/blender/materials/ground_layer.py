@@ -20,8 +20,8 @@ VARIATION_TILES, VARIATION_TURN_RAD = 7.3, 0.65
 chosen so that pattern and texture do not repeat together."""
 
 NUDGE_TILES = 1e-9
-"""Times a level's index, added to its texture coordinates: far less than they are rounded by, but
-without it, Cycles would merge the lookups that levels have in common, and evaluate them for every
+"""Times the number of finer levels, added to texture coordinates: far less than their rounding.
+Without it, Cycles would merge the lookups that levels have in common, and evaluate them for every
 pixel of the ground, whatever its level."""
 
 
@@ -68,14 +68,14 @@ class MaterialLevel(NamedTuple):
         material: The material.
         images: Images of its texture sets.
         tables: What its levels share.
-        index: Number of finer levels.
+        finer: Number of finer levels.
         footprint_m: Size of a pixel on the ground.
     """
 
     material: TerrainMaterial
     images: ImageStore
     tables: MaterialTables
-    index: int
+    finer: int
     footprint_m: float
 
     def seen(self, maps: PbrMaps, tile_m: float) -> PbrMaps:
@@ -100,7 +100,7 @@ class LayerNodes:
             parts = tree.add("SeparateXYZ", {0: self._position}).outputs
             place = tree.combined(parts[axes[0]], parts[axes[1]], 0.0)
         self._plane = Plane(place, axes)
-        self._nudge = (NUDGE_TILES * level.index, 0.0, 0.0)
+        self._nudge = (NUDGE_TILES * level.finer, 0.0, 0.0)
 
     def surface(self, layer: TerrainLayer) -> Socket:
         """Return the surface of a layer without its mask."""
