@@ -42,7 +42,7 @@ bench: setup ## Measure everything: out/bench/bench.md (three hours the first ti
 test: setup ## Run the tests but for the long ones (about 7 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) -m 'not long'
 
-test-full: setup ## Run the long tests: every example, soaks, fuzzing, both sizes of survey (about 10 minutes)
+test-full: setup ## Run the long tests: every example, soaks, fuzzing, both sizes of survey (about 14 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) -m long
 
 fuzz: setup ## Send a server random and mutated requests for FUZZ_SECONDS (60)
