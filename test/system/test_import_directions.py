@@ -38,6 +38,17 @@ CORE_LIBRARIES = {
     "yaml",
     "h5py",
 }
+DATASET_LIBRARIES = {
+    "datasets",
+    "fsspec",
+    "mlcroissant",
+    "pyarrow",
+    "pycocotools",
+    "pycolmap",
+    "ray",
+    "webdataset",
+}
+"""What only data sets need; imported where they are used, as they belong to an extra."""
 GRPC_LIBRARIES = {
     "cv2",
     "google",
@@ -127,7 +138,9 @@ def allowed_for(module: str) -> set[str]:
     package = module.split(".")[0]
     if package == "oaisys_core":
         blender = is_below(module, {"oaisys_core.backend.blender"})
-        return CORE_LIBRARIES | COMMAND_LINE | (BLENDER if blender else set())
+        dataset = is_below(module, {"oaisys_core.dataset"})
+        extra = (BLENDER if blender else set()) | (DATASET_LIBRARIES if dataset else set())
+        return CORE_LIBRARIES | COMMAND_LINE | extra
     if package == "oaisys_mapping":
         drawing = PRESENTATION_LIBRARIES if is_below(module, PRESENTATION) else set()
         signing = {"cryptography"} if module in SIGNING else set()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.output.files import write_bytes
 
 GREY = "Y"
 """Name of the channel of a single-channel image."""
@@ -30,15 +32,26 @@ def write_channels(path: Path, channels: Mapping[str, NDArray[Any]]) -> None:
     Raises:
         RenderError: They could not be written.
     """
+    write_bytes(path, encode_channels(channels))
+
+
+def encode_channels(channels: Mapping[str, NDArray[Any]]) -> bytes:
+    """Return the EXR file of (H, W) float32 channels by name; inverse: `decode_channels`.
+
+    Raises:
+        RenderError: They cannot be encoded.
+    """
     import OpenEXR
 
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     planes = {name: np.ascontiguousarray(c, np.float32) for name, c in channels.items()}
+    stream = io.BytesIO()
     try:
         with OpenEXR.File(header, planes) as file:
-            file.write(str(path))
+            file.write(stream)
     except (OSError, RuntimeError) as error:
-        raise RenderError(f"{path}: could not be written: {error}") from error
+        raise RenderError(f"an EXR image could not be encoded: {error}") from error
+    return stream.getvalue()
 
 
 def read_channels(path: Path) -> dict[str, NDArray[Any]]:
@@ -47,11 +60,24 @@ def read_channels(path: Path) -> dict[str, NDArray[Any]]:
     Raises:
         InvalidInputError: It cannot be read.
     """
+    return _channels(str(path), str(path))
+
+
+def decode_channels(data: bytes, name: str) -> dict[str, NDArray[Any]]:
+    """Return the (H, W) channels of an EXR file's bytes, by name; errors call it ``name``.
+
+    Raises:
+        InvalidInputError: They are no EXR image.
+    """
+    return _channels(io.BytesIO(data), name)
+
+
+def _channels(source: str | io.BytesIO, name: str) -> dict[str, NDArray[Any]]:
     import OpenEXR
 
     try:
-        with OpenEXR.File(str(path), separate_channels=True) as file:
+        with OpenEXR.File(source, separate_channels=True) as file:
             channels = {name: c for part in file.parts for name, c in part.channels.items()}
             return {name: np.asarray(channel.pixels) for name, channel in channels.items()}
-    except (OSError, RuntimeError) as error:
-        raise InvalidInputError("image", str(path), f"a readable EXR image ({error})") from error
+    except (OSError, RuntimeError, ValueError, TypeError) as error:
+        raise InvalidInputError("image", name, f"a readable EXR image ({error})") from error

@@ -17,14 +17,13 @@ from typing import Any
 
 import cv2
 import numpy as np
-import rasterio
 from numpy.typing import NDArray
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
 
 from oaisys_core.errors import InvalidInputError, RenderError
-from oaisys_core.output.exr import GREY, read_channels, write_channels
-from oaisys_core.output.files import whole, write_bytes
+from oaisys_core.output.exr import GREY, decode_channels, encode_channels
+from oaisys_core.output.files import write_bytes
 from oaisys_core.types import (
     DEPTH,
     INSTANCE,
@@ -65,22 +64,32 @@ def write_image(path: Path, frame: Frame) -> None:
     Raises:
         RenderError: It could not be written; there is no partial file.
     """
-    data = frame.data
-    kind = file_kind(data)
+    kind = file_kind(frame.data)
     if path.suffix != kind:
         raise RenderError(f"{path.name}: these pixels need a file that ends in {kind}")
+    write_bytes(path, encode_image(frame.data))
+
+
+def encode_image(data: NDArray[Any]) -> bytes:
+    """Return the file of an array of pixels, of the kind `file_kind`; inverse: `decode_image`.
+
+    Equal pixels give equal bytes.
+
+    Raises:
+        RenderError: It cannot be encoded.
+    """
+    kind = file_kind(data)
     if kind == ".exr":
         names = GREY if data.ndim == 2 else "RGB"[: data.shape[-1]]
         planes = data[..., None] if data.ndim == 2 else data
-        with whole(path) as part:
-            write_channels(part, dict(zip(names, np.moveaxis(planes, -1, 0), strict=True)))
-    elif kind == ".tif":
-        _write_tiff(path, data)
-    else:
-        data = data.astype(np.uint16) if data.dtype.itemsize > 2 else data
-        colors_first = data[..., ::-1] if data.ndim == 3 else data
-        _, png = cv2.imencode(".png", np.ascontiguousarray(colors_first))
-        write_bytes(path, png.tobytes())
+        return encode_channels(dict(zip(names, np.moveaxis(planes, -1, 0), strict=True)))
+    if kind == ".tif":
+        return _encoded_tiff(data)
+    data = data.astype(np.uint16) if data.dtype.itemsize > 2 else data
+    colors_first = data[..., ::-1] if data.ndim == 3 else data
+    _, png = cv2.imencode(".png", np.ascontiguousarray(colors_first))
+    file: bytes = png.tobytes()
+    return file
 
 
 def read_image(path: Path, modality: str) -> NDArray[Any]:
@@ -89,42 +98,63 @@ def read_image(path: Path, modality: str) -> NDArray[Any]:
     Raises:
         InvalidInputError: It cannot be read, or is not an image of that modality.
     """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError("image", str(path), f"a readable image ({error})") from error
+    return decode_image(data, modality, str(path))
+
+
+def decode_image(file: bytes, modality: str, name: str) -> NDArray[Any]:
+    """Return the pixels of a file's bytes as `modality_spec` describes them.
+
+    Args:
+        file: The bytes.
+        modality: What the image shows.
+        name: The file's name: its suffix says the kind, and errors cite it.
+
+    Raises:
+        InvalidInputError: It cannot be read, or is not an image of that modality.
+    """
     spec = modality_spec(modality)
-    if path.suffix == ".exr":
-        channels = read_channels(path)
+    kind = name[name.rfind(".") :]
+    if kind == ".exr":
+        channels = decode_channels(file, name)
         names = GREY if spec.channels == 1 else "RGB"[: spec.channels]
         if set(channels) != set(names):
             expected = f"an image with the channels {', '.join(names)}"
-            raise InvalidInputError("image", str(path), expected)
-        planes = [channels[name] for name in names]
+            raise InvalidInputError("image", name, expected)
+        planes = [channels[each] for each in names]
         data = planes[0] if spec.channels == 1 else np.stack(planes, axis=-1)
-    elif path.suffix == ".tif":
-        data = _read_tiff(path)
     else:
-        found = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
-        if found is None:
-            raise InvalidInputError("image", str(path), "a readable image")
-        data = np.asarray(found[..., ::-1] if found.ndim == 3 else found)
-    if data.ndim != (2 if spec.channels == 1 else 3):
-        raise InvalidInputError("image", str(path), f"{spec.channels} channels ({modality})")
+        data = _decoded_tiff(file, name) if kind == ".tif" else _decoded_png(file, name)
+    if data.shape[2:] != (() if spec.channels == 1 else (spec.channels,)):
+        raise InvalidInputError("image", name, f"{spec.channels} channels ({modality})")
     return np.ascontiguousarray(data.astype(spec.dtype, copy=False))
 
 
-def _write_tiff(path: Path, data: NDArray[Any]) -> None:
-    """Write a TIFF by way of memory, because GDAL reports a full disk on standard error only."""
+def _decoded_png(file: bytes, name: str) -> NDArray[Any]:
+    buffer = np.frombuffer(file, np.uint8)
+    found = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED) if len(buffer) else None
+    if found is None:
+        raise InvalidInputError("image", name, "a readable image")
+    return np.asarray(found[..., ::-1] if found.ndim == 3 else found)
+
+
+def _encoded_tiff(data: NDArray[Any]) -> bytes:
     shape = {"height": data.shape[0], "width": data.shape[1], "count": 1, "dtype": data.dtype}
     with warnings.catch_warnings(), MemoryFile() as memory:
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
         with memory.open(driver="GTiff", compress="deflate", **shape) as file:
             file.write(data, 1)
-        write_bytes(path, bytes(memory.getbuffer()))
+        return bytes(memory.getbuffer())
 
 
-def _read_tiff(path: Path) -> NDArray[Any]:
+def _decoded_tiff(file: bytes, name: str) -> NDArray[Any]:
     try:
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), MemoryFile(file) as memory:
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.open(path) as file:
-                return np.asarray(file.read(1))
+            with memory.open() as image:
+                return np.asarray(image.read(1))
     except RasterioError as error:
-        raise InvalidInputError("image", str(path), f"a readable image ({error})") from error
+        raise InvalidInputError("image", name, f"a readable image ({error})") from error

@@ -1,0 +1,282 @@
+"""Records of a data set: what it is, each of its frames, the legend of a world; to JSON and back.
+
+A *frame* is what one camera shows at one view of a world, in all modalities.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.output.records import (
+    intrinsics_from_record,
+    pose_from_record,
+    provenance_from_record,
+)
+from oaisys_core.types import FloatArray, FrameName, PinholeIntrinsics, SampleOutline
+
+FORMAT_VERSION = 1
+"""Version of the files; readers refuse later ones."""
+
+VARYING_FIELDS = frozenset({"worker", "seconds"})
+"""The fields of a `FrameRecord` that may differ between two runs of the same data set."""
+
+
+@dataclass(frozen=True)
+class ImageRecord:
+    """An image file in a shard.
+
+    Attributes:
+        file: Name of the member of the tar file.
+        offset, size: Where the file's bytes begin in the tar file, and how many they are.
+        sha256: Hash of the file's bytes.
+        pixels_sha256: Hash of the array's bytes, little-endian, row by row.
+        dtype, shape: Of the array, such as ``uint8`` and (480, 640, 3).
+    """
+
+    file: str
+    offset: int
+    size: int
+    sha256: str
+    pixels_sha256: str
+    dtype: str
+    shape: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """A line of the manifest: what a frame shows, and how to render it again.
+
+    Attributes:
+        frame_id: Names it in the data set: ``000012_0003_camera`` is world, view and sensor.
+        world, view: Counted from 0; the simulation's batch and sample are each one more.
+        split: ``train``, ``val``, ``test`` or another name; that of its world.
+        world_seed: Seed that the world was drawn from.
+        metadata: What the world and the view were given beyond the configuration.
+        T_map_camera: 4x4 pose of the camera's optical frame (x right, y down, z forward) in
+            ``map``.
+        intrinsics: The camera, as `oaisys_core.output.records.intrinsics_record` writes it.
+        stamp_s: Simulated time of the view since its world began.
+        images: Its images by modality.
+        provenance: See `oaisys_core.types.Provenance`.
+        rig_pose: ``position_m`` and ``quat_xyzw`` of the rig in ``map``.
+        worker: Who rendered it.
+        seconds: Wall-clock time of its view.
+        software: Versions by name.
+    """
+
+    frame_id: str
+    world: int
+    view: int
+    sensor: str
+    split: str
+    world_seed: int
+    config_sha256: str
+    metadata: Mapping[str, Any]
+    T_map_camera: tuple[tuple[float, ...], ...]
+    intrinsics: Mapping[str, Any]
+    stamp_s: float
+    images: Mapping[str, ImageRecord]
+    provenance: Mapping[str, Any]
+    rig_pose: Mapping[str, Any]
+    worker: str
+    seconds: float
+    software: Mapping[str, str]
+
+    @property
+    def camera(self) -> PinholeIntrinsics:
+        """The camera."""
+        return intrinsics_from_record(self.intrinsics)
+
+    @property
+    def pose(self) -> FloatArray:
+        """``T_map_camera`` as a (4, 4) array."""
+        return np.array(self.T_map_camera, np.float64)
+
+    def outline(self) -> SampleOutline:
+        """Return the outline from which `Simulation.repeat` renders this sensor's images again."""
+        return SampleOutline(
+            batch_id=self.world + 1,
+            sample_id=self.view + 1,
+            rig_pose=pose_from_record(self.rig_pose),
+            frames=tuple(FrameName(self.sensor, modality) for modality in self.images),
+            provenance=provenance_from_record(self.provenance),
+        )
+
+    def to_json(self) -> str:
+        """Return the record as one line, without its end; inverse: `from_json`."""
+        return json.dumps(asdict(self), separators=(",", ":"))
+
+    @classmethod
+    def from_json(cls, line: str | bytes, name: str = "line") -> FrameRecord:
+        """Return the record of a line; errors call it ``name``.
+
+        Raises:
+            InvalidInputError: It is not the record of a frame.
+        """
+        data = _fields_of(cls, line, name)
+        try:
+            images = {m: _image_record(image) for m, image in data["images"].items()}
+            rows = tuple(tuple(float(value) for value in row) for row in data["T_map_camera"])
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise InvalidInputError(name, _short(line), f"a frame's record ({error!r})") from error
+        return cls(**{**data, "images": images, "T_map_camera": rows})
+
+
+def frame_id(world: int, view: int, sensor: str) -> str:
+    """Return the id of a frame, such as ``000012_0003_camera``."""
+    return f"{world:06d}_{view:04d}_{sensor}"
+
+
+@dataclass(frozen=True)
+class LegendInstance:
+    """An object of a world.
+
+    Attributes:
+        name: Its unique name.
+        label, semantic_id: Its class on level 0.
+        kind, group: See `oaisys_core.types.SceneObject`.
+    """
+
+    name: str
+    label: str
+    semantic_id: int
+    kind: str = ""
+    group: str = ""
+
+
+@dataclass(frozen=True)
+class WorldLegend:
+    """What the ids in the label images of a world mean.
+
+    Attributes:
+        labels: Label by semantic id, on all levels; 0, no label, is not among them.
+        instances: Objects by instance id.
+    """
+
+    labels: Mapping[int, str]
+    instances: Mapping[int, LegendInstance]
+
+    def to_json(self) -> str:
+        """Return the legend as JSON; inverse: `from_json`."""
+        legend = WorldLegend(
+            dict(sorted(self.labels.items())), dict(sorted(self.instances.items()))
+        )
+        return json.dumps(asdict(legend), separators=(",", ":"))
+
+    @classmethod
+    def from_json(cls, text: str | bytes, name: str = "legend") -> WorldLegend:
+        """Return the legend of a JSON text; errors call it ``name``.
+
+        Raises:
+            InvalidInputError: It is no legend.
+        """
+        data = _fields_of(cls, text, name)
+        try:
+            labels = {int(i): str(label) for i, label in data["labels"].items()}
+            instances = {int(i): LegendInstance(**thing) for i, thing in data["instances"].items()}
+        except (AttributeError, TypeError, ValueError) as error:
+            raise InvalidInputError(name, _short(text), f"a legend ({error!r})") from error
+        return cls(labels, instances)
+
+
+@dataclass(frozen=True)
+class WorldFailure:
+    """A world that could not be made.
+
+    Attributes:
+        world: Its index.
+        split: The split that it would have been in.
+        world_seed: Seed that it was drawn from.
+        reason: The error.
+        attempts: How often it was tried.
+    """
+
+    world: int
+    split: str
+    world_seed: int
+    reason: str
+    attempts: int = 1
+
+    def to_json(self) -> str:
+        """Return the failure as JSON; inverse: `from_json`."""
+        return json.dumps(asdict(self), indent=2) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str | bytes, name: str = "failure") -> WorldFailure:
+        """Return the failure of a JSON text.
+
+        Raises:
+            InvalidInputError: It is none.
+        """
+        return cls(**_fields_of(cls, text, name))
+
+
+@dataclass(frozen=True)
+class DatasetInfo:
+    """What a data set is, written before its first world.
+
+    Attributes:
+        config: The complete configuration, defaults included.
+        config_sha256: Its hash.
+        seed: Seed that all worlds are derived from.
+        worlds, views: Planned number of worlds, and of views of each.
+        splits: Share of the worlds by the split's name.
+        software: Versions by name.
+        options: What else the command was given.
+        version: Version of the files.
+    """
+
+    config: Mapping[str, Any]
+    config_sha256: str
+    seed: int
+    worlds: int
+    views: int
+    splits: Mapping[str, float]
+    software: Mapping[str, str] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    version: int = FORMAT_VERSION
+
+    def to_json(self) -> str:
+        """Return the head of the data set as JSON; inverse: `from_json`."""
+        return json.dumps(asdict(self), indent=2) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str | bytes, name: str = "dataset.json") -> DatasetInfo:
+        """Return the head of a data set; errors call it ``name``.
+
+        Raises:
+            InvalidInputError: It is none, or of a later version.
+        """
+        info = cls(**_fields_of(cls, text, name))
+        if info.version != FORMAT_VERSION:
+            expected = f"version {FORMAT_VERSION}, which this program reads"
+            raise InvalidInputError(f"{name}: version", info.version, expected)
+        return info
+
+
+def _fields_of(kind: type, text: str | bytes, name: str) -> dict[str, Any]:
+    """Return the fields of a record as JSON has them."""
+    try:
+        data = json.loads(text)
+    except ValueError as error:
+        raise InvalidInputError(name, _short(text), f"JSON ({error})") from error
+    known = {each.name for each in fields(kind)}
+    if not isinstance(data, dict) or set(data) != known:
+        received = sorted(data) if isinstance(data, dict) else _short(text)
+        raise InvalidInputError(name, received, f"the keys {', '.join(sorted(known))}")
+    return data
+
+
+def _image_record(data: Mapping[str, Any]) -> ImageRecord:
+    return ImageRecord(**{**data, "shape": tuple(data["shape"])})
+
+
+def _short(text: str | bytes) -> str:
+    shown = text[:80]
+    return shown if isinstance(shown, str) else shown.decode("utf-8", "replace")

@@ -1,0 +1,195 @@
+"""Shards: the images, legend and manifest of one world, written whole or not at all.
+
+The tar file is uncompressed, and its bytes depend on its content alone. The manifest is written
+after it: a world is finished if and only if its manifest exists.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+import tarfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.dataset.manifest import (
+    FrameRecord,
+    ImageRecord,
+    WorldFailure,
+    WorldLegend,
+)
+from oaisys_core.dataset.places import Place
+from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.output.images import decode_image, encode_image, file_kind
+from oaisys_core.types import INSTANCE, modality_spec
+
+SHARDS, FAILED = "shards", "failed"
+HEAD = "dataset.json"
+LEGEND = "legend.json"
+"""Last member of a tar file."""
+
+_WORLD = re.compile(r".*/world_(\d{6,})\.(?:jsonl|json)")
+
+
+def tar_name(world: int) -> str:
+    """Return the name of a world's tar file."""
+    return f"{SHARDS}/world_{world:06d}.tar"
+
+
+def manifest_name(world: int) -> str:
+    """Return the name of a world's manifest."""
+    return f"{SHARDS}/world_{world:06d}.jsonl"
+
+
+def failure_name(world: int) -> str:
+    """Return the name of the file that says why a world could not be made."""
+    return f"{FAILED}/world_{world:06d}.json"
+
+
+def finished_worlds(place: Place) -> list[int]:
+    """Return the worlds whose shard is whole, in order."""
+    return _worlds(name for name in place.names(SHARDS) if name.endswith(".jsonl"))
+
+
+def failed_worlds(place: Place) -> list[int]:
+    """Return the worlds that could not be made, in order."""
+    return _worlds(iter(place.names(FAILED)))
+
+
+def read_failure(place: Place, world: int) -> WorldFailure:
+    """Return why a world could not be made."""
+    name = failure_name(world)
+    return WorldFailure.from_json(place.read(name), name)
+
+
+def write_failure(place: Place, failure: WorldFailure) -> None:
+    """Record that a world could not be made; inverse: `read_failure`."""
+    place.write(failure_name(failure.world), failure.to_json().encode())
+
+
+class ShardWriter:
+    """Receives the frames of one world, in the order of view and sensor; see `writing_shard`."""
+
+    def __init__(self, tar: tarfile.TarFile) -> None:
+        self._tar = tar
+        self._lines: list[str] = []
+        self._legend: WorldLegend | None = None
+
+    def add(self, record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> FrameRecord:
+        """Write a frame.
+
+        Args:
+            record: Its record; ``images`` is replaced.
+            arrays: Its pixels by modality, as `modality_spec` describes them.
+
+        Returns:
+            The record with ``images``.
+        """
+        images = {
+            modality: self._add_image(record.frame_id, modality, arrays[modality])
+            for modality in sorted(arrays)
+        }
+        whole = replace(record, images=images)
+        self._lines.append(whole.to_json())
+        return whole
+
+    def finish(self, legend: WorldLegend) -> None:
+        """Write the legend, after the last frame."""
+        self._add_file(LEGEND, legend.to_json().encode())
+        self._legend = legend
+
+    def manifest(self) -> bytes:
+        """Return the manifest.
+
+        Raises:
+            RenderError: The shard has no frame, or no legend.
+        """
+        if not self._lines or self._legend is None:
+            raise RenderError("a shard needs at least one frame and a legend")
+        return "".join(f"{line}\n" for line in self._lines).encode()
+
+    def _add_image(self, frame: str, modality: str, data: NDArray[Any]) -> ImageRecord:
+        pixels = stored_pixels(modality, data)
+        # Readers of images get core's types, whatever type stores the ids in memory.
+        typed = pixels.view(modality_spec(modality).dtype)
+        file, name = encode_image(typed), f"{frame}.{modality}{file_kind(typed)}"
+        return ImageRecord(
+            file=name,
+            offset=self._add_file(name, file),
+            size=len(file),
+            sha256=hashlib.sha256(file).hexdigest(),
+            pixels_sha256=pixels_sha256(pixels),
+            dtype=pixels.dtype.name,
+            shape=pixels.shape,
+        )
+
+    def _add_file(self, name: str, data: bytes) -> int:
+        """Append a file and return where its bytes begin."""
+        # TarInfo's defaults: no time, no owner, mode 0644.
+        member = tarfile.TarInfo(name)
+        member.size = len(data)
+        self._tar.addfile(member, io.BytesIO(data))
+        return self._tar.offset - padded(len(data))
+
+
+@contextmanager
+def writing_shard(place: Place, world: int) -> Iterator[ShardWriter]:
+    """Yield a writer; if the block succeeds, the shard and then its manifest are in place.
+
+    Raises:
+        RenderError: They could not be written, or the shard is empty; there is no manifest.
+    """
+    with place.writing(tar_name(world)) as path:
+        with tarfile.open(path, "w", format=tarfile.GNU_FORMAT) as tar:
+            writer = ShardWriter(tar)
+            yield writer
+        manifest = writer.manifest()
+    place.write(manifest_name(world), manifest)
+
+
+def stored_pixels(modality: str, data: NDArray[Any]) -> NDArray[Any]:
+    """Return pixels in the type that samples of a data set have; instance ids are int32.
+
+    Raises:
+        InvalidInputError: They are not pixels of this modality.
+    """
+    spec = modality_spec(modality)
+    shape = () if spec.channels == 1 else (spec.channels,)
+    if data.ndim < 2 or data.shape[2:] != shape:
+        expected = f"(H, W{', 3' if shape else ''}), {spec.channels} channels"
+        raise InvalidInputError(modality, data.shape, expected)
+    if modality == INSTANCE:
+        return np.ascontiguousarray(data, np.int32)
+    if data.dtype != spec.dtype:
+        raise InvalidInputError(modality, data.dtype.name, spec.dtype.name)
+    return np.ascontiguousarray(data)
+
+
+def read_pixels(file: bytes, modality: str, name: str) -> NDArray[Any]:
+    """Return the pixels of a shard's image file.
+
+    Raises:
+        InvalidInputError: It cannot be decoded.
+    """
+    return stored_pixels(modality, decode_image(file, modality, name))
+
+
+def pixels_sha256(pixels: NDArray[Any]) -> str:
+    """Return the hash of an array's bytes, little-endian, row by row."""
+    little = pixels.astype(pixels.dtype.newbyteorder("<"), copy=False)
+    return hashlib.sha256(np.ascontiguousarray(little).data).hexdigest()
+
+
+def padded(size: int) -> int:
+    """Return the bytes that a file of some size takes in a tar file."""
+    return -(-size // tarfile.BLOCKSIZE) * tarfile.BLOCKSIZE
+
+
+def _worlds(names: Iterator[str]) -> list[int]:
+    return sorted(int(found[1]) for found in map(_WORLD.fullmatch, names) if found)
