@@ -5,7 +5,7 @@ All coordinates are in ``map`` (metres, z up).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from oaisys_core.sky import Sky
 from oaisys_core.types import (
     FLOW,
+    POINTS,
     RGB,
     FloatArray,
     PinholeIntrinsics,
@@ -27,11 +28,15 @@ __all__ = [
     "Ground",
     "HeightField",
     "Lens",
+    "LidarErrors",
     "MeshPrototype",
     "PbrMaps",
     "PlacedCamera",
+    "PlacedLidar",
     "Placement",
+    "PoseAtTime",
     "Primitive",
+    "ScanPattern",
     "Scene",
     "Sky",
     "TerrainLayer",
@@ -266,6 +271,68 @@ class PlacedCamera(ShortRepr):
     def depends_on_past(self) -> bool:
         """Whether the images depend on the camera's pose at the previous sample."""
         return FLOW in self.modalities or bool(self.shutter_share and RGB in self.modalities)
+
+
+@dataclass(frozen=True, repr=False)
+class ScanPattern(ShortRepr):
+    """The rays of a lidar's scan, in the order of their times.
+
+    Attributes:
+        directions: (N, 3) unit vectors in the lidar's frame (x forward, y left, z up).
+        times_s: (N,) since the beginning of the scan.
+        rings: (N,) uint16 channels.
+    """
+
+    directions: FloatArray
+    times_s: FloatArray
+    rings: NDArray[np.uint16]
+
+
+PoseAtTime = Callable[[FloatArray], FloatArray]
+"""Returns the (T, 4, 4) poses ``T_map_sensor`` at (T,) times in seconds since the sample's own."""
+
+
+@dataclass(frozen=True)
+class LidarErrors:
+    """Errors of a lidar's measurements; by default none.
+
+    Attributes:
+        seed: Root seed of the errors.
+        range_sigma_m: Standard deviation of the range.
+        drop_from_rad: Angle of incidence from which rays are lost, see `LidarFaultsConfig`.
+    """
+
+    seed: int = 0
+    range_sigma_m: float = 0.0
+    drop_from_rad: float | None = None
+
+
+@dataclass(frozen=True, repr=False)
+class PlacedLidar(ShortRepr):
+    """A lidar at the time of a sample; see `LidarConfig` for what it measures.
+
+    Attributes:
+        pattern: The rays of this scan.
+        T_map_lidar: (4, 4) pose at the beginning of the scan.
+        pose_at: Poses during the scan; None: it stands still.
+        beam_divergence_rad: Full angle of the beam.
+        modalities: `POINTS`, or nothing if it does not scan.
+        depends_on_past: Whether the scan depends on the lidar's pose at the previous sample.
+    """
+
+    name: str
+    pattern: ScanPattern
+    T_map_lidar: FloatArray
+    min_range_m: float
+    max_range_m: float
+    reference_range_m: float
+    pose_at: PoseAtTime | None = None
+    beam_divergence_rad: float = 0.0
+    return_separation_m: float = 0.5
+    extra_fields: tuple[str, ...] = ()
+    errors: LidarErrors = LidarErrors()
+    modalities: tuple[str, ...] = (POINTS,)
+    depends_on_past: bool = False
 
 
 def merge_meshes(meshes: list[TriangleMesh]) -> TriangleMesh:

@@ -19,8 +19,8 @@ from oaisys_core.backend.base import Backend, ProgressCallback, RenderSettings
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.module import World, drawn
-from oaisys_core.modules.cameras import select
-from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.modules.sensors import DueSensors
+from oaisys_core.scene import Scene
 from oaisys_core.sensing.view_renderer import (
     FramesPlacement,
     SampleSteps,
@@ -182,31 +182,31 @@ class Simulation:
         batch = self._current()
         metadata = metadata or ModuleMetadata()
         self._modules.check(metadata, is_batch=False)
-        select(batch.world.cameras, modalities, sensors)
+        self._sensors.check_selection(batch.world, modalities, sensors)
         metadata = self._with_admitted_pose(batch, metadata)
         with self._undone_on_failure(batch):
             self._apply(batch, metadata)
-            cameras = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
+            due = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
             settings = drawn(batch.world.render)
-            cameras = settings.allowed(cameras)
-            return (yield from self._sample(batch, cameras, settings, progress, started_s))
+            due = due._replace(cameras=settings.allowed(due.cameras))
+            return (yield from self._sample(batch, due, settings, progress, started_s))
 
     def _sample(
         self,
         batch: Batch,
-        cameras: Sequence[PlacedCamera],
+        due: DueSensors,
         settings: RenderSettings,
         progress: ProgressCallback,
         started_s: float,
     ) -> SampleSteps:
         """Render the world as it is, and count it as the next sample."""
-        outline = self._outline(batch, cameras, settings)
+        outline = self._outline(batch, due, settings)
         faults = self._sensors.depth_faults
         sample = yield from self._views.sample(
-            outline, batch.world.scene(), cameras, settings, progress, faults, started_s
+            outline, batch.world.scene(), *due, settings, progress, faults, started_s
         )
         batch.sample_id += 1
-        moved = {camera.name: outline.rig_pose for camera in cameras}
+        moved = {sensor.name: outline.rig_pose for sensor in due.all}
         batch.last_rig_poses = {**batch.last_rig_poses, **moved}
         return sample
 
@@ -228,14 +228,14 @@ class Simulation:
         state = state_of(outline)
         self.restore(state, progress)
         batch = self._current()
-        cameras = self._sensors.named(batch.world, batch.last_rig_poses, outline.frames)
+        due = self._sensors.named(batch.world, batch.last_rig_poses, outline.frames)
         settings = drawn(batch.world.render)
         if settings.time_budget_s is not None and how.render_samples:
             # How many samples there was time for is known now.
             settings = replace(settings, time_budget_s=None, samples=how.render_samples)
         batch.sample_id = outline.sample_id - 1
         return _returned(
-            self._sample(batch, cameras, settings, progress, started_s=time.perf_counter())
+            self._sample(batch, due, settings, progress, started_s=time.perf_counter())
         )
 
     def withdraw_sample(self) -> None:
@@ -262,6 +262,7 @@ class Simulation:
             config_sha256=self._config_sha256,
             quality=render.quality if render else self._config.render.quality,
             sensors=self._sensors.sensors,
+            lidars=self._sensors.lidars,
             semantic_labels=dict(batch.world.semantic_labels) if batch else {},
             batch_id=batch.id if batch else 0,
             sample_id=batch.sample_id if batch else 0,
@@ -436,15 +437,13 @@ class Simulation:
         if batch.world.refine():
             self._backend.update(batch.world.scene())
 
-    def _outline(
-        self, batch: Batch, cameras: Sequence[PlacedCamera], settings: RenderSettings
-    ) -> SampleOutline:
+    def _outline(self, batch: Batch, due: DueSensors, settings: RenderSettings) -> SampleOutline:
         """Return the outline of the next sample."""
         return SampleOutline(
             batch_id=batch.id,
             sample_id=batch.sample_id + 1,
             rig_pose=drawn(self._sensors.rig_pose),
-            frames=tuple(FrameName(c.name, m) for c in cameras for m in c.modalities),
+            frames=tuple(FrameName(s.name, m) for s in due.all for m in s.modalities),
             odometry=self._sensors.odometry(batch.id, batch.sample_id + 1),
             provenance=Provenance(
                 seed=self._config.seed,
@@ -458,7 +457,7 @@ class Simulation:
                 stage_seed=batch.seeds.stage_seed,
                 asset_seed=batch.seeds.asset_seed,
                 metadata_json=metadata_text(batch.in_force),
-                previous_poses_json=previous_poses_text(cameras, batch.last_rig_poses),
+                previous_poses_json=previous_poses_text(due.all, batch.last_rig_poses),
             ),
         )
 

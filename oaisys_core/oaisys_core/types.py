@@ -6,7 +6,7 @@ Nothing here knows Blender, gRPC or ROS. Arrays are numpy; units and frames are 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple
 
@@ -30,6 +30,9 @@ RANGE = "range"
 NORMAL = "normal"
 FLOW = "flow"
 ALBEDO = "albedo"
+
+POINTS = "points"
+"""Modality of lidars, whose data are points rather than an image."""
 
 
 class ModalitySpec(NamedTuple):
@@ -198,6 +201,50 @@ class Frame(ShortRepr):
     T_map_camera: FloatArray
 
 
+_POINT = (("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"))
+_POINT_TIME = ("time", "<f4")
+_EXTRA_POINT_FIELDS = {"label": "<u2", "instance": "<u4"}
+
+
+def point_dtype(extra_fields: Sequence[str] = ()) -> np.dtype[Any]:
+    """Return the dtype, without padding, of a lidar's points.
+
+    * ``x``, ``y``, ``z``: metres, in the lidar's frame at the time of the ray.
+    * ``intensity``: 0 to 255.
+    * ``ring``: the channel, 0 is the lowest.
+    * ``time``: seconds since the beginning of the scan.
+    * ``label``, ``instance``: semantic id on level 0, and instance id, if named.
+    """
+    extra = [(name, _EXTRA_POINT_FIELDS[name]) for name in extra_fields]
+    return np.dtype([*_POINT, _POINT_TIME, *extra])
+
+
+@dataclass(frozen=True, repr=False)
+class LidarScan(ShortRepr):
+    """The points of one scan of one lidar.
+
+    Attributes:
+        sensor: Name of the lidar.
+        data: (N,) points in the order of their times, see `point_dtype`. They are not corrected for
+            the motion during the scan.
+        T_map_lidar: (4, 4) pose of the lidar at the beginning of the scan (x forward, z up).
+    """
+
+    sensor: str
+    data: NDArray[Any]
+    T_map_lidar: FloatArray
+
+    @property
+    def modality(self) -> str:
+        """`POINTS`."""
+        return POINTS
+
+    @property
+    def points_m(self) -> FloatArray:
+        """(N, 3) points in the lidar's frame."""
+        return np.stack([self.data[axis].astype(np.float64) for axis in "xyz"], axis=-1)
+
+
 def early_first(frames: Iterable[Frame]) -> tuple[Frame, ...]:
     """Return frames in the order in which they are sent: depth and labels before colour."""
     return tuple(sorted(frames, key=lambda frame: frame.modality in (RGB, ALBEDO)))
@@ -232,7 +279,7 @@ class SampleOutline:
     If the sample is not completed, the next one gets its ids.
 
     Attributes:
-        frames: The frames that it will contain, in order.
+        frames: The frames that it will contain, in order, then the scans.
         provenance: That of the sample, except that ``render_samples`` is 0.
         from_cache, odometry: See `Sample`.
     """
@@ -253,13 +300,14 @@ class Sample:
     Attributes:
         batch_id, sample_id: Counted from 1; sample ids restart with each batch.
         rig_pose: Pose of the rig (``base_link``) in ``map``.
-        frames: One per sensor and modality.
+        frames: One per camera and modality.
         render_time_s: Wall-clock time of rendering.
         provenance: How to render it again.
         from_cache: Whether the frames were rendered for an earlier sample of the same view.
         finished_ns: Time at which the last frame was rendered, by `time.monotonic_ns` on the
             rendering machine; 0 if it is not known.
         odometry: The rig's estimate of its pose; None without drift in ``sensors.faults``.
+        scans: One per lidar.
     """
 
     batch_id: int
@@ -271,6 +319,7 @@ class Sample:
     from_cache: bool = False
     finished_ns: int = field(default=0, compare=False)
     odometry: Odometry | None = None
+    scans: tuple[LidarScan, ...] = ()
 
     @property
     def outline(self) -> SampleOutline:
@@ -279,7 +328,10 @@ class Sample:
             batch_id=self.batch_id,
             sample_id=self.sample_id,
             rig_pose=self.rig_pose,
-            frames=tuple(FrameName(frame.sensor, frame.modality) for frame in self.frames),
+            frames=(
+                *(FrameName(frame.sensor, frame.modality) for frame in self.frames),
+                *(FrameName(scan.sensor, scan.modality) for scan in self.scans),
+            ),
             provenance=self.provenance,
             from_cache=self.from_cache,
             odometry=self.odometry,
@@ -291,6 +343,13 @@ class Sample:
             if candidate.sensor == sensor and candidate.modality == modality:
                 return candidate
         raise KeyError(f"no frame {sensor}/{modality}")
+
+    def scan(self, sensor: str) -> LidarScan:
+        """Return the scan of a lidar; `KeyError` where there is none."""
+        for candidate in self.scans:
+            if candidate.sensor == sensor:
+                return candidate
+        raise KeyError(f"no scan of {sensor}")
 
 
 def _as_rendered(frame: Frame) -> Frame:
@@ -346,11 +405,29 @@ class SensorInfo(ShortRepr):
     stereo_baseline_m: float = 0.0
 
 
+@dataclass(frozen=True, repr=False)
+class LidarInfo(ShortRepr):
+    """A lidar of the rig.
+
+    Attributes:
+        T_base_lidar: (4, 4) pose of the lidar in ``base_link``.
+        period_s: Duration of a scan.
+        extra_fields: Fields of its points beyond the usual ones, see `point_dtype`.
+    """
+
+    name: str
+    T_base_lidar: FloatArray
+    period_s: float
+    extra_fields: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class SimulatorInfo:
     """A running simulator: its version, its sensors, its current batch and sample.
 
     Attributes:
+        sensors: The cameras.
+        lidars: The lidars.
         semantic_labels: Name by semantic id.
         stage_extent_m: (min_x, min_y, max_x, max_y) of the ground, or None before the first batch.
         worker_restarts: Number of times that a server has replaced a rendering process that died.
@@ -369,6 +446,7 @@ class SimulatorInfo:
     stage_extent_m: tuple[float, float, float, float] | None
     worker_restarts: int = 0
     device: str = "cpu"
+    lidars: tuple[LidarInfo, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)

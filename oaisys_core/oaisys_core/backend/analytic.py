@@ -8,14 +8,16 @@ import oaisys_core
 from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
 from oaisys_core.backend.geometry_pass import PoseMemory, frame_of, frames_of
+from oaisys_core.backend.lidar import LidarCaster
 from oaisys_core.backend.raycast.shading import Palette, shaded
 from oaisys_core.backend.raycast.solids import flat_ground
 from oaisys_core.backend.surface import Surface, View, ground_mesh
 from oaisys_core.color import encoded
 from oaisys_core.errors import NotReadyError
-from oaisys_core.scene import PlacedCamera, Scene, stands_on
+from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene, stands_on
 from oaisys_core.sensing.effects import with_effects
-from oaisys_core.types import ALBEDO, RGB, FloatArray, Frame, Progress, TriangleMesh
+from oaisys_core.sensing.faults import Shot
+from oaisys_core.types import ALBEDO, RGB, FloatArray, Frame, LidarScan, Progress, TriangleMesh
 
 
 class AnalyticBackend(Backend):
@@ -31,6 +33,7 @@ class AnalyticBackend(Backend):
         self._surface: Surface | None = None
         self._palette: Palette | None = None
         self._memory = PoseMemory()
+        self._lidars = LidarCaster()
 
     @property
     def version(self) -> str:
@@ -84,6 +87,10 @@ class AnalyticBackend(Backend):
                 yield FrameGroup.of(_colors(surface, palette, view, camera, settings))
         self._memory.remember(cameras, surface.scene)
 
+    def scan(self, lidar: PlacedLidar, shot: Shot) -> LidarScan:
+        """See `Backend.scan`."""
+        return self._lidars.scan(self._built()[0], lidar, shot)
+
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.revisited`."""
         self._memory.remember(cameras, self._built()[0].scene)
@@ -104,6 +111,7 @@ class AnalyticBackend(Backend):
         """Drop the world."""
         self._surface = self._palette = None
         self._memory.forget()
+        self._lidars.forget()
 
     def _built(self) -> tuple[Surface, Palette]:
         if self._surface is None or self._palette is None:

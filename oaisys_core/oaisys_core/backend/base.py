@@ -9,37 +9,54 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-from oaisys_core.errors import InvalidInputError
-from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.effects import NO_EFFECTS, Effects
-from oaisys_core.types import FloatArray, Frame, Progress, TriangleMesh, ignore_progress
+from oaisys_core.sensing.faults import Shot
+from oaisys_core.types import (
+    FloatArray,
+    Frame,
+    LidarScan,
+    Progress,
+    TriangleMesh,
+    ignore_progress,
+)
 
 ProgressCallback = Callable[[Progress], None]
 """Called during long work; it may raise `CancelledError` to stop it."""
 
 
 class FrameGroup:
-    """Frames that become ready together; another thread may still be computing them."""
+    """Frames that become ready together; another thread may still be computing them.
+
+    Attributes:
+        scans: Scans of lidars, which are ready.
+    """
 
     def __init__(
-        self, compute: Callable[[], tuple[Frame, ...]], done: Callable[[], bool] = lambda: True
+        self,
+        compute: Callable[[], tuple[Frame, ...]],
+        done: Callable[[], bool] = lambda: True,
+        scans: tuple[LidarScan, ...] = (),
     ) -> None:
         """Compute nothing yet.
 
         Args:
             compute: Returns the frames; called once, by the first thread that asks for them.
             done: Whether ``compute`` returns without waiting for another thread.
+            scans: Scans of lidars, which are ready.
         """
+        self.scans = scans
         self._compute = compute
         self._done = done
         self._lock = threading.Lock()
         self._frames: tuple[Frame, ...] | None = None
 
     @classmethod
-    def of(cls, frames: Iterable[Frame]) -> FrameGroup:
-        """Return a group of frames that are ready."""
+    def of(cls, frames: Iterable[Frame], scans: Iterable[LidarScan] = ()) -> FrameGroup:
+        """Return a group of frames and scans that are ready."""
         ready = tuple(frames)
-        return cls(lambda: ready)
+        return cls(lambda: ready, scans=tuple(scans))
 
     def done(self) -> bool:
         """Return whether `result` returns without waiting for another thread."""
@@ -58,7 +75,7 @@ class FrameGroup:
 
     def mapped(self, change: Callable[[tuple[Frame, ...]], tuple[Frame, ...]]) -> FrameGroup:
         """Return the group of the changed frames; ``change`` is called when they are asked for."""
-        return FrameGroup(lambda: change(self.result()), self._done)
+        return FrameGroup(lambda: change(self.result()), self._done, self.scans)
 
 
 ViewTransform = Literal["agx", "filmic", "standard", "raw"]
@@ -161,6 +178,18 @@ class Backend(ABC):
             RenderError: The backend failed.
             CancelledError: ``progress`` raised it.
         """
+
+    def scan(self, lidar: PlacedLidar, shot: Shot) -> LidarScan:
+        """Return what a lidar measures of the built world.
+
+        Args:
+            lidar: The lidar.
+            shot: Identifies the scan, for its errors.
+
+        Raises:
+            RenderError: The backend has no lidars.
+        """
+        raise RenderError(f"the backend {self.name} has no lidars ({lidar.name})")
 
     def render_all(
         self,

@@ -52,8 +52,8 @@ class View:
     elements: NDArray[np.int64]
     instance_ids: NDArray[np.uint32]
 
-    def rows(self, rows: slice) -> View:
-        """Return a view of some rows that shares its memory with the whole."""
+    def rows(self, rows: slice | NDArray[np.intp]) -> View:
+        """Return a view of some rows; that of a slice shares its memory with the whole."""
         return View(**{name: array[rows] for name, array in self._arrays().items()})
 
     def _arrays(self) -> dict[str, NDArray[Any]]:
@@ -186,17 +186,49 @@ class Surface:
                 band.points_m[...] += T_map_camera[:3, 3]
         return view
 
+    def cast(self, origins_m: FloatArray, directions: FloatArray, limit_m: float) -> View:
+        """Cast rays that may begin anywhere, and return their first hits as a view of one column.
+
+        Args:
+            origins_m: (R, 3) in ``map``, or (3,) for all rays.
+            directions: (R, 3) unit vectors in ``map``; the view's depth is then the range.
+            limit_m: Ranges beyond which nothing is hit.
+        """
+        shape = (len(directions), 1)
+        view = View(
+            depth_m=np.full(shape, np.nextafter(limit_m, np.inf)),
+            directions=directions[:, None],
+            points_m=np.empty((*shape, 3)),
+            targets=np.full(shape, NO_TARGET, dtype=np.int64),
+            elements=np.zeros(shape, dtype=np.int64),
+            instance_ids=np.zeros(shape, dtype=np.uint32),
+        )
+        for rows in bands(*shape):
+            band = view.rows(rows)
+            origins = origins_m if origins_m.ndim == 1 else origins_m[rows]
+            for index in range(len(self._targets)):
+                self._cast_at(index, origins, band, None)
+            band.depth_m[band.targets == NO_TARGET] = np.inf
+            with np.errstate(invalid="ignore"):
+                np.multiply(band.depth_m[..., None], band.directions, out=band.points_m)
+            band.points_m[:, 0] += origins
+        return view
+
     def _cast_at(
-        self, index: int, origin_m: FloatArray, view: View, pixels: NDArray[np.bool_] | None
+        self, index: int, origins_m: FloatArray, view: View, pixels: NDArray[np.bool_] | None
     ) -> None:
-        """Cast the rays of some pixels, or of all, at one target, and keep nearer hits."""
+        """Cast the rays of some pixels, or of all, at one target, and keep nearer hits.
+
+        ``origins_m`` is (3,), or (R, 3) if ``pixels`` is None.
+        """
         if pixels is not None and not pixels.any():
             return
         target = self._targets[index]
         rays: Any = slice(None) if pixels is None else np.flatnonzero(pixels)
         depth_m = view.depth_m.reshape(-1)
         limits = depth_m[rays]
-        found_m, elements = target.intersect(origin_m, view.directions.reshape(-1, 3)[rays], limits)
+        directions = view.directions.reshape(-1, 3)[rays]
+        found_m, elements = target.intersect(origins_m, directions, limits)
         nearer = np.flatnonzero(found_m < limits)
         elements = elements[nearer]
         seen = nearer if pixels is None else rays[nearer]

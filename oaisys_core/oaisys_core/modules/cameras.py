@@ -1,4 +1,4 @@
-"""The cameras of a rig: what metadata changes of them, where they are, and what they render."""
+"""The cameras of a rig: what metadata changes of them, and where they are; which sensors render."""
 
 from __future__ import annotations
 
@@ -8,13 +8,16 @@ from math import radians
 from typing import Any
 
 from oaisys_core import geometry
+from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.sensors import CameraConfig, OpticsConfig, optics_bounds_px
 from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.module import overridden
-from oaisys_core.scene import Lens, PlacedCamera
+from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar
 from oaisys_core.types import FrameName, Pose, SensorInfo
 
 Cameras = tuple[CameraConfig, ...]
+
+PlacedSensor = PlacedCamera | PlacedLidar
 
 
 def changed_cameras(cameras: Cameras, changes: Any, path: str) -> Cameras:
@@ -90,81 +93,81 @@ def with_previous_poses(
     )
 
 
-def due_cameras(
-    placed: Sequence[PlacedCamera],
-    cameras: Cameras,
+def due_sensors(
+    placed: Sequence[PlacedSensor],
+    configs: Sequence[CameraConfig | LidarConfig],
     sample_id: int,
     modalities: Sequence[str],
     sensors: Sequence[str],
-) -> list[PlacedCamera]:
-    """Return the cameras that render a sample, each with the modalities it renders.
+) -> list[PlacedSensor]:
+    """Return the sensors that render a sample, each with the modalities it renders.
 
     If sensors or modalities are named, exactly these render, whatever their intervals; otherwise
     those that are due by their intervals, which may be none.
     """
     chosen = select(placed, modalities, sensors)
     if not modalities and not sensors:
-        by_name = {camera.name: camera for camera in cameras}
-        chosen = tuple(_due(camera, by_name[camera.name], sample_id) for camera in chosen)
-    return [camera for camera in chosen if camera.modalities]
+        by_name = {config.name: config for config in configs}
+        chosen = tuple(_due(sensor, by_name[sensor.name], sample_id) for sensor in chosen)
+    return [sensor for sensor in chosen if sensor.modalities]
 
 
-def cameras_of(cameras: Sequence[PlacedCamera], frames: Sequence[FrameName]) -> list[PlacedCamera]:
-    """Return the cameras that render exactly these frames.
+def sensors_of(placed: Sequence[PlacedSensor], frames: Sequence[FrameName]) -> list[PlacedSensor]:
+    """Return the sensors that render exactly these frames.
 
     Raises:
         InvalidInputError: There is no such sensor, or it has no such modality.
     """
     wanted: dict[str, set[str]] = {}
     for frame in frames:
-        select(cameras, (frame.modality,), (frame.sensor,))
+        select(placed, (frame.modality,), (frame.sensor,))
         wanted.setdefault(frame.sensor, set()).add(frame.modality)
     return [
-        replace(camera, modalities=tuple(m for m in camera.modalities if m in wanted[camera.name]))
-        for camera in cameras
-        if camera.name in wanted
+        replace(sensor, modalities=tuple(m for m in sensor.modalities if m in wanted[sensor.name]))
+        for sensor in placed
+        if sensor.name in wanted
     ]
 
 
 def select(
-    cameras: Sequence[PlacedCamera], modalities: Sequence[str], sensors: Sequence[str]
-) -> tuple[PlacedCamera, ...]:
-    """Return the named cameras with the named modalities; no names mean all.
+    placed: Sequence[PlacedSensor], modalities: Sequence[str], sensors: Sequence[str]
+) -> tuple[PlacedSensor, ...]:
+    """Return the named sensors with the named modalities; no names mean all.
 
     Raises:
         InvalidInputError: There is no such sensor or modality, or the named sensors have none of
             the named modalities.
     """
-    names = [camera.name for camera in cameras]
-    for sensor in sensors:
-        if sensor not in names:
-            raise InvalidInputError("sensors", sensor, one_of(names, sensor))
-    chosen = [camera for camera in cameras if not sensors or camera.name in sensors]
-    _check_modalities(cameras, modalities)
-    if not any(set(modalities) & set(camera.modalities) for camera in chosen):
+    names = [sensor.name for sensor in placed]
+    for name in sensors:
+        if name not in names:
+            raise InvalidInputError("sensors", name, one_of(names, name))
+    chosen = [sensor for sensor in placed if not sensors or sensor.name in sensors]
+    _check_modalities(placed, modalities)
+    if not any(set(modalities) & set(sensor.modalities) for sensor in chosen):
         _check_modalities(chosen, modalities)
     return tuple(
-        replace(c, modalities=tuple(m for m in c.modalities if not modalities or m in modalities))
-        for c in chosen
+        replace(s, modalities=tuple(m for m in s.modalities if not modalities or m in modalities))
+        for s in chosen
     )
 
 
-def _check_modalities(cameras: Sequence[PlacedCamera], modalities: Sequence[str]) -> None:
-    """Refuse a modality that none of the cameras has."""
-    offered = {modality for camera in cameras for modality in camera.modalities}
+def _check_modalities(placed: Sequence[PlacedSensor], modalities: Sequence[str]) -> None:
+    """Refuse a modality that none of the sensors has."""
+    offered = {modality for sensor in placed for modality in sensor.modalities}
     for modality in modalities:
         if modality not in offered:
             raise InvalidInputError("modalities", modality, one_of(offered, modality))
 
 
-def _due(camera: PlacedCamera, config: CameraConfig, sample_id: int) -> PlacedCamera:
-    """Return a camera with the modalities that its intervals let it render at a sample."""
+def _due(sensor: PlacedSensor, config: CameraConfig | LidarConfig, sample_id: int) -> PlacedSensor:
+    """Return a sensor with the modalities that its intervals let it render at a sample."""
     turn, rest = divmod(sample_id - 1 - config.step_offset, config.step_interval)
     if turn < 0 or rest:
-        return replace(camera, modalities=())
-    intervals = config.modality_intervals
-    chosen = tuple(m for m in camera.modalities if turn % intervals.get(m, 1) == 0)
-    return replace(camera, modalities=chosen)
+        return replace(sensor, modalities=())
+    intervals = config.modality_intervals if isinstance(config, CameraConfig) else {}
+    chosen = tuple(m for m in sensor.modalities if turn % intervals.get(m, 1) == 0)
+    return replace(sensor, modalities=chosen)
 
 
 def _lens(camera: CameraConfig) -> Lens | None:

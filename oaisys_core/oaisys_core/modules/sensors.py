@@ -1,9 +1,9 @@
-"""The module that holds the cameras, moves the rig and sets the faults of its sensors."""
+"""The module that holds the sensors, moves the rig and sets the faults of its sensors."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
@@ -11,22 +11,26 @@ from pydantic import TypeAdapter, ValidationError
 from oaisys_core import geometry
 from oaisys_core.config.expectations import refusal
 from oaisys_core.config.sections.faults import FaultsConfig
+from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.motion import AnyMotion
-from oaisys_core.config.sections.sensors import PosePolicy, SensorsConfig
+from oaisys_core.config.sections.sensors import CameraConfig, PosePolicy, SensorsConfig
 from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.module import Metadata, Module, World, differing, overridden, require
 from oaisys_core.modules.cameras import (
     Cameras,
-    cameras_of,
+    PlacedSensor,
     changed_cameras,
-    due_cameras,
+    due_sensors,
     placed_cameras,
+    select,
     sensor_info,
+    sensors_of,
     with_previous_poses,
 )
 from oaisys_core.modules.clearance import HeightLookup, admitted_pose
+from oaisys_core.modules.lidars import lidar_info, placed_lidars, with_motion
 from oaisys_core.motion import Motion, make_motion, motion_step
-from oaisys_core.scene import PlacedCamera
+from oaisys_core.scene import PlacedCamera, PlacedLidar
 from oaisys_core.sensing.faults import PoseDrift
 from oaisys_core.types import FrameName, Odometry, Pose, SensorInfo
 
@@ -34,8 +38,20 @@ START_HEIGHT_M = 10.0
 """Height above the stage's centre at which the rig starts, looking down."""
 
 
+class DueSensors(NamedTuple):
+    """The sensors that render a sample."""
+
+    cameras: tuple[PlacedCamera, ...]
+    lidars: tuple[PlacedLidar, ...]
+
+    @property
+    def all(self) -> tuple[PlacedSensor, ...]:
+        """The cameras, then the lidars."""
+        return (*self.cameras, *self.lidars)
+
+
 class SensorsModule(Module):
-    """Holds the cameras, the rig's pose and its motion.
+    """Holds the sensors, the rig's pose and its motion.
 
     Keys of its metadata: ``pose`` (`Pose`), used instead of any motion; ``cameras``, a mapping of
     camera names to optics that change until the next batch; ``faults``, sensor faults that change
@@ -44,6 +60,7 @@ class SensorsModule(Module):
 
     Attributes:
         sensors: The cameras as clients see them.
+        lidars: The lidars as clients see them.
         rig_pose: Current pose of the rig; None before the first batch.
         depth_faults: Faults of depth images; None if there are none.
     """
@@ -57,6 +74,7 @@ class SensorsModule(Module):
         self._baselines_m = {f"{pair.name}_right": pair.baseline_m for pair in config.stereo}
         self._configured_cameras = self._cameras = config.all_cameras
         self.sensors = self._described(self._cameras)
+        self.lidars = tuple(lidar_info(lidar) for lidar in config.lidars)
         self._motion = make_motion(config.motion, self.sensors)
         self.rig_pose: Pose | None = None
         self._drift = PoseDrift()
@@ -151,22 +169,47 @@ class SensorsModule(Module):
             least_m=self._config.min_clearance_m,
         )
 
+    def check_selection(
+        self, world: World, modalities: Sequence[str], sensors: Sequence[str]
+    ) -> None:
+        """Raise if a sample cannot consist of these modalities and sensors; see `select`."""
+        select(self._placed(world), modalities, sensors)
+
     def due(
         self,
         world: World,
         last_rig_poses: Mapping[str, Pose],
         modalities: Sequence[str],
         sensors: Sequence[str],
-    ) -> tuple[PlacedCamera, ...]:
-        """Return the cameras that render the world's sample; see `due_cameras`."""
-        cameras = due_cameras(world.cameras, self._cameras, world.sample_id, modalities, sensors)
-        return with_previous_poses(cameras, self.sensors, last_rig_poses)
+    ) -> DueSensors:
+        """Return the sensors that render the world's sample; see `due_sensors`."""
+        configs: list[CameraConfig | LidarConfig] = [*self._cameras, *self._config.lidars]
+        sample_id = world.sample_id
+        due = due_sensors(self._placed(world), configs, sample_id, modalities, sensors)
+        return self._with_past(due, last_rig_poses)
 
     def named(
         self, world: World, last_rig_poses: Mapping[str, Pose], frames: Sequence[FrameName]
-    ) -> tuple[PlacedCamera, ...]:
-        """Return the cameras that render exactly these frames; see `cameras_of`."""
-        return with_previous_poses(cameras_of(world.cameras, frames), self.sensors, last_rig_poses)
+    ) -> DueSensors:
+        """Return the sensors that render exactly these frames; see `sensors_of`."""
+        return self._with_past(sensors_of(self._placed(world), frames), last_rig_poses)
+
+    def _placed(self, world: World) -> list[PlacedSensor]:
+        """Return all sensors, where they are at the world's sample."""
+        pose, number = require(self.rig_pose), max(world.sample_id - 1, 0)
+        enabled = self._faults.enabled
+        lidars = placed_lidars(self._config.lidars, self.lidars, pose, number, enabled)
+        return [*world.cameras, *lidars]
+
+    def _with_past(
+        self, placed: Sequence[PlacedSensor], last_rig_poses: Mapping[str, Pose]
+    ) -> DueSensors:
+        cameras = [each for each in placed if isinstance(each, PlacedCamera)]
+        lidars = [each for each in placed if isinstance(each, PlacedLidar)]
+        return DueSensors(
+            with_previous_poses(cameras, self.sensors, last_rig_poses),
+            with_motion(lidars, self._config.lidars, self.lidars, last_rig_poses),
+        )
 
     def odometry(self, batch_id: int, sample_id: int) -> Odometry | None:
         """Return the rig's estimate of its pose at a sample; None without drift."""

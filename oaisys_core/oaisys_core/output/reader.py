@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.output.images import read_image
+from oaisys_core.output.points import read_points
 from oaisys_core.output.records import (
     intrinsics_from_record,
     odometry_from_record,
@@ -16,7 +17,7 @@ from oaisys_core.output.records import (
     read_json,
 )
 from oaisys_core.output.writer import INTRINSICS, LABELS, SAMPLE_DATA
-from oaisys_core.types import Frame, PinholeIntrinsics, Sample
+from oaisys_core.types import Frame, LidarScan, PinholeIntrinsics, Sample
 
 
 def read_samples(batch: Path) -> Iterator[Sample]:
@@ -47,6 +48,10 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
         for sensor, entry in record["sensors"].items()
         for modality, file in entry["images"].items()
     )
+    scans = tuple(
+        LidarScan(sensor, read_points(batch / entry["points"]), np.array(entry["T_map_lidar"]))
+        for sensor, entry in record.get("lidars", {}).items()
+    )
     return Sample(
         batch_id=record["batch_id"],
         sample_id=record["sample_id"],
@@ -55,6 +60,7 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
         render_time_s=record["render_time_s"],
         provenance=provenance_from_record(record["provenance"]),
         odometry=odometry_from_record(record.get("odometry")),
+        scans=scans,
     )
 
 

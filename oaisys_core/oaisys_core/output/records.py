@@ -1,4 +1,4 @@
-"""Conversion of a sample's data other than images to JSON and back."""
+"""Conversion of a sample's data other than images and points to JSON and back."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from oaisys_core.types import Odometry, PinholeIntrinsics, Pose, Provenance, Sam
 
 
 def sample_record(sample: Sample, files: Mapping[tuple[str, str], str]) -> dict[str, Any]:
-    """Return the record of a sample; ``files`` are its image files by sensor and modality."""
+    """Return the record of a sample; ``files`` are its files by sensor and modality."""
     sensors: dict[str, Any] = {}
     for frame in sample.frames:
         sensor = sensors.setdefault(
@@ -28,6 +28,13 @@ def sample_record(sample: Sample, files: Mapping[tuple[str, str], str]) -> dict[
             },
         )
         sensor["images"][frame.modality] = files[frame.sensor, frame.modality]
+    lidars = {
+        scan.sensor: {
+            "T_map_lidar": scan.T_map_lidar.tolist(),
+            "points": files[scan.sensor, scan.modality],
+        }
+        for scan in sample.scans
+    }
     return {
         "batch_id": sample.batch_id,
         "sample_id": sample.sample_id,
@@ -36,6 +43,7 @@ def sample_record(sample: Sample, files: Mapping[tuple[str, str], str]) -> dict[
         "provenance": asdict(sample.provenance),
         "render_time_s": sample.render_time_s,
         "sensors": sensors,
+        "lidars": lidars,
     }
 
 

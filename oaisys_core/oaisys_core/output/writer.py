@@ -9,7 +9,9 @@
     batch_0001/labels.json                        label names by semantic id
     batch_0001/camera/0001camera_rgb_00.png       images, see `oaisys_core.output.images`
     batch_0001/camera/intrinsics.json             of the sensor's first sample in the batch
-    batch_0001/meta_data/sensor_data/camera.csv   pose of the optical frame at each sample
+    batch_0001/lidar/0001lidar_points_00.pcd      points, see `oaisys_core.output.points`
+    batch_0001/meta_data/sensor_data/camera.csv   pose of the optical frame at each sample; of a
+                                                  lidar, pose at the beginning of the scan
     batch_0001/meta_data/sample_data/0001.json    provenance, intrinsics and poses of a sample
     batch_0001/blender_file/TSS_batch_0001.blend  on request
 """
@@ -27,6 +29,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pose_from_matrix
 from oaisys_core.output.files import write_text
 from oaisys_core.output.images import file_suffix, write_image
+from oaisys_core.output.points import POINTS_SUFFIX, write_points
 from oaisys_core.output.poses import append_pose, drop_poses_after
 from oaisys_core.output.records import intrinsics_record, read_json, sample_record, write_json
 from oaisys_core.types import Sample
@@ -80,7 +83,7 @@ class SampleWriter:
         return state
 
     def write(self, sample: Sample, labels: Mapping[int, str] | None = None) -> list[Path]:
-        """Write a sample and return its image files.
+        """Write a sample and return the files of its images and points.
 
         Args:
             sample: The rendered sample.
@@ -94,6 +97,11 @@ class SampleWriter:
             write_image(path, frame)
             paths.append(path)
             files[frame.sensor, frame.modality] = str(path.relative_to(batch))
+        for scan in sample.scans:
+            path = batch / scan.sensor / f"{sample.sample_id:04d}{scan.sensor}_{POINTS_SUFFIX}"
+            write_points(path, scan)
+            paths.append(path)
+            files[scan.sensor, scan.modality] = str(path.relative_to(batch))
         if labels is not None and not (batch / LABELS).exists():
             write_json(batch / LABELS, {str(i): label for i, label in sorted(labels.items())})
         self._write_sensors(batch, sample)
@@ -137,6 +145,9 @@ class SampleWriter:
                 write_json(camera, intrinsics_record(frame.intrinsics))
             table = batch / SENSOR_DATA / f"{frame.sensor}.csv"
             append_pose(table, sample.sample_id, pose_from_matrix(frame.T_map_camera))
+        for scan in sample.scans:
+            table = batch / SENSOR_DATA / f"{scan.sensor}.csv"
+            append_pose(table, sample.sample_id, pose_from_matrix(scan.T_map_lidar))
 
 
 def config_text(config: SimulationConfig) -> str:

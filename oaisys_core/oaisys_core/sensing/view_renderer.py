@@ -1,4 +1,4 @@
-"""Gets a sample's frames from the cache of views or from the backend."""
+"""Gets a sample's frames from the cache of views or from the backend, and its scans."""
 
 from __future__ import annotations
 
@@ -7,15 +7,17 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
-from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
 from oaisys_core.sensing.view_cache import RenderedView, ViewCache
 from oaisys_core.types import (
     DEPTH,
+    POINTS,
     RANGE,
     RGB,
     Frame,
     FrameName,
+    LidarScan,
     Sample,
     SampleOutline,
     early_first,
@@ -52,12 +54,15 @@ class ViewRenderer:
         outline: SampleOutline,
         scene: Scene,
         cameras: Sequence[PlacedCamera],
+        lidars: Sequence[PlacedLidar],
         settings: RenderSettings,
         progress: ProgressCallback,
         faults: DepthFaults | None,
         started_s: float,
     ) -> SampleSteps:
-        """Render what cameras see of ``scene``, which the backend was given.
+        """Render what sensors see of ``scene``, which the backend was given.
+
+        Scans come first, because they take a fraction of an image's time; they are not cached.
 
         Args:
             outline: Of the sample; whether it comes from the cache is set here.
@@ -70,6 +75,9 @@ class ViewRenderer:
             key = self._cache.key(outline.provenance, scene, cameras, settings)
         view = self._cache.get(key)
         outline = replace(outline, from_cache=view is not None)
+        scans = self._scans(outline, lidars)
+        if scans:
+            yield outline, FrameGroup.of((), scans)
         finished_ns = time.monotonic_ns()
         if view is not None:
             yield outline, FrameGroup.of(early_first(view.frames))
@@ -96,7 +104,14 @@ class ViewRenderer:
             from_cache=outline.from_cache,
             finished_ns=finished_ns,
             odometry=outline.odometry,
+            scans=scans,
         )
+
+    def _scans(
+        self, outline: SampleOutline, lidars: Sequence[PlacedLidar]
+    ) -> tuple[LidarScan, ...]:
+        ids = outline.batch_id, outline.sample_id
+        return tuple(self._backend.scan(lidar, Shot(*ids, lidar.name)) for lidar in lidars)
 
     def _measured(
         self, frames: tuple[Frame, ...], faults: DepthFaults | None, outline: SampleOutline
@@ -113,7 +128,7 @@ class ViewRenderer:
     ) -> RenderedView:
         """Wait for all groups and return their frames in the outline's order."""
         by_name = {FrameName(f.sensor, f.modality): f for g in groups for f in g.result()}
-        frames = tuple(by_name[name] for name in outline.frames)
+        frames = tuple(by_name[name] for name in outline.frames if name.modality != POINTS)
         samples = self._backend.samples_per_pixel or settings.samples
         has_color = any(name.modality == RGB for name in outline.frames)
         return RenderedView(frames, samples if has_color else 0)

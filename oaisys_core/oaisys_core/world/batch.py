@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import World
-from oaisys_core.scene import PlacedCamera
+from oaisys_core.scene import PlacedCamera, PlacedLidar
 from oaisys_core.types import ModuleMetadata, Pose, SampleOutline
 
 MAX_METADATA_BYTES = 1 << 20
@@ -45,7 +45,7 @@ class Batch:
         metadata: All metadata since the batch began, merged.
         in_force: Metadata with which a new batch reaches the current state of the modules.
         sample_id: Id of the last sample; 0 before the first.
-        last_rig_poses: By camera name, the pose of the rig when that camera last rendered.
+        last_rig_poses: By sensor name, the pose of the rig when that sensor last rendered.
     """
 
     id: int
@@ -112,9 +112,11 @@ def metadata_text(metadata: ModuleMetadata) -> str:
     return text
 
 
-def previous_poses_text(cameras: Iterable[PlacedCamera], last_rig_poses: Mapping[str, Pose]) -> str:
-    """Return, as JSON, the previous rig pose of each camera whose images depend on it."""
-    dependent = [camera.name for camera in cameras if camera.depends_on_past]
+def previous_poses_text(
+    sensors: Iterable[PlacedCamera | PlacedLidar], last_rig_poses: Mapping[str, Pose]
+) -> str:
+    """Return, as JSON, the previous rig pose of each sensor whose data depend on it."""
+    dependent = [sensor.name for sensor in sensors if sensor.depends_on_past]
     poses = _poses_to_state({n: last_rig_poses[n] for n in dependent if n in last_rig_poses})
     return json.dumps(poses, sort_keys=True, separators=(",", ":")) if poses else ""
 

@@ -43,15 +43,18 @@ from oaisys_core.backend.geometry_pass import (
     frame_of,
     geometry_frames,
 )
+from oaisys_core.backend.lidar import LidarCaster
 from oaisys_core.backend.surface import Surface
 from oaisys_core.errors import NotReadyError
-from oaisys_core.scene import Lens, PlacedCamera, Scene, Sky
+from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar, Scene, Sky
 from oaisys_core.sensing.effects import with_effects
+from oaisys_core.sensing.faults import Shot
 from oaisys_core.types import (
     ALBEDO,
     RGB,
     FloatArray,
     Frame,
+    LidarScan,
     PinholeIntrinsics,
     Progress,
     TriangleMesh,
@@ -79,6 +82,7 @@ class BlenderBackend(Backend):
         self._camera = new_camera()
         self._surface: Surface | None = None
         self._memory = PoseMemory()
+        self._lidars = LidarCaster()
         self._budget = TimeBudget()
 
     @property
@@ -106,6 +110,7 @@ class BlenderBackend(Backend):
         self._set_sky(scene.sky)
         progress(Progress("surface", 0.7))
         self._memory.forget()
+        self._lidars.forget()
         if surface is None:
             surface = Surface(scene, self._scene_geometry.ground_mesh())
         else:
@@ -137,6 +142,10 @@ class BlenderBackend(Backend):
         elif frames := self._geometry(cameras, progress):
             yield FrameGroup.of(frames)
         self._memory.remember(cameras, surface.scene)
+
+    def scan(self, lidar: PlacedLidar, shot: Shot) -> LidarScan:
+        """See `Backend.scan`."""
+        return self._lidars.scan(self._built(), lidar, shot)
 
     def revisited(self, cameras: Sequence[PlacedCamera]) -> None:
         """See `Backend.revisited`."""

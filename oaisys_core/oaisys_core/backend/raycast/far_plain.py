@@ -55,14 +55,15 @@ class FarPlainTarget(RayTarget):
     def intersect(
         self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None = None
     ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """See `RayTarget`; ``origins_m`` is (3,), ``directions`` are (R, 3)."""
+        """See `RayTarget`; ``directions`` are (R, 3)."""
         found = np.full(len(directions), np.inf)
         elements = np.full(len(directions), NO_ELEMENT, np.int64)
         rays = np.flatnonzero(self._may_meet(origins_m, directions, limits))
         if not len(rays):
             return found, elements
-        slope_m, slope_elements = self._slope.intersect(origins_m, directions[rays])
-        level_m = self._to_level(origins_m, directions[rays])
+        origins = origins_m if origins_m.ndim == 1 else origins_m[rays]
+        slope_m, slope_elements = self._slope.intersect(origins, directions[rays])
+        level_m = self._to_level(origins, directions[rays])
         found[rays] = np.minimum(slope_m, level_m)
         elements[rays] = np.where(level_m < slope_m, self._level_element, slope_elements)
         return found, elements
@@ -79,14 +80,12 @@ class FarPlainTarget(RayTarget):
         return np.zeros(elements.shape, np.uint32)
 
     def _may_meet(
-        self, origin_m: FloatArray, directions: FloatArray, limits: FloatArray | None
+        self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None
     ) -> NDArray[np.bool_]:
         """Return (R,) which rays may hit it: those that leave the stage before their limit."""
         low, high = self._low_m + self._inset_m, self._high_m - self._inset_m
-        xy = origin_m[:2]
-        may = np.ones(len(directions), bool)
-        if origin_m[2] > self._slope.top_m:
-            may = directions[:, 2] < 0
+        xy = origins_m[..., :2]
+        may = np.asarray((origins_m[..., 2] <= self._slope.top_m) | (directions[:, 2] < 0))
         if (xy < low).any() or (xy > high).any():
             return may
         along = directions[:, :2]
@@ -95,11 +94,11 @@ class FarPlainTarget(RayTarget):
         leaves[along == 0] = np.inf
         return np.asarray(may & (leaves.min(axis=1) < (np.inf if limits is None else limits)))
 
-    def _to_level(self, origin_m: FloatArray, directions: FloatArray) -> FloatArray:
+    def _to_level(self, origins_m: FloatArray, directions: FloatArray) -> FloatArray:
         """Return (R,) distances to the level plane outside the stage, ``+inf`` for a miss."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-            t = (self._level_m - origin_m[2]) / directions[:, 2]
-            xy = origin_m[:2] + t[:, None] * directions[:, :2]
+            t = (self._level_m - origins_m[..., 2]) / directions[:, 2]
+            xy = origins_m[..., :2] + t[:, None] * directions[:, :2]
         outside = ((xy < self._low_m) | (xy > self._high_m)).any(axis=1)
         return np.where((t > 0) & np.isfinite(t) & outside, t, np.inf)
 

@@ -111,14 +111,24 @@ class BoxInstanceTarget(InstanceTarget):
         near = into & (enters < limits[rays])
         rays, instances = rays[near].astype(np.int64), instances[near]
         enters = enters[near].astype(np.float64)
-        if origins_m.ndim == 1:
-            around = (self._box_low_m <= origins_m) & (origins_m <= self._box_high_m)
-            inside = np.flatnonzero(around.all(axis=1))
-            rays = np.concatenate((np.repeat(np.arange(len(directions)), len(inside)), rays))
-            instances = np.concatenate((np.tile(inside, len(directions)), instances))
-            enters = np.concatenate((np.zeros(len(inside) * len(directions)), enters))
+        rays_inside, instances_inside = self._inside(origins_m, len(directions))
+        rays = np.concatenate((rays_inside, rays))
+        instances = np.concatenate((instances_inside, instances))
+        enters = np.concatenate((np.zeros(len(rays_inside)), enters))
         order = np.lexsort((enters, rays))
         return rays[order], instances[order], enters[order]
+
+    def _inside(
+        self, origins_m: FloatArray, count: int
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return pairs of a ray and an instance in whose box the ray begins."""
+        origins = origins_m.reshape(-1, 3)
+        near = (self._box_low_m <= origins.max(axis=0)) & (origins.min(axis=0) <= self._box_high_m)
+        instances = np.flatnonzero(near.all(axis=1))
+        low_m, high_m = self._box_low_m[instances], self._box_high_m[instances]
+        around = (low_m <= origins[:, None]) & (origins[:, None] <= high_m)
+        rays, which = np.nonzero(np.broadcast_to(around.all(axis=2), (count, len(instances))))
+        return rays, instances[which]
 
     def _try(
         self,

@@ -71,7 +71,7 @@ class InstanceTarget(RayTarget):
         """Replace distances and elements, in place, where rays hit something nearer.
 
         Args:
-            origins_m: (3,) for all rays, or (R, 3) outside the instances' bounding boxes.
+            origins_m: (R, 3), or (3,) for all rays.
             directions: (R, 3) of any length.
             best: (R,) distances so far, in units of the directions' lengths.
             found: (R,) elements so far.
@@ -80,7 +80,7 @@ class InstanceTarget(RayTarget):
     def intersect(
         self, origins_m: FloatArray, directions: FloatArray, limits: FloatArray | None = None
     ) -> tuple[FloatArray, NDArray[np.int64]]:
-        """See `RayTarget`; origins that differ lie outside the instances' bounding boxes."""
+        """See `RayTarget`."""
         shape = directions.shape[:-1]
         best = np.full(shape, np.inf).ravel() if limits is None else limits.astype(float).ravel()
         found = np.full(best.shape, NO_ELEMENT, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Configuration of the rig, its cameras and its motion."""
+"""Configuration of the rig, its sensors and its motion."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from oaisys_core import geometry
 from oaisys_core.config.section import Position, Positive, Section, is_unit_quaternion
 from oaisys_core.config.sections.faults import FaultsConfig
+from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.motion import AnyMotion, GivenMotion
 from oaisys_core.errors import one_of
 from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, expected_modality, modality_spec
@@ -210,11 +211,12 @@ PosePolicy = Literal["reject", "clamp", "allow"]
 
 
 class SensorsConfig(Section):
-    """The rig and its cameras.
+    """The rig and its sensors.
 
     Attributes:
         cameras: Single cameras; by default one, or none if stereo pairs are given.
         stereo: Stereo pairs.
+        lidars: Lidars.
         motion: Motion of the rig if no pose is given.
         pose_policy: How to handle a pose below the ground or outside the stage: ``reject`` it,
             ``clamp`` it to the least clearance inside the stage, or ``allow`` it.
@@ -224,6 +226,7 @@ class SensorsConfig(Section):
 
     cameras: tuple[CameraConfig, ...] = (CameraConfig(),)
     stereo: tuple[StereoConfig, ...] = ()
+    lidars: tuple[LidarConfig, ...] = ()
     motion: AnyMotion = GivenMotion()
     pose_policy: PosePolicy = "reject"
     min_clearance_m: float = Field(default=0.05, ge=0)
@@ -256,6 +259,9 @@ class SensorsConfig(Section):
             raise ValueError("there must be a camera or a stereo pair")
         if len(set(names)) != len(names):
             raise ValueError("cameras and the cameras of stereo pairs must have different names")
+        everything = [*names, *(lidar.name for lidar in self.lidars)]
+        if len(set(everything)) != len(everything):
+            raise ValueError("cameras and lidars must have different names")
         if self.motion.kind == "grid" and self.motion.camera not in (None, *names):
             known = one_of(names, self.motion.camera)
             raise ValueError(f"motion.camera must be {known}")

@@ -286,3 +286,15 @@ def test_blender_stands_instances_and_objects_where_they_were_placed() -> None:
             np.testing.assert_allclose(poses, placed.T_map_object, atol=2e-6)
         np.testing.assert_allclose(things, separate.T_map_object, atol=2e-6)
     assert found[0][2] == found[-1][2]
+
+
+def test_rays_that_begin_inside_boxes_hit_what_one_ray_from_there_hits() -> None:
+    placed = overlapping_rocks()
+    boxes, copies = BoxInstanceTarget(placed), TriangleTarget([each.merged() for each in placed])
+    rng = np.random.default_rng(3)
+    origins_m = boxes.high_m[rng.integers(0, len(boxes.high_m), 400)] - 0.02
+    directions = rng.normal(size=(400, 3))
+    found_m, _ = boxes.intersect(origins_m, directions)
+    expected_m, _ = copies.intersect(origins_m, directions)
+    assert 20 < np.isfinite(expected_m).sum() < 400
+    np.testing.assert_allclose(found_m, expected_m, rtol=1e-5)
