@@ -98,12 +98,13 @@ def _repeated(
     is_same = all(each.is_equal for each in comparisons)
     verdict = "equal" if is_same else "DIFFERENT"
     typer.echo(f"batch {outline.batch_id} sample {outline.sample_id}: {verdict}")
-    for line in (*map(_described, comparisons), *_notes(record, again)):
+    for line in (*map(described, comparisons), *_notes(record, again)):
         typer.echo(f"  {line}")
     return is_same
 
 
-def _described(each: Comparison) -> str:
+def described(each: Comparison) -> str:
+    """Return a comparison in words."""
     name = f"{each.name.sensor}/{each.name.modality}"
     if not each.different_px:
         return f"{name}: equal, {each.pixels} pixels"

@@ -66,8 +66,10 @@ class FrameRecord:
         provenance: See `oaisys_core.types.Provenance`.
         rig_pose: ``position_m`` and ``quat_xyzw`` of the rig in ``map``.
         worker: Who rendered it.
-        seconds: Wall-clock time of its view.
+        seconds: Wall-clock time of its view, shared among the view's frames. The first view
+            includes the making of its world, so the sum over all frames is what workers took.
         software: Versions by name.
+        label_pixels: Number of pixels by id in ``semantic_0``.
     """
 
     frame_id: str
@@ -87,6 +89,7 @@ class FrameRecord:
     worker: str
     seconds: float
     software: Mapping[str, str]
+    label_pixels: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def camera(self) -> PinholeIntrinsics:

@@ -13,7 +13,7 @@ import tarfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from oaisys_core.dataset.manifest import (
 from oaisys_core.dataset.places import Place
 from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.output.images import decode_image, encode_image, file_kind
-from oaisys_core.types import INSTANCE, modality_spec
+from oaisys_core.types import INSTANCE, SEMANTIC_0, modality_spec
 
 SHARDS, FAILED = "shards", "failed"
 HEAD = "dataset.json"
@@ -73,6 +73,53 @@ def write_failure(place: Place, failure: WorldFailure) -> None:
     place.write(failure_name(failure.world), failure.to_json().encode())
 
 
+class EncodedFrame(NamedTuple):
+    """A frame whose images are files in memory.
+
+    Attributes:
+        record: Its record; the offsets of its images are 0.
+        files: The image files by modality.
+    """
+
+    record: FrameRecord
+    files: Mapping[str, bytes]
+
+
+def encoded_frame(record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> EncodedFrame:
+    """Return a frame with its images encoded.
+
+    Args:
+        record: Its record; ``images`` and ``label_pixels`` are replaced.
+        arrays: Its pixels by modality, as `modality_spec` describes them.
+
+    Raises:
+        InvalidInputError: They are not pixels of their modality.
+    """
+    images, files = {}, {}
+    for modality in sorted(arrays):
+        images[modality], files[modality] = _encoded(record.frame_id, modality, arrays[modality])
+    ids, counts = np.unique(arrays.get(SEMANTIC_0, ()), return_counts=True)
+    pixels = {str(int(i)): int(count) for i, count in zip(ids, counts, strict=True)}
+    return EncodedFrame(replace(record, images=images, label_pixels=pixels), files)
+
+
+def _encoded(frame: str, modality: str, data: NDArray[Any]) -> tuple[ImageRecord, bytes]:
+    pixels = stored_pixels(modality, data)
+    # Readers of images get core's types, whatever type stores the ids in memory.
+    typed = pixels.view(modality_spec(modality).dtype)
+    file = encode_image(typed)
+    record = ImageRecord(
+        file=f"{frame}.{modality}{file_kind(typed)}",
+        offset=0,
+        size=len(file),
+        sha256=hashlib.sha256(file).hexdigest(),
+        pixels_sha256=pixels_sha256(pixels),
+        dtype=pixels.dtype.name,
+        shape=pixels.shape,
+    )
+    return record, file
+
+
 class ShardWriter:
     """Receives the frames of one world, in the order of view and sensor; see `writing_shard`."""
 
@@ -82,20 +129,24 @@ class ShardWriter:
         self._legend: WorldLegend | None = None
 
     def add(self, record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> FrameRecord:
-        """Write a frame.
+        """Encode and write a frame.
 
         Args:
-            record: Its record; ``images`` is replaced.
+            record: Its record; ``images`` and ``label_pixels`` are replaced.
             arrays: Its pixels by modality, as `modality_spec` describes them.
 
         Returns:
             The record with ``images``.
         """
+        return self.add_encoded(encoded_frame(record, arrays))
+
+    def add_encoded(self, frame: EncodedFrame) -> FrameRecord:
+        """Write a frame, and return its record with the places of its images."""
         images = {
-            modality: self._add_image(record.frame_id, modality, arrays[modality])
-            for modality in sorted(arrays)
+            modality: replace(image, offset=self._add_file(image.file, frame.files[modality]))
+            for modality, image in frame.record.images.items()
         }
-        whole = replace(record, images=images)
+        whole = replace(frame.record, images=images)
         self._lines.append(whole.to_json())
         return whole
 
@@ -113,21 +164,6 @@ class ShardWriter:
         if not self._lines or self._legend is None:
             raise RenderError("a shard needs at least one frame and a legend")
         return "".join(f"{line}\n" for line in self._lines).encode()
-
-    def _add_image(self, frame: str, modality: str, data: NDArray[Any]) -> ImageRecord:
-        pixels = stored_pixels(modality, data)
-        # Readers of images get core's types, whatever type stores the ids in memory.
-        typed = pixels.view(modality_spec(modality).dtype)
-        file, name = encode_image(typed), f"{frame}.{modality}{file_kind(typed)}"
-        return ImageRecord(
-            file=name,
-            offset=self._add_file(name, file),
-            size=len(file),
-            sha256=hashlib.sha256(file).hexdigest(),
-            pixels_sha256=pixels_sha256(pixels),
-            dtype=pixels.dtype.name,
-            shape=pixels.shape,
-        )
 
     def _add_file(self, name: str, data: bytes) -> int:
         """Append a file and return where its bytes begin."""

@@ -1,0 +1,18 @@
+"""``oaisys dataset``: data sets of many worlds.
+
+``oaisys --help`` imports this module, so slow imports are done on use.
+"""
+
+from __future__ import annotations
+
+import typer
+
+from oaisys_core.cli.dataset_render import render, repeat
+
+dataset_app = typer.Typer(
+    help="Render, check and export data sets of many worlds.",
+    no_args_is_help=True,
+    add_completion=False,
+)
+dataset_app.command("render")(render)
+dataset_app.command("repeat")(repeat)

@@ -1,0 +1,197 @@
+"""A connection to Ray: one embedded in this process, or a cluster that runs already."""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from oaisys_core.dataset import session_guard
+from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
+
+ADDRESS_VARIABLE = "RAY_ADDRESS"
+"""Environment variable with the address of a cluster, as Ray itself reads it."""
+
+MEMORY_PER_WORKER_GB = 2.5
+"""Memory that a worker may need by default; docs/dataset.md says what was measured."""
+
+USED_SHARE = 0.85
+"""Share of the available memory that embedded workers may take together."""
+
+LONGEST_FOLDER = 40
+"""Longest path of a temporary folder; the paths of Ray's sockets in it have at most 107 bytes."""
+
+_SETTINGS = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    # Ray's agents wait so long for a head that has died, a minute by default.
+    "RAY_gcs_rpc_server_reconnect_timeout_s": "5",
+}
+
+
+@dataclass(frozen=True)
+class RaySettings:
+    """Where worlds are rendered, and by how many workers.
+
+    Attributes:
+        address: ``HOST:PORT`` of a cluster; None for an embedded Ray.
+        workers: Number of worlds that are rendered at a time; None for as many as fit.
+        memory_gb: Memory that is reserved for each worker.
+        retries: How often a world is rendered again after its worker or node died.
+    """
+
+    address: str | None = None
+    workers: int | None = None
+    memory_gb: float = MEMORY_PER_WORKER_GB
+    retries: int = 3
+
+    @property
+    def memory_bytes(self) -> int:
+        """Memory that is reserved for each worker."""
+        return int(self.memory_gb * 1e9)
+
+
+@dataclass(frozen=True)
+class RaySession:
+    """A connection to Ray.
+
+    Attributes:
+        ray: The module.
+        workers: Number of worlds that are rendered at a time.
+        nodes: Number of machines.
+    """
+
+    ray: Any
+    workers: int
+    nodes: int
+
+
+@contextmanager
+def ray_session(settings: RaySettings) -> Iterator[RaySession]:
+    """Connect to Ray, and disconnect at the end; an embedded one ends, and leaves nothing behind.
+
+    Raises:
+        ConfigError: Ray is not installed.
+        InvalidInputError: A worker does not fit, or there is no cluster at the address.
+    """
+    for name, value in _SETTINGS.items():
+        os.environ.setdefault(name, value)
+    try:
+        import ray
+    except ImportError as error:
+        raise ConfigError(f"{error}; `pip install oaisys_core[dataset]` installs Ray") from error
+    address = settings.address or os.environ.get(ADDRESS_VARIABLE) or None
+    connected = _connected if address else _embedded
+    with connected(ray, settings, address or "local"):
+        yield RaySession(ray, settings.workers or _slots(ray, settings), len(_alive(ray)))
+
+
+def embedded_workers(settings: RaySettings) -> int:
+    """Return how many workers an embedded Ray has: what was asked for, or one for each core.
+
+    There are fewer where their memory would not suffice.
+
+    Raises:
+        InvalidInputError: Not even one fits.
+    """
+    usable = USED_SHARE * available_bytes()
+    if settings.memory_bytes > usable:
+        expected = f"at most {usable / 1e9:.1f}, which this machine has"
+        raise InvalidInputError("memory_per_worker", settings.memory_gb, expected)
+    if settings.workers is not None:
+        return settings.workers
+    return max(1, min(len(os.sched_getaffinity(0)), int(usable // settings.memory_bytes)))
+
+
+def available_bytes() -> int:
+    """Return the memory that this process and its children may still take."""
+    lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    found = [int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable")]
+    group = Path("/sys/fs/cgroup")
+    try:
+        limit, used = ((group / f"memory.{name}").read_text() for name in ("max", "current"))
+        found.append(int(limit) - int(used))
+    except (OSError, ValueError):
+        pass  # there is no group, or it has no limit
+    return max(0, min(found))
+
+
+@contextmanager
+def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
+    """Run a Ray of this process alone."""
+    workers = embedded_workers(settings)
+    with _guarded_folder() as folder:
+        try:
+            ray.init(
+                address=address,
+                num_cpus=workers,
+                include_dashboard=False,
+                log_to_driver=False,
+                logging_level=logging.ERROR,
+                _memory=workers * settings.memory_bytes,
+                _temp_dir=str(folder),
+            )
+            yield
+        finally:
+            ray.shutdown()
+
+
+@contextmanager
+def _connected(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
+    """Connect to a cluster."""
+    try:
+        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+    except (ConnectionError, ValueError, RuntimeError) as error:
+        expected = f"HOST:PORT of a Ray cluster to which this machine belongs ({error})"
+        raise InvalidInputError("address", address, expected) from error
+    try:
+        if not _slots(ray, settings):
+            expected = "memory that a node of the cluster has"
+            raise InvalidInputError("memory_per_worker", settings.memory_gb, expected)
+        yield
+    finally:
+        ray.shutdown()
+
+
+@contextmanager
+def _guarded_folder() -> Iterator[Path]:
+    """Yield a folder for Ray; at its end, or if this process dies, all that uses it is ended."""
+    parent = tempfile.gettempdir()
+    if len(parent) > LONGEST_FOLDER:
+        parent = "/tmp"  # noqa: S108
+    folder = Path(tempfile.mkdtemp(prefix="oaisys_ray_", dir=parent))
+    command = [sys.executable, "-I", "-S", session_guard.__file__, str(folder)]
+    guard = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL)
+    # Set after the guard has started, so that it is not marked itself.
+    os.environ[session_guard.MARK] = str(folder)
+    try:
+        yield folder
+    finally:
+        del os.environ[session_guard.MARK]
+        guard.communicate(timeout=2 * session_guard.PATIENCE_S)
+        if folder.exists():
+            raise OaisysError(f"{folder}: could not be removed, Ray may still be running")
+
+
+def _alive(ray: Any) -> list[dict[str, Any]]:
+    return [node for node in ray.nodes() if node["Alive"]]
+
+
+def _slots(ray: Any, settings: RaySettings) -> int:
+    """Return how many workers the nodes have room for, with one core each."""
+    return sum(
+        int(min(found.get("CPU", 0), found.get("memory", 0) // settings.memory_bytes))
+        for found in (node["Resources"] for node in _alive(ray))
+    )
+
+
+def worker_name() -> str:
+    """Return the name of this process in the records of frames."""
+    return f"{socket.gethostname()}:{os.getpid()}"

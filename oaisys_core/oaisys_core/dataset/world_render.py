@@ -1,0 +1,173 @@
+"""Renders the worlds of a data set, view by view, in this process."""
+
+from __future__ import annotations
+
+import platform
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+from oaisys_core.config import SimulationConfig
+from oaisys_core.dataset.manifest import (
+    FrameRecord,
+    LegendInstance,
+    WorldFailure,
+    WorldLegend,
+    frame_id,
+)
+from oaisys_core.dataset.plan import WorldTask
+from oaisys_core.dataset.shards import EncodedFrame, encoded_frame
+from oaisys_core.errors import OaisysError
+from oaisys_core.output.records import intrinsics_record
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import Frame, ObjectQuery, Sample
+
+S_PER_VIEW = 1.0
+"""Simulated time from one view to the next, unless the sun has its own."""
+
+
+class RenderedView(NamedTuple):
+    """A finished view: its number, and the frames of all cameras that were due."""
+
+    view: int
+    frames: tuple[EncodedFrame, ...]
+
+
+@dataclass(frozen=True)
+class _View:
+    """A view that is rendered, and not encoded yet; ``seconds`` is what all of it took."""
+
+    number: int
+    sample: Sample
+    seconds: float
+
+
+class WorldRenderer:
+    """Renders worlds with one simulation, one after the other.
+
+    Each world starts from its seed alone; nothing of the worlds before it remains.
+    """
+
+    def __init__(self, config: SimulationConfig, worker: str) -> None:
+        """Set the simulation up.
+
+        Args:
+            config: What worlds are drawn from.
+            worker: Name of this process in the records of frames.
+
+        Raises:
+            ConfigError: The configuration names something that does not exist.
+            BackendUnavailableError: The backend cannot run here.
+        """
+        self._simulation = Simulation(config)
+        self._worker = worker
+        self._s_per_view = _s_per_view(config)
+        self._software = software(self._simulation)
+
+    def render(self, task: WorldTask) -> Iterator[RenderedView | WorldLegend | WorldFailure]:
+        """Yield the views of a world and at last its legend, or the reason why it cannot be made.
+
+        The images of a view are encoded while the next view is rendered.
+        """
+        doing = "making the world"
+        try:
+            with ThreadPoolExecutor(1, "encoder") as encoder:
+                encoding: Future[RenderedView] | None = None
+                begun_s = time.perf_counter()
+                self._begin(task)
+                for number in range(task.views):
+                    doing = f"view {number}"
+                    sample = self._simulation.step_sample()
+                    now_s = time.perf_counter()
+                    view = _View(number, sample, now_s - begun_s)
+                    begun_s = now_s
+                    if encoding is not None:
+                        yield encoding.result()
+                    encoding = encoder.submit(self._encoded, task, view)
+                if encoding is not None:
+                    yield encoding.result()
+            yield self._legend()
+        except OaisysError as error:
+            yield WorldFailure(task.index, task.split, task.seed, f"{doing}: {error}")
+
+    def close(self) -> None:
+        """Release the simulation."""
+        self._simulation.close()
+
+    def _begin(self, task: WorldTask) -> None:
+        self._simulation.restore({"last_batch_id": task.index, "batch": None})
+        self._simulation.step_batch(seed=task.seed)
+
+    def _encoded(self, task: WorldTask, view: _View) -> RenderedView:
+        by_sensor: dict[str, list[Frame]] = {}
+        for frame in view.sample.frames:
+            by_sensor.setdefault(frame.sensor, []).append(frame)
+        seconds = view.seconds / max(1, len(by_sensor))
+        return RenderedView(
+            view.number,
+            tuple(
+                encoded_frame(
+                    self._record(task, view, frames[0], seconds),
+                    {frame.modality: frame.data for frame in frames},
+                )
+                for frames in by_sensor.values()
+            ),
+        )
+
+    def _record(self, task: WorldTask, view: _View, frame: Frame, seconds: float) -> FrameRecord:
+        sample = view.sample
+        rows = tuple(tuple(row) for row in frame.T_map_camera.tolist())
+        return FrameRecord(
+            frame_id=frame_id(task.index, view.number, frame.sensor),
+            world=task.index,
+            view=view.number,
+            sensor=frame.sensor,
+            split=task.split,
+            world_seed=task.seed,
+            config_sha256=sample.provenance.config_sha256,
+            metadata={},
+            T_map_camera=rows,
+            intrinsics=intrinsics_record(frame.intrinsics),
+            stamp_s=view.number * self._s_per_view,
+            images={},
+            provenance=asdict(sample.provenance),
+            rig_pose=asdict(sample.rig_pose),
+            worker=self._worker,
+            seconds=round(seconds, 3),
+            software=self._software,
+        )
+
+    def _legend(self) -> WorldLegend:
+        """Return the legend of the current world, with all its objects."""
+        instances: dict[int, LegendInstance] = {}
+        after: int | None = 0
+        while after is not None:
+            page = self._simulation.list_objects(ObjectQuery(after_instance_id=after, limit=5000))
+            for each in page.objects:
+                instances[each.instance_id] = LegendInstance(
+                    each.name, each.label, each.semantic_id, each.kind, each.group
+                )
+            after = page.next_after_instance_id or None
+        return WorldLegend(dict(self._simulation.info().semantic_labels), instances)
+
+
+def software(simulation: Simulation) -> dict[str, str]:
+    """Return the versions of what renders, by name."""
+    info = simulation.info()
+    return {**_installed(), info.backend: info.backend_version}
+
+
+@cache
+def _installed() -> dict[str, str]:
+    packages = ("oaisys_core", "numpy", "open3d")
+    return {"python": platform.python_version(), **{name: version(name) for name in packages}}
+
+
+def _s_per_view(config: SimulationConfig) -> float:
+    """Return the simulated time from one view to the next."""
+    sun: Any = config.environment.sun_from_time
+    return float(sun.s_per_sample) if sun is not None and sun.s_per_sample > 0 else S_PER_VIEW

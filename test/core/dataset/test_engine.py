@@ -1,0 +1,216 @@
+"""Data sets rendered on Ray: whole, and the same on any workers, after kills and full disks."""
+
+import os
+import random
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from dataset_runs import (
+    CONFIG,
+    TIMEOUT_S,
+    VIEWS,
+    WORLDS,
+    command,
+    contents,
+    run,
+    run_with_kill,
+    session_processes,
+    write_config,
+)
+
+from oaisys_core.config import load_config
+from oaisys_core.dataset.places import open_place
+from oaisys_core.dataset.plan import parsed_splits, world_tasks
+from oaisys_core.dataset.reader import open_dataset
+from oaisys_core.dataset.rendering import dataset_info
+from oaisys_core.dataset.repeat import repeated
+from oaisys_core.dataset.shards import HEAD
+from oaisys_core.dataset.workers import written
+from oaisys_core.dataset.world_render import WorldRenderer
+
+SPLITS = "train=0.6,val=0.4"
+
+
+def render_here(config: Path, out: Path) -> None:
+    """Render the data set in this process, without Ray."""
+    chosen = load_config(config)
+    splits = parsed_splits(SPLITS)
+    place = open_place(out)
+    place.write(HEAD, dataset_info(chosen, WORLDS, VIEWS, splits).to_json().encode())
+    renderer = WorldRenderer(chosen, "test")
+    for task in world_tasks(chosen.seed, WORLDS, VIEWS, splits):
+        list(written(place, task, renderer.render(task)))
+    renderer.close()
+
+
+def test_two_workers_make_the_data_set_that_one_process_makes(tmp_path: Path, leaks):
+    config = write_config(tmp_path)
+    before = set(Path("/tmp").glob("oaisys_ray_*"))
+    ended = run(config, tmp_path / "set", "--splits", SPLITS, "--num-workers", 2)
+    assert ended.returncode == 0, ended.stderr
+    assert f"{WORLDS} of {WORLDS} worlds are finished" in ended.stdout
+    assert "gravel" in ended.stdout  # the balance of the classes
+    render_here(config, tmp_path / "here")
+    assert contents(tmp_path / "set") == contents(tmp_path / "here")
+    assert not set(Path("/tmp").glob("oaisys_ray_*")) - before
+
+    dataset = open_dataset(tmp_path / "set")
+    assert {record.worker for record in dataset.records}.isdisjoint({"test"})
+    assert dataset.splits == ("train", "val")
+    ((frame, comparisons),) = repeated(dataset, ["000004_0001_camera"], 40.0)
+    assert frame == "000004_0001_camera"
+    assert {c.name.modality: c.different_px for c in comparisons} == dict.fromkeys(
+        ("rgb", "depth", "semantic_0", "instance", "normal"), 0
+    )
+
+    # What is there stays there, unless it is to be continued, and as it was begun.
+    for more, reason in (
+        ((), "--resume"),
+        (("--resume", "--seed", 4), "as the data set was begun"),
+    ):
+        refused = run(config, tmp_path / "set", "--splits", SPLITS, *more)
+        assert refused.returncode == 2
+        assert reason in refused.stderr
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("victim", ["worker", "driver", "node"])
+def test_a_killed_run_is_resumed_to_the_same_data_set(tmp_path: Path, victim: str, leaks):
+    config = write_config(tmp_path)
+    begun_s = time.monotonic()
+    undisturbed = run(config, tmp_path / "undisturbed", "--num-workers", 2)
+    assert undisturbed.returncode == 0, undisturbed.stderr
+    after_s = random.Random().uniform(0.2, 1.0) * (time.monotonic() - begun_s)
+    line = command(config, tmp_path / "set", "--num-workers", 2)
+    exit_code, errors = run_with_kill(line, victim, after_s)
+    if victim == "worker":
+        assert exit_code == 0, errors  # Ray renders its world again
+    resumed = run(config, tmp_path / "set", "--num-workers", 2, "--resume")
+    assert resumed.returncode == 0, resumed.stderr
+    assert contents(tmp_path / "set") == contents(tmp_path / "undisturbed"), after_s
+    assert not session_processes()
+
+
+@pytest.mark.long
+def test_a_full_disk_ends_the_run_and_it_is_resumed(tmp_path: Path, leaks):
+    config = write_config(tmp_path)
+    program = f"""
+import resource, sys
+from pathlib import Path
+from oaisys_core.config import load_config
+from oaisys_core.dataset.places import open_place
+from oaisys_core.dataset.plan import parsed_splits
+from oaisys_core.dataset.ray_session import RaySettings
+from oaisys_core.dataset.rendering import DatasetRendering, dataset_info
+from oaisys_core.dataset.workers import ViewCounts
+from oaisys_core.errors import RenderError
+config = load_config(Path({str(config)!r}))
+info = dataset_info(config, {WORLDS}, {VIEWS}, parsed_splits({SPLITS!r}))
+rendering = DatasetRendering(open_place({str(tmp_path / "set")!r}), config, info)
+try:
+    with rendering.begun(is_resumed=False):
+        for event in rendering.run(RaySettings(workers=1, memory_gb=0.5)):
+            if rendering.summary.finished == 2:
+                # As if the disk had no room for a third shard.
+                resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+except RenderError as error:
+    print(error)
+    sys.exit(7)
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_S,
+        check=False,
+    )
+    assert ended.returncode == 7, ended.stderr
+    assert "world_000002.tar: could not be written: File too large" in ended.stdout
+    assert open_dataset(tmp_path / "set").worlds == (0, 1)
+    assert not [path for path in tmp_path.rglob("*") if ".part" in path.name]
+    resumed = run(config, tmp_path / "set", "--splits", SPLITS, "--resume")
+    assert resumed.returncode == 0, resumed.stderr
+    render_here(config, tmp_path / "here")
+    assert contents(tmp_path / "set") == contents(tmp_path / "here")
+
+
+@pytest.mark.long
+def test_worlds_that_cannot_be_made_are_skipped_and_counted(tmp_path: Path, leaks):
+    # Only some of the worlds have so many rocks.
+    motion = (
+        "{kind: around_target, target_instance: 6, distance_m: [4, 5], elevation_deg: [50, 60]}"
+    )
+    text = CONFIG.replace("{kind: hover, height_above_ground_m: [3, 6]}", motion)
+    ended = run(write_config(tmp_path, text), tmp_path / "set", "--num-workers", 2)
+    assert ended.returncode == 1
+    dataset = open_dataset(tmp_path / "set")
+    assert dataset.worlds
+    assert dataset.failures
+    assert len(dataset.worlds) + len(dataset.failures) == WORLDS
+    assert f"{len(dataset.failures)} of {WORLDS} worlds could not be made" in ended.stderr
+    for failure in dataset.failures:
+        assert "target_instance" in failure.reason
+        assert f"world {failure.world} failed: {failure.reason}" in ended.stderr
+
+
+@pytest.mark.long
+def test_a_node_of_a_cluster_dies_and_nothing_is_lost(tmp_path: Path, leaks, monkeypatch):
+    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
+    config = write_config(tmp_path)
+    program = """
+import sys
+import ray
+from ray.cluster_utils import Cluster
+folder = sys.argv[1]
+cluster = Cluster(
+    initialize_head=True,
+    head_node_args={"num_cpus": 1, "include_dashboard": False, "temp_dir": folder},
+)
+second = cluster.add_node(num_cpus=1)
+print(cluster.address, second.all_processes["raylet"][0].process.pid, flush=True)
+sys.stdin.read()
+cluster.shutdown()
+"""
+    folder = Path(f"/tmp/oaisys_cluster_{os.getpid()}")
+    cluster = subprocess.Popen(
+        [sys.executable, "-c", program, str(folder)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        address, raylet = cluster.stdout.readline().split()
+        line = [*command(config, tmp_path / "set", "--splits", SPLITS, "--address", address)]
+        driver = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        deadline_s = time.monotonic() + TIMEOUT_S
+        while not list((tmp_path / "set" / "shards").glob("*.jsonl")):
+            assert driver.poll() is None, driver.stdout.read()
+            assert time.monotonic() < deadline_s
+            time.sleep(0.02)
+        psutil.Process(int(raylet)).kill()
+        output, _ = driver.communicate(timeout=TIMEOUT_S)
+        assert driver.returncode == 0, output
+    finally:
+        cluster.communicate(timeout=TIMEOUT_S)
+        subprocess.run(["rm", "-rf", str(folder)], check=True)
+    render_here(config, tmp_path / "here")
+    assert contents(tmp_path / "set") == contents(tmp_path / "here")
+
+
+@pytest.mark.long
+@pytest.mark.blender
+def test_blender_lives_in_the_workers_of_ray(tmp_path: Path, leaks):
+    text = CONFIG.replace("backend: analytic", "backend: blender\nrender: {quality: preview}")
+    config = write_config(tmp_path, text)
+    ended = run(config, tmp_path / "set", "--splits", SPLITS, "--worlds", 3, "--num-workers", 2)
+    assert ended.returncode == 0, ended.stderr
+    dataset = open_dataset(tmp_path / "set")
+    assert dataset.worlds == (0, 1, 2)
+    assert len({record.worker for record in dataset.records}) == 2
+    frames = ["000000_0002_camera", "000002_0001_camera"]
+    for _, comparisons in repeated(dataset, frames, 40.0):
+        assert all(comparison.is_equal for comparison in comparisons)

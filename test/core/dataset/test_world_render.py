@@ -1,0 +1,96 @@
+"""Worlds of a data set, rendered in this process."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from dataset_runs import CONFIG
+
+from oaisys_core.config import config_from_mapping
+from oaisys_core.dataset.manifest import WorldFailure, WorldLegend
+from oaisys_core.dataset.places import open_place
+from oaisys_core.dataset.plan import world_tasks
+from oaisys_core.dataset.reader import open_dataset
+from oaisys_core.dataset.rendering import dataset_info
+from oaisys_core.dataset.shards import HEAD, finished_worlds
+from oaisys_core.dataset.workers import written
+from oaisys_core.dataset.world_render import RenderedView, WorldRenderer
+from oaisys_core.simulation import Simulation
+
+TASKS = list(world_tasks(3, 3, 2, {"train": 0.5, "val": 0.5}))
+
+
+@pytest.fixture(scope="module")
+def config():
+    return config_from_mapping(yaml.safe_load(CONFIG))
+
+
+def rendered(config, tasks):
+    """The files of some worlds' frames, rendered one after the other."""
+    renderer = WorldRenderer(config, "test")
+    try:
+        return {
+            frame.record.frame_id: (
+                replace(frame.record, seconds=0.0, worker="").to_json(),
+                dict(frame.files),
+            )
+            for task in tasks
+            for part in renderer.render(task)
+            if isinstance(part, RenderedView)
+            for frame in part.frames
+        }
+    finally:
+        renderer.close()
+
+
+def test_a_world_is_the_same_whatever_was_rendered_before_it(config):
+    in_order = rendered(config, TASKS)
+    assert len(in_order) == 6
+    assert rendered(config, [TASKS[2], TASKS[0], TASKS[0], TASKS[1]]) == in_order
+    assert rendered(config, TASKS[1:2]).items() <= in_order.items()
+
+
+def test_a_world_of_a_data_set_is_a_batch_of_the_simulation(config, tmp_path: Path):
+    place = open_place(tmp_path)
+    place.write(HEAD, dataset_info(config, 3, 2, {"all": 1.0}).to_json().encode())
+    renderer = WorldRenderer(config, "test")
+    parts = list(written(place, TASKS[1], renderer.render(TASKS[1])))
+    renderer.close()
+    assert isinstance(parts[-1], WorldLegend)
+    simulation = Simulation(config)
+    simulation.step_batch()
+    simulation.step_batch()
+    dataset = open_dataset(tmp_path)
+    assert len(dataset) == 2
+    for sample in dataset:
+        expected = simulation.step_sample()
+        for modality, pixels in sample.arrays.items():
+            frame = expected.frame("camera", modality)
+            assert pixels.tobytes() == np.ascontiguousarray(frame.data).tobytes()
+        np.testing.assert_array_equal(sample.T_map_camera, frame.T_map_camera)
+        np.testing.assert_array_equal(sample.K, frame.intrinsics.K)
+        ids = set(np.unique(sample.arrays["instance"])) - {0}
+        assert ids <= dataset.legend(1).instances.keys()
+        assert set(np.unique(sample.arrays["semantic_0"])) <= dataset.legend(1).labels.keys()
+        counted = {int(i): n for i, n in sample.record.label_pixels.items()}
+        ids, counts = np.unique(sample.arrays["semantic_0"], return_counts=True)
+        assert counted == dict(zip(ids.tolist(), counts.tolist(), strict=True))
+    simulation.close()
+
+
+def test_a_world_without_enough_poses_fails_with_its_reason_and_leaves_no_shard(tmp_path: Path):
+    poses = tmp_path / "poses.csv"
+    poses.write_text("x_m,y_m,z_m,qx,qy,qz,qw\n0,0,9,0,0.7071068,0,0.7071068\n")
+    data = yaml.safe_load(CONFIG)
+    data["sensors"]["motion"] = {"kind": "csv", "path": str(poses), "at_end": "refuse"}
+    renderer = WorldRenderer(config_from_mapping(data), "test")
+    place = open_place(tmp_path / "set")
+    parts = list(written(place, TASKS[0], renderer.render(TASKS[0])))
+    renderer.close()
+    failure = parts[-1]
+    assert isinstance(failure, WorldFailure)
+    assert failure.reason.startswith("view 1: sensors.motion")
+    assert finished_worlds(place) == []
+    assert not [path for path in tmp_path.rglob("*") if ".part" in path.name]

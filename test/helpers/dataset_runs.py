@@ -1,0 +1,127 @@
+"""Rendering of small data sets as a user does it, with kills, and comparison of what comes out."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import psutil
+
+from oaisys_core.dataset.manifest import VARYING_FIELDS
+from oaisys_core.dataset.session_guard import MARK
+
+CONFIG = """
+seed: 3
+backend: analytic
+stage: {preset: mounds, extent_m: 30.0, resolution_px: 65}
+assets: {rocks: [{kind: angular, count: [2, 9], size_m: [0.3, 1.0]}]}
+sensors:
+  cameras:
+    - name: camera
+      width_px: 64
+      height_px: 48
+      fx_px: 54.0
+      fy_px: 54.0
+      modalities: [rgb, depth, semantic_0, instance, normal]
+  motion: {kind: hover, height_above_ground_m: [3, 6]}
+"""
+WORLDS, VIEWS = 6, 3
+TIMEOUT_S = 150.0
+
+
+def write_config(folder: Path, text: str = CONFIG) -> Path:
+    """Write a configuration of small worlds without Blender, and return its path."""
+    path = folder / "config.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def command(config: Path, out: Path | str, *more: object) -> list[str]:
+    """Return the command that renders `WORLDS` worlds with `VIEWS` views each."""
+    sizes = ("--worlds", WORLDS, "--views", VIEWS, "--memory-per-worker", 0.5)
+    words = ("dataset", "render", config, "--out", out, *sizes, *more)
+    return [sys.executable, "-m", "oaisys_core", *map(str, words)]
+
+
+def run(*arguments: Any) -> subprocess.CompletedProcess[str]:
+    """Run `command` to its end."""
+    line = command(*arguments)
+    return subprocess.run(line, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
+
+
+def run_with_kill(line: list[str], victim: str, after_s: float) -> tuple[int, str]:
+    """Run a command, and kill -9 a part of it at a moment.
+
+    Args:
+        line: The command.
+        victim: ``worker``, ``driver`` or ``node`` (Ray's raylet).
+        after_s: The moment; the next one at which there is such a process.
+
+    Returns:
+        The exit code, and the standard error.
+    """
+    # Its own session: a killed driver must not be this process's concern.
+    driver = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    time.sleep(after_s)
+    deadline_s = time.monotonic() + TIMEOUT_S
+    while driver.poll() is None and time.monotonic() < deadline_s:
+        found = [driver.pid] if victim == "driver" else _processes(driver.pid, victim)
+        if found:
+            os.kill(found[0], signal.SIGKILL)
+            break
+        time.sleep(0.05)
+    _, errors = driver.communicate(timeout=TIMEOUT_S)
+    return driver.returncode, errors
+
+
+def _processes(driver: int, kind: str) -> list[int]:
+    """Return the ids of the workers or of the raylet below a driver."""
+    found = []
+    try:
+        below = psutil.Process(driver).children(recursive=True)
+    except psutil.NoSuchProcess:
+        return []
+    for process in below:
+        try:
+            title = " ".join(process.cmdline()[:1])
+        except psutil.Error:
+            continue
+        if (kind == "worker" and "render_world" in title) or (
+            kind == "node" and title.endswith("raylet/raylet")
+        ):
+            found.append(process.pid)
+    return found
+
+
+def session_processes() -> list[str]:
+    """Return the names of all processes that belong to an embedded Ray."""
+    found = []
+    for process in psutil.process_iter():
+        try:
+            if MARK in process.environ():
+                found.append(f"{process.pid} {' '.join(process.cmdline())[:80]}")
+        except psutil.Error:
+            continue
+    return found
+
+
+def contents(folder: Path) -> dict[str, Any]:
+    """Return what must be equal in two data sets, by file: all but workers and seconds."""
+    found: dict[str, Any] = {}
+    for path in sorted(folder.rglob("*")):
+        if path.is_dir() or path.name == ".render.lock":
+            continue
+        name = str(path.relative_to(folder))
+        found[name] = _lines(path) if path.suffix == ".jsonl" else path.read_bytes()
+    return found
+
+
+def _lines(path: Path) -> list[dict[str, Any]]:
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return [{k: v for k, v in line.items() if k not in VARYING_FIELDS} for line in lines]
