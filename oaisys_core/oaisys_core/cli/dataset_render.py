@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,14 +10,11 @@ import typer
 from oaisys_core.cli.options import BackendOption, QualityOption, SeedOption, SizeOption
 from oaisys_core.cli.repeat import LEAST_PSNR_DB, DifferentSampleError, described
 from oaisys_core.cli.standard_output import own_stdout
-from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.errors import OaisysError
 
 if TYPE_CHECKING:
     from oaisys_core.dataset.ray_session import RaySettings
     from oaisys_core.dataset.rendering import DatasetRendering, DatasetSummary
-
-EXPORTS = "exports"
-"""Folder of a data set's exports, each in a folder of its format's name."""
 
 
 class IncompleteDatasetError(OaisysError):
@@ -54,9 +50,6 @@ def render(
         bool,
         typer.Option("--resume", help="Continue the data set in --out; it may get more worlds."),
     ] = False,
-    formats: Annotated[
-        str, typer.Option(help="Formats to export afterwards, such as coco,webdataset.")
-    ] = "",
     seed: SeedOption = None,
     backend: BackendOption = None,
     quality: QualityOption = None,
@@ -78,14 +71,11 @@ def render(
     shares = parsed_splits(splits)
     place = open_place(out)
     chosen = adjusted(load_config(config), seed=seed, backend=backend, quality=quality, size=size)
-    names = _checked_formats(formats, place.folder)
     settings = RaySettings(address, num_workers, memory_per_worker)
     rendering = DatasetRendering(place, chosen, dataset_info(chosen, worlds, views, shares))
     with rendering.begun(is_resumed=resume):
         _run(rendering, settings)
         _report(rendering.summary)
-        for name in names:
-            _export(out, name, Path(place.folder or "") / EXPORTS / name)
     failed = len(rendering.summary.failures)
     if failed:
         text = f"{failed} of {worlds} worlds could not be made; --resume tries them again"
@@ -156,26 +146,3 @@ def _report(summary: DatasetSummary) -> None:
         typer.echo("share of all pixels by class:")
     for label, share in summary.class_shares().items():
         typer.echo(f"  {label:<24} {share:8.3%}")
-
-
-def _checked_formats(formats: str, folder: Path | None) -> list[str]:
-    names = [name.strip() for name in formats.split(",") if name.strip()]
-    if not names:
-        return []
-    if folder is None:
-        expected = "none while rendering to a URL; `oaisys dataset export` writes them to a folder"
-        raise InvalidInputError("formats", formats, expected)
-    from oaisys_core.dataset.formats.base import format_named
-
-    return [format_named(name).name for name in names]
-
-
-def _export(dataset: str, name: str, target: Path) -> None:
-    from oaisys_core.dataset.formats.export import export_dataset
-    from oaisys_core.dataset.reader import open_dataset
-
-    # Left by an earlier command, when the data set had fewer worlds.
-    shutil.rmtree(target, ignore_errors=True)
-    counts = export_dataset(open_dataset(dataset), name, target)
-    told = ", ".join(f"{count} {what}" for what, count in counts.items())
-    typer.echo(f"{target}: {name}: {told}")

@@ -63,7 +63,7 @@ def render_world(config_json: str, task: WorldTask, url: str | None) -> Iterator
 
 
 def written(
-    place: Place, task: WorldTask, parts: Iterable[WorldPart]
+    place: Place, task: WorldTask, parts: Iterable[RenderedView | WorldLegend | WorldFailure]
 ) -> Generator[WrittenPart, None, None]:
     """Write the parts of a world into its shard, which is kept if a legend comes at last.
 
