@@ -33,6 +33,8 @@ _SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
     # Ray's agents wait so long for a head that has died, a minute by default.
     "RAY_gcs_rpc_server_reconnect_timeout_s": "5",
+    # By default, a world that needs more memory than there is would be tried for ever.
+    "RAY_task_oom_retries": "3",
 }
 
 
@@ -138,6 +140,10 @@ def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
                 _memory=workers * settings.memory_bytes,
                 _temp_dir=str(folder),
             )
+        except (OSError, RuntimeError, ValueError) as error:
+            ray.shutdown()
+            raise OaisysError(f"Ray could not be started: {error}") from error
+        try:
             yield
         finally:
             ray.shutdown()

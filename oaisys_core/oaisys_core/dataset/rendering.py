@@ -18,7 +18,8 @@ from oaisys_core.dataset.manifest import DatasetInfo, WorldFailure
 from oaisys_core.dataset.places import Place
 from oaisys_core.dataset.plan import WorldTask, world_tasks
 from oaisys_core.dataset.ray_session import RaySettings
-from oaisys_core.dataset.shards import HEAD, finished_worlds, manifest_name
+from oaisys_core.dataset.reader import open_dataset
+from oaisys_core.dataset.shards import HEAD, finished_worlds
 from oaisys_core.dataset.workers import ViewCounts
 from oaisys_core.errors import ConfigError, InvalidInputError, NotReadyError
 
@@ -144,16 +145,17 @@ class DatasetRendering:
         finished = set(finished_worlds(self._place))
         tasks = world_tasks(info.seed, info.worlds, info.views, info.splits)
         self.left = [task for task in tasks if task.index not in finished]
-        kept = sorted(world for world in finished if world < info.worlds)
-        self.summary.kept = len(kept)
-        for world in kept:
-            self._count_kept(world)
+        self.summary.kept = self._count_kept() if finished else 0
 
-    def _count_kept(self, world: int) -> None:
-        lines = self._place.read(manifest_name(world)).splitlines()
-        for line in lines:
-            pixels: Mapping[str, int] = json.loads(line)["label_pixels"]
-            self.summary.label_pixels.update({int(i): count for i, count in pixels.items()})
+    def _count_kept(self) -> int:
+        """Count the pixels of the finished worlds, and return the number of these worlds."""
+        dataset, summary = open_dataset(self._place.url), self.summary
+        for record in dataset.records:
+            pixels = {int(i): count for i, count in record.label_pixels.items()}
+            summary.label_pixels.update(pixels)
+            if pixels.keys() - summary.labels.keys() - {0}:
+                summary.labels.update(dataset.legend(record.world).labels)
+        return len(dataset.worlds)
 
 
 def dataset_info(

@@ -1,9 +1,10 @@
 """Data sets rendered on Ray: whole, and the same on any workers, after kills and full disks."""
 
-import os
 import random
+import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -163,32 +164,31 @@ def test_a_node_of_a_cluster_dies_and_nothing_is_lost(tmp_path: Path, leaks, mon
     config = write_config(tmp_path)
     program = """
 import sys
-import ray
 from ray.cluster_utils import Cluster
-folder = sys.argv[1]
-cluster = Cluster(
-    initialize_head=True,
-    head_node_args={"num_cpus": 1, "include_dashboard": False, "temp_dir": folder},
-)
+head = {"num_cpus": 1, "include_dashboard": False}
+cluster = Cluster(initialize_head=True, head_node_args=head)
 second = cluster.add_node(num_cpus=1)
 print(cluster.address, second.all_processes["raylet"][0].process.pid, flush=True)
 sys.stdin.read()
 cluster.shutdown()
 """
-    folder = Path(f"/tmp/oaisys_cluster_{os.getpid()}")
+    folder = Path(tempfile.mkdtemp(prefix="oaisys_cluster_"))
+    (folder / "ray").mkdir()
+    monkeypatch.setenv("RAY_TMPDIR", str(folder))
     cluster = subprocess.Popen(
-        [sys.executable, "-c", program, str(folder)],
+        [sys.executable, "-c", program],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
     try:
+        assert cluster.stdout is not None
         address, raylet = cluster.stdout.readline().split()
         line = [*command(config, tmp_path / "set", "--splits", SPLITS, "--address", address)]
         driver = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
         deadline_s = time.monotonic() + TIMEOUT_S
         while not list((tmp_path / "set" / "shards").glob("*.jsonl")):
-            assert driver.poll() is None, driver.stdout.read()
+            assert driver.poll() is None, "it ended early"
             assert time.monotonic() < deadline_s
             time.sleep(0.02)
         psutil.Process(int(raylet)).kill()
@@ -196,7 +196,7 @@ cluster.shutdown()
         assert driver.returncode == 0, output
     finally:
         cluster.communicate(timeout=TIMEOUT_S)
-        subprocess.run(["rm", "-rf", str(folder)], check=True)
+        shutil.rmtree(folder)
     render_here(config, tmp_path / "here")
     assert contents(tmp_path / "set") == contents(tmp_path / "here")
 
