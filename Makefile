@@ -36,7 +36,7 @@ demo: setup ## Survey a rocky terrain from 30 viewpoints and rebuild it: out/sur
 gallery: setup ## Render every example and texture set with its labels: out/gallery/index.html
 	@$(IN_ENV) python -m tools.gallery $(GALLERY_ARGS)
 
-bench: setup ## Measure everything: out/bench/bench.md (three hours the first time; BENCH_ARGS='--only transfer', --quick)
+bench: setup ## Measure everything: out/bench/bench.md (five hours the first time; BENCH_ARGS='--only transfer', --quick)
 	@$(IN_ENV) python -m tools.bench $(BENCH_ARGS)
 
 test: setup ## Run the tests but for the long ones (about 7 minutes)

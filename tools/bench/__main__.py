@@ -20,6 +20,7 @@ from tools.bench.report import TopicProgress, print_table, write_results
 from tools.bench.settings import Say, Settings
 from tools.bench.topics import (
     cores,
+    dataset,
     growth,
     maps,
     panel,
@@ -48,6 +49,7 @@ TOPICS = {
     "sync": Topic(rendering.sync, 60, 40),
     "budget": Topic(rendering.budget, 220, 60),
     "growth": Topic(growth.run, 700, 150),
+    "dataset": Topic(dataset.run, 6500, 500),
     "equality": Topic(rendering.equality, 150, 80),
     "reproducibility": Topic(reproducibility.run, 400, 160),
     "transfer": Topic(transport.transfer, 110, 45),

@@ -64,3 +64,8 @@ def peak_memory_mb(process: str = "self") -> float:
         if line.startswith("VmHWM:"):
             return int(line.split()[1]) * 1024 / MEGABYTE
     raise ValueError(f"/proc/{process}/status says nothing of VmHWM")
+
+
+def memory_mb() -> float:
+    """Return the resident memory that this process has now."""
+    return float(psutil.Process().memory_info().rss) / MEGABYTE
