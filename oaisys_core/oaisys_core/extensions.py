@@ -8,6 +8,7 @@ Extensions are imported only when they are used, so a broken one does not affect
 * `SCATTERERS`: a function ``(Generator) -> MeshPrototype``, used as a ``shape``.
 * `PASSES`: a `GeometryPass` subclass, used as a modality.
 * `EFFECTS`: an `EnvironmentEffect` subclass, used in ``environment.effects``.
+* `DATASET_FORMATS`: a `DatasetFormat` subclass, used by ``oaisys dataset export --format``.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ STAGES = "oaisys.stages"
 SCATTERERS = "oaisys.scatterers"
 PASSES = "oaisys.passes"
 EFFECTS = "oaisys.environment_effects"
+DATASET_FORMATS = "oaisys.dataset_formats"
 
 
 def names(group: str) -> set[str]:

@@ -1,0 +1,1 @@
+"""What a data set says of itself: its conventions, machine-readable metadata and a data card."""
