@@ -1,6 +1,7 @@
 """Extensions of other packages, found by their entry points.
 
-A package registers an extension in one of the groups below; a configuration uses it by its name.
+A package registers an extension in one of the groups below; a configuration, or an option of a
+command, uses it by its name.
 Extensions are imported only when they are used, so a broken one does not affect the others.
 
 * `MODULES`: a `Module` subclass whose ``name`` is the entry point's; see `make_modules`.

@@ -18,6 +18,9 @@ from oaisys_core.types import Sample
 
 EXAMPLES = REPOSITORY / "examples/extensions"
 KINDS = sorted(path.parent.name for path in EXAMPLES.glob("*/setup.cfg"))
+IN_WORLDS = sorted(path.parent.name for path in EXAMPLES.glob("*/world.yaml"))
+"""The examples that a configuration names."""
+
 SMALL = """
 backend: analytic
 stage: {preset: mounds, extent_m: 30, resolution_px: 65}
@@ -74,7 +77,7 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Sample]:
     found = {}
     plain = tmp_path_factory.mktemp("plain")
     (plain / "world.yaml").write_text("{}")
-    for kind in ("plain", *KINDS):
+    for kind in ("plain", *IN_WORLDS):
         folder = tmp_path_factory.mktemp(kind)
         world = plain / "world.yaml" if kind == "plain" else EXAMPLES / kind / "world.yaml"
         environment = dict(os.environ) if kind == "plain" else installed_example(kind, folder)
@@ -90,7 +93,8 @@ def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Sample]:
 
 
 def test_each_kind_has_a_short_example() -> None:
-    assert KINDS == ["environment_effect", "module", "pass", "scatterer", "stage"]
+    assert IN_WORLDS == ["environment_effect", "module", "pass", "scatterer", "stage"]
+    assert sorted([*IN_WORLDS, "dataset_format"]) == KINDS
     for kind in KINDS:
         (source,) = (EXAMPLES / kind).glob("*.py")
         assert len(source.read_text(encoding="utf-8").splitlines()) <= 45

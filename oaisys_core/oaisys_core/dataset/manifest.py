@@ -70,6 +70,8 @@ class FrameRecord:
             includes the making of its world, so the sum over all frames is what workers took.
         software: Versions by name.
         label_pixels: Number of pixels by id in ``semantic_0``.
+        sun_elevation_deg, sun_azimuth_deg: Where the sun is in ``map``; the azimuth is counted from
+            x towards y. None if it is not known.
     """
 
     frame_id: str
@@ -90,6 +92,8 @@ class FrameRecord:
     seconds: float
     software: Mapping[str, str]
     label_pixels: Mapping[str, int] = field(default_factory=dict)
+    sun_elevation_deg: float | None = None
+    sun_azimuth_deg: float | None = None
 
     @property
     def camera(self) -> PinholeIntrinsics:

@@ -9,6 +9,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
+from math import degrees
 from typing import Any, NamedTuple
 
 from oaisys_core.config import SimulationConfig
@@ -39,11 +40,15 @@ class RenderedView(NamedTuple):
 
 @dataclass(frozen=True)
 class _View:
-    """A view that is rendered, and not encoded yet; ``seconds`` is what all of it took."""
+    """A view that is rendered, and not encoded yet; ``seconds`` is what all of it took.
+
+    ``sun_deg`` is the sun's elevation and azimuth.
+    """
 
     number: int
     sample: Sample
     seconds: float
+    sun_deg: tuple[float, float]
 
 
 class WorldRenderer:
@@ -83,7 +88,7 @@ class WorldRenderer:
                     doing = f"view {number}"
                     sample = self._simulation.step_sample()
                     now_s = time.perf_counter()
-                    view = _View(number, sample, now_s - begun_s)
+                    view = _View(number, sample, now_s - begun_s, self._sun_deg())
                     begun_s = now_s
                     if encoding is not None:
                         yield encoding.result()
@@ -139,7 +144,14 @@ class WorldRenderer:
             worker=self._worker,
             seconds=round(seconds, 3),
             software=self._software,
+            sun_elevation_deg=view.sun_deg[0],
+            sun_azimuth_deg=view.sun_deg[1],
         )
+
+    def _sun_deg(self) -> tuple[float, float]:
+        """Return the elevation and azimuth of the sun in the current view."""
+        sky = self._simulation.scene.sky
+        return round(degrees(sky.sun_elevation_rad), 6), round(degrees(sky.sun_azimuth_rad), 6)
 
     def _legend(self) -> WorldLegend:
         """Return the legend of the current world, with all its objects."""

@@ -7,7 +7,8 @@ A package adds a format through the entry point group ``oaisys.dataset_formats``
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -144,11 +145,6 @@ def format_named(name: str) -> DatasetFormat:
     return found()
 
 
-def split_names(dataset: Dataset) -> list[str]:
-    """Return the splits that have frames, in the order of their first frames."""
-    return list(dict.fromkeys(record.split for record in dataset.records))
-
-
 def modality_names(dataset: Dataset) -> list[str]:
     """Return the modalities that any frame has, sorted."""
     return sorted({modality for record in dataset.records for modality in record.images})
@@ -167,16 +163,21 @@ def views(dataset: Dataset) -> Iterator[list[DatasetSample]]:
         yield view
 
 
-def label_names(dataset: Dataset) -> dict[int, str]:
-    """Return the name of each label id in any world.
+def complete_samples(
+    dataset: Dataset, modalities: Sequence[str], counts: Counter[str]
+) -> Iterator[DatasetSample]:
+    """Yield the samples that have all of some modalities, with these alone; count the others."""
+    for record in dataset.records:
+        if set(modalities) <= set(record.images):
+            yield dataset.sample(record, modalities)
+        else:
+            counts[f"frames without {', '.join(modalities)}, left out"] += 1
 
-    Raises:
-        InvalidInputError: Two worlds give an id different names.
-    """
-    names: dict[int, str] = {}
+
+def label_names(dataset: Dataset) -> dict[int, str]:
+    """Return the name of each label id; names that differ between worlds are joined by `` / ``."""
+    names: dict[int, dict[str, None]] = {}
     for world in dataset.worlds:
         for label_id, name in dataset.legend(world).labels.items():
-            if names.setdefault(label_id, name) != name:
-                expected = f"{names[label_id]!r}, the name of this id in an earlier world"
-                raise InvalidInputError(f"world {world}: label {label_id}", name, expected)
-    return dict(sorted(names.items()))
+            names.setdefault(label_id, {})[name] = None
+    return {label_id: " / ".join(names[label_id]) for label_id in sorted(names)}

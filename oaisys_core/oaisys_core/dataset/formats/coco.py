@@ -17,10 +17,11 @@ from oaisys_core.dataset.formats.base import (
     DatasetFormat,
     ExportOptions,
     FormatConventions,
+    complete_samples,
     label_names,
-    split_names,
 )
 from oaisys_core.dataset.formats.segments import Segment, numbered_segments, segments_of
+from oaisys_core.output.images import encode_image
 from oaisys_core.types import INSTANCE, RGB, SEMANTIC_0
 
 if TYPE_CHECKING:
@@ -71,9 +72,10 @@ class CocoFormat(DatasetFormat):
         """See `DatasetFormat.write`."""
         categories = categories_of(dataset)
         counts: Counter[str] = Counter()
-        for split in split_names(dataset):
+        for split in dataset.splits:
             with _SplitWriter(target, split, categories, options.license, counts) as writer:
-                for sample in dataset.split(split).stream():
+                part = dataset.split(split)
+                for sample in complete_samples(part, self.modalities, counts):
                     writer.add(sample)
                     options.progress(counts["frames"])
         return counts
@@ -160,7 +162,7 @@ class _SplitWriter:
             "K": sample.K.tolist(),
             "T_map_camera": sample.T_map_camera.tolist(),
         }
-        _write_png(self._images / image["file_name"], sample.arrays[RGB])
+        (self._images / image["file_name"]).write_bytes(encode_image(sample.arrays[RGB]))
         self._instances_json.append("images", image)
         self._panoptic_json.append("images", image)
         self._add_segments(sample, image["file_name"])
@@ -181,7 +183,7 @@ class _SplitWriter:
             infos.append(_segment_info(segment, is_crowd))
             if is_thing:
                 self._append_instance(segment, is_crowd, numbers.shape)
-        _write_png(self._panoptic / file_name, panoptic_colors(numbers))
+        (self._panoptic / file_name).write_bytes(encode_image(panoptic_colors(numbers)))
         annotation = {"image_id": self._image_id, "file_name": file_name, "segments_info": infos}
         self._panoptic_json.append("annotations", annotation)
         self._counts["panoptic segments"] += len(infos)
@@ -205,7 +207,7 @@ class _SplitWriter:
 def panoptic_colors(numbers: NDArray[np.int64]) -> NDArray[np.uint8]:
     """Return the (H, W, 3) colours of a panoptic image: R + 256 G + 65536 B is the segment's id."""
     planes = [numbers & 0xFF, numbers >> 8 & 0xFF, numbers >> 16 & 0xFF]
-    return np.stack(planes, axis=-1).astype(np.uint8)
+    return np.asarray(np.stack(planes, axis=-1), np.uint8)
 
 
 def _segment_info(segment: Segment, is_crowd: bool) -> dict[str, Any]:
@@ -226,13 +228,6 @@ def _compressed(segment: Segment, shape: tuple[int, ...]) -> dict[str, Any]:
     height, width = shape
     encoded = mask.frPyObjects({"counts": segment.runs, "size": [height, width]}, height, width)
     return {"size": [height, width], "counts": encoded["counts"].decode("ascii")}
-
-
-def _write_png(path: Path, colors: NDArray[np.uint8]) -> None:
-    import cv2
-
-    _, png = cv2.imencode(".png", np.ascontiguousarray(colors[..., ::-1]))
-    path.write_bytes(png.tobytes())
 
 
 class _JsonLists:

@@ -7,6 +7,7 @@ import json
 import tarfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -20,10 +21,9 @@ from oaisys_core.dataset.formats.base import (
     ExportOptions,
     FormatConventions,
     modality_names,
-    png_bytes,
-    split_names,
 )
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.output.images import encode_image
 from oaisys_core.types import ALBEDO, RGB
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ class WebDatasetFormat(DatasetFormat):
         most = int(options.number("shard_bytes", MOST_BYTES, least=END_BYTES + 2 * BLOCK))
         counts: Counter[str] = Counter()
         with _Index(target / INDEX, modality_names(dataset)) as index:
-            for split in split_names(dataset):
+            for split in dataset.splits:
                 part = dataset.split(split)
                 with _TarFiles(target, split, most) as tars:
                     for sample in part.stream():
@@ -107,6 +107,7 @@ class _TarFiles:
         self._split = split
         self._most_bytes = most_bytes
         self._tar: tarfile.TarFile | None = None
+        self._open = ExitStack()
         self.count = 0
 
     def __enter__(self) -> Self:
@@ -143,13 +144,13 @@ class _TarFiles:
         self._close()
         self._name = f"{self._split}-{self.count:06d}.tar"
         self.count += 1
-        self._tar = tarfile.open(self._target / self._name, "w", format=tarfile.USTAR_FORMAT)
+        tar = tarfile.TarFile(self._target / self._name, "w", format=tarfile.USTAR_FORMAT)
+        self._tar = self._open.enter_context(tar)
         return self._tar
 
     def _close(self) -> None:
-        if self._tar is not None:
-            self._tar.close()
-            self._tar = None
+        self._open.close()
+        self._tar = None
 
 
 class _Index:
@@ -242,7 +243,7 @@ def _files(sample: DatasetSample) -> dict[str, bytes]:
     files = {"json": json.dumps(frame_fields(sample.record)).encode()}
     for modality, image in sample.arrays.items():
         ending = ending_of(modality)
-        files[ending] = png_bytes(image) if ending.endswith(".png") else _npz_bytes(image)
+        files[ending] = encode_image(image) if ending.endswith(".png") else _npz_bytes(image)
     return files
 
 

@@ -1,0 +1,115 @@
+"""``oaisys dataset export``: writes a data set in the formats of other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from oaisys_core.errors import InvalidInputError, one_of
+
+if TYPE_CHECKING:
+    from oaisys_core.dataset.formats.base import DatasetFormat
+
+EXPORTS = "exports"
+"""Folder in a data set that has its exports by default, each under its format's name."""
+
+
+def export(
+    place: Annotated[
+        str,
+        typer.Argument(metavar="DIR", help="Folder or URL of a data set.", show_default=False),
+    ],
+    formats: Annotated[
+        list[str] | None,
+        typer.Option("--format", help="Name of a format; may be repeated.", show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="New folder for the export; default: DIR/exports/NAME."),
+    ] = None,
+    split: Annotated[str | None, typer.Option(help="Export only the worlds of this split.")] = None,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option("--set", help="NAME=VALUE, a setting of the format; may be repeated."),
+    ] = None,
+    license_name: Annotated[
+        str, typer.Option("--license", help="Licence of the data set: an SPDX name, URL or text.")
+    ] = "",
+    price_per_hour: Annotated[
+        float | None,
+        typer.Option(help="Price of one worker for an hour, for the data card.", min=0),
+    ] = None,
+    shows_formats: Annotated[
+        bool, typer.Option("--list", help="List the installed formats and their settings.")
+    ] = False,
+) -> None:
+    """Write the data set in DIR in other formats.
+
+    Each export has a README.md with its conventions, Croissant metadata and a data card. With
+    --list, DIR is not read.
+    """
+    # `oaisys --help` imports this module, so slow imports are done on use.
+    from oaisys_core.dataset.formats.base import ExportOptions, format_named, format_names
+    from oaisys_core.dataset.formats.export import export_dataset
+    from oaisys_core.dataset.reader import open_dataset
+
+    if shows_formats:
+        typer.echo("\n".join(_described(format_named(name)) for name in format_names()))
+        return
+    chosen = [format_named(name).name for name in formats or ()]
+    if not chosen:
+        raise InvalidInputError("format", None, f"--format with one of {', '.join(format_names())}")
+    if out is not None and len(chosen) > 1:
+        raise InvalidInputError("out", str(out), "one --format, or no --out")
+    dataset = open_dataset(place)
+    if split is not None:
+        if split not in dataset.splits:
+            raise InvalidInputError("split", split, one_of(dataset.splits, split))
+        dataset = dataset.split(split)
+    given = dict(_setting(text) for text in settings or ())
+    for name in chosen:
+        target = out or Path(place) / EXPORTS / name
+        with _progress(name, len(dataset)) as shown:
+            options = ExportOptions(given, license_name, price_per_hour, shown)
+            counts = export_dataset(dataset, name, target, options)
+        told = ", ".join(f"{count} {what}" for what, count in counts.items())
+        typer.echo(f"{target}: {name}: {told}")
+
+
+def _setting(text: str) -> tuple[str, str]:
+    name, equals, value = text.partition("=")
+    if not equals:
+        raise InvalidInputError("set", text, "NAME=VALUE")
+    return name, value
+
+
+def _described(found: DatasetFormat) -> str:
+    """Return the lines about a format in the list."""
+    about = (type(found).__doc__ or "").split("\n")[0]
+    settings = [f"    --set {name}=...: {meaning}" for name, meaning in found.settings.items()]
+    return "\n".join([f"{found.name}: {about}", *settings])
+
+
+@contextmanager
+def _progress(name: str, frames: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar on a terminal; yields what is called with the number of frames written."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(
+        *columns, TimeRemainingColumn(), console=console, disable=not console.is_terminal
+    ) as bar:
+        task = bar.add_task(name, total=frames)
+        yield lambda done: bar.update(task, completed=done)

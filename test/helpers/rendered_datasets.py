@@ -1,0 +1,117 @@
+"""A small data set of real worlds, rendered by the analytic backend."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from math import degrees
+from pathlib import Path
+
+import numpy as np
+
+from oaisys_core import randomness
+from oaisys_core.config import SimulationConfig, config_from_mapping, config_sha256
+from oaisys_core.dataset.manifest import (
+    DatasetInfo,
+    FrameRecord,
+    LegendInstance,
+    WorldLegend,
+    frame_id,
+)
+from oaisys_core.dataset.places import open_place
+from oaisys_core.dataset.shards import HEAD, writing_shard
+from oaisys_core.geometry import pose_looking_at
+from oaisys_core.output.records import intrinsics_record
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import ModuleMetadata, ObjectQuery, Pose, Sample
+
+WORLDS = {0: "train", 1: "train", 2: "val"}
+"""Split by world."""
+
+VIEWS = 2
+EXTENT_M = 20.0
+MODALITIES = ["rgb", "depth", "semantic_0", "instance", "normal"]
+
+
+def small_config() -> SimulationConfig:
+    """Return a world with rocks, seen by one camera that sees some sky."""
+    camera = {"width_px": 64, "height_px": 48, "modalities": MODALITIES}
+    return config_from_mapping(
+        {
+            "seed": 11,
+            "backend": "analytic",
+            "stage": {"preset": "plane", "extent_m": EXTENT_M, "resolution_px": 65},
+            "materials": {"texture_size_px": 64, "mask": {"size_px": 32}},
+            "sensors": {"cameras": [camera]},
+            "assets": {"rocks": [{"count": [80, 80]}]},
+            "environment": {"sun_elevation_deg": [10, 80], "ground_beyond": False},
+        }
+    )
+
+
+def write_rendered_dataset(where: str | Path, worlds: Mapping[int, str] = WORLDS) -> None:
+    """Render worlds and write them as a data set."""
+    config = small_config()
+    info = DatasetInfo(
+        config=config.model_dump(mode="json"),
+        config_sha256=config_sha256(config),
+        seed=config.seed,
+        worlds=len(worlds),
+        views=VIEWS,
+        splits={"train": 0.7, "val": 0.3},
+    )
+    place = open_place(where)
+    place.write(HEAD, info.to_json().encode())
+    simulation = Simulation(config)
+    for world, split in worlds.items():
+        simulation.step_batch(seed=randomness.batch_seed(config.seed, world + 1))
+        with writing_shard(place, world) as shard:
+            for view in range(VIEWS):
+                sample = simulation.step_sample(ModuleMetadata(sensor={"pose": _pose(view)}))
+                record = _record(simulation, sample, world, view, split)
+                shard.add(record, {frame.modality: frame.data for frame in sample.frames})
+            shard.finish(_legend(simulation))
+    simulation.close()
+
+
+def _pose(view: int) -> Pose:
+    angle = np.pi / 3 * view
+    eye_m = 9 * np.cos(angle), 9 * np.sin(angle), 2.5
+    return pose_looking_at(eye_m, (0.0, 0.0, 1.0))
+
+
+def _record(
+    simulation: Simulation, sample: Sample, world: int, view: int, split: str
+) -> FrameRecord:
+    frame, sky = sample.frames[0], simulation.scene.sky
+    return FrameRecord(
+        frame_id=frame_id(world, view, frame.sensor),
+        world=world,
+        view=view,
+        sensor=frame.sensor,
+        split=split,
+        world_seed=sample.provenance.batch_seed,
+        config_sha256=sample.provenance.config_sha256,
+        metadata={},
+        T_map_camera=tuple(tuple(row) for row in frame.T_map_camera.tolist()),
+        intrinsics=intrinsics_record(frame.intrinsics),
+        stamp_s=float(view),
+        images={},
+        provenance=asdict(sample.provenance),
+        rig_pose=asdict(sample.rig_pose),
+        worker=f"host:{world % 2}",
+        seconds=0.5,
+        software={"oaisys": "0.1.0"},
+        sun_elevation_deg=degrees(sky.sun_elevation_rad),
+        sun_azimuth_deg=degrees(sky.sun_azimuth_rad),
+    )
+
+
+def _legend(simulation: Simulation) -> WorldLegend:
+    things = {
+        thing.instance_id: LegendInstance(
+            thing.name, thing.label, thing.semantic_id, thing.kind, thing.group
+        )
+        for thing in simulation.list_objects(ObjectQuery()).objects
+    }
+    return WorldLegend(simulation.info().semantic_labels, things)
