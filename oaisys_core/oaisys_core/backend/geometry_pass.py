@@ -9,10 +9,10 @@ import os
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +36,8 @@ from oaisys_core.types import (
     ModalitySpec,
     semantic_level,
 )
+
+T = TypeVar("T")
 
 CORES = len(os.sched_getaffinity(0))
 """Processors that this process may use."""
@@ -126,10 +128,9 @@ class BackgroundGeometry:
 
     def __init__(self, compute: Callable[[], tuple[Frame, ...]]) -> None:
         """Start the thread; ``compute`` runs in a copy of the caller's context."""
-        self._compute = compute
         self._busy_s: float | None = None
         self._executor = ThreadPoolExecutor(1, "geometry")
-        future = self._executor.submit(copy_context().run, self._run)
+        future = self.then(compute)
         self.group = FrameGroup(future.result, future.done)
 
     def __enter__(self) -> Self:
@@ -138,16 +139,20 @@ class BackgroundGeometry:
     def __exit__(self, *_: object) -> None:
         self._executor.shutdown()
 
+    def then(self, compute: Callable[[], T]) -> Future[T]:
+        """Have the same thread compute something after the frames."""
+        return self._executor.submit(copy_context().run, self._timed, compute)
+
     def cost_s(self, seconds: float) -> float:
         """Return by how much it lengthened work that took all cores for ``seconds``."""
         # Threads share the cores alike.
         most_s = seconds / (CORES + 1)
         return most_s if self._busy_s is None else min(self._busy_s / CORES, most_s)
 
-    def _run(self) -> tuple[Frame, ...]:
-        frames = self._compute()
+    def _timed(self, compute: Callable[[], T]) -> T:
+        computed = compute()
         self._busy_s = time.thread_time()
-        return frames
+        return computed
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from synthetic_worlds import camera, rocky_world, settings
 
 from oaisys_core.backend.blender import BlenderBackend, cycles, postprocessing
+from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.postprocessing import RenderResult, blenders_denoiser
 from oaisys_core.backend.blender.time_budget import DENOISING_COSTS, DenoisingQuality
 from oaisys_core.errors import CancelledError
@@ -52,12 +53,21 @@ def _cancel() -> None:
     raise CancelledError("enough")
 
 
-def of_passes(radiance: Image, albedo: Image, normal: Image, denoising: DenoisingQuality) -> Image:
-    """The radiance of a render's passes, denoised as a view's is."""
+def of_passes(
+    radiance: Image,
+    albedo: Image,
+    normal: Image,
+    denoising: DenoisingQuality,
+    ground: Image | None = None,
+) -> Image:
+    """The radiance of a render's passes, denoised as a view's is; ``ground`` is a known albedo."""
+    known = None
+    if ground is not None:
+        known = PixelAlbedo(ground, np.ones(ground.shape[:2], bool))
     passes = {"Combined": radiance, "Denoising Albedo": albedo, "Denoising Normal": normal}
     wanted = replace(settings(1), denoise=True)
     return postprocessing.denoised(
-        RenderResult(passes, samples=1), wanted, blenders_denoiser(), denoising
+        RenderResult(passes, samples=1), wanted, blenders_denoiser(), denoising, known
     )
 
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
+from unittest import mock
 
 import bpy
+import numpy as np
 from synthetic_worlds import settings
 
-from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.backend.blender import BlenderBackend, postprocessing, renderer
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import Frame, Progress
 
@@ -60,3 +63,35 @@ def _lookup(texel: Any) -> tuple[str, float]:
     if link.type == "VECT_MATH":
         return texel.image.name, link.inputs[2].default_value[0]
     return texel.image.name, texel.texture_mapping.translation[0]
+
+
+def albedos(
+    cases: Sequence[tuple[Scene, PlacedCamera]], few: int, many: int
+) -> list[dict[str, Any]]:
+    """The albedo that few and many samples see in each view, and the ground's without noise."""
+    backend = BlenderBackend()
+    tone_map = renderer.Cycles.denoise_and_tonemap
+    given: list[Any] = []
+
+    def kept(cycles: Any, rendered: Any, wanted: Any, denoising: Any, ground: Any) -> Any:
+        given.append((rendered.passes[postprocessing.SEEN_ALBEDO], ground))
+        return tone_map(cycles, rendered, wanted, denoising, ground)
+
+    with mock.patch.object(renderer.Cycles, "denoise_and_tonemap", kept):
+        for scene, camera in cases:
+            backend.build(scene, ignore)
+            for samples in (few, many):
+                wanted = replace(settings(samples), denoise=True)
+                backend.render_all([camera], wanted, ignore)
+    found = []
+    for (seen_by_few, ground), (seen_by_many, _) in zip(given[::2], given[1::2], strict=True):
+        nothing = np.zeros(seen_by_few.shape[:2], bool)
+        found.append(
+            {
+                "few": np.ascontiguousarray(seen_by_few),
+                "many": np.ascontiguousarray(seen_by_many),
+                "clean": None if ground is None else ground.linear,
+                "known": nothing if ground is None else ground.is_known,
+            }
+        )
+    return found

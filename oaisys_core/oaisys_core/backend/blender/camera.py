@@ -150,10 +150,15 @@ def _set(owner: Any, **values: float) -> None:
 def set_pixel_angle(intrinsics: PinholeIntrinsics) -> None:
     """Tell materials the angle that a pixel spans, unless it is similar to the current one."""
     angle = footprint_group().nodes[ANGLE].inputs[1]
-    angle_rad = 1 / max(intrinsics.fx_px, intrinsics.fy_px)
-    wanted = PIXELS * 2.0 ** (floor(STEPS * log2(angle_rad) + 1e-6) / STEPS)
+    wanted = pixel_angle_rad(intrinsics)
     if abs(angle.default_value - wanted) > 1e-6 * wanted:
         angle.default_value = wanted
+
+
+def pixel_angle_rad(intrinsics: PinholeIntrinsics) -> float:
+    """Return the angle by which materials choose levels of detail, see `PIXELS` and `STEPS`."""
+    angle_rad = 1 / max(intrinsics.fx_px, intrinsics.fy_px)
+    return PIXELS * 2.0 ** (floor(STEPS * log2(angle_rad) + 1e-6) / STEPS)
 
 
 def footprint_group() -> Any:

@@ -22,6 +22,7 @@ from oaisys_core.backend.base import Device, RenderSettings
 from oaisys_core.backend.blender.compat import DIFFUSE_COLOR
 from oaisys_core.backend.blender.cycles_session import end_sampling
 from oaisys_core.backend.blender.devices import use_device
+from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.postprocessing import (
     CYCLES_WIDTH_PX,
     SAMPLED_WIDTH_PX,
@@ -98,14 +99,20 @@ class Cycles:
         return self._render(settings, seconds, denoise=settings.denoise)
 
     def denoise_and_tonemap(
-        self, rendered: RenderResult, settings: RenderSettings, denoising: DenoisingQuality
+        self,
+        rendered: RenderResult,
+        settings: RenderSettings,
+        denoising: DenoisingQuality,
+        ground: PixelAlbedo | None = None,
     ) -> NDArray[np.uint8]:
         """Return the (H, W, 3) sRGB image of what `render_radiance` gave with the same settings.
+
+        ``ground`` is the albedo without noise, where it is known.
 
         Raises:
             RenderError: The passes are missing, or denoising failed.
         """
-        radiance = denoised(rendered, settings, self._denoiser(), denoising)
+        radiance = denoised(rendered, settings, self._denoiser(), denoising, ground)
         return to_pixels(radiance, settings.view_transform, _exposure_ev(settings))
 
     def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:

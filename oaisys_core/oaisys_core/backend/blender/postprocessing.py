@@ -1,7 +1,8 @@
 """What is done to radiance after Cycles: denoising, the rest of the pixel filter, tone mapping.
 
 What is denoised is light: radiance is divided by the albedo that the same samples have seen, and
-multiplied by it afterwards, so that denoising does not blur textures.
+multiplied by it afterwards, so that denoising does not blur textures. On the ground it is multiplied
+by the albedo of `GroundAlbedo`, which has no noise.
 
 Denoising uses the Open Image Denoise library that comes with Blender. Cycles can call it itself,
 but counts its time as part of the last sample, which time budgets could not use, and can only
@@ -42,6 +43,7 @@ import PyOpenColorIO
 from numpy.typing import NDArray
 
 from oaisys_core.backend.base import RenderSettings, ViewTransform
+from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.time_budget import DenoisingQuality
 from oaisys_core.backend.geometry_pass import CORES
 from oaisys_core.errors import RenderError
@@ -109,6 +111,10 @@ ALBEDO_SHARE, EDGE_SHARE = 0.12, 0.25
 SMOOTHED, EDGE_GAIN = 0.3, 6
 """Share of smoothed albedo on even ground, and how fast it grows as that length falls below 1."""
 
+CONFIRMED_PX, MOST_DIFFERENCE = 15, 0.03
+"""Edge length of the square over which an albedo without noise must be that of the samples, and how
+much it may differ, as a share."""
+
 VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
 """Blender's names of the view transforms; all of them give sRGB, except raw, which is linear."""
 
@@ -148,10 +154,16 @@ def denoised(
     settings: RenderSettings,
     denoiser: Denoiser | None,
     denoising: DenoisingQuality,
+    ground: PixelAlbedo | None = None,
 ) -> Image:
     """Return the (H, W, 3 or 4) radiance of a render, denoised if the settings say so.
 
-    Without a ``denoiser``, Cycles has done it.
+    Args:
+        rendered: With the passes for denoising.
+        settings: Of the render.
+        denoiser: None if Cycles has denoised it.
+        denoising: See `Denoiser.denoise`.
+        ground: Albedo without noise, where it is known; the samples' own is used elsewhere.
     """
     radiance = pass_of(rendered, COMBINED)
     if not settings.denoise:
@@ -159,8 +171,13 @@ def denoised(
     radiance = radiance[..., :3]
     if denoiser is not None:
         normal = pass_of(rendered, SEEN_NORMAL)
-        albedo = _divisor(pass_of(rendered, SEEN_ALBEDO), normal)
-        radiance = albedo * denoiser.denoise(radiance / albedo, normal, denoising)
+        seen = pass_of(rendered, SEEN_ALBEDO)
+        divisor = albedo = _divisor(seen, normal)
+        if ground is not None:
+            is_clean = _is_confirmed(ground, seen)[..., None]
+            divisor = np.where(is_clean, seen + LEAST_ALBEDO, divisor)
+            albedo = np.where(is_clean, ground.linear + LEAST_ALBEDO, albedo)
+        radiance = albedo * denoiser.denoise(radiance / divisor, normal, denoising)
     return filter_denoised(radiance, rendered.samples or settings.samples)
 
 
@@ -170,11 +187,22 @@ def _divisor(albedo: Image, normal: Image) -> Image:
     It is smoothed most where normals turn within a pixel or two, as at edges and in foliage,
     because few samples per pixel are not enough there.
     """
-    length = np.linalg.norm(_convolved(normal, EDGE_SHARE), axis=-1, keepdims=True)
+    albedo, normal = np.ascontiguousarray(albedo), np.ascontiguousarray(normal)
+    length = _length(_convolved(normal, EDGE_SHARE))
     smoothed = np.clip(SMOOTHED + EDGE_GAIN * (1 - length), 0, 1).astype(np.float32)
     albedo = albedo + _sky_share(albedo, normal)
-    mixed = albedo + smoothed * (_convolved(albedo, ALBEDO_SHARE) - albedo)
+    mixed = albedo + smoothed[..., None] * (_convolved(albedo, ALBEDO_SHARE) - albedo)
     return np.asarray(mixed + LEAST_ALBEDO, np.float32)
+
+
+def _is_confirmed(ground: PixelAlbedo, seen: Image) -> NDArray[np.bool_]:
+    """Return the (H, W) pixels around which a known albedo is on average what samples have seen."""
+    size = CONFIRMED_PX, CONFIRMED_PX
+    known = ground.is_known.astype(np.float32)
+    difference = cv2.blur((ground.linear - seen) * known[..., None], size)
+    level = cv2.blur(seen * known[..., None], size)
+    few_percent = MOST_DIFFERENCE * (level + LEAST_ALBEDO * cv2.blur(known, size)[..., None])
+    return np.asarray(ground.is_known & (np.abs(difference) <= few_percent).all(axis=-1))
 
 
 def _sky_share(albedo: Image, normal: Image) -> Image:
@@ -182,10 +210,20 @@ def _sky_share(albedo: Image, normal: Image) -> Image:
 
     There, the length of the mean normal is about the share of surfaces.
     """
-    is_sky = ~(albedo.any(axis=-1) | normal.any(axis=-1))
+    is_sky = _sum_of_channels(np.abs(albedo) + np.abs(normal)) == 0
     near_sky = cv2.dilate(is_sky.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
-    surface = np.minimum(np.linalg.norm(normal, axis=-1), 1)
+    surface = np.minimum(_length(normal), 1)
     return np.asarray(np.where(near_sky, 1 - surface, 0)[..., None], np.float32)
+
+
+def _length(vectors: Image) -> Image:
+    """Return the (H, W) lengths of (H, W, 3) vectors."""
+    return np.sqrt(_sum_of_channels(vectors * vectors))
+
+
+def _sum_of_channels(image: Image) -> Image:
+    # NumPy takes ten times as long for sums over a short last axis.
+    return np.asarray(cv2.transform(image, np.ones((1, 3), np.float32)), np.float32)
 
 
 class Denoiser:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import replace
 from functools import partial
 from math import inf
@@ -19,6 +20,7 @@ from oaisys_core.backend.blender.camera import (
     camera_image,
     motion_blur,
     new_camera,
+    pixel_angle_rad,
     place,
     rendered_pinhole,
     scaled_pinhole,
@@ -27,6 +29,7 @@ from oaisys_core.backend.blender.camera import (
     set_pixel_angle,
 )
 from oaisys_core.backend.blender.cycles import Cycles
+from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.objects.scene_geometry import SceneGeometry
 from oaisys_core.backend.blender.objects.sky import Lights
 from oaisys_core.backend.blender.postprocessing import RenderResult
@@ -41,10 +44,10 @@ from oaisys_core.backend.geometry_pass import (
     BackgroundGeometry,
     PoseMemory,
     frame_of,
-    geometry_frames,
+    frames_of,
 )
 from oaisys_core.backend.lidar import LidarCaster
-from oaisys_core.backend.surface import Surface
+from oaisys_core.backend.surface import Surface, View
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar, Scene, Sky
 from oaisys_core.sensing.effects import with_effects
@@ -60,6 +63,9 @@ from oaisys_core.types import (
     TriangleMesh,
     ignore_progress,
 )
+
+NOISY_SAMPLES = 4
+"""Samples per pixel up to which their own albedo has more noise than `GroundAlbedo` has errors."""
 
 
 class BlenderBackend(Backend):
@@ -183,29 +189,62 @@ class BlenderBackend(Backend):
         """Render colours on this thread while another one computes the geometry."""
         ends_s = time.perf_counter() + (settings.time_budget_s or inf)
         colors = [(c, m) for c in cameras for m in (RGB, ALBEDO) if m in c.modalities]
-        with BackgroundGeometry(partial(self._geometry, cameras)) as geometry:
+        views: dict[str, View] = {}
+        with BackgroundGeometry(partial(self._geometry, cameras, views=views)) as geometry:
+            ground = {
+                camera.name: geometry.then(partial(self._ground_albedo, camera, views))
+                for camera in cameras
+                if RGB in camera.modalities and self._has_use_of_albedo(camera, settings)
+            }
             if any(set(camera.modalities) - {RGB, ALBEDO} for camera in cameras):
                 yield geometry.group
             for index, (camera, modality) in enumerate(colors):
                 progress(Progress("color", index / len(colors)))
                 left_s = (ends_s - time.perf_counter()) / (len(colors) - index)
                 if modality == RGB:
-                    image = self._color(camera, settings, left_s, None if index else geometry)
+                    beside = None if index else geometry
+                    image = self._color(camera, settings, left_s, beside, ground.get(camera.name))
                 else:
                     image = self._albedo(camera, settings, left_s)
                 geometry.group.result()
                 yield FrameGroup.of([frame_of(camera, modality, image)])
 
     def _geometry(
-        self, cameras: Sequence[PlacedCamera], progress: ProgressCallback = ignore_progress
+        self,
+        cameras: Sequence[PlacedCamera],
+        progress: ProgressCallback = ignore_progress,
+        views: dict[str, View] | None = None,
     ) -> tuple[Frame, ...]:
-        """Return all cameras' frames but their colours; nothing of Blender's is touched."""
+        """Return all cameras' frames but their colours; nothing of Blender's is touched.
+
+        What the cameras see is added to ``views``, by name, where it was needed.
+        """
         surface = self._built()
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
             progress(Progress("geometry", index / len(cameras)))
-            frames.extend(geometry_frames(surface, camera, self._memory).values())
+            if set(camera.modalities) <= {RGB, ALBEDO}:
+                continue
+            view = surface.view(camera)
+            frames.extend(frames_of(surface, view, camera, self._memory).values())
+            if views is not None:
+                views[camera.name] = view
         return tuple(frames)
+
+    def _has_use_of_albedo(self, camera: PlacedCamera, settings: RenderSettings) -> bool:
+        """Return whether colour becomes better by the ground's albedo without noise."""
+        is_sharp = camera.lens is None and not camera.shutter_share
+        is_direct = rendered_pinhole(camera.intrinsics) is camera.intrinsics
+        is_noisy = settings.denoise and settings.samples <= NOISY_SAMPLES
+        return is_sharp and is_direct and is_noisy and self.device == "cpu"
+
+    def _ground_albedo(self, camera: PlacedCamera, views: dict[str, View]) -> PixelAlbedo | None:
+        """Return the ground's albedo without noise; nothing of Blender's is touched."""
+        surface = self._built()
+        view = views.get(camera.name) or surface.view(camera)
+        pixel_rad = pixel_angle_rad(camera.intrinsics)
+        ground_albedo = self._scene_geometry.ground_albedo
+        return ground_albedo.of_view(view, pixel_rad, surface.scene.sky)
 
     def _color(
         self,
@@ -213,10 +252,11 @@ class BlenderBackend(Backend):
         settings: RenderSettings,
         seconds: float,
         geometry: BackgroundGeometry | None,
+        ground: Future[PixelAlbedo | None] | None,
     ) -> NDArray[np.uint8]:
         """Return the colour image of a camera, in the seconds that are left for it.
 
-        ``geometry`` is what another thread computes meanwhile.
+        ``geometry`` is what another thread computes meanwhile, and ``ground`` the ground's albedo.
         """
         began_s = time.perf_counter()
         pinhole = rendered_pinhole(camera.intrinsics)
@@ -234,7 +274,9 @@ class BlenderBackend(Backend):
             )
             denoising = lowest_quality(denoising, spare)
             self.samples_per_pixel = min(light.samples, self.samples_per_pixel or light.samples)
-        image = self._cycles.denoise_and_tonemap(light, settings, denoising)
+        # An image of fewer pixels, which a short time budget asks for, has no albedo of its own.
+        albedo = ground.result() if ground is not None and rendered is pinhole else None
+        image = self._cycles.denoise_and_tonemap(light, settings, denoising, albedo)
         self._learn(rendered, light, started_s, denoising, geometry)
         image = camera_image(image, pinhole, camera.intrinsics)
         rng = randomness.stream(settings.noise_seed, camera.name)

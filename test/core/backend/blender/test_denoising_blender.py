@@ -75,6 +75,30 @@ def test_texture_under_noisy_light_stays_sharp(effort: str) -> None:
     assert error(found, truth) < 0.5 * error(noisy, truth)
 
 
+def test_a_known_albedo_replaces_a_noisy_one_where_samples_confirm_it() -> None:
+    rng = np.random.default_rng(3)
+    truth = rng.uniform(0.2, 0.4, SHAPE).astype(np.float32)
+    noisy = (truth * rng.uniform(0.8, 1.2, SHAPE)).astype(np.float32)
+    normal = np.broadcast_to(np.array([0, 0, 1], np.float32), SHAPE)
+    half = SHAPE[1] // 2
+    known = truth.copy()
+    known[:, :half] *= 1.2
+    alone, with_known = (
+        in_blender("denoising.of_passes", noisy, noisy, normal, "fast", *more)
+        for more in ((), (known,))
+    )
+    filtered = in_blender("denoising.filtered", truth)
+    refused, confirmed = slice(None, half - MARGIN_PX), slice(half + MARGIN_PX, None)
+    before, after = (
+        error(found[:, confirmed], filtered[:, confirmed]) for found in (alone, with_known)
+    )
+    assert after < 0.5 * before
+    before, after = (
+        error(found[:, refused], filtered[:, refused]) for found in (alone, with_known)
+    )
+    assert after == pytest.approx(before, rel=0.05)
+
+
 def test_neither_sky_nor_black_ground_bleed_over_their_border() -> None:
     """The upper third is sky, the lower one black."""
     third = SHAPE[0] // 3

@@ -101,23 +101,22 @@ def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
     """Return the material of the ground, in which levels and layers are node groups."""
     result = new_material("ground")
     tree = NodeTree(node_tree_of(result))
-    maps, variation = material.layers[0].maps, material.variation
     tables = MaterialTables(
         masks=mask_images(material),
         tilings={},
         glossy={id(layer.maps): is_glossy(layer.maps) for layer in material.layers},
-        varies=bool(variation.brightness or variation.tint) and bool(np.ptp(maps.height)),
+        varies=varies(material),
     )
-    footprints_m = _footprints_m(material)
+    bounds_m = footprints_m(material)
     levels = [
         MaterialLevel(material, images, tables, finer, footprint_m)
-        for finer, footprint_m in enumerate(footprints_m)
+        for finer, footprint_m in enumerate(bounds_m)
     ]
     surfaces = [
         in_group(tree, "ground_level", partial(level_surface, level=level)) for level in levels
     ]
     _, airlight = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
-    surface = tree.by_footprint(footprints_m[1:], surfaces)
+    surface = tree.by_footprint(bounds_m[1:], surfaces)
     # An image of the whole ground has no meaningful mean colour.
     if not any(layer.label_image is not None for layer in material.layers):
         surface = without_detail(tree, surface, _mean_surface(tree, material, images))
@@ -158,7 +157,14 @@ def mean_image(material: TerrainMaterial, images: ImageStore) -> Any:
     return new_image("ground_mean", pixels, is_float=False, is_color=True)
 
 
-def _footprints_m(material: TerrainMaterial) -> list[float]:
+def varies(material: TerrainMaterial) -> bool:
+    """Return whether the ground's colour varies beyond its textures."""
+    variation = material.variation
+    has_range = bool(variation.brightness or variation.tint)
+    return has_range and bool(np.ptp(material.layers[0].maps.height))
+
+
+def footprints_m(material: TerrainMaterial) -> list[float]:
     """Return the footprints of a pixel at which the next level of the textures begins."""
     sets = [layer.maps for layer in material.layers]
     finest_m = min(maps.tile_m / len(maps.color_srgb) for maps in sets)

@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 
 from oaisys_core.backend.blender.materials.ground import ground_material
+from oaisys_core.backend.blender.materials.ground_albedo import GroundAlbedo
 from oaisys_core.backend.blender.materials.images import ImageStore
 from oaisys_core.backend.blender.objects.meshes import (
     GroundMeshes,
@@ -25,7 +26,13 @@ PLAIN = "plain"
 
 
 class SceneGeometry:
-    """All geometry in Blender's scene; sun and sky are in `objects.sky`."""
+    """All geometry in Blender's scene; sun and sky are in `objects.sky`.
+
+    Attributes:
+        ground_albedo: The albedo of the ground that was built last.
+    """
+
+    ground_albedo: GroundAlbedo
 
     def __init__(self) -> None:
         self._images = ImageStore()
@@ -52,6 +59,7 @@ class SceneGeometry:
             return
         mesh = self._ground_meshes.make(scene.ground)
         mesh.materials.append(ground_material(scene.material, self._images))
+        self.ground_albedo = GroundAlbedo(scene.material, self._images)
         self._ground = new_object("ground", mesh, np.eye(4))
         self._plain.build(scene, mesh.materials[0])
 

@@ -1,0 +1,203 @@
+"""The ground's albedo over the pixels of a view, as its material has it, but without noise.
+
+Cycles looks textures up at one point of each sample, whose noise remains in the albedo of few
+samples per pixel. Here, several points of each pixel are averaged, at the same level of detail.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.backend.blender.materials.ground import (
+    NEGLIGIBLE,
+    STEEP_COS,
+    footprints_m,
+    varies,
+)
+from oaisys_core.backend.blender.materials.ground_layer import (
+    VARIATION_TILES,
+    VARIATION_TURN_RAD,
+)
+from oaisys_core.backend.blender.materials.images import ImageStore
+from oaisys_core.backend.blender.materials.surfaces import is_glossy
+from oaisys_core.backend.raycast.shading import in_haze
+from oaisys_core.backend.surface import View
+from oaisys_core.color import linear
+from oaisys_core.interruption import stop_if_unwanted
+from oaisys_core.sky import Sky
+from oaisys_core.textures.levels import level_at
+from oaisys_core.types import FloatArray
+from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial
+from oaisys_core.world.tiling import PlainTiling
+
+Image = NDArray[np.float32]
+
+ROWS_BESIDE = (-0.25, 0.0, 0.25)
+"""Places in a pixel, in rows, that are averaged: seen at a slant, texels are flat, not narrow."""
+
+MOST_STEP = 1.2
+"""Largest ratio of the distances of neighbouring pixels that see the same part of the ground."""
+
+GENTLE_COS = STEEP_COS[0] + 0.03
+"""Least vertical component of normals at which no texture is projected from the side."""
+
+UNKNOWN = -1
+"""Level of detail of pixels whose albedo is not computed."""
+
+LINEAR = linear(np.arange(256) / 255).astype(np.float32)
+"""Linear values of bytes in sRGB."""
+
+
+class PixelAlbedo(NamedTuple):
+    """Albedo where it is known.
+
+    Attributes:
+        linear: (H, W, 3) float32; as in Cycles, haze attenuates it, and its own light is added.
+        is_known: (H, W) whether it was computed.
+    """
+
+    linear: Image
+    is_known: NDArray[np.bool_]
+
+
+class GroundAlbedo:
+    """Computes the albedo of the ground where its textures are laid plainly and without gloss."""
+
+    def __init__(self, material: TerrainMaterial, images: ImageStore) -> None:
+        """Take over a material whose nodes were made with ``images``."""
+        self._material = material
+        self._levels = {id(each.maps): images.levels(each.maps) for each in material.layers}
+        self._footprints_m = np.array(footprints_m(material))
+        self._varies = varies(material)
+        self._is_plain = [
+            isinstance(layer.tiling, PlainTiling) and not is_glossy(layer.maps)
+            for layer in material.layers
+        ]
+
+    def of_view(self, view: View, pixel_rad: float, sky: Sky) -> PixelAlbedo | None:
+        """Return the albedo of a view; None if no layer of the ground has a known one.
+
+        Args:
+            view: What the pixels see.
+            pixel_rad: Angle of a pixel that levels of detail are chosen by.
+            sky: Whose haze is in front of the ground.
+        """
+        if not any(self._is_plain):
+            return None
+        points_m = np.where(view.is_ground[..., None], view.points_m, 0.0)
+        distance_m = np.where(view.is_ground, view.depth_m, 0.0)
+        distance_m *= np.linalg.norm(view.directions, axis=-1)
+        xy_m = np.ascontiguousarray(points_m[..., :2])
+        weights = self._weights(xy_m)
+        is_known = _is_smooth(distance_m)
+        if self._material.projects_sides:
+            is_known &= _upward(points_m) > GENTLE_COS
+        for weight, is_plain in zip(weights, self._is_plain, strict=True):
+            is_known &= is_plain | (weight == 0)
+        level = np.searchsorted(self._footprints_m[1:], distance_m * pixel_rad)
+        albedo = self._mixed(xy_m, weights, np.where(is_known, level, UNKNOWN))
+        if sky.haze is not None:
+            seen = in_haze(albedo[is_known], distance_m[is_known], sky.haze, sky)
+            albedo[is_known] = seen
+        return PixelAlbedo(albedo, is_known)
+
+    def _mixed(self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]) -> Image:
+        """Return the (H, W, 3) colour of all layers where the level of detail is known."""
+        color = np.zeros((*level.shape, 3), np.float32)
+        step_m = np.gradient(xy_m, axis=0)
+        for each in range(len(self._footprints_m)):
+            pixels = level == each
+            seen = np.flatnonzero(pixels.any(axis=1))
+            if not len(seen):
+                continue
+            stop_if_unwanted()
+            rows = slice(seen[0], seen[-1] + 1)
+            mixed = np.zeros((*pixels[rows].shape, 3), np.float32)
+            for layer, weight in zip(self._material.layers, weights, strict=True):
+                share = weight[rows] * pixels[rows]
+                if share.any():
+                    mixed += share[..., None] * self._color(layer, each, xy_m[rows], step_m[rows])
+            color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
+        return color
+
+    def _weights(self, xy_m: FloatArray) -> list[Image]:
+        """Return the (H, W) share of each layer, as the nodes of `layer_shares` mix them."""
+        shares: list[Image] = []
+        rest: Any = np.float32(1)
+        if len(self._material.layers) > 1:
+            x0, y0, x1, y1 = self._material.extent_m
+            size = self._material.masks.shape[1]
+            x = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
+            y = (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
+            gain = 1 / (1 - 2 * NEGLIGIBLE)
+            for mask in self._material.masks[:0:-1]:
+                weight = _bilinear(mask, x, y, cv2.BORDER_REFLECT)
+                share = weight / np.maximum(rest, np.float32(1e-6))
+                rest = rest - weight
+                shares.append(np.clip((share - NEGLIGIBLE) * gain, 0, 1).astype(np.float32))
+        weights = [np.ones(xy_m.shape[:2], np.float32)]
+        for share in shares[::-1]:
+            weights = [*(each * (1 - share) for each in weights), share]
+        return weights
+
+    def _color(
+        self, layer: TerrainLayer, level: int, xy_m: FloatArray, step_m: FloatArray
+    ) -> Image:
+        """Return a layer's (R, W, 3) colour at points and around them, a row being ``step_m``."""
+        maps = self._seen(layer.maps, layer.maps.tile_m, level)
+        total: Any = np.float32(0)
+        for beside in ROWS_BESIDE:
+            texels = _texture(maps.color_srgb, (xy_m + beside * step_m) / maps.tile_m)
+            total = total + cv2.LUT(texels, LINEAR)
+        return np.asarray(total / np.float32(len(ROWS_BESIDE)), np.float32)
+
+    def _variation(self, level: int, xy_m: FloatArray) -> Image:
+        """Return the (R, W, 3) factor by which the ground's colour varies slowly."""
+        maps, variation = self._material.layers[0].maps, self._material.variation
+        size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
+        cos, sin = np.cos(VARIATION_TURN_RAD), np.sin(VARIATION_TURN_RAD)
+        height = self._seen(maps, size_m, level).height
+        pattern = _texture(height, xy_m @ np.array([[cos, sin], [-sin, cos]]) / size_m)
+        ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
+        factor = pattern[..., None] * ranges.astype(np.float32)
+        return np.asarray(factor + (1 - ranges / 2).astype(np.float32), np.float32)
+
+    def _seen(self, maps: PbrMaps, tile_m: float, level: int) -> PbrMaps:
+        """Return the maps of a texture at a level of the material, if a tile is so wide."""
+        levels = self._levels[id(maps)]
+        footprint_m = float(self._footprints_m[level])
+        return levels[level_at(replace(maps, tile_m=tile_m), len(levels), footprint_m)]
+
+
+def _is_smooth(distance_m: FloatArray) -> NDArray[np.bool_]:
+    """Return whether pixels and those around them have similar distances, none of which is 0."""
+    distance = distance_m.astype(np.float32)
+    square = np.ones((3, 3), np.uint8)
+    nearest, farthest = cv2.erode(distance, square), cv2.dilate(distance, square)
+    return np.asarray(farthest < np.float32(MOST_STEP) * nearest)
+
+
+def _upward(points_m: FloatArray) -> FloatArray:
+    """Return the (H, W) size of the vertical component of the surface's normals."""
+    normal = np.cross(np.gradient(points_m, axis=0), np.gradient(points_m, axis=1))
+    length = np.linalg.norm(normal, axis=-1)
+    return np.asarray(np.abs(normal[..., 2]) / np.maximum(length, 1e-12))
+
+
+def _texture(image: NDArray[Any], uv_tiles: FloatArray) -> NDArray[Any]:
+    """Return a square texture at (R, W, 2) coordinates; row 0 of the image is the top of a tile."""
+    size = len(image)
+    within = uv_tiles - np.floor(uv_tiles)
+    x, y = within[..., 0] * size - 0.5, (1 - within[..., 1]) * size - 0.5
+    return _bilinear(image, x, y, cv2.BORDER_WRAP)
+
+
+def _bilinear(image: NDArray[Any], x: FloatArray, y: FloatArray, border: int) -> NDArray[Any]:
+    """Return an image, interpolated at (R, W) columns and rows."""
+    places = x.astype(np.float32), y.astype(np.float32)
+    return np.asarray(cv2.remap(image, *places, cv2.INTER_LINEAR, borderMode=border))
