@@ -158,7 +158,8 @@ def set_pixel_angle(intrinsics: PinholeIntrinsics) -> None:
 def pixel_angle_rad(intrinsics: PinholeIntrinsics) -> float:
     """Return the angle by which materials choose levels of detail, see `PIXELS` and `STEPS`."""
     angle_rad = 1 / max(intrinsics.fx_px, intrinsics.fy_px)
-    return PIXELS * 2.0 ** (floor(STEPS * log2(angle_rad) + 1e-6) / STEPS)
+    octaves = floor(STEPS * log2(angle_rad) + 1e-6) / STEPS
+    return PIXELS * float(2.0**octaves)
 
 
 def footprint_group() -> Any:

@@ -1,8 +1,8 @@
 """What is done to radiance after Cycles: denoising, the rest of the pixel filter, tone mapping.
 
 What is denoised is light: radiance is divided by the albedo that the same samples have seen, and
-multiplied by it afterwards, so that denoising does not blur textures. On the ground it is multiplied
-by the albedo of `GroundAlbedo`, which has no noise.
+multiplied by it afterwards, so that denoising does not blur textures. On the ground, it is
+multiplied by the albedo of `GroundAlbedo`, which has no noise.
 
 Denoising uses the Open Image Denoise library that comes with Blender. Cycles can call it itself,
 but counts its time as part of the last sample, which time budgets could not use, and can only

@@ -102,8 +102,8 @@ class GroundAlbedo:
         level = np.searchsorted(self._footprints_m[1:], distance_m * pixel_rad)
         albedo = self._mixed(xy_m, weights, np.where(is_known, level, UNKNOWN))
         if sky.haze is not None:
-            seen = in_haze(albedo[is_known], distance_m[is_known], sky.haze, sky)
-            albedo[is_known] = seen
+            clear = albedo[is_known].astype(np.float64)
+            albedo[is_known] = in_haze(clear, distance_m[is_known], sky.haze, sky)
         return PixelAlbedo(albedo, is_known)
 
     def _mixed(self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]) -> Image:
