@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import psutil
 
@@ -55,18 +55,29 @@ def run(*arguments: Any) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, capture_output=True, text=True, timeout=TIMEOUT_S, check=False)
 
 
-def run_with_kill(line: list[str], victim: str, after_s: float) -> tuple[int, str]:
+class KilledRun(NamedTuple):
+    """How a command ended of which a part was to be killed.
+
+    Attributes:
+        is_killed: Whether it was; False if the command had ended before.
+        exit_code: Its exit code.
+        errors: Its standard error.
+    """
+
+    is_killed: bool
+    exit_code: int
+    errors: str
+
+
+def run_with_kill(line: list[str], victim: str, after_s: float) -> KilledRun:
     """Run a command, and kill -9 a part of it at a moment.
 
     Args:
         line: The command.
         victim: ``worker``, ``driver`` or ``node`` (Ray's raylet).
         after_s: The moment; the next one at which there is such a process.
-
-    Returns:
-        The exit code, and the standard error.
     """
-    # Its own session: a killed driver must not be this process's concern.
+    is_killed = False
     driver = subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     time.sleep(after_s)
     deadline_s = time.monotonic() + TIMEOUT_S
@@ -74,10 +85,11 @@ def run_with_kill(line: list[str], victim: str, after_s: float) -> tuple[int, st
         found = [driver.pid] if victim == "driver" else _processes(driver.pid, victim)
         if found:
             os.kill(found[0], signal.SIGKILL)
+            is_killed = True
             break
         time.sleep(0.05)
     _, errors = driver.communicate(timeout=TIMEOUT_S)
-    return driver.returncode, errors
+    return KilledRun(is_killed, driver.returncode, errors)
 
 
 def _processes(driver: int, kind: str) -> list[int]:

@@ -8,14 +8,14 @@ import pytest
 import yaml
 from dataset_runs import CONFIG
 
-from oaisys_core.config import config_from_mapping
+from oaisys_core.config import canonical_json, config_from_mapping
 from oaisys_core.dataset.manifest import WorldFailure, WorldLegend
 from oaisys_core.dataset.places import open_place
 from oaisys_core.dataset.plan import world_tasks
 from oaisys_core.dataset.reader import open_dataset
 from oaisys_core.dataset.rendering import dataset_info
-from oaisys_core.dataset.shards import HEAD, finished_worlds
-from oaisys_core.dataset.workers import written
+from oaisys_core.dataset.shards import HEAD, finished_worlds, tar_name
+from oaisys_core.dataset.workers import SetupFailure, ViewCounts, render_world, written
 from oaisys_core.dataset.world_render import RenderedView, WorldRenderer
 from oaisys_core.simulation import Simulation
 
@@ -94,3 +94,24 @@ def test_a_world_without_enough_poses_fails_with_its_reason_and_leaves_no_shard(
     assert failure.reason.startswith("view 1: sensors.motion")
     assert finished_worlds(place) == []
     assert not [path for path in tmp_path.rglob("*") if ".part" in path.name]
+
+
+def test_a_worker_writes_the_shard_itself_where_all_machines_can(config, tmp_path: Path):
+    url = f"memory://{tmp_path.name}"
+    parts = list(render_world(canonical_json(config), TASKS[2], url))
+    assert [type(part) for part in parts] == [ViewCounts, ViewCounts, WorldLegend]
+    assert [part.frames for part in parts[:2]] == [1, 1]
+    place = open_place(url)
+    assert finished_worlds(place) == [2]
+    renderer = WorldRenderer(config, "test")
+    here = open_place(tmp_path)
+    list(written(here, TASKS[2], renderer.render(TASKS[2])))
+    renderer.close()
+    assert place.read(tar_name(2)) == here.read(tar_name(2))
+
+
+def test_what_no_worker_can_render_is_said_once(config):
+    broken = canonical_json(config).replace('"mounds"', '"moundz"')
+    (part,) = render_world(broken, TASKS[0], None)
+    assert isinstance(part, SetupFailure)
+    assert "moundz" in part.reason
