@@ -60,11 +60,14 @@ def render_worlds(
         RenderError: A shard could not be written, for instance because the disk is full.
         ConfigError: No worker can render this configuration.
         InvalidInputError: Ray cannot be used as the settings say.
+        OaisysError: Ray itself failed.
     """
     with ray_session(settings) as session:
         queue = _WorldQueue(session, place, config, settings)
         try:
             yield from queue.run(iter(tasks))
+        except session.ray.exceptions.RayError as error:
+            raise OaisysError(f"Ray failed: {_first_line(error)}") from error
         finally:
             queue.abandon()
 
@@ -148,13 +151,17 @@ class _WorldQueue:
 
     def _failure(self, task: WorldTask, error: Exception) -> WorldFailure:
         """Return why a world failed; what concerns all worlds is raised."""
-        cause = getattr(error, "cause", None)
-        if isinstance(cause, OaisysError):
-            # The renderer sends what is wrong with a world; this is about writing it.
-            raise RenderError(str(cause))
-        attempts = 1 if cause is not None else self._retries + 1
-        reason = repr(cause) if cause is not None else f"its worker died: {_first_line(error)}"
-        return WorldFailure(task.index, task.split, task.seed, reason, attempts)
+        known = self._ray.exceptions
+        if isinstance(error, known.RayTaskError):
+            if isinstance(error.cause, OaisysError):
+                # The renderer sends what is wrong with a world; this is about writing it.
+                raise RenderError(str(error.cause))
+            return WorldFailure(task.index, task.split, task.seed, repr(error.cause))
+        died = (known.WorkerCrashedError, known.OutOfMemoryError, known.NodeDiedError)
+        if not isinstance(error, (*died, known.ObjectLostError)):
+            raise error
+        reason = f"its worker died: {_first_line(error)}"
+        return WorldFailure(task.index, task.split, task.seed, reason, self._retries + 1)
 
 
 def _first_line(error: Exception) -> str:
