@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,8 @@ import typer
 from oaisys_core.errors import InvalidInputError, one_of
 
 if TYPE_CHECKING:
-    from oaisys_core.dataset.formats.base import DatasetFormat
+    from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions
+    from oaisys_core.dataset.reader import Dataset
 
 EXPORTS = "exports"
 """Folder in a data set that has its exports by default, each under its format's name."""
@@ -54,7 +56,6 @@ def export(
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.dataset.formats.base import ExportOptions, format_named, format_names
-    from oaisys_core.dataset.formats.export import export_dataset
     from oaisys_core.dataset.reader import open_dataset
 
     if shows_formats:
@@ -72,12 +73,18 @@ def export(
         dataset = dataset.split(split)
     given = dict(_setting(text) for text in settings or ())
     for name in chosen:
-        target = out or Path(place) / EXPORTS / name
-        with _progress(name, len(dataset)) as shown:
-            options = ExportOptions(given, license_name, price_per_hour, shown)
-            counts = export_dataset(dataset, name, target, options)
-        told = ", ".join(f"{count} {what}" for what, count in counts.items())
-        typer.echo(f"{target}: {name}: {told}")
+        options = ExportOptions(given, license_name, price_per_hour)
+        write_export(dataset, name, out or Path(place) / EXPORTS / name, options)
+
+
+def write_export(dataset: Dataset, name: str, target: Path, options: ExportOptions) -> None:
+    """Write a data set in a format, show the progress, and print what was written."""
+    from oaisys_core.dataset.formats.export import export_dataset
+
+    with _progress(name, len(dataset)) as shown:
+        counts = export_dataset(dataset, name, target, replace(options, progress=shown))
+    told = ", ".join(f"{count} {what}" for what, count in counts.items())
+    typer.echo(f"{target}: {name}: {told}")
 
 
 def _setting(text: str) -> tuple[str, str]:

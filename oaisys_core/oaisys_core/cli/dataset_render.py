@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from oaisys_core.cli.dataset_export import EXPORTS, write_export
 from oaisys_core.cli.options import BackendOption, QualityOption, SeedOption, SizeOption
 from oaisys_core.cli.repeat import LEAST_PSNR_DB, DifferentSampleError, described
 from oaisys_core.cli.standard_output import own_stdout
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import InvalidInputError, OaisysError
 
 if TYPE_CHECKING:
+    from oaisys_core.dataset.places import Place
     from oaisys_core.dataset.ray_session import RaySettings
     from oaisys_core.dataset.rendering import DatasetRendering, DatasetSummary
 
@@ -50,6 +54,9 @@ def render(
         bool,
         typer.Option("--resume", help="Continue the data set in --out; it may get more worlds."),
     ] = False,
+    formats: Annotated[
+        str, typer.Option(help="Formats to export afterwards, such as coco,webdataset.")
+    ] = "",
     seed: SeedOption = None,
     backend: BackendOption = None,
     quality: QualityOption = None,
@@ -71,11 +78,13 @@ def render(
     shares = parsed_splits(splits)
     place = open_place(out)
     chosen = adjusted(load_config(config), seed=seed, backend=backend, quality=quality, size=size)
+    names = _format_names(formats, place)
     settings = RaySettings(address, num_workers, memory_per_worker)
     rendering = DatasetRendering(place, chosen, dataset_info(chosen, worlds, views, shares))
     with rendering.begun(is_resumed=resume):
         _run(rendering, settings)
         _report(rendering.summary)
+        _export(place, names)
     failed = len(rendering.summary.failures)
     if failed:
         text = f"{failed} of {worlds} worlds could not be made; --resume tries them again"
@@ -146,3 +155,30 @@ def _report(summary: DatasetSummary) -> None:
         typer.echo("share of all pixels by class:")
     for label, share in summary.class_shares().items():
         typer.echo(f"  {label:<24} {share:8.3%}")
+
+
+def _format_names(formats: str, place: Place) -> list[str]:
+    """Return the formats of a text such as ``coco,webdataset``."""
+    names = [name.strip() for name in formats.split(",") if name.strip()]
+    if not names:
+        return []
+    from oaisys_core.dataset.formats.base import format_named
+
+    if place.folder is None:
+        expected = "none while rendering to a URL; `oaisys dataset export --out FOLDER` writes them"
+        raise InvalidInputError("formats", formats, expected)
+    return [format_named(name).name for name in names]
+
+
+def _export(place: Place, formats: Sequence[str]) -> None:
+    """Write exports anew, of the finished worlds."""
+    if not formats or place.folder is None:
+        return
+    from oaisys_core.dataset.formats.base import ExportOptions
+    from oaisys_core.dataset.reader import open_dataset
+
+    dataset = open_dataset(place.folder)
+    for name in formats if dataset.worlds else ():
+        target = place.folder / EXPORTS / name
+        shutil.rmtree(target, ignore_errors=True)
+        write_export(dataset, name, target, ExportOptions())

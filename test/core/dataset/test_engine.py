@@ -51,8 +51,12 @@ def render_here(config: Path, out: Path) -> None:
 def test_two_workers_make_the_data_set_that_one_process_makes(tmp_path: Path, leaks):
     config = write_config(tmp_path)
     before = set(Path("/tmp").glob("oaisys_ray_*"))
-    ended = run(config, tmp_path / "set", "--splits", SPLITS, "--num-workers", 2)
+    more = ("--splits", SPLITS, "--num-workers", 2, "--formats", "coco,files")
+    ended = run(config, tmp_path / "set", *more)
     assert ended.returncode == 0, ended.stderr
+    for name in ("coco", "files"):
+        assert (tmp_path / "set" / "exports" / name / "README.md").is_file()
+    shutil.rmtree(tmp_path / "set" / "exports")
     assert f"{WORLDS} of {WORLDS} worlds are finished" in ended.stdout
     assert "gravel" in ended.stdout  # the balance of the classes
     render_here(config, tmp_path / "here")
