@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import psutil
 
 from oaisys_core.dataset.manifest import VARYING_FIELDS
-from oaisys_core.dataset.session_guard import MARK
 
 CONFIG = """
 seed: 3
@@ -108,18 +107,6 @@ def _processes(driver: int, kind: str) -> list[int]:
             kind == "node" and title.endswith("raylet/raylet")
         ):
             found.append(process.pid)
-    return found
-
-
-def session_processes() -> list[str]:
-    """Return the names of all processes that belong to an embedded Ray."""
-    found = []
-    for process in psutil.process_iter():
-        try:
-            if MARK in process.environ():
-                found.append(f"{process.pid} {' '.join(process.cmdline())[:80]}")
-        except psutil.Error:
-            continue
     return found
 
 

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -19,9 +20,9 @@ from dataset_runs import (
     contents,
     run,
     run_with_kill,
-    session_processes,
     write_config,
 )
+from waiting import wait_until
 
 from oaisys_core.config import load_config
 from oaisys_core.dataset.places import open_place
@@ -48,9 +49,18 @@ def render_here(config: Path, out: Path) -> None:
     renderer.close()
 
 
-def test_two_workers_make_the_data_set_that_one_process_makes(tmp_path: Path, leaks):
+@pytest.fixture
+def temporary_folder(monkeypatch) -> Iterator[Path]:
+    """The folder of temporary files of a test's programs, with a path short enough for Ray."""
+    with tempfile.TemporaryDirectory(prefix="oaisys_test_") as folder:
+        monkeypatch.setenv("TMPDIR", folder)
+        yield Path(folder)
+
+
+def test_two_workers_make_the_data_set_that_one_process_makes(
+    tmp_path: Path, temporary_folder: Path, leaks
+):
     config = write_config(tmp_path)
-    before = set(Path("/tmp").glob("oaisys_ray_*"))
     more = ("--splits", SPLITS, "--num-workers", 2, "--formats", "coco,files")
     ended = run(config, tmp_path / "set", *more)
     assert ended.returncode == 0, ended.stderr
@@ -61,7 +71,7 @@ def test_two_workers_make_the_data_set_that_one_process_makes(tmp_path: Path, le
     assert "gravel" in ended.stdout  # the balance of the classes
     render_here(config, tmp_path / "here")
     assert contents(tmp_path / "set") == contents(tmp_path / "here")
-    assert not set(Path("/tmp").glob("oaisys_ray_*")) - before
+    assert not list(temporary_folder.glob("oaisys_ray_*"))
 
     dataset = open_dataset(tmp_path / "set")
     assert {record.worker for record in dataset.records}.isdisjoint({"test"})
@@ -75,7 +85,9 @@ def test_two_workers_make_the_data_set_that_one_process_makes(tmp_path: Path, le
 
 @pytest.mark.long
 @pytest.mark.parametrize("victim", ["worker", "driver", "node"])
-def test_a_killed_run_is_resumed_to_the_same_data_set(tmp_path: Path, victim: str, leaks):
+def test_a_killed_run_is_resumed_to_the_same_data_set(
+    tmp_path: Path, temporary_folder: Path, victim: str, leaks
+):
     config = write_config(tmp_path)
     begun_s = time.monotonic()
     undisturbed = run(config, tmp_path / "undisturbed", "--num-workers", 2)
@@ -88,7 +100,7 @@ def test_a_killed_run_is_resumed_to_the_same_data_set(tmp_path: Path, victim: st
     resumed = run(config, tmp_path / "set", "--num-workers", 2, "--resume")
     assert resumed.returncode == 0, resumed.stderr
     assert contents(tmp_path / "set") == contents(tmp_path / "undisturbed"), after_s
-    assert not session_processes()
+    wait_until(lambda: not list(temporary_folder.glob("oaisys_ray_*")))
 
 
 @pytest.mark.long
