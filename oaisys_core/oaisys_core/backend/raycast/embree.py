@@ -37,8 +37,9 @@ ROBUST = 4
 """Values of ``RTCDeviceProperty``, ``RTCGeometryType``, ``RTCBufferType``, ``RTCFormat`` and
 ``RTCSceneFlags``."""
 
-PACKET, FIELDS = 16, 21
-"""Rays per call, and 32-bit fields per ray, of an ``RTCRayHit16``."""
+PACKET, FIELDS = 8, 21
+"""Rays per call, and 32-bit fields per ray, of an ``RTCRayHit8``: the most that Embree casts
+together without AVX-512."""
 ORIGIN, NEAR, DIRECTION, TIME, FAR, MASK, FLAGS = slice(0, 3), 3, slice(4, 7), 7, 8, 9, 11
 PRIMITIVE, INSTANCE, INSTANCE_PRIMITIVE = 17, 19, 20
 """Indices of fields."""
@@ -66,7 +67,7 @@ _SIGNATURES: dict[str, tuple[Any, list[Any]]] = {
     "rtcCommitGeometry": (None, [c_void_p]),
     "rtcAttachGeometry": (c_uint, [c_void_p, c_void_p]),
     "rtcReleaseGeometry": (None, [c_void_p]),
-    "rtcIntersect16": (None, [c_void_p] * 4),
+    "rtcIntersect8": (None, [c_void_p] * 4),
 }
 
 
@@ -211,7 +212,7 @@ class EmbreeScene:
         addresses = range(start, start + packets.nbytes, size)
         # Embree has no call for many packets; this loop runs without Python bytecode.
         calls = map(
-            self._library.rtcIntersect16,
+            self._library.rtcIntersect8,
             repeat(valid.ctypes.data),
             repeat(self.handle),
             addresses,
