@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import typer
 
-from oaisys_core.cli.dataset_export import export
+from oaisys_core.cli.dataset_export import describe, export
 from oaisys_core.cli.dataset_render import render, repeat
 
 dataset_app = typer.Typer(
@@ -18,3 +18,4 @@ dataset_app = typer.Typer(
 dataset_app.command("render")(render)
 dataset_app.command("repeat")(repeat)
 dataset_app.command("export")(export)
+dataset_app.command("describe")(describe)

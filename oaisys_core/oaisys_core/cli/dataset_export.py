@@ -1,4 +1,4 @@
-"""``oaisys dataset export``: writes a data set in the formats of other programs."""
+"""``oaisys dataset export`` and ``describe``: a data set for other programs, and about it."""
 
 from __future__ import annotations
 
@@ -19,12 +19,19 @@ if TYPE_CHECKING:
 EXPORTS = "exports"
 """Folder in a data set that has its exports by default, each under its format's name."""
 
+PlaceArgument = Annotated[
+    str, typer.Argument(metavar="DIR", help="Folder or URL of a data set.", show_default=False)
+]
+LicenseOption = Annotated[
+    str, typer.Option("--license", help="Licence of the data set: an SPDX name, URL or text.")
+]
+PriceOption = Annotated[
+    float | None, typer.Option(help="Price of one worker for an hour, for the data card.", min=0)
+]
+
 
 def export(
-    place: Annotated[
-        str,
-        typer.Argument(metavar="DIR", help="Folder or URL of a data set.", show_default=False),
-    ],
+    place: PlaceArgument,
     formats: Annotated[
         list[str] | None,
         typer.Option("--format", help="Name of a format; may be repeated.", show_default=False),
@@ -38,13 +45,8 @@ def export(
         list[str] | None,
         typer.Option("--set", help="NAME=VALUE, a setting of the format; may be repeated."),
     ] = None,
-    license_name: Annotated[
-        str, typer.Option("--license", help="Licence of the data set: an SPDX name, URL or text.")
-    ] = "",
-    price_per_hour: Annotated[
-        float | None,
-        typer.Option(help="Price of one worker for an hour, for the data card.", min=0),
-    ] = None,
+    license_name: LicenseOption = "",
+    price_per_hour: PriceOption = None,
     shows_formats: Annotated[
         bool, typer.Option("--list", help="List the installed formats and their settings.")
     ] = False,
@@ -85,6 +87,22 @@ def write_export(dataset: Dataset, name: str, target: Path, options: ExportOptio
         counts = export_dataset(dataset, name, target, replace(options, progress=shown))
     told = ", ".join(f"{count} {what}" for what, count in counts.items())
     typer.echo(f"{target}: {name}: {told}")
+
+
+def describe(
+    place: PlaceArgument, license_name: LicenseOption = "", price_per_hour: PriceOption = None
+) -> None:
+    """Write README.md, frames.csv, Croissant metadata and a data card into the data set in DIR.
+
+    They describe the worlds that are finished now, and replace earlier ones.
+    """
+    from oaisys_core.dataset.card.description import describe_dataset
+    from oaisys_core.dataset.formats.base import ExportOptions
+    from oaisys_core.dataset.reader import open_dataset
+
+    options = ExportOptions(license=license_name, price_per_hour=price_per_hour)
+    names = describe_dataset(open_dataset(place), options)
+    typer.echo(f"{place}: {', '.join(names)}")
 
 
 def _setting(text: str) -> tuple[str, str]:

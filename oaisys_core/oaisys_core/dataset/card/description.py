@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from oaisys_core.dataset.card import own_conventions
 from oaisys_core.dataset.card.croissant import CROISSANT, croissant_text
 from oaisys_core.dataset.card.data_card import data_card
 from oaisys_core.dataset.card.frames_table import FRAMES, frames_table
 from oaisys_core.dataset.card.readme import readme_text
 from oaisys_core.dataset.card.statistics import sampled_indices, statistics_of
 from oaisys_core.dataset.formats.base import ExportOptions, FormatConventions, label_names
+from oaisys_core.errors import InvalidInputError
 
 if TYPE_CHECKING:
     from oaisys_core.dataset.reader import Dataset
@@ -19,6 +21,23 @@ README, DATA_CARD = "README.md", "data_card.html"
 
 PICTURES = 12
 """Frames on the sheet of a data card."""
+
+
+def describe_dataset(dataset: Dataset, options: ExportOptions) -> list[str]:
+    """Write the files that describe a data set into the data set itself; return their names.
+
+    Raises:
+        InvalidInputError: The data set has no frame.
+        RenderError: They could not be written.
+    """
+    if not len(dataset):
+        raise InvalidInputError("dataset", dataset.place.url, "at least one frame")
+    files = description_files(
+        dataset, own_conventions.NAME, own_conventions.CONVENTIONS, {}, options
+    )
+    for name, data in files.items():
+        dataset.place.write(name, data)
+    return list(files)
 
 
 def description_files(

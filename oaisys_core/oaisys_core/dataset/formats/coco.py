@@ -56,6 +56,8 @@ from pycocotools.coco import COCO
 coco = COCO("annotations/instances_train.json")
 mask = coco.annToMask(coco.loadAnns(coco.getAnnIds())[0])
 ```""",
+    labels="`category_id` is the label id of `semantic_0`; `instance_id` is the object's id, "
+    "unique in its world, 0 for no object",
     depth="not in this format",
     no_hit="not in this format; pixels that hit nothing are void, or the sky's label",
 )

@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from PIL import Image
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
+from synthetic_datasets import LEGEND, drawn_arrays, frame_record, write_dataset
 
-from oaisys_core.dataset import Dataset
+from oaisys_core.dataset import Dataset, open_dataset
 from oaisys_core.dataset.formats.export import export_dataset
+from oaisys_core.dataset.places import open_place
+from oaisys_core.dataset.shards import writing_shard
 
 VOID = 0
 
@@ -80,6 +83,36 @@ def test_the_mean_average_precision_of_the_set_against_itself_is_one(exported: P
     precision = judged.eval["precision"]
     of_all_sizes = precision[..., 0, 0]
     assert (of_all_sizes == 1.0).all()
+
+
+def test_ground_with_the_label_of_objects_is_a_crowd(tmp_path: Path) -> None:
+    # In these random images rock is a label of objects and of pixels without an object.
+    pixels = write_dataset(tmp_path / "set", {0: "train"})
+    dataset = open_dataset(tmp_path / "set")
+    counts = export_dataset(dataset, "coco", tmp_path / "out")
+    assert counts["crowd annotations"] == 3
+    coco = opened(tmp_path / "out", "train")
+    for image in coco.imgs.values():
+        of_frame = pixels[Path(image["file_name"]).stem]
+        (crowd,) = coco.loadAnns(coco.getAnnIds(image["id"], iscrowd=True))
+        wanted = (of_frame["semantic_0"] == 1) & (of_frame["instance"] == 0)
+        assert np.array_equal(coco.annToMask(crowd), wanted)
+        assert coco.cats[crowd["category_id"]]["name"] == "rock"
+
+
+def test_objects_without_a_label_are_left_out_and_counted(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "set", {})
+    arrays = drawn_arrays(np.random.default_rng(0))
+    arrays["semantic_0"] = np.where(arrays["instance"] > 0, 0, 2).astype(np.uint16)
+    with writing_shard(open_place(tmp_path / "set"), 0) as shard:
+        shard.add(frame_record(0, 0, "train"), arrays)
+        shard.finish(LEGEND)
+    counts = export_dataset(open_dataset(tmp_path / "set"), "coco", tmp_path / "out")
+    left_out = len(np.unique(arrays["instance"])) - 1
+    assert counts["objects without a label, left out"] == left_out
+    assert "left out" in (tmp_path / "out/README.md").read_text()
+    (path,) = (tmp_path / "out/annotations/panoptic_train").iterdir()
+    assert np.array_equal(panoptic_ids(path) == VOID, arrays["instance"] > 0)
 
 
 def panoptic_ids(path: Path) -> NDArray[np.int64]:

@@ -1,0 +1,28 @@
+"""The conventions of a data set as ``oaisys dataset render`` writes it."""
+
+from __future__ import annotations
+
+from oaisys_core.dataset.formats.base import FormatConventions
+
+NAME = "shards"
+
+CONVENTIONS = FormatConventions(
+    layout="""\
+| file | holds |
+|---|---|
+| `dataset.json` | configuration, seed, worlds, views, splits |
+| `shards/world_000012.tar` | images of a world, and its legend (`legend.json`) |
+| `shards/world_000012.jsonl` | a line for each frame: camera, pose, hashes, provenance |
+| `failed/world_000013.json` | why a world could not be made |
+
+Images are lossless: PNG with 8 or 16 bits, EXR with 32-bit floats, TIFF for ids above 65535.""",
+    reading="""\
+```python
+from oaisys_core.dataset import open_dataset
+
+for sample in open_dataset(".").split("train"):
+    depth_m, K, T_map_camera = sample.arrays["depth"], sample.K, sample.T_map_camera
+```
+
+`oaisys dataset export . --format NAME` writes it for other programs.""",
+)
