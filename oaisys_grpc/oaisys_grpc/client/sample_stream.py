@@ -11,7 +11,15 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 from oaisys_core.errors import OaisysError
-from oaisys_core.types import Frame, FrameName, Progress, Sample, SampleOutline
+from oaisys_core.types import (
+    POINTS,
+    Frame,
+    FrameName,
+    LidarScan,
+    Progress,
+    Sample,
+    SampleOutline,
+)
 from oaisys_grpc.addresses import is_this_machine
 from oaisys_grpc.client.channel import Channel, translated
 from oaisys_grpc.contract import arrays
@@ -22,6 +30,7 @@ from oaisys_grpc.contract.sample_messages import (
     complete_sample,
     frame_from_message,
     outline_from_proto,
+    scan_from_message,
 )
 from oaisys_grpc.contract.shared_memory import (
     SHARED_FROM_BYTES,
@@ -84,6 +93,7 @@ class SampleStream:
         self._reader = reader
         self._fetch = fetch
         self._frames: dict[FrameName, Frame] = {}
+        self._scans: dict[str, LidarScan] = {}
         self._unread: list[FrameName] = []
         self._files: dict[bytes, Segment] = {}
         self._begun: tuple[pb.FrameHeader, ArrayAssembly] | None = None
@@ -114,7 +124,7 @@ class SampleStream:
         return self._sample
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield each frame as soon as all of it has come.
+        """Yield each frame as soon as all of it has come; scans are in `sample` only.
 
         Raises:
             OaisysError: The render failed, or parts are missing or contradict each other.
@@ -176,7 +186,7 @@ class SampleStream:
             return
         header, assembly = self._begun
         self._begun = None
-        yield self._kept(FrameMessage(header, assembly.array()))
+        yield from self._kept(FrameMessage(header, assembly.array()))
 
     def _shared(self, header: pb.FrameHeader) -> Iterator[Frame]:
         """Yield a frame that lies in the server's memory, or note that it must be fetched."""
@@ -189,26 +199,34 @@ class SampleStream:
             _LOG.info("%s; the frame is fetched instead", error)
             self._unread.append(FrameName(header.sensor, header.modality))
             return
-        yield self._kept(FrameMessage(header, arrays.decoded(header.array, data)))
+        yield from self._kept(FrameMessage(header, arrays.decoded(header.array, data)))
 
     def _fetched(self) -> Iterator[Frame]:
         if not self._unread or self._fetch is None:
             return
         sample = self._fetch(self.outline.batch_id, self.outline.sample_id)
         for name in self._unread:
+            if name.modality == POINTS:
+                self._scans[name.sensor] = sample.scan(name.sensor)
+                continue
             self._frames[name] = sample.frame(name.sensor, name.modality)
             yield self._frames[name]
 
-    def _kept(self, message: FrameMessage) -> Frame:
+    def _kept(self, message: FrameMessage) -> Iterator[Frame]:
+        """Keep a scan, or keep and yield a frame."""
+        if message.header.modality == POINTS:
+            self._scans[message.header.sensor] = scan_from_message(message)
+            return
         frame = frame_from_message(message)
         self._frames[FrameName(frame.sensor, frame.modality)] = frame
-        return frame
+        yield frame
 
     def _finish(self, end: pb.SampleEnd) -> None:
         outline = self.outline
-        if not self._frames.keys() >= set(outline.frames):
+        received = {*self._frames, *(FrameName(sensor, POINTS) for sensor in self._scans)}
+        if not received >= set(outline.frames):
             raise OaisysError("the sample is incomplete: frames are missing")
-        self._sample = complete_sample(outline, self._frames, end)
+        self._sample = complete_sample(outline, self._frames, self._scans, end)
 
 
 class SampleClient:

@@ -46,6 +46,23 @@ class Codec(NamedTuple):
     decoded: Callable[[bytes, np.dtype[Any], tuple[int, ...]], AnyArray]
 
 
+def data_type_of(dtype: np.dtype[Any]) -> pb.DataType.ValueType:
+    """Return the contract's value of a data type; inverse: `dtype_of`."""
+    data_type: pb.DataType.ValueType = _DATA_TYPES[dtype]
+    return data_type
+
+
+def dtype_of(data_type: int) -> np.dtype[Any]:
+    """Return a data type.
+
+    Raises:
+        OaisysError: It is unknown.
+    """
+    if data_type not in _DTYPES:
+        raise OaisysError(f"cannot read the data type {data_type}")
+    return _DTYPES[data_type]
+
+
 def encoded(array: AnyArray, accepted: Iterable[int]) -> tuple[pb.ArrayHeader, Raw]:
     """Return an array's header and bytes, in the first accepted encoding that makes it smaller.
 

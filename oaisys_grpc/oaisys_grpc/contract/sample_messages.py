@@ -8,15 +8,18 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.errors import OaisysError
 from oaisys_core.types import (
+    POINTS,
     FloatArray,
     Frame,
     FrameName,
+    LidarScan,
     Odometry,
     PinholeIntrinsics,
     Provenance,
@@ -31,11 +34,11 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
 
 class FrameMessage(NamedTuple):
-    """A frame's header and its image.
+    """The header of a frame or a scan, and its image or points.
 
     Attributes:
         header: Describes the image as raw bytes; it must not be changed.
-        image: (H, W) or (H, W, channels).
+        image: (H, W) or (H, W, channels); of a scan, the (N, S) bytes of its points.
     """
 
     header: pb.FrameHeader
@@ -150,6 +153,51 @@ def frame_from_message(message: FrameMessage) -> Frame:
     )
 
 
+def scan_to_message(scan: LidarScan, outline: SampleOutline) -> FrameMessage:
+    """Return the message of a scan; inverse: `scan_from_message`."""
+    dtype = scan.data.dtype
+    size = (len(scan.data), dtype.itemsize)
+    points = np.frombuffer(scan.data.tobytes(), np.uint8).reshape(size)
+    header = pb.FrameHeader(
+        sensor=scan.sensor,
+        modality=scan.modality,
+        t_map_camera=matrix_to_proto(scan.T_map_lidar),
+        provenance=provenance_to_proto(_brief(outline.provenance)),
+        index=outline.frames.index(FrameName(scan.sensor, scan.modality)),
+        array=arrays.raw_header(points),
+        point_fields=[_point_field(dtype, name) for name in dtype.names or ()],
+    )
+    return FrameMessage(header, points)
+
+
+def _point_field(dtype: np.dtype[Any], name: str) -> pb.PointField:
+    assert dtype.fields is not None
+    kind, offset, *_ = dtype.fields[name]
+    return pb.PointField(name=name, offset=offset, data_type=arrays.data_type_of(kind))
+
+
+def scan_from_message(message: FrameMessage) -> LidarScan:
+    """Return a scan.
+
+    Raises:
+        OaisysError: The layout of its points is impossible.
+    """
+    header, points = message
+    try:
+        dtype = np.dtype(
+            {
+                "names": [field.name for field in header.point_fields],
+                "formats": [arrays.dtype_of(field.data_type) for field in header.point_fields],
+                "offsets": [field.offset for field in header.point_fields],
+                "itemsize": points.shape[1],
+            }
+        )
+        data = points.reshape(-1).view(dtype)
+    except (ValueError, TypeError, IndexError) as error:
+        raise OaisysError(f"the points of {header.sensor} cannot be read: {error}") from error
+    return LidarScan(header.sensor, data, matrix_from_proto(header.t_map_camera))
+
+
 def end_to_proto(sample: Sample) -> pb.SampleEnd:
     """Return the message that follows the last frame of a sample."""
     return pb.SampleEnd(
@@ -164,7 +212,10 @@ def sample_to_messages(sample: Sample) -> SampleMessages:
     outline = sample.outline
     return SampleMessages(
         outline_to_proto(outline, sample.render_time_s),
-        [frame_to_message(frame, outline) for frame in early_first(sample.frames)],
+        [
+            *(scan_to_message(scan, outline) for scan in sample.scans),
+            *(frame_to_message(frame, outline) for frame in early_first(sample.frames)),
+        ],
         end_to_proto(sample),
     )
 
@@ -173,21 +224,32 @@ def sample_from_messages(messages: SampleMessages) -> Sample:
     """Return a complete sample."""
     assert messages.header is not None
     assert messages.end is not None
-    frames = map(frame_from_message, messages.frames)
-    by_name = {FrameName(frame.sensor, frame.modality): frame for frame in frames}
-    return complete_sample(outline_from_proto(messages.header), by_name, messages.end)
+    is_scan = [message.header.modality == POINTS for message in messages.frames]
+    pairs = list(zip(messages.frames, is_scan, strict=True))
+    frames = [frame_from_message(message) for message, of_lidar in pairs if not of_lidar]
+    scans = [scan_from_message(message) for message, of_lidar in pairs if of_lidar]
+    return complete_sample(
+        outline_from_proto(messages.header),
+        {FrameName(frame.sensor, frame.modality): frame for frame in frames},
+        {scan.sensor: scan for scan in scans},
+        messages.end,
+    )
 
 
 def complete_sample(
-    outline: SampleOutline, frames: Mapping[FrameName, Frame], end: pb.SampleEnd
+    outline: SampleOutline,
+    frames: Mapping[FrameName, Frame],
+    scans: Mapping[str, LidarScan],
+    end: pb.SampleEnd,
 ) -> Sample:
-    """Return the sample whose frames have all come."""
+    """Return the sample whose frames, and scans by the lidar's name, have all come."""
     begun = outline.provenance
     return Sample(
         batch_id=outline.batch_id,
         sample_id=outline.sample_id,
         rig_pose=outline.rig_pose,
-        frames=tuple(frames[name] for name in outline.frames),
+        frames=tuple(frames[name] for name in outline.frames if name.modality != POINTS),
+        scans=tuple(scans[name.sensor] for name in outline.frames if name.modality == POINTS),
         render_time_s=end.render_time_s,
         provenance=replace(
             provenance_from_proto(end.provenance),

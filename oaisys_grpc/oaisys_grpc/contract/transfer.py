@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_core.types import FrameName
+from oaisys_core.types import POINTS, FrameName
 from oaisys_grpc.contract import arrays
 from oaisys_grpc.contract.arrays import CHUNK_BYTES, CODECS, MAX_FRAME_BYTES
 from oaisys_grpc.contract.sample_messages import FrameMessage, SampleMessages
@@ -171,6 +171,9 @@ def _encoded_part(
 ) -> tuple[pb.SamplePart, NDArray[np.uint8]]:
     """Return a copy of a frame's header for its encoded image, and the image's bytes."""
     part = pb.SamplePart(frame=frame.header)
+    if frame.header.modality == POINTS:
+        # Points are no image, and may have more rows than a PNG file.
+        accepted = [encoding for encoding in accepted if encoding != pb.ENCODING_PNG]
     array, data = arrays.encoded(frame.image, accepted)
     part.frame.array.CopyFrom(array)
     return part, data

@@ -12,6 +12,7 @@ from oaisys_core.errors import OaisysError
 from oaisys_core.types import (
     HeightGrid,
     HeightQuery,
+    LidarInfo,
     ModuleMetadata,
     ObjectPage,
     ObjectQuery,
@@ -49,6 +50,15 @@ def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
         sample_id=info.sample_id,
         worker_restarts=info.worker_restarts,
         device=info.device,
+        lidars=[
+            pb.Lidar(
+                name=lidar.name,
+                t_base_lidar=matrix_to_proto(lidar.T_base_lidar),
+                period_s=lidar.period_s,
+                extra_fields=lidar.extra_fields,
+            )
+            for lidar in info.lidars
+        ],
     )
     if info.stage_extent_m is not None:
         message.stage_extent.CopyFrom(extent_to_proto(info.stage_extent_m))
@@ -71,6 +81,15 @@ def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
         stage_extent_m=extent_from_proto(message.stage_extent) if known else None,
         worker_restarts=message.worker_restarts,
         device=message.device,
+        lidars=tuple(
+            LidarInfo(
+                lidar.name,
+                matrix_from_proto(lidar.t_base_lidar),
+                lidar.period_s,
+                tuple(lidar.extra_fields),
+            )
+            for lidar in message.lidars
+        ),
     )
 
 

@@ -32,6 +32,7 @@ from oaisys_grpc.contract.sample_messages import (
     frame_to_message,
     messages_to_bytes,
     outline_to_proto,
+    scan_to_message,
 )
 from oaisys_grpc.contract.shared_memory import (
     SHARED_FROM_BYTES,
@@ -259,7 +260,8 @@ class _FrameSender:
 
     def _send(self, outline: SampleOutline, group: FrameGroup) -> None:
         is_first = not self._has_header
-        frames = [frame_to_message(frame, outline) for frame in group.result()]
+        frames = [scan_to_message(scan, outline) for scan in group.scans]
+        frames += [frame_to_message(frame, outline) for frame in group.result()]
         header = outline_to_proto(outline) if is_first else None
         self._has_header = True
         self._context.send_frames(Reply(*messages_to_bytes(SampleMessages(header, frames))))

@@ -37,6 +37,13 @@ def check(name: str, found: dict[str, Any]) -> None:
                 assert (data > 0).all(), where
             if modality == "rgb":
                 assert data.std() > 1, f"{where} is one colour"
+    for scans in found["scans"]:
+        for sensor, points, _ in scans:
+            where = f"{name}: {sensor}"
+            assert len(points) > 1000, where
+            assert ((points["intensity"] >= 0) & (points["intensity"] <= 255)).all(), where
+            if "label" in points.dtype.names:
+                assert set(np.unique(points["label"]).tolist()) <= labels, where
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)

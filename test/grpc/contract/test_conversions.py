@@ -17,6 +17,7 @@ from random_samples import BENT, POSE, PROVENANCE, T, assert_same, make_sample
 from oaisys_core.errors import InvalidInputError, OaisysError, QueueFullError, WorkerLostError
 from oaisys_core.types import (
     HeightQuery,
+    LidarInfo,
     ModuleMetadata,
     PinholeIntrinsics,
     Progress,
@@ -78,6 +79,7 @@ INFO = SimulatorInfo(
     (-32.0, -31.0, 32.0, 33.0),
     2,
     "optix",
+    (LidarInfo("roof", T, 0.05, ("instance",)),),
 )
 HEIGHTS = HeightQuery(np.array([0.5, np.nan]), np.array([1.0, np.nan]), np.array([-2.0, np.nan]))
 

@@ -40,4 +40,5 @@ def _rendered(config: SimulationConfig, samples: int) -> dict[str, Any]:
     finally:
         simulation.close()
     frames = [[(f.sensor, f.modality, f.data) for f in sample.frames] for sample in taken]
-    return {"samples": frames, "labels": labels}
+    scans = [[(s.sensor, s.data, s.T_map_lidar) for s in sample.scans] for sample in taken]
+    return {"samples": frames, "scans": scans, "labels": labels}
