@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
@@ -14,7 +15,7 @@ from visualization_msgs.msg import Marker
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pixel_rays
-from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_core.types import FloatArray, LidarScan, PinholeIntrinsics, point_dtype
 from oaisys_ros_bridge.conversions import buffer_of, checked_type
 
 CLOUD_POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("rgb", "<u4")])
@@ -154,6 +155,56 @@ def cloud_from_msg(msg: PointCloud2) -> tuple[NDArray[np.float32], NDArray[np.ui
     points_m = np.stack([cloud[name] for name in "xyz"], axis=-1)
     rgb = np.stack([cloud["rgb"] >> shift & 0xFF for shift in (16, 8, 0)], axis=-1)
     return points_m, rgb.astype(np.uint8)
+
+
+_POINT_FIELD_TYPES = {
+    "f4": PointField.FLOAT32,
+    "u2": PointField.UINT16,
+    "u4": PointField.UINT32,
+}
+
+
+def scan_to_msg(scan: LidarScan, header: Header) -> PointCloud2:
+    """Return a lidar's points with all their fields, in one row; inverse: `scan_from_msg`."""
+    dtype, count = scan.data.dtype, len(scan.data)
+    names = dtype.names or ()
+    return PointCloud2(
+        header=header,
+        height=1,
+        width=count,
+        fields=[_point_field(dtype, name) for name in names],
+        is_bigendian=False,
+        point_step=dtype.itemsize,
+        row_step=dtype.itemsize * count,
+        is_dense=True,
+        data=array.array("B", scan.data.tobytes()),
+    )
+
+
+def _point_field(dtype: np.dtype[Any], name: str) -> PointField:
+    assert dtype.fields is not None
+    kind, offset, *_ = dtype.fields[name]
+    return PointField(name=name, offset=offset, datatype=_POINT_FIELD_TYPES[kind.str[1:]], count=1)
+
+
+def scan_from_msg(msg: PointCloud2) -> NDArray[Any]:
+    """Return the points of a message that `scan_to_msg` made.
+
+    Raises:
+        TypeError: ``msg`` is not a ``sensor_msgs/PointCloud2``.
+        InvalidInputError: The fields are not those of a lidar.
+    """
+    checked_type(msg, PointCloud2, "cloud")
+    usual = point_dtype().names or ()
+    received = [(f.name, f.offset, f.datatype) for f in msg.fields]
+    try:
+        dtype = point_dtype([field.name for field in msg.fields if field.name not in usual])
+    except KeyError as error:
+        raise InvalidInputError("cloud.fields", received, f"a lidar's (not {error})") from error
+    fields = [_point_field(dtype, name) for name in dtype.names or ()]
+    if received != [(f.name, f.offset, f.datatype) for f in fields] or msg.is_bigendian:
+        raise InvalidInputError("cloud.fields", received, f"{dtype}, little-endian")
+    return np.frombuffer(msg.data, dtype)
 
 
 def _fields() -> list[PointField]:

@@ -106,11 +106,11 @@ def rig_pose(stamped: PoseStamped, sensor: str, info: SimulatorInfo, map_frame: 
     pose = pose_from_msg(stamped.pose, "pose.pose")
     if not sensor:
         return pose
-    mounts = {s.name: s.T_base_camera for s in info.sensors}
-    if sensor not in mounts:
-        raise InvalidInputError("sensor", sensor, f"empty or {one_of(mounts, sensor)}")
-    T_base_link = mounts[sensor] @ invert(T_LINK_OPTICAL)
-    return pose_from_matrix(pose_to_matrix(pose) @ invert(T_base_link))
+    links = {s.name: s.T_base_camera @ invert(T_LINK_OPTICAL) for s in info.sensors}
+    links |= {lidar.name: lidar.T_base_lidar for lidar in info.lidars}
+    if sensor not in links:
+        raise InvalidInputError("sensor", sensor, f"empty or {one_of(links, sensor)}")
+    return pose_from_matrix(pose_to_matrix(pose) @ invert(links[sensor]))
 
 
 def checked_frame(frame: str, field: str, map_frame: str) -> None:

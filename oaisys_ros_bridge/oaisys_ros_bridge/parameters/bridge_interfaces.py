@@ -60,6 +60,17 @@ _IMAGES = (
     ),
 )
 
+_LIDARS = (
+    Interface(
+        InterfaceKind.PUBLISHED,
+        "lidar/points",
+        "sensor_msgs/msg/PointCloud2",
+        "x y z intensity `FLOAT32`, ring `UINT16`, time `FLOAT32` (s since the stamp), where "
+        "configured label `UINT16`, instance `UINT32`; frame `lidar_link`. Only with a lidar.",
+        SENSOR,
+    ),
+)
+
 _RIG = (
     Interface(
         InterfaceKind.PUBLISHED,
@@ -261,6 +272,7 @@ _SIMULATION_ACTION = Interface(
 BRIDGE_INTERFACES = (
     *_REQUESTS,
     *_IMAGES,
+    *_LIDARS,
     *_RIG,
     *_STATE,
     *_LIFECYCLE,

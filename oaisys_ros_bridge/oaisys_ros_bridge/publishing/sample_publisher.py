@@ -32,6 +32,7 @@ from oaisys_core.types import (
 from oaisys_msgs.msg import SampleInfo, SensorPose
 from oaisys_ros_bridge.conversions import pose_to_msg
 from oaisys_ros_bridge.parameters.table import Settings
+from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
 from oaisys_ros_bridge.publishing.publishers import Publishers
 from oaisys_ros_bridge.publishing.rig_topics import RigTopics, TrajectoryTopics
 from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, sensor_namespace
@@ -51,7 +52,8 @@ class SamplePublisher:
     Attributes:
         publishers: All of them.
         rig, trajectory: The topics of the rig.
-        sensors: The topics of each sensor, by its name.
+        sensors: The topics of each camera, by its name.
+        lidars: The topics of each lidar, by its name.
     """
 
     def __init__(
@@ -81,6 +83,15 @@ class SamplePublisher:
                 values["frame_prefix"],
             )
             for sensor in info.sensors
+        }
+        self.lidars = {
+            lidar.name: LidarTopics(
+                self.publishers,
+                lidar,
+                sensor_namespace(lidar.name, info.lidars, only="lidar"),
+                values["frame_prefix"],
+            )
+            for lidar in info.lidars
         }
         self._publish_mounts(values["base_frame"])
         self._publish_labels()
@@ -115,9 +126,10 @@ class SamplePublisher:
         )
 
     def _publish_mounts(self, base_frame: str) -> None:
-        """Latch where each camera sits on the rig."""
+        """Latch where each sensor sits on the rig."""
         stamp = self._node.get_clock().now().to_msg()
         mounts = [m for topics in self.sensors.values() for m in topics.mount(base_frame, stamp)]
+        mounts += [m for topics in self.lidars.values() for m in topics.mount(base_frame, stamp)]
         publisher = self.publishers.offer(TFMessage, "/tf_static", LATCHED_QOS)
         publisher.publish(TFMessage(transforms=mounts))
 
@@ -131,7 +143,7 @@ class Publication:
     """One sample that is being published.
 
     Pose and transforms go out first, then each frame as it is added, the cloud of a sensor once its
-    depth and its colour (if it will have one) are there, and at the end path, viewpoints and
+    depth and its colour (if it will have one) are there, and at the end scans, path, viewpoints and
     ``sample_info``, if the sample gets complete. Parameters that change meanwhile take effect at
     the next sample.
 
@@ -170,8 +182,10 @@ class Publication:
                 self._publish_cloud(frame.sensor)
 
     def finish(self, sample: Sample) -> None:
-        """Publish path and viewpoints, and announce that the sample is complete."""
+        """Publish scans, path and viewpoints, and announce that the sample is complete."""
         with self._timed():
+            for scan in sample.scans:
+                self._publisher.lidars[scan.sensor].publish(scan, self.stamp)
             self._publisher.trajectory.add(sample, self.stamp, self._values)
             self._publisher.announce(sample, self.stamp, self._faults)
 
@@ -193,9 +207,10 @@ class Publication:
 
 
 def _sensors(info: SimulatorInfo) -> list[object]:
-    return [
+    cameras = [
         (s.name, s.modalities, s.T_base_camera.tolist(), s.stereo_baseline_m) for s in info.sensors
     ]
+    return [*cameras, *((lidar.name, lidar.T_base_lidar.tolist()) for lidar in info.lidars)]
 
 
 def depth_faults(values: Mapping[str, Any]) -> DepthFaults:

@@ -65,9 +65,9 @@ COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
 """Names of the compressed variants in image_transport."""
 
 
-def sensor_namespace(sensor: str, sensors: Sequence[object]) -> str:
-    """Return the prefix of a sensor's topics and frames: ``camera`` for the only one of a rig."""
-    return sensor if len(sensors) > 1 else "camera"
+def sensor_namespace(sensor: str, sensors: Sequence[object], only: str = "camera") -> str:
+    """Return the prefix of a sensor's topics and frames: ``only`` for the only one of its kind."""
+    return sensor if len(sensors) > 1 else only
 
 
 def encoding_of(frame: Frame) -> str:

@@ -61,10 +61,10 @@ def test_the_readme_counts_the_services_that_there_are() -> None:
 
 
 def described(node: DescribedNode, kind: InterfaceKind) -> Names:
-    """Return full names and types of the table, for a camera with one semantic level."""
+    """Return full names and types of the table, for a camera with one semantic level, no lidar."""
     found = set()
     for row in node.interfaces:
-        if row.kind is kind:
+        if row.kind is kind and not row.name.startswith("lidar/"):
             name = row.name.replace("~", node.name).replace("semantic_N", "semantic_0")
             found.add((f"/{name.removeprefix('/')}", row.type_name))
     return found
