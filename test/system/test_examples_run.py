@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import json
 import os
 import re
@@ -13,6 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 from PIL import Image
+from small_datasets import render_dataset
 from repository import REPOSITORY
 from served_simulator import Server
 
@@ -99,6 +101,19 @@ def test_labels(world: Path, tmp_path: Path) -> None:
     assert sum(float(share) for _, share in shares) == pytest.approx(100, abs=0.3)
     seen, total = map(int, re.findall(r"(\d+) of (\d+) things", output)[0])
     assert 0 < seen <= total == 60
+
+
+def test_training_gets_batches_and_trains_where_pytorch_is_there(tmp_path: Path) -> None:
+    render_dataset(tmp_path / "set", {0: "train", 1: "val", 2: "train"}, views=2)
+    output = run("07_train_on_a_dataset.py", tmp_path, str(tmp_path / "set"), "30")
+    assert "4 frames, " in output
+    assert "a batch has (4, 3, 72, 96) colours" in output
+    losses = [float(loss) for loss in re.findall(r"loss (\S+)", output)]
+    if importlib.util.find_spec("torch"):
+        assert len(losses) == 30
+        assert losses[-1] < losses[0]
+    else:
+        assert "PyTorch is not installed" in output
 
 
 @pytest.mark.long

@@ -42,7 +42,7 @@ def _stages(environment: Environment, programs: Programs) -> list[list[SetupStep
     packages = digest(requirements, *(file for file in project if file.is_file()))
     install = SetupStep(
         "requirements",
-        "installing the pinned packages (3 GB)",
+        "installing the pinned packages (4 GB)",
         requirements,
         lambda done_before: install_requirements(environment, programs, keep=done_before),
         lambda done_before: check_machine(environment, keep=done_before),

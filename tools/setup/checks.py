@@ -16,8 +16,8 @@ from pathlib import Path
 from tools.setup.environment import Environment, process_environment
 from tools.setup.errors import SetupError
 
-NEEDED_DISK_GB = 5.0
-"""3 GB for the environment, and 1.2 GB of wheels while they are unpacked."""
+NEEDED_DISK_GB = 6.0
+"""4 GB for the environment, and up to 2 GB of wheels while they are unpacked."""
 
 _TRIAL_SOURCES = {
     "trial.c": '#include <stdio.h>\nint main(void) { return puts("") < 0; }\n',

@@ -18,7 +18,7 @@ from tools.setup.environment import Environment, process_environment
 from tools.setup.errors import SetupError
 from tools.setup.programs import Programs, Progress
 
-CACHE_GB = 3.0
+CACHE_GB = 4.0
 """What the pinned packages take in uv's cache."""
 
 _PIP_OPTIONS = (

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import typer
 
+from oaisys_core.cli.dataset_check import check
 from oaisys_core.cli.dataset_export import describe, export
 from oaisys_core.cli.dataset_render import render, repeat
 
@@ -17,5 +18,6 @@ dataset_app = typer.Typer(
 )
 dataset_app.command("render")(render)
 dataset_app.command("repeat")(repeat)
+dataset_app.command("check")(check)
 dataset_app.command("export")(export)
 dataset_app.command("describe")(describe)

@@ -5,8 +5,9 @@ A *frame* is what one camera shows at one view of a world, in all modalities.
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
@@ -116,8 +117,8 @@ class FrameRecord:
         )
 
     def to_json(self) -> str:
-        """Return the record as one line, without its end; inverse: `from_json`."""
-        return json.dumps(asdict(self), separators=(",", ":"))
+        """Return the record and its hash as one line, without its end; inverse: `from_json`."""
+        return _signed(asdict(self), VARYING_FIELDS)
 
     @classmethod
     def from_json(cls, line: str | bytes, name: str = "line") -> FrameRecord:
@@ -174,7 +175,7 @@ class WorldLegend:
         legend = WorldLegend(
             dict(sorted(self.labels.items())), dict(sorted(self.instances.items()))
         )
-        return json.dumps(asdict(legend), separators=(",", ":"))
+        return _signed(asdict(legend))
 
     @classmethod
     def from_json(cls, text: str | bytes, name: str = "legend") -> WorldLegend:
@@ -267,6 +268,30 @@ class DatasetInfo:
         return info
 
 
+SHA256 = "sha256"
+"""Key of the hash of a line of the manifest, or of a legend: of its JSON text without the hash."""
+
+
+def is_intact(text: str | bytes) -> bool:
+    """Return whether a line of the manifest or a legend has the hash of its content."""
+    try:
+        data = json.loads(text)
+        found = data.pop(SHA256)
+    except (ValueError, KeyError, AttributeError, TypeError):
+        return False
+    return bool(found == _sha256(data, VARYING_FIELDS))
+
+
+def _signed(data: dict[str, Any], without: Collection[str] = ()) -> str:
+    """Return JSON with a hash of all fields but those in ``without``."""
+    return json.dumps({**data, SHA256: _sha256(data, without)}, separators=(",", ":"))
+
+
+def _sha256(data: Mapping[str, Any], without: Collection[str]) -> str:
+    kept = {name: value for name, value in data.items() if name not in without}
+    return hashlib.sha256(json.dumps(kept, separators=(",", ":")).encode()).hexdigest()
+
+
 def _fields_of(kind: type, text: str | bytes, name: str) -> dict[str, Any]:
     """Return the fields of a record as JSON has them."""
     try:
@@ -274,6 +299,8 @@ def _fields_of(kind: type, text: str | bytes, name: str) -> dict[str, Any]:
     except ValueError as error:
         raise InvalidInputError(name, _short(text), f"JSON ({error})") from error
     known = {each.name for each in fields(kind)}
+    if isinstance(data, dict):
+        data.pop(SHA256, None)
     if not isinstance(data, dict) or set(data) != known:
         received = sorted(data) if isinstance(data, dict) else _short(text)
         raise InvalidInputError(name, received, f"the keys {', '.join(sorted(known))}")

@@ -200,8 +200,10 @@ class RemotePlace:
     def read(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
         """See `Place.read`."""
         end = None if size is None else offset + size
+        # Arrow's wrapper cannot seek in a stream from the start, not even to 0.
+        begin = offset or None
         with _found(self.url, name):
-            return bytes(self._files.cat_file(self._path(name), start=offset, end=end))
+            return bytes(self._files.cat_file(self._path(name), start=begin, end=end))
 
     def write(self, name: str, data: bytes) -> None:
         """See `Place.write`."""
@@ -236,9 +238,7 @@ class RemotePlace:
         return f"{self._root}/{name}"
 
     def _make_folder(self, name: str) -> None:
-        """Make the folder of an object where the file system has folders."""
-        if not getattr(self._files, "has_objects_only", False):
-            self._files.makedirs(self._path(name).rpartition("/")[0], exist_ok=True)
+        self._files.makedirs(self._path(name).rpartition("/")[0], exist_ok=True)
 
 
 @contextmanager
@@ -263,8 +263,5 @@ def _s3(path: str) -> tuple[AbstractFileSystem, str]:
     from fsspec.implementations.arrow import ArrowFSWrapper
     from pyarrow.fs import S3FileSystem
 
-    endpoint = os.environ.get(S3_ENDPOINT)
-    files = ArrowFSWrapper(S3FileSystem(endpoint_override=endpoint))
-    # Folders are made by their objects; to make one is a request that a user may not be allowed.
-    files.has_objects_only = True
-    return files, path
+    files = S3FileSystem(endpoint_override=os.environ.get(S3_ENDPOINT))
+    return ArrowFSWrapper(files), path

@@ -126,15 +126,22 @@ def random_view(simulation: Simulation, rng: np.random.Generator) -> Pose:
 def audit_sample(
     sample: Sample, reference: ReferenceScene, rng: np.random.Generator
 ) -> Iterable[AuditResult]:
-    """Yield the result of each frame of depth, instances and labels.
+    """Return the results of the frames of depth, instances and labels.
 
     Args:
         sample: The rendered sample.
         reference: The reference of the same world.
         rng: Draws the squares of pixels that are compared.
     """
+    return audit_frames(sample.frames, reference, rng)
+
+
+def audit_frames(
+    frames: Iterable[Frame], reference: ReferenceScene, rng: np.random.Generator
+) -> Iterable[AuditResult]:
+    """Yield the result of each frame of depth, instances and labels; see `audit_sample`."""
     views: dict[str, list[tuple[Window, ReferenceView]]] = {}
-    for frame in sample.frames:
+    for frame in frames:
         level = semantic_level(frame.modality)
         if level is None and frame.modality not in (DEPTH, INSTANCE):
             continue

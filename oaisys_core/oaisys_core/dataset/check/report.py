@@ -1,0 +1,71 @@
+"""What a check finds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from oaisys_core.verification.audit import AuditResult
+
+MOST_FINDINGS = 1000
+"""Findings that a report names; the others are only counted."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is wrong with a data set.
+
+    Attributes:
+        check: Which check found it: ``head``, ``manifest``, ``shard``, ``hash``, ``image``,
+            ``legend``, ``camera``, ``split``, ``missing``, ``duplicate``, ``surface`` or
+            ``labels``.
+        subject: The file, frame or image.
+        text: What was found, and what was expected.
+    """
+
+    check: str
+    subject: str
+    text: str
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """The result of a check.
+
+    Attributes:
+        place: The data set.
+        worlds, frames, images, image_bytes: What was checked.
+        failed_worlds: Worlds that could not be made, which is no finding.
+        splits: Number of worlds by split.
+        rebuilt_worlds: Worlds that were made again to compare images with them.
+        points: Random pixels that were compared with the surface of those worlds.
+        audited: Compared pixels by sensor and modality.
+        notes: What could not be judged.
+        findings: The first `MOST_FINDINGS` findings.
+        findings_total: Number of findings.
+    """
+
+    place: str
+    worlds: int
+    frames: int
+    images: int
+    image_bytes: int
+    failed_worlds: tuple[int, ...]
+    splits: Mapping[str, int]
+    rebuilt_worlds: tuple[int, ...]
+    points: int
+    audited: tuple[AuditResult, ...]
+    notes: tuple[str, ...]
+    findings: tuple[Finding, ...] = field(repr=False)
+    findings_total: int = 0
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing is wrong."""
+        return not self.findings_total
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as plain data."""
+        audited = [{**asdict(each), "wrong_share": each.wrong_share} for each in self.audited]
+        return {"passed": self.passed, **asdict(self), "audited": audited}

@@ -1,0 +1,205 @@
+"""The check of images against the worlds that they show, which are made again from the manifest.
+
+The worlds are made without Blender. Depth, labels and objects are compared with the audit's
+reference; random pixels are carried to the map by depth, K and pose, and must be on the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from oaisys_core.backend.analytic import AnalyticBackend
+from oaisys_core.config import config_from_mapping
+from oaisys_core.dataset.check.report import Finding
+from oaisys_core.dataset.manifest import DatasetInfo, FrameRecord, WorldLegend
+from oaisys_core.dataset.reader import Dataset, DatasetSample
+from oaisys_core.geometry import pixel_rays, pose_to_matrix
+from oaisys_core.output.records import pose_from_record
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import DEPTH, FloatArray, Frame, SensorInfo, TriangleMesh
+from oaisys_core.verification.audit import AuditResult, audit_frames, sum_results
+from oaisys_core.verification.reference_scene import ReferenceScene
+from oaisys_core.world.batch import state_of
+
+VIEWS = 3
+"""Views of a rebuilt world whose images are audited."""
+
+POINTS = 500
+"""Random pixels of a frame that must be on the surface."""
+
+LARGEST_WRONG_SHARE = 5e-4
+"""Of audited pixels off edges, of one sensor and modality in one world."""
+
+LARGEST_STRAY_SHARE = 5e-3
+"""Of a frame's random pixels: those on tessellated solids are a little off their triangles."""
+
+POINT_TOLERANCE = 2e-4
+"""Distance of a point from the surface, relative to its distance from the camera."""
+
+POSE_TOLERANCE = 1e-6
+"""Largest difference of a number in ``T_map_camera``."""
+
+
+@dataclass
+class TruthResult:
+    """What was found in rebuilt worlds."""
+
+    findings: list[Finding] = field(default_factory=list)
+    audited: list[AuditResult] = field(default_factory=list)
+    points: int = 0
+
+
+class TruthCheck:
+    """Makes worlds of a data set again, and compares their frames with them.
+
+    Attributes:
+        notes: What is not judged.
+    """
+
+    def __init__(self, info: DatasetInfo, rng: np.random.Generator) -> None:
+        """Set the simulation up.
+
+        Raises:
+            ConfigError: The configuration of the data set cannot be used here.
+        """
+        config = config_from_mapping(info.config)
+        self._simulation = Simulation(config, AnalyticBackend())
+        self._rng = rng
+        self._has_faults = config.sensors.faults.of_depth is not None
+        self._moves = bool(config.assets.movers)
+        self.notes = ("depth has sensor faults and is not judged",) if self._has_faults else ()
+
+    def close(self) -> None:
+        """Release the simulation."""
+        self._simulation.close()
+
+    def check(self, dataset: Dataset, world: int) -> TruthResult:
+        """Compare the frames of a world with the world itself."""
+        result = TruthResult()
+        records = list(dataset.of_world(world))
+        legend = dataset.legend(world)
+        views = sorted({record.view for record in records})
+        chosen = self._rng.choice(views, min(VIEWS, len(views)), replace=False)
+        mesh, geometry = None, ""
+        for view in sorted(chosen.tolist()):
+            of_view = [record for record in records if record.view == view]
+            mesh = self._rebuilt(of_view[0])
+            geometry = of_view[0].provenance["metadata_json"]
+            self._check_legend(world, legend, result)
+            self._audit_view(dataset, of_view, mesh, result)
+        rest = [r for r in records if r.view not in chosen and not self._moves]
+        same = [r for r in rest if r.provenance["metadata_json"] == geometry]
+        if mesh is not None and same:
+            surface = _Surface(mesh)
+            for record in same:
+                self._check_points(dataset.sample(record, _only(record, DEPTH)), surface, result)
+        self._judge(world, result)
+        return result
+
+    def _rebuilt(self, record: FrameRecord) -> TriangleMesh:
+        """Make the world of a frame again, as it was at that view, and return its surface."""
+        self._simulation.restore(state_of(record.outline()))
+        return self._simulation.ground_truth_mesh()
+
+    def _audit_view(
+        self,
+        dataset: Dataset,
+        records: Sequence[FrameRecord],
+        mesh: TriangleMesh,
+        result: TruthResult,
+    ) -> None:
+        reference = ReferenceScene(self._simulation.scene, mesh)
+        sensors = {sensor.name: sensor for sensor in self._simulation.info().sensors}
+        surface = _Surface(mesh)
+        for record in records:
+            result.findings += _camera_faults(record, sensors)
+            sample = dataset.sample(record)
+            frames = [
+                Frame(record.sensor, modality, data, record.camera, record.pose)
+                for modality, data in sample.arrays.items()
+                if modality != DEPTH or not self._has_faults
+            ]
+            result.audited += audit_frames(frames, reference, self._rng)
+            self._check_points(sample, surface, result)
+
+    def _check_points(self, sample: DatasetSample, surface: _Surface, result: TruthResult) -> None:
+        """Check that random pixels of a frame are on the surface."""
+        depth_m = sample.arrays.get(DEPTH)
+        if depth_m is None or self._has_faults:
+            return
+        rows, columns = np.nonzero(np.isfinite(depth_m))
+        chosen = self._rng.permutation(len(rows))[:POINTS]
+        rays = pixel_rays(sample.record.camera)[rows[chosen], columns[chosen]]
+        in_camera_m = rays * depth_m[rows[chosen], columns[chosen], None]
+        T = sample.T_map_camera
+        away_m = surface.distance_m(in_camera_m @ T[:3, :3].T + T[:3, 3])
+        tolerance_m = POINT_TOLERANCE * np.linalg.norm(in_camera_m, axis=1)
+        judged = ~np.isnan(away_m)
+        stray = int((away_m > tolerance_m)[judged].sum())
+        result.points += int(judged.sum())
+        if stray > LARGEST_STRAY_SHARE * judged.sum():
+            text = f"{stray} of {judged.sum()} random pixels are not on the surface of the world"
+            result.findings.append(Finding("surface", sample.record.frame_id, text))
+
+    def _check_legend(self, world: int, legend: WorldLegend, result: TruthResult) -> None:
+        for label_id, label in self._simulation.info().semantic_labels.items():
+            if legend.labels.get(label_id) != label:
+                text = f"id {label_id} is {legend.labels.get(label_id)!r}, expected {label!r}"
+                result.findings.append(Finding("legend", f"world {world}", text))
+
+    def _judge(self, world: int, result: TruthResult) -> None:
+        result.audited = sum_results(result.audited)
+        for each in result.audited:
+            if each.wrong_share > LARGEST_WRONG_SHARE:
+                check = "surface" if each.modality == DEPTH else "labels"
+                text = (
+                    f"{each.wrong_share:.4%} of {each.pixels} pixels off edges differ from the"
+                    f" world, expected at most {LARGEST_WRONG_SHARE:.2%}"
+                )
+                subject = f"world {world}: {each.sensor}/{each.modality}"
+                result.findings.append(Finding(check, subject, text))
+
+
+class _Surface:
+    """The surface of a world, on which points lie."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        import open3d as o3d
+
+        from oaisys_core.backend.raycast.triangles import open3d_scene
+
+        self._scene = open3d_scene(mesh.vertices_m, mesh.triangles)
+        self._tensor = o3d.core.Tensor
+        self._low_m, self._high_m = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
+
+    def distance_m(self, points_m: FloatArray) -> FloatArray:
+        """Return (N,) distances of (N, 3) points; NaN beyond the stage, where no triangles are."""
+        query = self._tensor(points_m.astype(np.float32))
+        away_m = self._scene.compute_distance(query).numpy().astype(np.float64)
+        inside = (points_m[:, :2] > self._low_m[:2]) & (points_m[:, :2] < self._high_m[:2])
+        away_m[~inside.all(axis=1)] = np.nan
+        return np.asarray(away_m)
+
+
+def _camera_faults(record: FrameRecord, sensors: dict[str, SensorInfo]) -> Iterator[Finding]:
+    """Yield how a frame's camera differs from that of the rig at the recorded pose."""
+    sensor = sensors.get(record.sensor)
+    if sensor is None:
+        yield Finding("camera", record.frame_id, f"the rig has no sensor {record.sensor!r}")
+        return
+    if record.camera != sensor.intrinsics:
+        text = f"received {record.camera}, expected {sensor.intrinsics}"
+        yield Finding("camera", record.frame_id, text)
+    T_map_base = pose_to_matrix(pose_from_record(record.rig_pose))
+    off = np.abs(T_map_base @ sensor.T_base_camera - record.pose).max()
+    if not off <= POSE_TOLERANCE:
+        text = f"T_map_camera is {off:.3g} off the rig's pose with this sensor"
+        yield Finding("camera", record.frame_id, text)
+
+
+def _only(record: FrameRecord, *modalities: str) -> list[Any]:
+    return [modality for modality in modalities if modality in record.images]

@@ -1,0 +1,41 @@
+"""A large data set is read in little memory."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from synthetic_datasets import dataset_info, write_dataset
+
+from oaisys_core.dataset import open_dataset
+from oaisys_core.dataset.places import open_place
+from oaisys_core.dataset.shards import HEAD, manifest_name
+
+WORLDS, VIEWS = 100, 1000
+MOST_BYTES = 500_000_000
+
+READ = """
+import resource, sys
+from oaisys_core.dataset import open_dataset
+dataset = open_dataset(sys.argv[1])
+count = sum(len(record.images) for record in dataset.records)
+print(len(dataset), count, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024)
+"""
+
+
+@pytest.mark.long
+def test_a_hundred_thousand_lines_are_read_in_less_than_500_mb(tmp_path: Path) -> None:
+    write_dataset(tmp_path / "one", {0: "train"}, views=1)
+    line = open_dataset(tmp_path / "one").records[0].to_json()
+    assert len(line) > 1500
+    place = open_place(tmp_path / "many")
+    place.write(HEAD, dataset_info(WORLDS, VIEWS).to_json().encode())
+    for world in range(WORLDS):
+        place.write(manifest_name(world), f"{line}\n".encode() * VIEWS)
+    command = [sys.executable, "-c", READ, str(tmp_path / "many")]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)
+    frames, images, most_bytes = map(int, result.stdout.split())
+    assert (frames, images) == (100_000, 500_000)
+    assert most_bytes < MOST_BYTES

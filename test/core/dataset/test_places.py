@@ -1,0 +1,159 @@
+"""Places hold objects that are whole or absent."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import boto3
+import pytest
+from small_datasets import render_dataset
+from synthetic_datasets import write_dataset
+from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
+
+from oaisys_core.dataset import open_dataset
+from oaisys_core.dataset.check import check_dataset
+from oaisys_core.dataset.places import Place, open_place
+from oaisys_core.errors import InvalidInputError, NotFoundError, RenderError
+
+
+@pytest.fixture(params=["folder", "file", "memory"])
+def place(request: pytest.FixtureRequest, tmp_path: Path) -> Place:
+    kinds = {"folder": str(tmp_path / "set"), "file": f"file://{tmp_path}/set"}
+    return open_place(kinds.get(request.param, f"memory://{tmp_path.name}/set"))
+
+
+def exercise(place: Place) -> None:
+    """Do with a place all that data sets do."""
+    assert place.names("shards") == []
+    assert not place.exists("dataset.json")
+    with pytest.raises(NotFoundError, match="shards/a"):
+        place.read("shards/a")
+    place.write("dataset.json", b"head")
+    place.write("shards/b", b"0123456789")
+    with place.writing("shards/a") as path:
+        path.write_bytes(b"a" * 1000)
+    assert place.names("shards") == ["shards/a", "shards/b"]
+    assert place.exists("shards/a")
+    assert place.read("dataset.json") == b"head"
+    assert place.read("shards/b", 2, 3) == b"234"
+    assert place.read("shards/b", 0, 4) == b"0123"
+    assert place.read("shards/b", 8) == b"89"
+    assert place.size("shards/a") == 1000
+    place.write("shards/b", b"new")
+    assert place.read("shards/b") == b"new"
+    place.delete("shards/b")
+    place.delete("shards/b")
+    assert place.names("shards") == ["shards/a"]
+
+
+def test_objects_are_written_listed_read_and_deleted(place: Place) -> None:
+    exercise(place)
+
+
+def test_an_object_stays_as_it_was_if_writing_fails(place: Place) -> None:
+    place.write("shards/a", b"before")
+
+    def interrupted() -> None:
+        with place.writing("shards/a") as path:
+            path.write_bytes(b"half")
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        interrupted()
+    assert place.read("shards/a") == b"before"
+    assert place.names("shards") == ["shards/a"]
+
+
+def test_a_full_disk_is_an_error_and_leaves_the_object(tmp_path: Path) -> None:
+    place = open_place(tmp_path)
+    place.write("shards/a", b"before")
+
+    def write_to_full_disk() -> None:
+        with place.writing("shards/a") as path:
+            path.symlink_to("/dev/full")
+            path.write_bytes(b"x")
+
+    with pytest.raises(RenderError, match="No space left"):
+        write_to_full_disk()
+    assert place.read("shards/a") == b"before"
+
+
+def test_parts_of_a_killed_process_are_hidden_and_deleted(tmp_path: Path) -> None:
+    place = open_place(tmp_path)
+    place.write("shards/a", b"a")
+    code = (
+        "import os, sys; from oaisys_core.dataset.places import open_place\n"
+        "with open_place(sys.argv[1]).writing('shards/b') as path:\n"
+        "    path.write_bytes(b'half'); os.kill(os.getpid(), 9)"
+    )
+    subprocess.run([sys.executable, "-c", code, str(tmp_path)], check=False)
+    assert len(list((tmp_path / "shards").iterdir())) == 2
+    assert place.names("shards") == ["shards/a"]
+    assert place.delete_parts() == 1
+    assert [path.name for path in (tmp_path / "shards").iterdir()] == ["a"]
+
+
+def test_an_unknown_kind_of_url_is_refused() -> None:
+    with pytest.raises(InvalidInputError, match="nowhere"):
+        open_place("nowhere://bucket/set")
+
+
+@pytest.fixture
+def bucket(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[str]:
+    """The URL of a bucket on an S3 server of its own."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    variables = {
+        "AWS_ACCESS_KEY_ID": "key",
+        "AWS_SECRET_ACCESS_KEY": "secret",
+        "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_EC2_METADATA_DISABLED": "true",
+        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
+    }
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
+    with (tmp_path / "moto.log").open("wb") as log:
+        server = subprocess.Popen(command, stdout=log, stderr=log, env=os.environ)
+    try:
+        wait_until(lambda: _listens(port), START_PATIENCE_S, process=server)
+        boto3.client("s3").create_bucket(Bucket="worlds")
+        yield "s3://worlds"
+    finally:
+        server.terminate()
+        server.wait(PATIENCE_S)
+
+
+def _listens(port: int) -> bool:
+    with socket.socket() as client:
+        return client.connect_ex(("127.0.0.1", port)) == 0
+
+
+def test_an_s3_server_holds_data_sets(bucket: str) -> None:
+    exercise(open_place(f"{bucket}/objects"))
+    written = write_dataset(f"{bucket}/set", {0: "train", 7: "val"})
+    dataset = open_dataset(f"{bucket}/set")
+    assert dataset.worlds == (0, 7)
+    assert dataset.legend(7).labels[3] == "of world 7"
+    for sample in dataset.stream(["rgb"]):
+        assert (sample.arrays["rgb"] == written[sample.record.frame_id]["rgb"]).all()
+    with pytest.raises(InvalidInputError, match=r"dataset\.json"):
+        open_dataset(f"{bucket}/nothing")
+
+
+def test_a_data_set_on_an_s3_server_is_checked(bucket: str) -> None:
+    render_dataset(f"{bucket}/set", {0: "train"}, views=2)
+    report = check_dataset(f"{bucket}/set")
+    assert report.findings == ()
+    assert report.points
+    place = open_place(f"{bucket}/set")
+    tar = bytearray(place.read("shards/world_000000.tar"))
+    tar[5000] ^= 1
+    place.write("shards/world_000000.tar", bytes(tar))
+    assert {finding.check for finding in check_dataset(f"{bucket}/set").findings} >= {"hash"}
