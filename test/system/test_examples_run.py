@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 import yaml
 from PIL import Image
-from small_datasets import render_dataset
 from repository import REPOSITORY
 from served_simulator import Server
+from small_datasets import render_dataset
 
 EXAMPLES = REPOSITORY / "examples"
 NUMBERED = sorted(path.name for path in EXAMPLES.glob("[0-9]*.py"))

@@ -163,7 +163,9 @@ finally:
     return set(result.stderr.split()), result.stdout
 
 
-@pytest.mark.parametrize("command", ["config", "render", "ros reference", "survey", "serve"])
+@pytest.mark.parametrize(
+    "command", ["config", "dataset", "render", "ros reference", "survey", "serve"]
+)
 def test_help_imports_nothing_that_takes_long(command: str) -> None:
     # typer checks the arguments of a command with pydantic.
     assert imported_by(*command.split(), "--help")[0] <= {"pydantic"}

@@ -189,5 +189,7 @@ class _Summary:
 
 
 def _drawn(worlds: Sequence[int], count: int, rng: np.random.Generator) -> list[int]:
-    chosen = rng.choice(len(worlds), min(count, len(worlds)), replace=False) if worlds else []
-    return sorted(worlds[number] for number in chosen)
+    if not worlds:
+        return []
+    chosen = rng.choice(len(worlds), min(count, len(worlds)), replace=False)
+    return sorted(worlds[number] for number in chosen.tolist())

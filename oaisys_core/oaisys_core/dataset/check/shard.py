@@ -191,7 +191,7 @@ def _mapped(place: Place, name: str) -> Iterator[mmap.mmap]:
 def _members(data: mmap.mmap) -> dict[str, tuple[int, int]]:
     """Return offset and size of each member of a tar file."""
     data.seek(0)
-    with tarfile.open(fileobj=data, mode="r:") as tar:  # type: ignore[call-overload]
+    with tarfile.open(fileobj=data, mode="r:") as tar:
         members = {each.name: (each.offset_data, each.size) for each in tar.getmembers()}
         if not any(data[tar.offset : tar.offset + 2 * tarfile.BLOCKSIZE]) and members:
             return members
