@@ -25,8 +25,7 @@ print(f"{len(dataset)} frames, {classes} classes, a batch has {batch()[0].shape}
 try:
     import torch
 except ImportError:
-    print("PyTorch is not installed: nothing was trained")
-    sys.exit()
+    sys.exit(print("PyTorch is not installed: nothing was trained"))
 
 net = torch.nn.Sequential(
     torch.nn.Conv2d(3, 16, 5, padding=2), torch.nn.ReLU(), torch.nn.Conv2d(16, classes, 1)

@@ -16,7 +16,8 @@ from oaisys_core.dataset.world_render import WorldRenderer
 
 SMALL: dict[str, Any] = {
     "backend": "analytic",
-    "stage": {"extent_m": 40.0, "resolution_px": 129},
+    "stage": {"extent_m": 40.0, "resolution_px": 65},
+    "assets": {"rocks": [{"count": [30, 30], "size_m": [0.5, 1.5]}]},
     "materials": {"texture_size_px": 64, "mask": {"size_px": 128}},
     "sensors": {
         "cameras": [

@@ -50,15 +50,15 @@ def checks(report: CheckReport) -> set[str]:
 
 
 def test_what_was_rendered_passes(rendered: Path) -> None:
-    report = check_dataset(rendered, worlds_rebuilt=3)
+    report = check_dataset(rendered, worlds_rebuilt=1)
     assert report.findings == ()
     assert report.passed
     assert (report.worlds, report.frames, report.images) == (3, 9, 45)
     assert report.splits == {"train": 2, "val": 1}
-    assert report.rebuilt_worlds == (0, 1, 2)
-    assert report.points > 9 * 300
+    assert len(report.rebuilt_worlds) == 1
+    assert report.points > 3 * 300
     assert {each.modality for each in report.audited} == {"depth", "semantic_0", "instance"}
-    assert all(each.pixels > 2000 for each in report.audited)
+    assert all(each.pixels > 700 for each in report.audited)
 
 
 def changed_bytes(file: Path, offset: int) -> None:
@@ -262,12 +262,19 @@ DAMAGE = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("damage", "expected"), DAMAGE, ids=lambda value: getattr(value, "__name__", "")
-)
+NEED_WORLDS = {"camera", "surface", "labels"}
+"""Checks for which worlds are made again, which takes seconds."""
+
+
+def _case(damage: Callable[[Path], None], expected: set[str]) -> Any:
+    marks = [pytest.mark.long] if expected & NEED_WORLDS else []
+    return pytest.param(damage, expected, id=damage.__name__, marks=marks)
+
+
+@pytest.mark.parametrize(("damage", "expected"), [_case(*each) for each in DAMAGE])
 def test_damage_is_found(folder: Path, damage: Callable[[Path], None], expected: set[str]) -> None:
     damage(folder)
-    report = check_dataset(folder, worlds_rebuilt=3)
+    report = check_dataset(folder, worlds_rebuilt=3 if expected & NEED_WORLDS else 0)
     assert not report.passed
     assert expected <= checks(report), report.findings
 
