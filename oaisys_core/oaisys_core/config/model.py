@@ -12,6 +12,7 @@ from pydantic import Field, model_validator
 
 from oaisys_core.config.section import Labelled, Section
 from oaisys_core.config.sections.assets import AssetsConfig
+from oaisys_core.config.sections.drive import DriveConfig
 from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
@@ -44,6 +45,7 @@ class SimulationConfig(Section):
     Attributes:
         seed: Root seed of all random draws.
         backend: The renderer.
+        drive: A timed drive; null for none.
         extensions: Modules of other packages by name, each with its options.
     """
 
@@ -56,6 +58,7 @@ class SimulationConfig(Section):
     sensors: SensorsConfig = SensorsConfig()
     render: RenderConfig = RenderConfig()
     output: OutputConfig = OutputConfig()
+    drive: DriveConfig | None = None
     extensions: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
     @model_validator(mode="after")

@@ -16,11 +16,11 @@ from oaisys_core.types import FloatArray
 SMOOTH_STEPS = 64
 """Number of straight pieces of a spline between two waypoints."""
 
-Trajectory = Callable[[int], FloatArray]
+PoseAtSample = Callable[[int], FloatArray]
 """Returns the (4, 4) pose at a sample id; 0 is the start of the batch."""
 
 
-def make_trajectory(config: TrajectoryConfig) -> Trajectory:
+def make_trajectory(config: TrajectoryConfig) -> PoseAtSample:
     """Return the trajectory of a configuration.
 
     Raises:

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from oaisys_core import geometry
 from oaisys_core.config.section import Position, Positive, Section, is_unit_quaternion
 from oaisys_core.config.sections.faults import FaultsConfig
+from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.motion import AnyMotion, GivenMotion
 from oaisys_core.errors import one_of
@@ -113,6 +114,7 @@ class CameraConfig(OpticsConfig):
         step_offset: Samples before the first image.
         modality_intervals: For modalities that it renders less often, the number of its images
             from one to the next.
+        rate_hz: Images per second of a timed drive.
     """
 
     name: FrameName = "camera"
@@ -126,6 +128,7 @@ class CameraConfig(OpticsConfig):
     step_interval: int = Field(default=1, ge=1)
     step_offset: int = Field(default=0, ge=0)
     modality_intervals: dict[Modality, Annotated[int, Field(ge=1)]] = Field(default_factory=dict)
+    rate_hz: float = Field(default=10.0, gt=0, le=10_000)
 
     @property
     def intrinsics(self) -> PinholeIntrinsics:
@@ -217,6 +220,7 @@ class SensorsConfig(Section):
         cameras: Single cameras; by default one, or none if stereo pairs are given.
         stereo: Stereo pairs.
         lidars: Lidars.
+        imus: Inertial measurement units, which measure during timed drives.
         motion: Motion of the rig if no pose is given.
         pose_policy: How to handle a pose below the ground or outside the stage: ``reject`` it,
             ``clamp`` it to the least clearance inside the stage, or ``allow`` it.
@@ -227,6 +231,7 @@ class SensorsConfig(Section):
     cameras: tuple[CameraConfig, ...] = (CameraConfig(),)
     stereo: tuple[StereoConfig, ...] = ()
     lidars: tuple[LidarConfig, ...] = ()
+    imus: tuple[ImuConfig, ...] = ()
     motion: AnyMotion = GivenMotion()
     pose_policy: PosePolicy = "reject"
     min_clearance_m: float = Field(default=0.05, ge=0)
@@ -259,9 +264,9 @@ class SensorsConfig(Section):
             raise ValueError("there must be a camera or a stereo pair")
         if len(set(names)) != len(names):
             raise ValueError("cameras and the cameras of stereo pairs must have different names")
-        everything = [*names, *(lidar.name for lidar in self.lidars)]
+        everything = [*names, *(each.name for each in (*self.lidars, *self.imus))]
         if len(set(everything)) != len(everything):
-            raise ValueError("cameras and lidars must have different names")
+            raise ValueError("sensors must have different names")
         if self.motion.kind == "grid" and self.motion.camera not in (None, *names):
             known = one_of(names, self.motion.camera)
             raise ValueError(f"motion.camera must be {known}")

@@ -20,7 +20,7 @@ from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, IdBlock, In
 from oaisys_core.scatter.placement import scatter_on
 from oaisys_core.scatter.rocks import make_rock
 from oaisys_core.scatter.stance import footprint_of, pose_on_ground
-from oaisys_core.scatter.trajectories import Trajectory, make_trajectory
+from oaisys_core.scatter.trajectories import PoseAtSample, make_trajectory
 from oaisys_core.scene import Ground, MeshPrototype, PbrMaps, Placement, Primitive
 from oaisys_core.types import FloatArray, Pose
 
@@ -52,7 +52,7 @@ class Mover:
     """
 
     index: int
-    trajectory: Trajectory
+    trajectory: PoseAtSample
     scale: float
     foot_m: float | None
 

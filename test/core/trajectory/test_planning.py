@@ -1,0 +1,97 @@
+"""From the section `drive` to a trajectory, and what is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from oaisys_core.config import config_from_mapping
+from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.trajectory.files import write_trajectory
+from oaisys_core.trajectory.planning import DrivePlan, plan_drive
+from oaisys_core.types import FloatArray, HeightQuery
+
+
+def heights(points_m: FloatArray) -> HeightQuery:
+    """A plane 2 m high, 40 m wide, with objects of 0.1 m everywhere."""
+    ground_m = np.where(np.abs(points_m[:, :2]).max(axis=1) < 20, 2.0, np.nan)
+    return HeightQuery(ground_m, ground_m + 0.1, points_m[:, 2] - ground_m - 0.1)
+
+
+def planned(**keys: Any) -> DrivePlan:
+    section = config_from_mapping({"drive": keys}).drive
+    assert section is not None
+    return plan_drive(section, heights)
+
+
+def test_a_rover_drives_on_the_surface_until_the_drive_ends() -> None:
+    plan = planned(waypoints_m=[[-5, 0], [5, 0]], duration_s=4.0)
+    assert plan.end_s == 4.0
+    assert plan.trajectory.end_s > 10
+    assert plan.trajectory.positions_m[:, 2] == pytest.approx(2.1)
+    assert 1.5 < plan.length_m() < 4.0
+
+
+def test_waypoints_come_from_a_file_and_a_drone_keeps_its_height(tmp_path: Path) -> None:
+    way = tmp_path / "way.csv"
+    way.write_text("x_m,y_m\n-5,-5\n5,0\n5,8\n")
+    drone = {"kind": "drone", "height_above_ground_m": 4.0}
+    positions_m = planned(vehicle=drone, waypoints_file=str(way)).trajectory.positions_m
+    assert positions_m[0] == pytest.approx((-5, -5, 6))
+    assert positions_m[-1] == pytest.approx((5, 8, 6), abs=1e-6)
+    way.write_text("x_m,y_m,z_m\n-5,-5,3\n5,0,7\n")
+    flight = planned(vehicle={"kind": "drone"}, waypoints_file=str(way)).trajectory
+    assert flight.positions_m[-1] == pytest.approx((5, 0, 7), abs=1e-6)
+
+
+def test_a_file_of_timed_poses_is_followed(tmp_path: Path) -> None:
+    made = planned(waypoints_m=[[-5, 0], [5, 3]]).trajectory
+    write_trajectory(tmp_path / "way.tum", made)
+    again = planned(vehicle={"kind": "file", "path": str(tmp_path / "way.tum")})
+    assert (again.trajectory.positions_m == made.positions_m).all()
+    assert again.end_s == made.end_s
+
+
+@pytest.mark.parametrize(
+    ("drive", "message"),
+    [
+        ({"waypoints_m": [[0, 0], [30, 0]]}, "a way with all wheels on the stage"),
+        ({"waypoints_m": [[0, 0]]}, "two or more waypoints"),
+        ({"vehicle": {"kind": "drone"}, "waypoints_m": [[0, 0]]}, r"expected \(x, y, z\)"),
+        (
+            {
+                "vehicle": {"kind": "drone", "height_above_ground_m": 1},
+                "waypoints_m": [[0, 0], [0, 25]],
+            },
+            "waypoints on the stage",
+        ),
+    ],
+)
+def test_a_way_that_cannot_be_driven_is_refused(drive: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidInputError, match=message):
+        planned(**drive)
+
+
+@pytest.mark.parametrize(
+    ("drive", "message"),
+    [
+        ({}, "either waypoints_m or waypoints_file"),
+        ({"vehicle": {"kind": "file", "path": "none.csv"}}, r"drive\.vehicle\.path.*existing file"),
+        ({"vehicle": {"kind": "sledge"}, "waypoints_m": [[0, 0]]}, "sledge"),
+        ({"vehicle": {"axles_m": [1, 1]}, "waypoints_m": [[0, 0], [1, 1]]}, "axles_m"),
+        ({"waypoints_m": [[0, 0], [1, 1]], "gravity": "pluto"}, "gravity"),
+    ],
+)
+def test_a_faulty_section_is_refused_with_its_key(drive: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        planned(**drive)
+
+
+@pytest.mark.parametrize("text", ["x_m,y_m\n1,\n", "x,y\n1,2\n", "x_m,y_m\n", "x_m,y_m\n1,nan\n"])
+def test_a_faulty_file_of_waypoints_is_refused(tmp_path: Path, text: str) -> None:
+    (tmp_path / "way.csv").write_text(text)
+    with pytest.raises(InvalidInputError):
+        planned(waypoints_file=str(tmp_path / "way.csv"))
