@@ -1,0 +1,1 @@
+"""Timed drives: when each sensor measures, and what it measures there."""

@@ -1,0 +1,134 @@
+"""Drives, recorded to files: what was due is there, and the files agree with each other."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from oaisys_core.trajectory.files import read_trajectory
+
+OAISYS = Path(sys.executable).with_name("oaisys")
+
+CONFIG: dict[str, Any] = {
+    "backend": "analytic",
+    "stage": {"preset": "mounds", "extent_m": 40, "resolution_px": 65},
+    "materials": {"texture_size_px": 16, "mask": {"size_px": 16}},
+    "assets": {"rocks": []},
+    "sensors": {
+        "cameras": [
+            {"name": "front", "mount_position_m": [0.5, 0, 1.5], "rate_hz": 10.0},
+            {"name": "side", "mount_position_m": [0, 0.4, 1.5], "rate_hz": 4.0},
+        ],
+        "imus": [{"name": "imu", "rate_hz": 100.0, "gyroscope_noise_density": 1e-4}],
+    },
+    "drive": {
+        "waypoints_m": [[-6, -4], [0, 0], [6, 1]],
+        "duration_s": 1.0,
+        "gravity": "moon",
+        "odometry_rate_hz": 20.0,
+    },
+}
+for camera in CONFIG["sensors"]["cameras"]:
+    camera |= {"width_px": 32, "height_px": 24, "fx_px": 27, "fy_px": 27, "modalities": ["depth"]}
+
+
+def config_file(folder: Path, **drive: Any) -> Path:
+    path = folder / "drive.yaml"
+    path.write_text(yaml.safe_dump({**CONFIG, "drive": {**CONFIG["drive"], **drive}}))
+    return path
+
+
+def oaisys(*arguments: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [OAISYS, *map(str, arguments)],
+        env={**os.environ, "COLUMNS": "200"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_drive_records_every_measurement_that_was_due(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = oaisys("drive", "--config", config_file(tmp_path), "--out", out)
+    assert result.returncode == 0, result.stderr
+    report = json.loads((out / "drive.json").read_text())
+    expected = {"front": 10, "side": 4, "imu": 100, "odometry": 20}
+    assert report["due"] == report["recorded"] == expected
+    assert len(list((out / "batch_0001/front").glob("*depth*.exr"))) == 10
+    assert len(list((out / "batch_0001/side").glob("*depth*.exr"))) == 4
+    stamps = rows(out / "batch_0001/stamps.csv")
+    assert [row["sensors"] for row in stamps].count("front side") == 2
+    assert [int(row["sample_id"]) for row in stamps] == list(range(1, 13))
+
+    trajectory = read_trajectory(out / "trajectory.csv")
+    times_s = np.array([int(row["t_ns"]) for row in stamps]) / 1e9
+    recorded = np.array([[float(row[k]) for k in ("x_m", "y_m", "z_m")] for row in poses(out)])
+    assert recorded == pytest.approx(trajectory.position_m(times_s), abs=1e-9)
+
+    truth = read_trajectory(out / "ground_truth.tum")
+    odometry = rows(out / "odometry.csv")
+    assert len(odometry) == 20
+    forward = np.array([float(row["vx_m_s"]) for row in odometry])
+    at_s = np.array([float(row["t_s"]) for row in odometry])
+    speed = np.linalg.norm(trajectory.velocity_m_s(at_s), axis=1)
+    assert forward == pytest.approx(speed, abs=0.02)  # a rover moves along its x axis
+    assert truth.positions_m == pytest.approx(trajectory.position_m(at_s), abs=1e-9)
+
+    (lines,) = [np.loadtxt(out / "imu/data.csv", delimiter=",", comments="#")]
+    assert lines.shape == (100, 7)
+    up = trajectory.rotation(lines[:3, 0] / 1e9).inv().apply((0.0, 0.0, 1.624))
+    assert lines[:3, 4:] == pytest.approx(up, abs=0.05)  # at rest
+
+
+def poses(out: Path) -> list[dict[str, str]]:
+    return rows(out / "batch_0001/poses.csv")
+
+
+@pytest.mark.long
+def test_a_planned_trajectory_can_be_driven_from_its_file(tmp_path: Path) -> None:
+    planned = tmp_path / "planned.tum"
+    result = oaisys("drive", "plan", config_file(tmp_path), "--out", planned)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.startswith("the way: ")
+    trajectory = read_trajectory(planned)
+    assert trajectory.position_m(trajectory.end_s)[0, :2] == pytest.approx((6, 1), abs=1e-3)
+    tilt = Rotation.from_quat(trajectory.quats_xyzw).as_matrix()[:, 2, 2]
+    assert (tilt > np.cos(np.radians(30))).all()
+
+    drive = {"vehicle": {"kind": "file", "path": str(planned)}, "waypoints_m": []}
+    again = tmp_path / "again.csv"
+    result = oaisys("drive", "plan", config_file(tmp_path, **drive), "--out", again)
+    assert result.returncode == 0, result.stderr
+    assert (read_trajectory(again).positions_m == trajectory.positions_m).all()
+
+
+@pytest.mark.long
+def test_a_way_that_cannot_be_driven_is_refused_before_anything_is_written(tmp_path: Path) -> None:
+    config = config_file(tmp_path, waypoints_m=[[0, 0], [30, 0]])
+    result = oaisys("drive", "--config", config, "--out", tmp_path / "out")
+    assert result.returncode == 2
+    assert "a way with all wheels on the stage" in result.stderr
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_configuration_without_a_drive_is_refused(tmp_path: Path) -> None:
+    result = oaisys("drive", "--out", tmp_path / "out", "--backend", "analytic")
+    assert result.returncode == 2
+    assert "drive: received None, expected a section" in result.stderr
