@@ -20,7 +20,7 @@ from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.module import World, drawn
 from oaisys_core.modules.sensors import DueSensors
-from oaisys_core.scene import Scene
+from oaisys_core.scene import PoseAtTime, Scene
 from oaisys_core.sensing.view_renderer import (
     FramesPlacement,
     SampleSteps,
@@ -139,6 +139,7 @@ class Simulation:
         *,
         modalities: Sequence[str] = (),
         sensors: Sequence[str] = (),
+        T_map_base: PoseAtTime | None = None,
         progress: ProgressCallback = ignore_progress,
     ) -> Sample:
         """Move sensors and light as the metadata says, render, and return the frames.
@@ -149,6 +150,9 @@ class Simulation:
             modalities: Modalities to render; none: all of each sensor that is due.
             sensors: Sensors to render; none: all that are due. Named sensors and sensors with a
                 named modality render whether they are due or not.
+            T_map_base: Poses of the rig after the sample's own, from which lidars cast each ray at
+                its own time, whatever their ``sweep_share``. Provenance does not hold them, so
+                `repeat` makes other scans.
             progress: Called with the progress; may raise `CancelledError`.
 
         Raises:
@@ -158,7 +162,13 @@ class Simulation:
             CancelledError, RenderError: It was stopped; nothing changed.
         """
         return _returned(
-            self.stream_sample(metadata, modalities=modalities, sensors=sensors, progress=progress)
+            self.stream_sample(
+                metadata,
+                modalities=modalities,
+                sensors=sensors,
+                T_map_base=T_map_base,
+                progress=progress,
+            )
         )
 
     def stream_sample(
@@ -167,6 +177,7 @@ class Simulation:
         *,
         modalities: Sequence[str] = (),
         sensors: Sequence[str] = (),
+        T_map_base: PoseAtTime | None = None,
         progress: ProgressCallback = ignore_progress,
     ) -> SampleSteps:
         """Do as `step_sample`, and yield the frames in groups as they are rendered.
@@ -187,6 +198,8 @@ class Simulation:
         with self._undone_on_failure(batch):
             self._apply(batch, metadata)
             due = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
+            if T_map_base is not None:
+                due = due._replace(lidars=self._sensors.following(due.lidars, T_map_base))
             settings = drawn(batch.world.render)
             due = due._replace(cameras=settings.allowed(due.cameras))
             return (yield from self._sample(batch, due, settings, progress, started_s))

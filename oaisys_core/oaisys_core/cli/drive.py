@@ -39,9 +39,9 @@ def drive(
 ) -> None:
     """Drive through a world, with every sensor at its rate, and record it to files.
 
-    The section `drive` of the configuration gives the vehicle and its waypoints. Cameras and IMUs
-    measure at their `rate_hz`, in simulated time. Exit code 1 if a measurement that was due is
-    missing.
+    The section `drive` of the configuration gives the vehicle and its waypoints. Cameras, lidars
+    and IMUs measure at their `rate_hz`, in simulated time. Exit code 1 if a measurement that was
+    due is missing.
     """
     if context.invoked_subcommand is not None:
         return
@@ -137,9 +137,9 @@ def _recorded(
         measurements = planned.imu_measurements(imu.name)
         writer.write_imu(imu.name, planned.schedule.times_ns(imu.name).tolist(), measurements)
         recorded[imu.name] = len(measurements.times_s)
-    with RenderProgress(planned.view_count(), 0, Console()) as shown:
+    with RenderProgress(planned.sample_count(), 0, Console()) as shown:
         shown.begin("driving")
-        for view in planned.camera_samples(shown):
+        for view in planned.samples(shown):
             labels = dict(simulation.info().semantic_labels)
             writer.write_sample(view.time_ns, view.sensors, view.sample, labels)
             for name in view.sensors:

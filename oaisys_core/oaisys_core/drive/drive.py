@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ from oaisys_core.drive.schedule import NANOSECONDS, SensorRate, SensorSchedule
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.sensing.imu import ImuMeasurements, measure
 from oaisys_core.simulation import Simulation
+from oaisys_core.trajectory import Trajectory
 from oaisys_core.trajectory.planning import plan_drive
 from oaisys_core.types import FloatArray, ModuleMetadata, Sample, ShortRepr, ignore_progress
 
@@ -24,13 +26,13 @@ ODOMETRY = "odometry"
 
 
 @dataclass(frozen=True)
-class CameraSamples:
-    """The images of all cameras that are due at one time.
+class TimedSample:
+    """The images and scans of all cameras and lidars that are due at one time.
 
     Attributes:
-        time_ns: Simulated time, the stamp of all images.
-        sensors: The cameras.
-        sample: Their images.
+        time_ns: Simulated time, the stamp of all images and of each scan's beginning.
+        sensors: The cameras and lidars.
+        sample: What they saw.
     """
 
     time_ns: int
@@ -61,8 +63,8 @@ class Drive:
 
     Attributes:
         plan: The motion.
-        rates_hz: Rates of cameras, IMUs and odometry, by name.
-        schedule: When they are due.
+        rates_hz: Rates of cameras, lidars, IMUs and odometry, by name.
+        schedule: When they are due; a lidar's scan must be complete at the end.
     """
 
     def __init__(self, simulation: Simulation, config: SimulationConfig) -> None:
@@ -80,36 +82,45 @@ class Drive:
         self._config = config
         self._drive = drive_section(config)
         self.plan = plan_drive(self._drive, simulation.query_height)
-        cameras = config.sensors.all_cameras
-        self._cameras = frozenset(camera.name for camera in cameras)
-        self._imus = {imu.name: imu for imu in config.sensors.imus}
-        self.rates_hz = {camera.name: camera.rate_hz for camera in cameras}
-        self.rates_hz |= {imu.name: imu.rate_hz for imu in config.sensors.imus}
-        self.rates_hz[ODOMETRY] = self._drive.odometry_rate_hz
-        rates = [SensorRate(name, rate_hz) for name, rate_hz in self.rates_hz.items()]
+        sensors = config.sensors
+        self._imus = {imu.name: imu for imu in sensors.imus}
+        rates = [SensorRate(camera.name, camera.rate_hz) for camera in sensors.all_cameras]
+        rates += [
+            SensorRate(lidar.name, lidar.rate_hz, duration_s=lidar.period_s)
+            for lidar in sensors.lidars
+        ]
+        self._rendered = frozenset(rate.name for rate in rates)
+        rates += [SensorRate(imu.name, imu.rate_hz) for imu in sensors.imus]
+        rates.append(SensorRate(ODOMETRY, self._drive.odometry_rate_hz))
+        self.rates_hz = {rate.name: rate.rate_hz for rate in rates}
         self.schedule = SensorSchedule(rates, self.plan.trajectory.start_s, self.plan.end_s)
 
-    def view_count(self) -> int:
-        """Return the number of times at which a camera is due."""
-        times_ns = [self.schedule.times_ns(name) for name in sorted(self._cameras)]
+    def sample_count(self) -> int:
+        """Return the number of times at which a camera or a lidar is due."""
+        times_ns = [self.schedule.times_ns(name) for name in sorted(self._rendered)]
         return len(np.unique(np.concatenate(times_ns)))
 
-    def camera_samples(
-        self, progress: ProgressCallback = ignore_progress
-    ) -> Iterator[CameraSamples]:
-        """Render the cameras at each time at which one is due, and yield their images.
+    def samples(self, progress: ProgressCallback = ignore_progress) -> Iterator[TimedSample]:
+        """Render at each time at which a camera or a lidar is due, and yield what they saw.
+
+        Lidars move along the trajectory during their scans.
 
         Raises:
             OaisysError: See `Simulation.step_sample`.
         """
+        trajectory = self.plan.trajectory
         for due in self.schedule:
-            cameras = tuple(name for name in due.names if name in self._cameras)
-            if cameras:
-                pose = self.plan.trajectory.pose(due.time_ns / NANOSECONDS)
-                sample = self._simulation.step_sample(
-                    ModuleMetadata(sensor={"pose": pose}), sensors=cameras, progress=progress
-                )
-                yield CameraSamples(due.time_ns, cameras, sample)
+            names = tuple(name for name in due.names if name in self._rendered)
+            if not names:
+                continue
+            time_s = due.time_ns / NANOSECONDS
+            sample = self._simulation.step_sample(
+                ModuleMetadata(sensor={"pose": trajectory.pose(time_s)}),
+                sensors=names,
+                T_map_base=partial(_pose_after, trajectory, time_s),
+                progress=progress,
+            )
+            yield TimedSample(due.time_ns, names, sample)
 
     def imu_measurements(self, name: str) -> ImuMeasurements:
         """Return all measurements of an IMU."""
@@ -138,6 +149,11 @@ class Drive:
         """Return the (N,) times at which a sensor is due, in seconds."""
         times_ns: NDArray[np.int64] = self.schedule.times_ns(name)
         return np.asarray(times_ns / NANOSECONDS)
+
+
+def _pose_after(trajectory: Trajectory, start_s: float, times_s: FloatArray) -> FloatArray:
+    """Return the (N, 4, 4) poses of the rig at times since a sample."""
+    return trajectory.T_map_base(start_s + times_s)
 
 
 def drive_section(config: SimulationConfig) -> DriveConfig:

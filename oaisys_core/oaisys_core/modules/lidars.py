@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import radians
 
 import numpy as np
@@ -11,7 +12,7 @@ import scipy
 
 from oaisys_core import geometry
 from oaisys_core.config.sections.lidars import LidarConfig
-from oaisys_core.scene import LidarErrors, PlacedLidar
+from oaisys_core.scene import LidarErrors, PlacedLidar, PoseAtTime
 from oaisys_core.sensing.lidar_patterns import scan_pattern
 from oaisys_core.types import FloatArray, LidarInfo, Pose
 
@@ -84,6 +85,27 @@ def with_motion(
             lidar = replace(lidar, pose_at=motion)  # noqa: PLW2901
         moving.append(lidar)
     return tuple(moving)
+
+
+def following(
+    placed: Sequence[PlacedLidar], infos: Sequence[LidarInfo], T_map_base: PoseAtTime
+) -> tuple[PlacedLidar, ...]:
+    """Return the lidars, moving with the rig during their scans.
+
+    Args:
+        placed: The lidars that scan.
+        infos: The descriptions of all lidars of the rig.
+        T_map_base: Poses of the rig at times since the sample's own.
+    """
+    mounts = {info.name: info.T_base_lidar for info in infos}
+    return tuple(
+        replace(lidar, pose_at=partial(_mounted, T_map_base, mounts[lidar.name]))
+        for lidar in placed
+    )
+
+
+def _mounted(T_map_base: PoseAtTime, T_base_lidar: FloatArray, times_s: FloatArray) -> FloatArray:
+    return np.asarray(T_map_base(times_s) @ T_base_lidar)
 
 
 @dataclass(frozen=True)

@@ -28,9 +28,9 @@ from oaisys_core.modules.cameras import (
     with_previous_poses,
 )
 from oaisys_core.modules.clearance import HeightLookup, admitted_pose
-from oaisys_core.modules.lidars import lidar_info, placed_lidars, with_motion
+from oaisys_core.modules.lidars import following, lidar_info, placed_lidars, with_motion
 from oaisys_core.motion import Motion, make_motion, motion_step
-from oaisys_core.scene import PlacedCamera, PlacedLidar
+from oaisys_core.scene import PlacedCamera, PlacedLidar, PoseAtTime
 from oaisys_core.sensing.faults import PoseDrift
 from oaisys_core.types import FrameName, Odometry, Pose, SensorInfo
 
@@ -187,6 +187,12 @@ class SensorsModule(Module):
         sample_id = world.sample_id
         due = due_sensors(self._placed(world), configs, sample_id, modalities, sensors)
         return self._with_past(due, last_rig_poses)
+
+    def following(
+        self, placed: Sequence[PlacedLidar], T_map_base: PoseAtTime
+    ) -> tuple[PlacedLidar, ...]:
+        """Return lidars that move with the rig during their scans; see `lidars.following`."""
+        return following(placed, self.lidars, T_map_base)
 
     def named(
         self, world: World, last_rig_poses: Mapping[str, Pose], frames: Sequence[FrameName]

@@ -15,7 +15,10 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from oaisys_core.trajectory.files import read_trajectory
+from oaisys_core.config import config_from_mapping
+from oaisys_core.drive.drive import Drive
+from oaisys_core.simulation import Simulation
+from oaisys_core.trajectory.files import read_trajectory, write_poses
 
 OAISYS = Path(sys.executable).with_name("oaisys")
 
@@ -28,6 +31,9 @@ CONFIG: dict[str, Any] = {
         "cameras": [
             {"name": "front", "mount_position_m": [0.5, 0, 1.5], "rate_hz": 10.0},
             {"name": "side", "mount_position_m": [0, 0.4, 1.5], "rate_hz": 4.0},
+        ],
+        "lidars": [
+            {"scan": {"kind": "raster", "columns": 8, "rows": 4}, "rate_hz": 5.0, "period_s": 0.1}
         ],
         "imus": [{"name": "imu", "rate_hz": 100.0, "gyroscope_noise_density": 1e-4}],
     },
@@ -68,12 +74,15 @@ def test_a_drive_records_every_measurement_that_was_due(tmp_path: Path) -> None:
     result = oaisys("drive", "--config", config_file(tmp_path), "--out", out)
     assert result.returncode == 0, result.stderr
     report = json.loads((out / "drive.json").read_text())
-    expected = {"front": 10, "side": 4, "imu": 100, "odometry": 20}
+    # The lidar's last scan begins at 0.8 s.
+    expected = {"front": 10, "side": 4, "lidar": 5, "imu": 100, "odometry": 20}
     assert report["due"] == report["recorded"] == expected
     assert len(list((out / "batch_0001/front").glob("*depth*.exr"))) == 10
     assert len(list((out / "batch_0001/side").glob("*depth*.exr"))) == 4
+    assert len(list((out / "batch_0001/lidar").glob("*.pcd"))) == 5
     stamps = rows(out / "batch_0001/stamps.csv")
-    assert [row["sensors"] for row in stamps].count("front side") == 2
+    assert [row["sensors"] for row in stamps].count("front side") == 1
+    assert [row["sensors"] for row in stamps].count("front side lidar") == 1
     assert [int(row["sample_id"]) for row in stamps] == list(range(1, 13))
 
     trajectory = read_trajectory(out / "trajectory.csv")
@@ -98,6 +107,28 @@ def test_a_drive_records_every_measurement_that_was_due(tmp_path: Path) -> None:
 
 def poses(out: Path) -> list[dict[str, str]]:
     return rows(out / "batch_0001/poses.csv")
+
+
+def test_each_ray_of_a_lidar_starts_where_the_vehicle_is_at_its_time(tmp_path: Path) -> None:
+    """A rig that rises at 2 m/s above a plane: z of a point is minus the height at its time."""
+    way = tmp_path / "up.csv"
+    write_poses(way, np.array([(t, 0, 0, 2 + 2 * t, 0, 0, 0, 1) for t in (0.0, 0.5, 1.0)]))
+    scan = {"kind": "raster", "columns": 40, "rows": 30, "vertical_fov_deg": 90}
+    sensors = {"cameras": CONFIG["sensors"]["cameras"][:1], "lidars": [{"scan": scan}]}
+    drive = {"vehicle": {"kind": "file", "path": str(way)}}
+    stage = {**CONFIG["stage"], "preset": "plane"}
+    config = config_from_mapping({**CONFIG, "stage": stage, "sensors": sensors, "drive": drive})
+    simulation = Simulation(config)
+    simulation.step_batch()
+    ground_m = simulation.query_height([(0.0, 0.0, 0.0)]).ground_height_m[0]
+    for step in Drive(simulation, config).samples():
+        if "lidar" in step.sensors:
+            points = step.sample.scan("lidar").data
+            assert len(points) > 100
+            height_m = 2 + 2 * (step.time_ns / 1e9 + points["time"]) - ground_m
+            assert points["z"] == pytest.approx(-height_m, abs=2e-3)
+            assert np.ptp(points["time"]) > 0.03
+    simulation.close()
 
 
 @pytest.mark.long

@@ -81,7 +81,7 @@ def test_a_way_that_cannot_be_driven_is_refused(drive: dict[str, Any], message: 
         ({}, "either waypoints_m or waypoints_file"),
         ({"vehicle": {"kind": "file", "path": "none.csv"}}, r"drive\.vehicle\.path.*existing file"),
         ({"vehicle": {"kind": "sledge"}, "waypoints_m": [[0, 0]]}, "sledge"),
-        ({"vehicle": {"axles_m": [1, 1]}, "waypoints_m": [[0, 0], [1, 1]]}, "axles_m"),
+        ({"vehicle": {"kind": "rover", "axles_m": [1, 1]}, "waypoints_m": [[0, 0]]}, "axles_m"),
         ({"waypoints_m": [[0, 0], [1, 1]], "gravity": "pluto"}, "gravity"),
     ],
 )

@@ -194,6 +194,7 @@ class LidarConfig(Section):
             ``instance``, the instance id.
         step_interval: Samples from one scan to the next.
         step_offset: Samples before the first scan.
+        rate_hz: Scans per second of a timed drive.
         faults: Errors of the measurements.
     """
 
@@ -211,6 +212,7 @@ class LidarConfig(Section):
     extra_fields: tuple[Literal["label", "instance"], ...] = ()
     step_interval: int = Field(default=1, ge=1)
     step_offset: int = Field(default=0, ge=0)
+    rate_hz: float = Field(default=10.0, gt=0, le=10_000)
     faults: LidarFaultsConfig = LidarFaultsConfig()
 
     @model_validator(mode="after")

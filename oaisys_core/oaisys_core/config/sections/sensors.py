@@ -264,7 +264,8 @@ class SensorsConfig(Section):
             raise ValueError("there must be a camera or a stereo pair")
         if len(set(names)) != len(names):
             raise ValueError("cameras and the cameras of stereo pairs must have different names")
-        everything = [*names, *(each.name for each in (*self.lidars, *self.imus))]
+        everything = [*names, *(lidar.name for lidar in self.lidars)]
+        everything += [imu.name for imu in self.imus]
         if len(set(everything)) != len(everything):
             raise ValueError("sensors must have different names")
         if self.motion.kind == "grid" and self.motion.camera not in (None, *names):
