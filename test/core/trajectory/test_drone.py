@@ -57,7 +57,7 @@ def test_a_single_waypoint_is_hovered_at() -> None:
     made = plan_flight(drone(hover_s=4.0, heading=90), WAYPOINTS_M[:1], GRAVITY_M_S2)
     assert made.duration_s == 4.0
     pose = made.pose(2.0)
-    assert pose.position_m == (0, 0, 2)
+    assert pose.position_m == pytest.approx((0, 0, 2))
     assert pose.quat_xyzw == pytest.approx((0, 0, 0.5**0.5, 0.5**0.5))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -17,8 +18,8 @@ from oaisys_core.types import FloatArray, HeightQuery
 
 Surface = Callable[[FloatArray, FloatArray], FloatArray]
 
-STRAIGHT_M = np.array([(0.0, 0.0), (20.0, 0.0)])
-ROUND_M = np.array([(0, 0), (8, 2), (14, 9), (8, 15), (0, 12)], float)
+STRAIGHT_M: FloatArray = np.array([(0.0, 0.0), (20.0, 0.0)])
+ROUND_M: FloatArray = np.array([(0, 0), (8, 2), (14, 9), (8, 15), (0, 12)], float)
 
 
 def planned(
@@ -39,6 +40,10 @@ def tilted(x: FloatArray, y: FloatArray) -> FloatArray:
 
 def level(x: FloatArray, y: FloatArray) -> FloatArray:
     return np.zeros(len(x))
+
+
+def ramp(slope: float, x: FloatArray, y: FloatArray) -> FloatArray:
+    return slope * x
 
 
 def waves(x: FloatArray, y: FloatArray) -> FloatArray:
@@ -90,7 +95,7 @@ def test_it_drives_through_its_waypoints_and_slows_down_on_slopes() -> None:
         assert np.linalg.norm(positions_m[:, :2] - waypoint_m, axis=1).min() < 0.02
     speeds = {}
     for slope in (0.0, 0.2, 0.4):
-        climb = planned(lambda x, y, k=slope: k * x, STRAIGHT_M).trajectory
+        climb = planned(partial(ramp, slope), STRAIGHT_M).trajectory
         speed = np.linalg.norm(climb.velocity_m_s(climb.times_s), axis=1)
         speeds[slope] = speed.max()
         expected = 1 - 0.7 * np.degrees(np.arctan(slope)) / 30
