@@ -26,9 +26,8 @@ from oaisys_core.backend.blender.materials.ground_layer import (
 from oaisys_core.backend.blender.materials.images import ImageStore
 from oaisys_core.backend.blender.materials.surfaces import is_glossy
 from oaisys_core.backend.raycast.shading import in_haze
-from oaisys_core.backend.surface import View
+from oaisys_core.backend.surface import View, bands
 from oaisys_core.color import linear
-from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.sky import Sky
 from oaisys_core.textures.levels import level_at
 from oaisys_core.types import FloatArray
@@ -89,6 +88,18 @@ class GroundAlbedo:
         """
         if not any(self._is_plain):
             return None
+        height, width = view.depth_m.shape
+        albedo = np.empty((height, width, 3), np.float32)
+        is_known = np.empty((height, width), np.bool_)
+        for rows in bands(height, width):
+            # Slopes and steps of distance depend on the rows beside.
+            first, end = max(rows.start - 1, 0), min(rows.stop + 1, height)
+            part = self._of_rows(view.rows(slice(first, end)), pixel_rad, sky)
+            wanted = slice(rows.start - first, rows.stop - first)
+            albedo[rows], is_known[rows] = part.linear[wanted], part.is_known[wanted]
+        return PixelAlbedo(albedo, is_known)
+
+    def _of_rows(self, view: View, pixel_rad: float, sky: Sky) -> PixelAlbedo:
         points_m = np.where(view.is_ground[..., None], view.points_m, 0.0)
         distance_m = np.where(view.is_ground, view.depth_m, 0.0)
         distance_m *= np.linalg.norm(view.directions, axis=-1)
@@ -115,7 +126,6 @@ class GroundAlbedo:
             seen = np.flatnonzero(pixels.any(axis=1))
             if not len(seen):
                 continue
-            stop_if_unwanted()
             rows = slice(seen[0], seen[-1] + 1)
             mixed = np.zeros((*pixels[rows].shape, 3), np.float32)
             for layer, weight in zip(self._material.layers, weights, strict=True):
