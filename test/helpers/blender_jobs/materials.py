@@ -11,7 +11,8 @@ import bpy
 import numpy as np
 from synthetic_worlds import settings
 
-from oaisys_core.backend.blender import BlenderBackend, postprocessing, renderer
+from oaisys_core.backend.blender import BlenderBackend, postprocessing
+from oaisys_core.backend.blender.cycles import Cycles
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import Frame, Progress
 
@@ -70,14 +71,14 @@ def albedos(
 ) -> list[dict[str, Any]]:
     """The albedo that few and many samples see in each view, and the ground's without noise."""
     backend = BlenderBackend()
-    tone_map = renderer.Cycles.denoise_and_tonemap
+    tone_map = Cycles.denoise_and_tonemap
     given: list[Any] = []
 
-    def kept(cycles: Any, rendered: Any, wanted: Any, denoising: Any, ground: Any) -> Any:
+    def kept(cycles: Cycles, rendered: Any, wanted: Any, denoising: Any, ground: Any) -> Any:
         given.append((rendered.passes[postprocessing.SEEN_ALBEDO], ground))
         return tone_map(cycles, rendered, wanted, denoising, ground)
 
-    with mock.patch.object(renderer.Cycles, "denoise_and_tonemap", kept):
+    with mock.patch.object(Cycles, "denoise_and_tonemap", kept):
         for scene, camera in cases:
             backend.build(scene, ignore)
             for samples in (few, many):

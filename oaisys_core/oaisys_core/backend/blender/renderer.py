@@ -64,8 +64,12 @@ from oaisys_core.types import (
     ignore_progress,
 )
 
-NOISY_SAMPLES = 4
-"""Samples per pixel up to which their own albedo has more noise than `GroundAlbedo` has errors."""
+NOISY_SAMPLES = 2, 4
+"""From how many to how many samples per pixel `GroundAlbedo` is worth its time.
+
+Fewer leave so much noise in light that it gains little; more have less noise in their own albedo
+than it has errors.
+"""
 
 
 class BlenderBackend(Backend):
@@ -235,7 +239,8 @@ class BlenderBackend(Backend):
         """Return whether colour becomes better by the ground's albedo without noise."""
         is_sharp = camera.lens is None and not camera.shutter_share
         is_direct = rendered_pinhole(camera.intrinsics) is camera.intrinsics
-        is_noisy = settings.denoise and settings.samples <= NOISY_SAMPLES
+        least, most = NOISY_SAMPLES
+        is_noisy = settings.denoise and least <= settings.samples <= most
         return is_sharp and is_direct and is_noisy and self.device == "cpu"
 
     def _ground_albedo(self, camera: PlacedCamera, views: dict[str, View]) -> PixelAlbedo | None:

@@ -49,7 +49,7 @@ class DenoisingCost(NamedTuple):
 
 DENOISING_COSTS: dict[DenoisingQuality, DenoisingCost] = {
     "fast": DenoisingCost(0, 0, 1.0),
-    "balanced": DenoisingCost(1, 1, 1.8),
+    "balanced": DenoisingCost(3, 1, 1.8),
     "thorough": DenoisingCost(8, 8, 3.7),
 }
 """In ascending order."""
