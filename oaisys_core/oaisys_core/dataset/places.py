@@ -199,11 +199,11 @@ class RemotePlace:
 
     def read(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
         """See `Place.read`."""
-        end = None if size is None else offset + size
-        # Arrow's wrapper cannot seek in a stream from the start, not even to 0.
-        begin = offset or None
-        with _found(self.url, name):
-            return bytes(self._files.cat_file(self._path(name), start=begin, end=end))
+        # `cat_file` of Arrow's wrapper opens a stream that cannot seek if the range begins at 0.
+        with _found(self.url, name), self._files.open(self._path(name), "rb") as file:
+            if offset:
+                file.seek(offset)
+            return bytes(file.read() if size is None else file.read(size))
 
     def write(self, name: str, data: bytes) -> None:
         """See `Place.write`."""

@@ -72,7 +72,7 @@ def test_a_cloud_of_another_kind_is_refused() -> None:
 
 @pytest.mark.ros
 def test_kiss_icp_reads_points_and_times() -> None:
-    reader = pytest.importorskip("kiss_icp.tools.point_cloud2")
+    reader = pytest.importorskip("kiss_icp.tools.point_cloud2", exc_type=ModuleNotFoundError)
     scan = points(50)
     content = serialize_message(scan_to_msg(scan, Header()))
     as_recorded = get_typestore(Stores.ROS2_JAZZY).deserialize_cdr(
