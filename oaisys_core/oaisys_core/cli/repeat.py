@@ -116,10 +116,16 @@ def described(each: Comparison) -> str:
 
 
 def _notes(record: RecordedSample, again: Sample) -> list[str]:
-    """Return notes on missing images and on another backend version or device."""
+    """Return notes on what is not compared, and on another backend version or device."""
+    from oaisys_core.types import POINTS
+
     recorded = {(frame.sensor, frame.modality) for frame in record.frames}
     missing = [n for n in record.outline.frames if (n.sensor, n.modality) not in recorded]
-    notes = [f"{name.sensor}/{name.modality}: not in the record" for name in missing]
+    notes = [
+        f"{name.sensor}/{name.modality}: "
+        + ("scans are not compared" if name.modality == POINTS else "not in the record")
+        for name in missing
+    ]
     then, now = record.outline.provenance, again.provenance
     for field in ("backend_version", "device"):
         before, here = getattr(then, field), getattr(now, field)
