@@ -18,7 +18,7 @@ from waiting import wait_until
 
 from tools.setup.errors import SetupError
 from tools.setup.installers import pip_progress
-from tools.setup.programs import Display, Programs, Progress
+from tools.setup.programs import Display, ProgramProgress, Programs
 
 
 class Terminal(io.StringIO):
@@ -54,8 +54,8 @@ def test_a_long_program_is_told_of_while_it_runs(
 def test_a_terminal_shows_one_bar_below_the_lines() -> None:
     terminal = Terminal()
     display = Display(terminal)
-    display.show(Progress("1 of 4 packages", 0.25), 3.2)
-    display.show(Progress("4 of 4 packages", 1.5), 7.0)
+    display.show(ProgramProgress("1 of 4 packages", 0.25), 3.2)
+    display.show(ProgramProgress("4 of 4 packages", 1.5), 7.0)
     display.say("done")
     shown = terminal.getvalue().split("\r\x1b[K")
     assert shown == [

@@ -16,7 +16,7 @@ from pathlib import Path
 from tools.setup.checks import existing_folder
 from tools.setup.environment import Environment, process_environment
 from tools.setup.errors import SetupError
-from tools.setup.programs import Programs, Progress
+from tools.setup.programs import ProgramProgress, Programs
 
 CACHE_GB = 4.0
 """What the pinned packages take in uv's cache."""
@@ -196,7 +196,7 @@ class Installer:
         variables: Mapping[str, str],
         log: Path,
         wanted: int,
-        progress: Callable[[str, int, Path], Progress],
+        progress: Callable[[str, int, Path], ProgramProgress],
     ) -> int:
         # /tmp may be in memory, so unpack the wheels on the disk of the environment.
         temporary = self.environment.state / "tmp"
@@ -225,17 +225,17 @@ class Installer:
         ).stdout
 
 
-def pip_progress(output: str, wanted: int, site_packages: Path) -> Progress:
+def pip_progress(output: str, wanted: int, site_packages: Path) -> ProgramProgress:
     """Return the progress of pip, from its output and the installed packages."""
     lines = output.splitlines()
     if any(line.startswith("Installing collected packages") for line in lines):
         return _installed(wanted, site_packages)
     starts = ("Collecting ", "Requirement already satisfied", "Obtaining ")
     collected = min(sum(line.startswith(starts) for line in lines), wanted)
-    return Progress(f"{collected} of {wanted} packages collected", 0.5 * collected / wanted)
+    return ProgramProgress(f"{collected} of {wanted} packages collected", 0.5 * collected / wanted)
 
 
-def uv_progress(output: str, wanted: int, site_packages: Path) -> Progress:
+def uv_progress(output: str, wanted: int, site_packages: Path) -> ProgramProgress:
     """Return the progress of uv, from its output and the installed packages."""
     if re.search(r"^Prepared ", output, re.MULTILINE):
         return _installed(wanted, site_packages)
@@ -245,11 +245,15 @@ def uv_progress(output: str, wanted: int, site_packages: Path) -> Progress:
     total_mb = sum(size_mb.values())
     done_mb = sum(size_mb.get(name, 0.0) for name in arrived)
     if total_mb == 0.0:
-        return Progress(f"{wanted} packages being prepared", 0.0)
-    return Progress(f"{done_mb:.0f} of {total_mb:.0f} MB downloaded", 0.5 * done_mb / total_mb)
+        return ProgramProgress(f"{wanted} packages being prepared", 0.0)
+    return ProgramProgress(
+        f"{done_mb:.0f} of {total_mb:.0f} MB downloaded", 0.5 * done_mb / total_mb
+    )
 
 
-def _installed(wanted: int, site_packages: Path) -> Progress:
+def _installed(wanted: int, site_packages: Path) -> ProgramProgress:
     count = sum(1 for _ in site_packages.glob("*.dist-info"))  # pip itself among them
     installed = min(count, wanted)
-    return Progress(f"{installed} of {wanted} packages installed", 0.5 + 0.5 * installed / wanted)
+    return ProgramProgress(
+        f"{installed} of {wanted} packages installed", 0.5 + 0.5 * installed / wanted
+    )

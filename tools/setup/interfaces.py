@@ -22,7 +22,7 @@ from tools.setup.environment import (
     process_environment,
 )
 from tools.setup.errors import SetupError
-from tools.setup.programs import Programs, Progress
+from tools.setup.programs import ProgramProgress, Programs
 from tools.setup.relocation import replace_file
 from tools.setup.steps import digest
 
@@ -96,7 +96,7 @@ def _build(environment: Environment, programs: Programs, sources: list[Path]) ->
     return stage
 
 
-def colcon_progress(output: str, wanted: int, logs: Path) -> Progress:
+def colcon_progress(output: str, wanted: int, logs: Path) -> ProgramProgress:
     """Return the progress of colcon, from its output and from CMake's in ``logs``."""
     built = output.count("Finished <<<")
     percents = [
@@ -105,7 +105,9 @@ def colcon_progress(output: str, wanted: int, logs: Path) -> Progress:
         if (found := re.findall(r"^\[ *(\d+)%\]", file.read_text(errors="replace"), re.MULTILINE))
     ]
     share = sum(percents) / 100 / wanted
-    return Progress(f"{built} of {wanted} packages built, {100 * share:.0f} % compiled", share)
+    return ProgramProgress(
+        f"{built} of {wanted} packages built, {100 * share:.0f} % compiled", share
+    )
 
 
 def pack(stage: Path, prefix: Path) -> bytes:

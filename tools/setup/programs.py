@@ -23,7 +23,7 @@ _BAR_WIDTH = 20
 
 
 @dataclass(frozen=True)
-class Progress:
+class ProgramProgress:
     """How far a program is.
 
     Attributes:
@@ -52,7 +52,7 @@ class Display:
         with self._lock:
             self._write(f"{self._erased()}setup: {text}\n")
 
-    def show(self, progress: Progress, elapsed_s: float) -> None:
+    def show(self, progress: ProgramProgress, elapsed_s: float) -> None:
         """Show how far a program is."""
         with self._lock:
             if not self._is_terminal:
@@ -85,7 +85,7 @@ class Programs:
         command: Sequence[str | Path],
         variables: Mapping[str, str],
         log: Path,
-        progress: Callable[[str], Progress] | None = None,
+        progress: Callable[[str], ProgramProgress] | None = None,
         timeout_s: float = float("inf"),
     ) -> int:
         """Run a program to its end, and show its progress every few seconds.

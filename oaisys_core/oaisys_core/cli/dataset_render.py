@@ -16,7 +16,7 @@ from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import InvalidInputError, OaisysError
 
 if TYPE_CHECKING:
-    from oaisys_core.dataset.places import Place
+    from oaisys_core.dataset.places import StoragePlace
     from oaisys_core.dataset.ray_session import RaySettings
     from oaisys_core.dataset.rendering import DatasetRendering, DatasetSummary
 
@@ -157,7 +157,7 @@ def _report(summary: DatasetSummary) -> None:
         typer.echo(f"  {label:<24} {share:8.3%}")
 
 
-def _format_names(formats: str, place: Place) -> list[str]:
+def _format_names(formats: str, place: StoragePlace) -> list[str]:
     """Return the formats of a text such as ``coco,webdataset``."""
     names = [name.strip() for name in formats.split(",") if name.strip()]
     if not names:
@@ -170,7 +170,7 @@ def _format_names(formats: str, place: Place) -> list[str]:
     return [format_named(name).name for name in names]
 
 
-def _export(place: Place, formats: Sequence[str]) -> None:
+def _export(place: StoragePlace, formats: Sequence[str]) -> None:
     """Write exports anew, of the finished worlds."""
     if not formats or place.folder is None:
         return

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 from oaisys_core.config import SimulationConfig, canonical_json
 from oaisys_core.dataset.manifest import WorldFailure
-from oaisys_core.dataset.places import Place
+from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.dataset.plan import WorldTask
 from oaisys_core.dataset.ray_session import RaySession, RaySettings, ray_session
 from oaisys_core.dataset.shards import failure_name, write_failure
@@ -52,7 +52,7 @@ DatasetEvent = ViewCounts | WorldFinished | WorldFailure | Waiting
 
 
 def render_worlds(
-    place: Place, config: SimulationConfig, tasks: Iterable[WorldTask], settings: RaySettings
+    place: StoragePlace, config: SimulationConfig, tasks: Iterable[WorldTask], settings: RaySettings
 ) -> Iterator[DatasetEvent]:
     """Render worlds, write their shards or why they failed, and yield what happens.
 
@@ -79,7 +79,11 @@ class _WorldQueue:
     """The worlds that are being rendered, as many as there are workers."""
 
     def __init__(
-        self, session: RaySession, place: Place, config: SimulationConfig, settings: RaySettings
+        self,
+        session: RaySession,
+        place: StoragePlace,
+        config: SimulationConfig,
+        settings: RaySettings,
     ) -> None:
         self._session = session
         self._ray = session.ray

@@ -26,7 +26,7 @@ S3_ENDPOINT = "AWS_ENDPOINT_URL"
 """Environment variable with the URL of an S3-compatible server."""
 
 
-class Place(Protocol):
+class StoragePlace(Protocol):
     """A place that holds objects under names such as ``shards/world_000012.tar``.
 
     Writing may raise `RenderError`, for instance if the disk is full; the object is then as it was.
@@ -68,7 +68,7 @@ class Place(Protocol):
         """
 
 
-def open_place(where: str | Path) -> Place:
+def open_place(where: str | Path) -> StoragePlace:
     """Return the place at a path or URL; nothing is created.
 
     An ``s3://`` URL uses the server of the environment variable ``AWS_ENDPOINT_URL``, if it is set.
@@ -102,11 +102,11 @@ class LocalPlace:
         self._root = folder
 
     def exists(self, name: str) -> bool:
-        """See `Place.exists`."""
+        """See `StoragePlace.exists`."""
         return (self._root / name).is_file()
 
     def names(self, below: str) -> list[str]:
-        """See `Place.names`."""
+        """See `StoragePlace.names`."""
         try:
             entries = list(os.scandir(self._root / below))
         except (FileNotFoundError, NotADirectoryError):
@@ -115,24 +115,24 @@ class LocalPlace:
         return sorted(f"{below}/{name}" for name in kept)
 
     def size(self, name: str) -> int:
-        """See `Place.size`."""
+        """See `StoragePlace.size`."""
         with _found(self.url, name):
             return (self._root / name).stat().st_size
 
     def read(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
-        """See `Place.read`."""
+        """See `StoragePlace.read`."""
         with _found(self.url, name), (self._root / name).open("rb") as file:
             file.seek(offset)
             return file.read(-1 if size is None else size)
 
     def write(self, name: str, data: bytes) -> None:
-        """See `Place.write`."""
+        """See `StoragePlace.write`."""
         with self.writing(name) as path:
             path.write_bytes(data)
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
-        """See `Place.writing`."""
+        """See `StoragePlace.writing`."""
         target = self._root / name
         # A unique name: a second process may write the same object after the first seemed lost.
         part = target.with_name(f".{target.name}.{uuid.uuid4().hex}{PART}")
@@ -150,11 +150,11 @@ class LocalPlace:
                 part.unlink(missing_ok=True)
 
     def delete(self, name: str) -> None:
-        """See `Place.delete`."""
+        """See `StoragePlace.delete`."""
         (self._root / name).unlink(missing_ok=True)
 
     def delete_parts(self) -> int:
-        """See `Place.delete_parts`."""
+        """See `StoragePlace.delete_parts`."""
         parts = [*self._root.glob(f".*{PART}"), *self._root.glob(f"*/.*{PART}")]
         for part in parts:
             part.unlink(missing_ok=True)
@@ -177,11 +177,11 @@ class RemotePlace:
         self._root = root
 
     def exists(self, name: str) -> bool:
-        """See `Place.exists`."""
+        """See `StoragePlace.exists`."""
         return bool(self._files.isfile(self._path(name)))
 
     def names(self, below: str) -> list[str]:
-        """See `Place.names`."""
+        """See `StoragePlace.names`."""
         folder = self._path(below)
         # Other processes write to the same place.
         self._files.invalidate_cache()
@@ -193,12 +193,12 @@ class RemotePlace:
         return sorted(f"{below}/{name.rpartition('/')[2]}" for name in found)
 
     def size(self, name: str) -> int:
-        """See `Place.size`."""
+        """See `StoragePlace.size`."""
         with _found(self.url, name):
             return int(self._files.size(self._path(name)))
 
     def read(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
-        """See `Place.read`."""
+        """See `StoragePlace.read`."""
         # `cat_file` of Arrow's wrapper opens a stream that cannot seek if the range begins at 0.
         with _found(self.url, name), self._files.open(self._path(name), "rb") as file:
             if offset:
@@ -206,7 +206,7 @@ class RemotePlace:
             return bytes(file.read() if size is None else file.read(size))
 
     def write(self, name: str, data: bytes) -> None:
-        """See `Place.write`."""
+        """See `StoragePlace.write`."""
         try:
             self._make_folder(name)
             self._files.pipe_file(self._path(name), data)
@@ -215,7 +215,7 @@ class RemotePlace:
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
-        """See `Place.writing`."""
+        """See `StoragePlace.writing`."""
         with tempfile.TemporaryDirectory(prefix="oaisys-upload-") as folder:
             path = Path(folder, name.rpartition("/")[2])
             try:
@@ -226,12 +226,12 @@ class RemotePlace:
                 raise RenderError(f"{self.url}/{name}: could not be written: {error}") from error
 
     def delete(self, name: str) -> None:
-        """See `Place.delete`."""
+        """See `StoragePlace.delete`."""
         with suppress(FileNotFoundError):
             self._files.rm_file(self._path(name))
 
     def delete_parts(self) -> int:
-        """See `Place.delete_parts`: an upload that was cut off leaves nothing that can be seen."""
+        """Do nothing: an upload that was cut off leaves nothing that can be seen."""
         return 0
 
     def _path(self, name: str) -> str:

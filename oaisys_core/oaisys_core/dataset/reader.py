@@ -22,7 +22,7 @@ from oaisys_core.dataset.manifest import (
     WorldFailure,
     WorldLegend,
 )
-from oaisys_core.dataset.places import Place, open_place
+from oaisys_core.dataset.places import StoragePlace, open_place
 from oaisys_core.dataset.shards import (
     HEAD,
     LEGEND,
@@ -106,7 +106,7 @@ class FrameRecords(Sequence[FrameRecord]):
     Only the manifest of one world is in memory at a time.
     """
 
-    def __init__(self, place: Place, manifests: Sequence[WorldManifest]) -> None:
+    def __init__(self, place: StoragePlace, manifests: Sequence[WorldManifest]) -> None:
         self._place = place
         self._manifests = manifests
         self._firsts = np.cumsum([0, *(len(manifest.ends) for manifest in manifests)])
@@ -158,7 +158,9 @@ class Dataset(Sequence[DatasetSample]):
         records: The manifest: its frames without pixels.
     """
 
-    def __init__(self, place: Place, info: DatasetInfo, manifests: Sequence[WorldManifest]) -> None:
+    def __init__(
+        self, place: StoragePlace, info: DatasetInfo, manifests: Sequence[WorldManifest]
+    ) -> None:
         self.place = place
         self.info = info
         self.records = FrameRecords(place, manifests)
@@ -282,7 +284,7 @@ class Dataset(Sequence[DatasetSample]):
         return self._manifests[number]
 
 
-def _indexed(place: Place, world: int) -> WorldManifest:
+def _indexed(place: StoragePlace, world: int) -> WorldManifest:
     """Return where the lines of a manifest are."""
     name = manifest_name(world)
     text = place.read(name)

@@ -15,7 +15,7 @@ from oaisys_core.config import SimulationConfig, canonical_json, config_sha256
 from oaisys_core.config.checking import name_faults
 from oaisys_core.dataset.engine import DatasetEvent, WorldFinished, render_worlds
 from oaisys_core.dataset.manifest import DatasetInfo, WorldFailure
-from oaisys_core.dataset.places import Place
+from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.dataset.plan import WorldTask, world_tasks
 from oaisys_core.dataset.ray_session import RaySettings
 from oaisys_core.dataset.reader import open_dataset
@@ -92,7 +92,7 @@ class DatasetRendering:
         left: The worlds that are missing.
     """
 
-    def __init__(self, place: Place, config: SimulationConfig, info: DatasetInfo) -> None:
+    def __init__(self, place: StoragePlace, config: SimulationConfig, info: DatasetInfo) -> None:
         """Prepare for a data set that is empty so far, or that an earlier command began.
 
         Raises:
@@ -191,7 +191,7 @@ def check_same(earlier: DatasetInfo, now: DatasetInfo) -> None:
         _log.warning(text, dict(earlier.software), dict(now.software))
 
 
-def _head(place: Place) -> DatasetInfo | None:
+def _head(place: StoragePlace) -> DatasetInfo | None:
     return DatasetInfo.from_json(place.read(HEAD), HEAD) if place.exists(HEAD) else None
 
 
@@ -203,7 +203,7 @@ def _version(package: str) -> str | None:
 
 
 @contextmanager
-def _locked(place: Place) -> Iterator[None]:
+def _locked(place: StoragePlace) -> Iterator[None]:
     """Keep other commands out of a local folder; a lock ends with its process."""
     if place.folder is None:
         yield

@@ -24,7 +24,7 @@ from oaisys_core.dataset.manifest import (
     WorldFailure,
     WorldLegend,
 )
-from oaisys_core.dataset.places import Place
+from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.output.images import decode_image, encode_image, file_kind
 from oaisys_core.types import INSTANCE, SEMANTIC_0, modality_spec
@@ -52,23 +52,23 @@ def failure_name(world: int) -> str:
     return f"{FAILED}/world_{world:06d}.json"
 
 
-def finished_worlds(place: Place) -> list[int]:
+def finished_worlds(place: StoragePlace) -> list[int]:
     """Return the worlds whose shard is whole, in order."""
     return _worlds(name for name in place.names(SHARDS) if name.endswith(".jsonl"))
 
 
-def failed_worlds(place: Place) -> list[int]:
+def failed_worlds(place: StoragePlace) -> list[int]:
     """Return the worlds that could not be made, in order."""
     return _worlds(iter(place.names(FAILED)))
 
 
-def read_failure(place: Place, world: int) -> WorldFailure:
+def read_failure(place: StoragePlace, world: int) -> WorldFailure:
     """Return why a world could not be made."""
     name = failure_name(world)
     return WorldFailure.from_json(place.read(name), name)
 
 
-def write_failure(place: Place, failure: WorldFailure) -> None:
+def write_failure(place: StoragePlace, failure: WorldFailure) -> None:
     """Record that a world could not be made; inverse: `read_failure`."""
     place.write(failure_name(failure.world), failure.to_json().encode())
 
@@ -176,7 +176,7 @@ class ShardWriter:
 
 
 @contextmanager
-def writing_shard(place: Place, world: int) -> Iterator[ShardWriter]:
+def writing_shard(place: StoragePlace, world: int) -> Iterator[ShardWriter]:
     """Yield a writer; if the block succeeds, the shard and then its manifest are in place.
 
     Raises:

@@ -14,11 +14,11 @@ from typing import NamedTuple
 
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.dataset.manifest import WorldFailure, WorldLegend
-from oaisys_core.dataset.places import Place, open_place
+from oaisys_core.dataset.places import StoragePlace, open_place
 from oaisys_core.dataset.plan import WorldTask
 from oaisys_core.dataset.ray_session import worker_name
 from oaisys_core.dataset.shards import writing_shard
-from oaisys_core.dataset.world_render import RenderedView, WorldRenderer
+from oaisys_core.dataset.world_render import EncodedView, WorldRenderer
 from oaisys_core.errors import BackendUnavailableError, ConfigError
 
 
@@ -40,7 +40,7 @@ class ViewCounts(NamedTuple):
 WrittenPart = ViewCounts | WorldLegend | WorldFailure
 """What remains of a world's parts when they are written; the last is a legend or a failure."""
 
-WorldPart = RenderedView | WrittenPart | SetupFailure
+WorldPart = EncodedView | WrittenPart | SetupFailure
 """What a worker sends."""
 
 
@@ -50,7 +50,7 @@ def render_world(config_json: str, task: WorldTask, url: str | None) -> Iterator
     Args:
         config_json: The configuration, in canonical form.
         task: The world.
-        url: Place to which the worker writes the shard itself; it then sends counts instead of
+        url: Where the worker writes the shard itself; it then sends counts instead of
             images. None if the driver writes it.
     """
     try:
@@ -63,7 +63,7 @@ def render_world(config_json: str, task: WorldTask, url: str | None) -> Iterator
 
 
 def written(
-    place: Place, task: WorldTask, parts: Iterable[RenderedView | WorldLegend | WorldFailure]
+    place: StoragePlace, task: WorldTask, parts: Iterable[EncodedView | WorldLegend | WorldFailure]
 ) -> Generator[WrittenPart, None, None]:
     """Write the parts of a world into its shard, which is kept if a legend comes at last.
 
@@ -73,7 +73,7 @@ def written(
     last: WorldFailure | WorldLegend | None = None
     with suppress(_AbandonedShardError), writing_shard(place, task.index) as shard:
         for part in parts:
-            if isinstance(part, RenderedView):
+            if isinstance(part, EncodedView):
                 for frame in part.frames:
                     shard.add_encoded(frame)
                 yield _counts_of(task, part)
@@ -88,7 +88,7 @@ def written(
         yield last
 
 
-def _counts_of(task: WorldTask, part: RenderedView) -> ViewCounts:
+def _counts_of(task: WorldTask, part: EncodedView) -> ViewCounts:
     pixels: Counter[int] = Counter()
     for frame in part.frames:
         pixels.update({int(i): count for i, count in frame.record.label_pixels.items()})

@@ -31,7 +31,7 @@ S_PER_VIEW = 1.0
 """Simulated time from one view to the next, unless the sun has its own."""
 
 
-class RenderedView(NamedTuple):
+class EncodedView(NamedTuple):
     """A finished view: its number, and the frames of all cameras that were due."""
 
     view: int
@@ -73,7 +73,7 @@ class WorldRenderer:
         self._s_per_view = _s_per_view(config)
         self._software = software(self._simulation)
 
-    def render(self, task: WorldTask) -> Iterator[RenderedView | WorldLegend | WorldFailure]:
+    def render(self, task: WorldTask) -> Iterator[EncodedView | WorldLegend | WorldFailure]:
         """Yield the views of a world and at last its legend, or the reason why it cannot be made.
 
         The images of a view are encoded while the next view is rendered.
@@ -81,7 +81,7 @@ class WorldRenderer:
         doing = "making the world"
         try:
             with ThreadPoolExecutor(1, "encoder") as encoder:
-                encoding: Future[RenderedView] | None = None
+                encoding: Future[EncodedView] | None = None
                 begun_s = time.perf_counter()
                 self._begin(task)
                 for number in range(task.views):
@@ -107,12 +107,12 @@ class WorldRenderer:
         self._simulation.restore({"last_batch_id": task.index, "batch": None})
         self._simulation.step_batch(seed=task.seed)
 
-    def _encoded(self, task: WorldTask, view: _View) -> RenderedView:
+    def _encoded(self, task: WorldTask, view: _View) -> EncodedView:
         by_sensor: dict[str, list[Frame]] = {}
         for frame in view.sample.frames:
             by_sensor.setdefault(frame.sensor, []).append(frame)
         seconds = view.seconds / max(1, len(by_sensor))
-        return RenderedView(
+        return EncodedView(
             view.number,
             tuple(
                 encoded_frame(

@@ -66,7 +66,7 @@ class RoverPlan:
 
 
 @dataclass(frozen=True)
-class _Places:
+class _Stance:
     """The rover at N places of its way.
 
     Attributes:
@@ -82,9 +82,9 @@ class _Places:
     heading: FloatArray
     plane: FloatArray
 
-    def upto(self, count: int) -> _Places:
+    def upto(self, count: int) -> _Stance:
         """Return the first places."""
-        return _Places(
+        return _Stance(
             self.arc_m[:count], self.xy_m[:count], self.heading[:count], self.plane[:count]
         )
 
@@ -127,20 +127,20 @@ def plan_rover_drive(
 
 def _on_wheels(
     config: RoverConfig, curve: WaypointCurve, arc_m: FloatArray, heights: HeightLookup
-) -> _Places:
+) -> _Stance:
     """Place the rover where the rims of its wheels fit best to the surface (least squares)."""
     wheels_m = np.array([(x, y) for x in config.axles_m for y in _sides(config)])
     fit = np.linalg.pinv(np.column_stack((np.ones(len(wheels_m)), wheels_m)))
     rims_m = _rims_m(config, wheels_m)
     xy_m, heading = curve.position_m(arc_m), curve.tangent(arc_m)
-    places = _Places(arc_m, xy_m, heading, np.zeros((len(arc_m), 3)))
+    places = _Stance(arc_m, xy_m, heading, np.zeros((len(arc_m), 3)))
     for _ in range(ATTITUDE_STEPS):
         points_m = places.points_m(rims_m)
         surface_m, _ = _heights_m(points_m, heights)
         sunk_m = (surface_m - points_m[..., 2]).reshape(len(arc_m), len(wheels_m), -1).max(axis=2)
-        places = _Places(arc_m, xy_m, heading, places.plane + sunk_m @ fit.T)
+        places = _Stance(arc_m, xy_m, heading, places.plane + sunk_m @ fit.T)
     smooth = _smoothed(places.plane, config.suspension_m / float(arc_m[1]))
-    return _Places(arc_m, xy_m, heading, smooth)
+    return _Stance(arc_m, xy_m, heading, smooth)
 
 
 def _rims_m(config: RoverConfig, wheels_m: FloatArray) -> FloatArray:
@@ -189,13 +189,13 @@ def _smoothed(plane: FloatArray, sigma_steps: float) -> FloatArray:
     return np.asarray(smooth[margin:-margin])
 
 
-def _first_obstacle(config: RoverConfig, places: _Places, heights: HeightLookup) -> Obstacle | None:
+def _first_obstacle(config: RoverConfig, places: _Stance, heights: HeightLookup) -> Obstacle | None:
     """Return what first blocks the way: an object, the ground under the belly, or a slope."""
     found = (_steepest(config, places), _tallest(config, places, heights))
     return min((o for o in found if o is not None), key=lambda o: o.distance_m, default=None)
 
 
-def _steepest(config: RoverConfig, places: _Places) -> Obstacle | None:
+def _steepest(config: RoverConfig, places: _Stance) -> Obstacle | None:
     tilts_deg = np.degrees(_tilts_rad(places))
     is_steep = tilts_deg > config.max_tilt_deg
     if not is_steep.any():
@@ -206,10 +206,10 @@ def _steepest(config: RoverConfig, places: _Places) -> Obstacle | None:
     return Obstacle((x, y), float(places.arc_m[i]), reason)
 
 
-def _tallest(config: RoverConfig, places: _Places, heights: HeightLookup) -> Obstacle | None:
+def _tallest(config: RoverConfig, places: _Stance, heights: HeightLookup) -> Obstacle | None:
     every = max(1, round(FOOTPRINT_STEP_M / float(places.arc_m[1])))
     arc_m = places.arc_m[::every]
-    chosen = _Places(arc_m, places.xy_m[::every], places.heading[::every], places.plane[::every])
+    chosen = _Stance(arc_m, places.xy_m[::every], places.heading[::every], places.plane[::every])
     points_m = chosen.points_m(_footprint_m(config))
     surface_m, ground_m = _heights_m(points_m, heights)
     above_m = np.maximum(surface_m - ground_m, surface_m - points_m[..., 2])
@@ -238,7 +238,7 @@ def _spaced(low_m: float, high_m: float) -> FloatArray:
     return np.linspace(low_m, high_m, int(np.ceil((high_m - low_m) / FOOTPRINT_STEP_M)) + 1)
 
 
-def _driven(config: RoverConfig, curve: WaypointCurve, places: _Places) -> Trajectory:
+def _driven(config: RoverConfig, curve: WaypointCurve, places: _Stance) -> Trajectory:
     """Return the drive along the places, as fast as slopes and curves allow."""
     from scipy.spatial.transform import Rotation
 
@@ -252,13 +252,13 @@ def _driven(config: RoverConfig, curve: WaypointCurve, places: _Places) -> Traje
     times_s, driven_m = distances_over_time(way_m, limits_m_s, config.acceleration_m_s2, {})
     at_m = np.clip(scipy.interpolate.CubicSpline(way_m, arc_m)(driven_m), 0.0, arc_m[-1])
     plane = scipy.interpolate.CubicSpline(arc_m, places.plane)(at_m)
-    there = _Places(at_m, curve.position_m(at_m), curve.tangent(at_m), plane)
+    there = _Stance(at_m, curve.position_m(at_m), curve.tangent(at_m), plane)
     positions_m = np.column_stack((there.xy_m, plane[:, 0]))
     quats_xyzw = Rotation.from_matrix(there.axes()).as_quat()
     return Trajectory(times_s, positions_m, quats_xyzw)
 
 
-def _tilts_rad(places: _Places) -> FloatArray:
+def _tilts_rad(places: _Stance) -> FloatArray:
     """Return (N,) angles between the rover's z axis and the vertical."""
     return np.asarray(np.arctan(np.hypot(places.plane[:, 1], places.plane[:, 2])))
 

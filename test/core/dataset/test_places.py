@@ -17,17 +17,17 @@ from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 
 from oaisys_core.dataset import open_dataset
 from oaisys_core.dataset.check import check_dataset
-from oaisys_core.dataset.places import Place, open_place
+from oaisys_core.dataset.places import StoragePlace, open_place
 from oaisys_core.errors import InvalidInputError, NotFoundError, RenderError
 
 
 @pytest.fixture(params=["folder", "file", "memory"])
-def place(request: pytest.FixtureRequest, tmp_path: Path) -> Place:
+def place(request: pytest.FixtureRequest, tmp_path: Path) -> StoragePlace:
     kinds = {"folder": str(tmp_path / "set"), "file": f"file://{tmp_path}/set"}
     return open_place(kinds.get(request.param, f"memory://{tmp_path.name}/set"))
 
 
-def exercise(place: Place) -> None:
+def exercise(place: StoragePlace) -> None:
     """Do with a place all that data sets do."""
     assert place.names("shards") == []
     assert not place.exists("dataset.json")
@@ -51,11 +51,11 @@ def exercise(place: Place) -> None:
     assert place.names("shards") == ["shards/a"]
 
 
-def test_objects_are_written_listed_read_and_deleted(place: Place) -> None:
+def test_objects_are_written_listed_read_and_deleted(place: StoragePlace) -> None:
     exercise(place)
 
 
-def test_an_object_stays_as_it_was_if_writing_fails(place: Place) -> None:
+def test_an_object_stays_as_it_was_if_writing_fails(place: StoragePlace) -> None:
     place.write("shards/a", b"before")
 
     def interrupted() -> None:

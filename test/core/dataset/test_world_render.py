@@ -16,7 +16,7 @@ from oaisys_core.dataset.reader import open_dataset
 from oaisys_core.dataset.rendering import dataset_info
 from oaisys_core.dataset.shards import HEAD, finished_worlds, tar_name
 from oaisys_core.dataset.workers import SetupFailure, ViewCounts, render_world, written
-from oaisys_core.dataset.world_render import RenderedView, WorldRenderer
+from oaisys_core.dataset.world_render import EncodedView, WorldRenderer
 from oaisys_core.simulation import Simulation
 
 TASKS = list(world_tasks(3, 3, 2, {"train": 0.5, "val": 0.5}))
@@ -38,7 +38,7 @@ def rendered(config, tasks):
             )
             for task in tasks
             for part in renderer.render(task)
-            if isinstance(part, RenderedView)
+            if isinstance(part, EncodedView)
             for frame in part.frames
         }
     finally:

@@ -15,7 +15,7 @@ from oaisys_core.dataset.check.report import MOST_FINDINGS, CheckReport, Finding
 from oaisys_core.dataset.check.shard import ShardResult, check_shard
 from oaisys_core.dataset.check.truth import TruthCheck, TruthResult
 from oaisys_core.dataset.manifest import DatasetInfo
-from oaisys_core.dataset.places import Place, open_place
+from oaisys_core.dataset.places import StoragePlace, open_place
 from oaisys_core.dataset.reader import Dataset, open_dataset
 from oaisys_core.dataset.shards import HEAD, SHARDS, failed_worlds, finished_worlds, tar_name
 from oaisys_core.errors import ConfigError, InvalidInputError, NotFoundError, OaisysError
@@ -63,7 +63,7 @@ def check_dataset(
 class _Summary:
     """Collects what is found, and compares the worlds with one another."""
 
-    def __init__(self, place: Place, info: DatasetInfo) -> None:
+    def __init__(self, place: StoragePlace, info: DatasetInfo) -> None:
         self._place = place
         self._info = info
         self._findings: list[Finding] = []

@@ -25,7 +25,7 @@ from oaisys_core.dataset.manifest import (
     frame_id,
     is_intact,
 )
-from oaisys_core.dataset.places import Place
+from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.dataset.shards import (
     LEGEND,
     manifest_name,
@@ -69,7 +69,7 @@ class ShardResult:
         self.findings.append(Finding(check, subject, text))
 
 
-def check_shard(place: Place, info: DatasetInfo, world: int) -> ShardResult:
+def check_shard(place: StoragePlace, info: DatasetInfo, world: int) -> ShardResult:
     """Check the manifest of a world, its tar file and every image in it."""
     result = ShardResult(world)
     records = _checked_records(place, info, result)
@@ -90,7 +90,9 @@ def check_shard(place: Place, info: DatasetInfo, world: int) -> ShardResult:
     return result
 
 
-def _checked_records(place: Place, info: DatasetInfo, result: ShardResult) -> list[FrameRecord]:
+def _checked_records(
+    place: StoragePlace, info: DatasetInfo, result: ShardResult
+) -> list[FrameRecord]:
     """Return the records that can be read."""
     name = manifest_name(result.world)
     *lines, rest = place.read(name).split(b"\n")
@@ -168,7 +170,7 @@ def _check_views(records: Sequence[FrameRecord], info: DatasetInfo, result: Shar
 
 
 @contextmanager
-def _mapped(place: Place, name: str) -> Iterator[mmap.mmap]:
+def _mapped(place: StoragePlace, name: str) -> Iterator[mmap.mmap]:
     """Yield an object as memory; that of a remote place is copied to a temporary file."""
     size = place.size(name)
     if not size:

@@ -20,7 +20,7 @@ from oaisys_core.dataset.formats.base import (
     complete_samples,
     label_names,
 )
-from oaisys_core.dataset.formats.segments import Segment, numbered_segments, segments_of
+from oaisys_core.dataset.formats.segments import PixelSegment, numbered_segments, segments_of
 from oaisys_core.output.images import encode_image
 from oaisys_core.types import INSTANCE, RGB, SEMANTIC_0
 
@@ -190,7 +190,9 @@ class _SplitWriter:
         self._panoptic_json.append("annotations", annotation)
         self._counts["panoptic segments"] += len(infos)
 
-    def _append_instance(self, segment: Segment, is_crowd: bool, shape: tuple[int, ...]) -> None:
+    def _append_instance(
+        self, segment: PixelSegment, is_crowd: bool, shape: tuple[int, ...]
+    ) -> None:
         self._annotation_id += 1
         annotation = {
             "id": self._annotation_id,
@@ -212,7 +214,7 @@ def panoptic_colors(numbers: NDArray[np.int64]) -> NDArray[np.uint8]:
     return np.asarray(np.stack(planes, axis=-1), np.uint8)
 
 
-def _segment_info(segment: Segment, is_crowd: bool) -> dict[str, Any]:
+def _segment_info(segment: PixelSegment, is_crowd: bool) -> dict[str, Any]:
     return {
         "id": segment.number,
         "category_id": segment.label_id,
@@ -223,7 +225,7 @@ def _segment_info(segment: Segment, is_crowd: bool) -> dict[str, Any]:
     }
 
 
-def _compressed(segment: Segment, shape: tuple[int, ...]) -> dict[str, Any]:
+def _compressed(segment: PixelSegment, shape: tuple[int, ...]) -> dict[str, Any]:
     """Return COCO's compressed run-length encoding of a segment's mask."""
     from pycocotools import mask
 

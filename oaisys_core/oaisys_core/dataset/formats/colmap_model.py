@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.dataset.formats.depth_points import SurfacePoints
+from oaisys_core.dataset.formats.depth_points import DepthPoints
 from oaisys_core.dataset.formats.sequences import numbers
 from oaisys_core.geometry import invert, pose_from_matrix
 from oaisys_core.output.files import write_bytes, write_text
@@ -45,7 +45,7 @@ class ColmapModel(NamedTuple):
 
     cameras: Sequence[PinholeIntrinsics]
     images: Sequence[ColmapImage]
-    points: SurfacePoints
+    points: DepthPoints
 
 
 def camera_model(intrinsics: PinholeIntrinsics) -> tuple[str, list[float]]:
@@ -149,7 +149,7 @@ def _observations(model: ColmapModel, index: int) -> tuple[FloatArray, NDArray[n
     return model.points.pixels[index] + PIXEL_CENTRE_PX, model.points.seen[index] + 1
 
 
-def _tracks(points: SurfacePoints) -> list[NDArray[Any]]:
+def _tracks(points: DepthPoints) -> list[NDArray[Any]]:
     """Return, for each point, its (L, 2) image identifiers and places in their observations."""
     if not len(points.points_m):
         return []

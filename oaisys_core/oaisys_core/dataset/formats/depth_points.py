@@ -48,7 +48,7 @@ class DepthView(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SurfacePoints:
+class DepthPoints:
     """Points with their colours and observations.
 
     Attributes:
@@ -66,7 +66,7 @@ class SurfacePoints:
 
 def world_points(
     dataset: Dataset, frames: Sequence[FrameRecord], points_per_view: int
-) -> SurfacePoints:
+) -> DepthPoints:
     """Return points of the surface that a world's colour images show."""
     rng = np.random.default_rng([frames[0].world_seed, POINTS_SEED])
     return surface_points([_view(dataset, frame) for frame in frames], points_per_view, rng)
@@ -85,7 +85,7 @@ def _view(dataset: Dataset, record: FrameRecord) -> DepthView:
 
 def surface_points(
     views: Sequence[DepthView], points_per_view: int, rng: np.random.Generator
-) -> SurfacePoints:
+) -> DepthPoints:
     """Draw pixels of each view whose ray hit something, and find the points in all views.
 
     Only one view's images are in memory at a time; each view's depth is read twice.
@@ -100,7 +100,7 @@ def surface_points(
         is_new = (others < own[0]) | (others > own[-1]) if len(own) else np.ones(len(others), bool)
         seen.append(np.concatenate((own, others[is_new])))
         pixels.append(np.concatenate((each.pixels, other_pixels[is_new])))
-    return SurfacePoints(points_m, np.concatenate([each.rgb for each in drawn]), pixels, seen)
+    return DepthPoints(points_m, np.concatenate([each.rgb for each in drawn]), pixels, seen)
 
 
 class _Drawn(NamedTuple):

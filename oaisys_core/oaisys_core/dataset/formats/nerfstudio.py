@@ -12,7 +12,7 @@ import numpy as np
 
 from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
 from oaisys_core.dataset.formats.colmap_model import PIXEL_CENTRE_PX
-from oaisys_core.dataset.formats.depth_points import POINTS_PER_VIEW, SurfacePoints, world_points
+from oaisys_core.dataset.formats.depth_points import POINTS_PER_VIEW, DepthPoints, world_points
 from oaisys_core.dataset.formats.sequences import (
     LOST_DEPTH,
     camera_sequences,
@@ -134,7 +134,7 @@ def _file(folder: str, record: FrameRecord) -> str:
     return f"{folder}/{record.frame_id}.png"
 
 
-def _ply(points: SurfacePoints) -> bytes:
+def _ply(points: DepthPoints) -> bytes:
     """Return a PLY file of coloured points; coordinates are float32."""
     layout = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
     vertices = np.empty(len(points.points_m), layout)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
-class Segment:
+class PixelSegment:
     """Pixels of an image that belong together.
 
     Attributes:
@@ -52,7 +52,7 @@ def numbered_segments(
 
 def segments_of(
     numbers: NDArray[np.int64], labels: NDArray[np.int64], instances: NDArray[np.int64]
-) -> Iterator[Segment]:
+) -> Iterator[PixelSegment]:
     """Yield the segments of an image that `numbered_segments` has numbered."""
     height = numbers.shape[0]
     flat = numbers.ravel(order="F")
@@ -63,7 +63,7 @@ def segments_of(
     for index, (label_id, instance_id) in enumerate(zip(labels, instances, strict=True)):
         mine = order[firsts[index + 1] : firsts[index + 2]]
         begins, sizes = starts[mine], lengths[mine]
-        yield Segment(
+        yield PixelSegment(
             number=index + 1,
             label_id=int(label_id),
             instance_id=int(instance_id),

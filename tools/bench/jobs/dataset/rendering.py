@@ -28,7 +28,7 @@ from oaisys_core.dataset.ray_session import RaySettings
 from oaisys_core.dataset.rendering import DatasetRendering, dataset_info
 from oaisys_core.dataset.shards import encoded_frame
 from oaisys_core.dataset.workers import ViewCounts, WorldPart
-from oaisys_core.dataset.world_render import RenderedView
+from oaisys_core.dataset.world_render import EncodedView
 from oaisys_core.errors import RenderError
 from oaisys_core.output.records import intrinsics_record
 from oaisys_core.textures.cache import LIMIT_VARIABLE
@@ -135,7 +135,7 @@ def simulated_world(config_json: str, task: WorldTask, url: str | None) -> Itera
         }
         labels = encoded.record.label_pixels
         whole = replace(record, images=images, label_pixels=labels)
-        yield RenderedView(view, (encoded._replace(record=whole),))
+        yield EncodedView(view, (encoded._replace(record=whole),))
     yield WorldLegend({number: f"label {number}" for number in range(1, 5)}, {})
 
 
