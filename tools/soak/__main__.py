@@ -20,6 +20,7 @@ from oaisys_ros_bridge.experiments.configuration import ExperimentOptions
 from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals, raise_if_interrupted
 from oaisys_ros_bridge.experiments.planner_client import PlannerClient
 from oaisys_ros_bridge.experiments.progress import Reporter
+from oaisys_ros_bridge.nodes.bridge import THREADS
 from tools.soak.counts import Gauge, busy_loops, missing_in_bag, read_gauges
 
 PLACES = 40
@@ -34,9 +35,6 @@ FIRST_READING = 50
 GROWTH_RATIO = 0.05
 GROWTH_MB = 12.0
 """A process may exceed its first reading by the larger of both, which allocators account for."""
-
-POOL_THREADS = 8
-"""Threads that may still be added: executors start theirs when they are needed."""
 
 Readings = dict[int, Mapping[str, Gauge]]
 """Gauges by number of samples and process."""
@@ -175,7 +173,8 @@ def grown(readings: Readings) -> Sequence[str]:
         for unit, before, after, spare in (
             ("MB", begin.private_mb, end.private_mb, growth_mb(begin.private_mb)),
             ("descriptors", begin.descriptors, end.descriptors, 2),
-            ("threads", begin.threads, end.threads, POOL_THREADS),
+            # The executor starts its threads when they are first needed.
+            ("threads", begin.threads, end.threads, THREADS),
             ("shared segments", begin.shared_segments, end.shared_segments, 1),
         ):
             if after > before + spare:

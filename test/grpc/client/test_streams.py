@@ -10,6 +10,7 @@ from itertools import count
 
 import pytest
 from served_simulator import Server
+from waiting import wait_until
 
 from oaisys_core.errors import CancelledError, NotFoundError, OaisysError
 from oaisys_core.geometry import pose_looking_down
@@ -81,4 +82,5 @@ def test_no_call_stays_however_it_ended(
             stream.read()
         for _ in range(ROUNDS):
             use(client, next(HEIGHTS_M))
-        assert calls_kept() - before < ROUNDS
+        # Threads of gRPC let go of a cancelled call when they wake up.
+        wait_until(lambda: calls_kept() - before < ROUNDS)
