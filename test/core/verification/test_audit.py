@@ -12,7 +12,6 @@ import open3d as o3d
 import pytest
 from typer.testing import CliRunner
 
-from oaisys_core.backend.raycast import embree
 from oaisys_core.cli.main import app
 from oaisys_core.config import config_from_mapping
 from oaisys_core.simulation import Simulation
@@ -110,8 +109,6 @@ def test_an_error_of_embree_itself_is_found(monkeypatch: pytest.MonkeyPatch) -> 
         return found
 
     monkeypatch.setattr(casting, "cast_rays", cast_too_far)
-    # Blender's Embree casts instead of Open3D's where an earlier test has loaded it.
-    monkeypatch.setattr(embree, "blenders_embree", lambda: None)
     found = audited(WORLD | {"stage": {**WORLD["stage"], "preset": "dunes"}}, views=2)
 
     assert found["depth"].wrong_share > 0.9

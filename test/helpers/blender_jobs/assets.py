@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -26,9 +25,3 @@ def colors_of_added(config: Mapping[str, Any], step: ModuleMetadata) -> tuple[An
     simulation.step_batch()
     sample = simulation.step_sample(step)
     return sample.frame("camera", "rgb").data, len(bpy.data.meshes)
-
-
-def loads_open3d(config: Mapping[str, Any], step: ModuleMetadata) -> bool:
-    """Whether Open3D was imported for a first batch and a sample."""
-    samples(config, [step])
-    return "open3d" in sys.modules

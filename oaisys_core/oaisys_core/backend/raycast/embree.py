@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.raycast.instances import InstanceTarget, keep_nearest, matvec
 from oaisys_core.backend.raycast.prototype_meshes import PlacedPrototype, PrototypeMesh
-from oaisys_core.backend.raycast.triangles import BvhBuilder, refined
+from oaisys_core.backend.raycast.triangles import refined
 from oaisys_core.errors import RenderError
 from oaisys_core.types import FloatArray
 
@@ -273,15 +273,6 @@ def blenders_embree() -> Embree | None:
         return Embree(CDLL(LIBRARY))
     except (OSError, AttributeError, RenderError):
         return None
-
-
-def blenders_bvh_builder() -> BvhBuilder | None:
-    """Return what builds BVHs by Blender's Embree, on all cores; None: Open3D's must do.
-
-    Both give the same distances; importing Open3D takes longer than building most BVHs.
-    """
-    embree = blenders_embree()
-    return None if embree is None else embree.mesh
 
 
 def _packets(count: int) -> NDArray[np.float32]:

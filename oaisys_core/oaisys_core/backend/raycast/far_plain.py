@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.embree import blenders_bvh_builder
 from oaisys_core.backend.raycast.triangles import NO_ELEMENT, RayTarget, TriangleTarget
 from oaisys_core.scene import Ground
 from oaisys_core.terrain.detail import DetailedGround
@@ -46,8 +45,7 @@ class FarPlainTarget(RayTarget):
         """Build the slope around a stage, see `stage_of`."""
         self.stage = stage
         vertices_m, triangles = rings(stage, SLOPE)
-        slope = TriangleMesh(vertices_m.astype(np.float64), triangles)
-        self._slope = TriangleTarget([slope], blenders_bvh_builder())
+        self._slope = TriangleTarget([TriangleMesh(vertices_m.astype(np.float64), triangles)])
         self._level_element = len(triangles)
         self._level_m = float(vertices_m[-1, 2])
         x0, y0, x1, y1 = stage.extent_m

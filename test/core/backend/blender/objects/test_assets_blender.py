@@ -71,11 +71,6 @@ def test_blender_sees_each_change_as_rays_do() -> None:
     assert np.allclose(steps_px, 45 * 2.0 / 13.5, rtol=0.25), "two metres a sample, seen from 14 m"
 
 
-def test_a_first_sample_does_not_wait_for_open3d() -> None:
-    """Blender's Embree casts all rays."""
-    assert not in_blender("assets.loads_open3d", CONFIG, step())
-
-
 def test_plants_show_the_colours_of_their_vertices() -> None:
     """A cushion of moss over bare ground is greener than what is around it."""
     moss = {"shape": "moss_cushion", "position_m": [0, 0, 1.5], "scale": 9.0} | LABEL
