@@ -56,11 +56,18 @@ def _marked(folder: Path) -> Iterator[int]:
     """Yield the ids of the running processes of a session, but for this one and its driver."""
     wanted = f"{MARK}={folder}".encode()
     for entry in os.scandir("/proc"):
-        if not entry.name.isdecimal() or int(entry.name) == os.getpid():
+        if not entry.name.isdecimal() or int(entry.name) in (os.getpid(), os.getppid()):
             continue
         with suppress(OSError):
-            if wanted in Path(entry.path, "environ").read_bytes().split(b"\0"):
+            has_mark = wanted in Path(entry.path, "environ").read_bytes().split(b"\0")
+            # Agents of Ray write their title over their environment; their logs stay open.
+            if has_mark or _has_open(Path(entry.path, "fd"), f"{folder}/"):
                 yield int(entry.name)
+
+
+def _has_open(descriptors: Path, below: str) -> bool:
+    """Return whether a process has a file open below a folder."""
+    return any(str(each.readlink()).startswith(below) for each in descriptors.iterdir())
 
 
 if __name__ == "__main__":
