@@ -10,6 +10,10 @@ Extensions are imported only when they are used, so a broken one does not affect
 * `PASSES`: a `GeometryPass` subclass, used as a modality.
 * `EFFECTS`: an `EnvironmentEffect` subclass, used in ``environment.effects``.
 * `DATASET_FORMATS`: a `DatasetFormat` subclass, used by ``oaisys dataset export --format``.
+* `DRIVE_RECORDERS`: a function ``(DriveDescription) -> DriveRecorder``; ``bag`` is used by ``oaisys
+  drive``.
+* `DRIVE_REPORTS`: a function ``(RecordedDrive, Callable[[str], None]) -> Path`` that writes a
+  report and may say what it does; ``html`` is used by ``oaisys drive``.
 """
 
 from __future__ import annotations
@@ -27,6 +31,8 @@ SCATTERERS = "oaisys.scatterers"
 PASSES = "oaisys.passes"
 EFFECTS = "oaisys.environment_effects"
 DATASET_FORMATS = "oaisys.dataset_formats"
+DRIVE_RECORDERS = "oaisys.drive_recorders"
+DRIVE_REPORTS = "oaisys.drive_reports"
 
 
 def names(group: str) -> set[str]:

@@ -30,7 +30,13 @@ INVERSE_CHUNK = 16384
 """Pixels that are processed at once, so that intermediate arrays fit into the CPU cache."""
 
 LEAST_MAGNIFICATION = 1e-3
-"""A distortion that scales areas by less than this anywhere in the image is refused."""
+"""A distortion that scales areas by less than this anywhere in the image is refused.
+
+The same holds for the slope of a fisheye's radius over the angle.
+"""
+
+FISHEYE_ANGLES = 4097
+"""Angles up to 180 degrees at which a fisheye's radius is tabulated, for its inverse."""
 
 IDENTITY_QUAT_XYZW = (0.0, 0.0, 0.0, 1.0)
 
@@ -71,11 +77,22 @@ def pose_from_matrix(T_map_body: ArrayLike) -> Pose:
     return Pose((float(px), float(py), float(pz)), (float(x), float(y), float(z), float(w)))
 
 
+def xyz(values: FloatArray) -> tuple[float, float, float]:
+    """Return a (3,) array as a tuple."""
+    x, y, z = values.tolist()
+    return (x, y, z)
+
+
 def invert(T: ArrayLike) -> FloatArray:
     """Return the inverse of a (4, 4) rigid transform."""
     T = np.asarray(T, dtype=np.float64)
     R_inv = T[:3, :3].T
     return transform(R_inv, -R_inv @ T[:3, 3])
+
+
+def transform_points(T_a_b: FloatArray, points_b_m: NDArray[np.floating[Any]]) -> FloatArray:
+    """Return (..., 3) points in the frame a of points in the frame b."""
+    return np.asarray(points_b_m @ T_a_b[:3, :3].T + T_a_b[:3, 3])
 
 
 def checked_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose") -> Pose:
@@ -208,25 +225,80 @@ def _magnification(
     return xx, x * y * slope + 2 * p1 * x + 2 * p2 * y, yy
 
 
+def fisheye_radius(angle_rad: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
+    """Return the radii, in focal lengths, at which a fisheye images directions off its axis.
+
+    The model is OpenCV's ``fisheye`` (J. Kannala and S. Brandt, "A generic camera model and
+    calibration method for conventional, wide-angle, and fish-eye lenses", PAMI 28, 2006):
+    angle * (1 + k1 angle^2 + k2 angle^4 + k3 angle^6 + k4 angle^8). Inverse: `fisheye_angle_rad`.
+    """
+    angle = np.asarray(angle_rad, dtype=np.float64)
+    k1, k2, k3, k4 = distortion or (0.0,) * 4
+    square = angle * angle
+    factor = 1 + square * (k1 + square * (k2 + square * (k3 + square * k4)))
+    return np.asarray(angle * factor)
+
+
+def _fisheye_slope(angle_rad: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
+    """Return the derivative of `fisheye_radius`."""
+    k1, k2, k3, k4 = distortion or (0.0,) * 4
+    square = angle_rad * angle_rad
+    slope = 1 + square * (3 * k1 + square * (5 * k2 + square * (7 * k3 + square * 9 * k4)))
+    return np.asarray(slope)
+
+
+def fisheye_angle_rad(radius: ArrayLike, distortion: tuple[float, ...]) -> FloatArray:
+    """Return the angles off the axis of radii in focal lengths; NaN where a lens sees nothing.
+
+    A lens sees up to 180 degrees, or up to where its radius stops growing with the angle.
+    """
+    radius = np.asarray(radius, dtype=np.float64)
+    angles = np.linspace(0.0, np.pi, FISHEYE_ANGLES)
+    folds = np.flatnonzero(_fisheye_slope(angles, distortion) < LEAST_MAGNIFICATION)
+    angles = angles[: folds[0]] if len(folds) else angles
+    radii = fisheye_radius(angles, distortion)
+    angle = np.interp(radius, radii, angles, right=np.nan)
+    # The table's error squares with each of Newton's steps.
+    for _ in range(2):
+        error = fisheye_radius(angle, distortion) - radius
+        angle = angle - error / _fisheye_slope(angle, distortion)
+    return np.asarray(angle)
+
+
+def _fisheye_directions(xy: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
+    """Return (..., 3) unit vectors of (..., 2) points of the image in focal lengths."""
+    radius = np.linalg.norm(xy, axis=-1)
+    angle = fisheye_angle_rad(radius, distortion)
+    with np.errstate(invalid="ignore"):
+        across = np.where(radius > 0, np.sin(angle) / radius, 1.0)
+    return np.concatenate((xy * across[..., None], np.cos(angle)[..., None]), axis=-1)
+
+
 def is_invertible(intrinsics: PinholeIntrinsics) -> bool:
     """Return whether the distortion can be inverted everywhere in the image, edges included."""
-    if not any(intrinsics.distortion):
+    if intrinsics.is_rectilinear:
         return True
     w, h = intrinsics.width_px, intrinsics.height_px
     columns, rows = np.linspace(-0.5, w - 0.5, 65), np.linspace(-0.5, h - 0.5, 65)
     u, v = (grid.ravel() for grid in np.meshgrid(columns, rows))
     pixels = np.column_stack((u, v))
-    rays = undistorted(_normalised(pixels, intrinsics), intrinsics.distortion)
-    return bool(np.isfinite(rays).all())
+    return bool(np.isfinite(_directions(pixels, intrinsics)).all())
 
 
 def pixel_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
-    """Return (H, W, 3) rays through pixel centres in the optical frame, scaled to z = 1.
+    """Return (H, W, 3) rays through pixel centres in the optical frame.
 
-    A ray times a planar depth is the point it hit. With distortion, the rays are the undistorted
-    directions; that array is cached and read-only.
+    They are scaled to z = 1, those of a fisheye to length 1: a ray times the depth of its pixel is
+    the point that it hit. With distortion, the rays are the undistorted directions; the arrays of
+    lenses are cached and read-only.
     """
-    return _lens_rays(intrinsics) if any(intrinsics.distortion) else _pinhole_rays(intrinsics)
+    return _pinhole_rays(intrinsics) if intrinsics.is_rectilinear else _lens_rays(intrinsics)
+
+
+def depth_along_ray_m(points_camera_m: ArrayLike, intrinsics: PinholeIntrinsics) -> FloatArray:
+    """Return the (N,) depths that an image has of (N, 3) points: z, of a fisheye the distance."""
+    points = np.asarray(points_camera_m, dtype=np.float64)
+    return np.asarray(np.linalg.norm(points, axis=-1) if intrinsics.is_fisheye else points[..., 2])
 
 
 def _pinhole_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
@@ -241,7 +313,10 @@ def _pinhole_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
 @lru_cache(maxsize=4)
 def _lens_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
     rays = _pinhole_rays(intrinsics)
-    rays[..., :2] = undistorted(rays[..., :2], intrinsics.distortion)
+    if intrinsics.is_fisheye:
+        rays = _fisheye_directions(rays[..., :2], intrinsics.distortion)
+    else:
+        rays[..., :2] = undistorted(rays[..., :2], intrinsics.distortion)
     rays.setflags(write=False)
     return rays
 
@@ -252,20 +327,39 @@ def project(points_camera_m: ArrayLike, intrinsics: PinholeIntrinsics) -> FloatA
     The distortion polynomial is also applied far outside the image, where it has no meaning.
     """
     points = np.asarray(points_camera_m, dtype=np.float64)
-    if not any(intrinsics.distortion):
+    if intrinsics.is_rectilinear:
         homogeneous = points @ intrinsics.K.T
         return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
-    image_xy = distorted(points[:, :2] / points[:, 2:], intrinsics.distortion)
+    if intrinsics.is_fisheye:
+        image_xy = _fisheye_image(points, intrinsics.distortion)
+    else:
+        image_xy = distorted(points[:, :2] / points[:, 2:], intrinsics.distortion)
     focal_px = (intrinsics.fx_px, intrinsics.fy_px)
     return np.asarray(image_xy * focal_px + (intrinsics.cx_px, intrinsics.cy_px))
 
 
+def _fisheye_image(points_m: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
+    """Return (N, 2) points of the image, in focal lengths, of (N, 3) points."""
+    across_m = np.linalg.norm(points_m[:, :2], axis=1)
+    radius = fisheye_radius(np.arctan2(across_m, points_m[:, 2]), distortion)
+    with np.errstate(invalid="ignore"):
+        scale = np.where(across_m > 0, radius / across_m, 1.0)
+    return np.asarray(points_m[:, :2] * scale[:, None])
+
+
 def unproject(pixels: ArrayLike, depth_m: ArrayLike, intrinsics: PinholeIntrinsics) -> FloatArray:
-    """Return (N, 3) points in the optical frame of (N, 2) pixels at (N,) planar depths."""
+    """Return (N, 3) points in the optical frame of (N, 2) pixels at (N,) depths of an image."""
     uv = np.asarray(pixels, dtype=np.float64)
-    z = np.asarray(depth_m, dtype=np.float64)
-    xy = undistorted(_normalised(uv, intrinsics), intrinsics.distortion)
-    return np.column_stack((xy * z[:, None], z))
+    depth = np.asarray(depth_m, dtype=np.float64)
+    return np.asarray(_directions(uv, intrinsics) * depth[:, None])
+
+
+def _directions(pixels: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:
+    """Return the (N, 3) rays of (N, 2) pixels, see `pixel_rays`."""
+    xy = _normalised(pixels, intrinsics)
+    if intrinsics.is_fisheye:
+        return _fisheye_directions(xy, intrinsics.distortion)
+    return np.column_stack((undistorted(xy, intrinsics.distortion), np.ones(len(xy))))
 
 
 def _normalised(pixels: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:
@@ -276,13 +370,15 @@ def _normalised(pixels: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray
 def depth_to_points(
     depth_m: NDArray[np.floating[Any]], intrinsics: PinholeIntrinsics
 ) -> NDArray[np.float32]:
-    """Return (H, W, 3) float32 points in the optical frame of an (H, W) planar depth image.
+    """Return (H, W, 3) float32 points in the optical frame of an (H, W) depth image.
 
     Pixels that hit nothing (``+inf``) give non-finite points.
     """
     z = np.asarray(depth_m, dtype=np.float32)
     points = np.empty((*z.shape, 3), dtype=np.float32)
     with np.errstate(invalid="ignore"):
+        if intrinsics.is_fisheye:
+            return np.asarray(z[..., None] * _lens_rays(intrinsics).astype(np.float32))
         if any(intrinsics.distortion):
             rays = _lens_rays(intrinsics).astype(np.float32)
             np.multiply(z[..., None], rays[..., :2], out=points[..., :2])

@@ -16,6 +16,7 @@ from oaisys_core.config.section import Section
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.scene import (
     Ground,
+    Lamp,
     MeshPrototype,
     PlacedCamera,
     Placement,
@@ -25,7 +26,9 @@ from oaisys_core.scene import (
     TerrainMaterial,
 )
 from oaisys_core.terrain.detail import Detail, DetailedGround
-from oaisys_core.types import merged
+from oaisys_core.terrain.surroundings.far_ground import FarGround
+from oaisys_core.terrain.surroundings.kinds import Surroundings
+from oaisys_core.types import FloatArray, merged
 
 Metadata = Mapping[str, Any] | None
 """The part of a step's metadata that a module receives, or None."""
@@ -48,6 +51,10 @@ class World:
         detail: How ``ground`` is refined near the cameras; None for no refinement.
         near_ground: The ground refined around the current cameras. What modules draw does not
             depend on it.
+        lamps: The lamps that are on, in their own frames.
+        T_map_base: (4, 4) pose of the rig.
+        surroundings: What surrounds the stage.
+        far_ground: The ground around the stage, once the sky has shown it.
     """
 
     ground: Ground | None = None
@@ -56,11 +63,15 @@ class World:
     stage_notes: dict[str, Any] = field(default_factory=dict)
     detail: Detail | None = None
     near_ground: DetailedGround | None = None
+    surroundings: Surroundings = field(default_factory=Surroundings)
+    far_ground: FarGround | None = None
     material: TerrainMaterial | None = None
     prototypes: tuple[MeshPrototype, ...] = ()
     placements: tuple[Placement, ...] = ()
     primitives: tuple[Primitive, ...] = ()
     sky: Sky | None = None
+    lamps: tuple[Lamp, ...] = ()
+    T_map_base: FloatArray | None = None
     cameras: tuple[PlacedCamera, ...] = ()
     render: RenderSettings | None = None
     semantic_labels: dict[int, str] = field(default_factory=dict)
@@ -71,6 +82,7 @@ class World:
         self.ground, self.stage_hash = other.ground, other.stage_hash
         self.drawn_ground, self.stage_notes = other.drawn_ground, other.stage_notes
         self.detail = other.detail
+        self.surroundings, self.far_ground = other.surroundings, other.far_ground
         self.material = other.material
         layers = require(other.material).layers
         ids = {semantic_id for layer in layers for semantic_id in layer.all_semantic_ids}
@@ -82,14 +94,17 @@ class World:
         """The ground as the cameras see it now."""
         return self.near_ground or require(self.ground)
 
-    def refine(self) -> bool:
-        """Refine the ground around the cameras; return whether it changed."""
+    @property
+    def is_in_land(self) -> bool:
+        """Whether the ground beyond the stage, if it is shown, is land."""
+        return self.ground is not None and self.surroundings.is_land(self.ground)
+
+    def refine(self) -> None:
+        """Refine the ground around the cameras, where it must change."""
         if self.detail is None or not self.cameras:
-            return False
-        before = self.near_ground
+            return
         positions_m = np.array([camera.T_map_camera[:3, 3] for camera in self.cameras])
-        self.near_ground = self.detail.around(require(self.ground), before, positions_m)
-        return self.near_ground is not before
+        self.near_ground = self.detail.around(require(self.ground), self.near_ground, positions_m)
 
     def scene(self) -> Scene:
         """Return what the backend builds.
@@ -97,16 +112,21 @@ class World:
         Raises:
             NotReadyError: A module has not drawn its part yet.
         """
+        sky = require(self.sky)
+        if sky.shows_plain:
+            self.far_ground = self.surroundings.around(require(self.ground), self.far_ground)
         return Scene(
             ground=self.surface,
             material=require(self.material),
             prototypes=self.prototypes,
             placements=self.placements,
             primitives=self.primitives,
-            sky=require(self.sky),
+            sky=sky,
             semantic_labels=dict(sorted(self.semantic_labels.items())),
             stage_hash=self.stage_hash + (self.near_ground.tag if self.near_ground else ""),
             custom={"stage": dict(self.stage_notes)},
+            lamps=tuple(lamp.in_map(self.T_map_base) for lamp in self.lamps),
+            far_ground=self.far_ground if sky.shows_plain else None,
         )
 
 

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from oaisys_core.lamps import Lamp
 from oaisys_core.sky import Sky
 from oaisys_core.types import (
     FLOW,
@@ -24,9 +25,13 @@ from oaisys_core.types import (
 )
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, id_of_level
 
+if TYPE_CHECKING:
+    from oaisys_core.terrain.surroundings.far_ground import FarGround
+
 __all__ = [
     "Ground",
     "HeightField",
+    "Lamp",
     "Lens",
     "LidarErrors",
     "MeshPrototype",
@@ -202,6 +207,9 @@ class Scene:
     Attributes:
         stage_hash: Content hash of the ground, by which a backend sees that it did not change.
         semantic_labels: The name of each semantic id in the scene.
+        lamps: The lamps that are on, in ``map``.
+        far_ground: The ground beyond the stage, if the sky shows it; it is no part of the ground
+            truth mesh.
     """
 
     ground: Ground
@@ -213,17 +221,21 @@ class Scene:
     semantic_labels: Mapping[int, str]
     stage_hash: str = ""
     custom: Mapping[str, Any] = field(default_factory=dict)
+    lamps: tuple[Lamp, ...] = ()
+    far_ground: FarGround | None = None
 
     def differs_from(self, other: Scene) -> bool:
-        """Return whether any part is a different object, or the sky or a label differs."""
+        """Return whether a part is a different object, or the light or a label differs."""
         kept = (
             self.ground is other.ground
+            and self.far_ground is other.far_ground
             and self.material is other.material
             and self.prototypes is other.prototypes
             and self.placements is other.placements
             and self.primitives is other.primitives
         )
-        return not kept or self.sky != other.sky or self.semantic_labels != other.semantic_labels
+        same_light = self.sky == other.sky and self.lamps == other.lamps
+        return not (kept and same_light and self.semantic_labels == other.semantic_labels)
 
 
 @dataclass(frozen=True)
@@ -257,6 +269,12 @@ class PlacedCamera(ShortRepr):
         lens: Lens for depth of field; None if everything is in focus.
         shutter_share: Share of the motion since the previous pose during which the shutter is
             open; 0 for no motion blur.
+        stereo_baseline_m: Distance of the two cameras of a stereo pair, for disparities; 0 for a
+            single camera.
+        readout_s: Time from the first row's exposure to the last row's; 0 for a global shutter.
+        exposure_s: Time for which each row is exposed, which blurs colour.
+        pose_at: Poses during readout and exposure, from the middle of the first row's exposure on;
+            None: the camera stands still.
     """
 
     name: str
@@ -266,11 +284,22 @@ class PlacedCamera(ShortRepr):
     T_map_previous: FloatArray | None = None
     lens: Lens | None = None
     shutter_share: float = 0.0
+    stereo_baseline_m: float = 0.0
+    readout_s: float = 0.0
+    exposure_s: float = 0.0
+    pose_at: PoseAtTime | None = None
 
     @property
     def depends_on_past(self) -> bool:
         """Whether the images depend on the camera's pose at the previous sample."""
-        return FLOW in self.modalities or bool(self.shutter_share and RGB in self.modalities)
+        is_blurred = (self.shutter_share or self.exposure_s) and RGB in self.modalities
+        return FLOW in self.modalities or bool(is_blurred or self.readout_s)
+
+    def row_poses(self) -> FloatArray | None:
+        """Return the (H, 4, 4) pose in the middle of each row's exposure; None if all are one."""
+        if self.pose_at is None or self.readout_s == 0:
+            return None
+        return self.pose_at(np.linspace(0.0, self.readout_s, self.intrinsics.height_px))
 
 
 @dataclass(frozen=True, repr=False)

@@ -150,9 +150,9 @@ class Simulation:
             modalities: Modalities to render; none: all of each sensor that is due.
             sensors: Sensors to render; none: all that are due. Named sensors and sensors with a
                 named modality render whether they are due or not.
-            T_map_base: Poses of the rig after the sample's own, from which lidars cast each ray at
-                its own time, whatever their ``sweep_share``. Provenance does not hold them, so
-                `repeat` makes other scans.
+            T_map_base: Poses of the rig about the sample's own, from which lidars cast each ray at
+                its own time, whatever their ``sweep_share``, and cameras with ``readout_s`` see
+                each row. Provenance does not hold them, so `repeat` makes others.
             progress: Called with the progress; may raise `CancelledError`.
 
         Raises:
@@ -199,7 +199,7 @@ class Simulation:
             self._apply(batch, metadata)
             due = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
             if T_map_base is not None:
-                due = due._replace(lidars=self._sensors.following(due.lidars, T_map_base))
+                due = self._sensors.following(due, T_map_base)
             settings = drawn(batch.world.render)
             due = due._replace(cameras=settings.allowed(due.cameras))
             return (yield from self._sample(batch, due, settings, progress, started_s))
@@ -276,12 +276,18 @@ class Simulation:
             quality=render.quality if render else self._config.render.quality,
             sensors=self._sensors.sensors,
             lidars=self._sensors.lidars,
+            imus=self._sensors.imus,
             semantic_labels=dict(batch.world.semantic_labels) if batch else {},
             batch_id=batch.id if batch else 0,
             sample_id=batch.sample_id if batch else 0,
             stage_extent_m=ground.extent_m if ground else None,
             device=self._backend.device,
         )
+
+    @property
+    def batch_seed(self) -> int:
+        """Seed of the current world."""
+        return self._current().seeds.seed
 
     @property
     def scene(self) -> Scene:
@@ -293,8 +299,12 @@ class Simulation:
         self._current()
         return self._backend.ground_truth_mesh()
 
-    def query_height(self, points_m: ArrayLike) -> HeightQuery:
-        """Return the heights under (N, 3) points in ``map``; NaN off the stage.
+    def query_height(self, points_m: ArrayLike, *, on_stage: bool = False) -> HeightQuery:
+        """Return the heights under (N, 3) points in ``map``; NaN where there is no ground.
+
+        Args:
+            points_m: The points.
+            on_stage: Return NaN off the stage even where land surrounds it.
 
         Raises:
             InvalidInputError: The points have another shape or are not finite.
@@ -302,7 +312,11 @@ class Simulation:
         points = np.asarray(points_m, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
             raise InvalidInputError("points_m", points.shape, "(N, 3) finite coordinates")
-        ground_m = self._current().world.surface.height_at(points[:, :2])
+        world = self._current().world
+        ground_m = world.surface.height_at(points[:, :2])
+        far_ground = None if on_stage else world.scene().far_ground
+        if far_ground is not None:
+            ground_m = np.where(np.isnan(ground_m), far_ground.height_at(points[:, :2]), ground_m)
         surface_m: FloatArray = np.full(len(points), np.nan)
         inside = np.isfinite(ground_m)
         if inside.any():
@@ -333,7 +347,7 @@ class Simulation:
         extent_m: Extent | None = None,
         progress: ProgressCallback = ignore_progress,
     ) -> HeightGrid:
-        """Return the heights of ground and topmost surface on a grid.
+        """Return the heights of ground and topmost surface on a grid; NaN off the stage.
 
         Args:
             resolution_m: Edge of a cell.
@@ -345,7 +359,7 @@ class Simulation:
             NotReadyError: Before the first batch.
         """
         extent_m = extent_m or drawn(self._current().world.ground).extent_m
-        return height_grid(resolution_m, extent_m, self.query_height, progress)
+        return height_grid(resolution_m, extent_m, self._stage_height, progress)
 
     def state(self) -> dict[str, Any]:
         """Return all that another process needs to continue from here, as JSON-able data."""
@@ -429,6 +443,9 @@ class Simulation:
         if changed.differs_from(world.scene()):
             self._backend.update(world.scene())
 
+    def _stage_height(self, points_m: FloatArray) -> HeightQuery:
+        return self.query_height(points_m, on_stage=True)
+
     def _with_admitted_pose(self, batch: Batch, metadata: ModuleMetadata) -> ModuleMetadata:
         """Return the metadata with the admitted pose and without the pose policy."""
         sensor = dict(metadata.sensor or {})
@@ -436,7 +453,7 @@ class Simulation:
         if "pose" not in sensor and self._sensors.moves_itself:
             return metadata if policy is None else replace(metadata, sensor=sensor)
         pose = sensor.get("pose") or drawn(self._sensors.rig_pose)
-        sensor["pose"] = self._sensors.admitted(pose, batch.world, self.query_height, policy)
+        sensor["pose"] = self._sensors.admitted(pose, batch.world, self._stage_height, policy)
         return replace(metadata, sensor=sensor)
 
     def _apply(self, batch: Batch, metadata: ModuleMetadata) -> None:
@@ -446,9 +463,11 @@ class Simulation:
         if after.differs_from(before):
             self._backend.update(after)
         if "pose" not in (metadata.sensor or {}) and self._sensors.moves_itself:
-            self._sensors.move(batch.world, batch.seeds.seed, self.query_height)
-        if batch.world.refine():
-            self._backend.update(batch.world.scene())
+            self._sensors.move(batch.world, batch.seeds.seed, self._stage_height)
+        batch.world.refine()
+        at_pose = batch.world.scene()
+        if at_pose.differs_from(after):
+            self._backend.update(at_pose)
 
     def _outline(self, batch: Batch, due: DueSensors, settings: RenderSettings) -> SampleOutline:
         """Return the outline of the next sample."""

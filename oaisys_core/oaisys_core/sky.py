@@ -34,6 +34,15 @@ class Gradient:
     glow_rad: float = 0.2
 
 
+def gradient_radiance(gradient: Gradient, directions: FloatArray, to_sun: FloatArray) -> FloatArray:
+    """Return the (N, 3) radiance along (N, 3) unit vectors; ``to_sun`` is one, too."""
+    share = np.sqrt(np.maximum(directions[:, 2], 0.0))[:, None]
+    color = np.array(gradient.horizon) * (1 - share) + np.array(gradient.zenith) * share
+    angle = np.arccos(np.clip(directions @ to_sun, -1.0, 1.0))
+    glow = np.exp(-angle / gradient.glow_rad)[:, None] * np.array(gradient.glow)
+    return np.asarray(color + glow)
+
+
 @dataclass(frozen=True)
 class Haze:
     """Haze that attenuates distant objects and adds light of its own (Koschmieder).
@@ -114,6 +123,8 @@ class Sky:
         has_plain: Whether the ground continues beyond the stage to the horizon; not with ``hdri``.
         ground_semantic_ids: Ids of the ground beyond the stage, and of pixels below the horizon
             that hit nothing. None uses those of the ground's material and of the sky.
+        dips: Whether the ground ends at a horizon that lies lower the higher one looks from, so
+            that the sky reaches below the horizontal.
     """
 
     sun_elevation_rad: float
@@ -133,6 +144,7 @@ class Sky:
     haze: Haze | None = None
     has_plain: bool = False
     ground_semantic_ids: tuple[int, ...] | None = None
+    dips: bool = False
 
     @property
     def shows_plain(self) -> bool:
@@ -156,7 +168,7 @@ class Sky:
         if self.hdri is not None:
             return self._ids_in_image(self.hdri, directions, level)
         ids = np.full(len(directions), id_of_level(self.semantic_ids, level), np.uint16)
-        if self.ground_semantic_ids is not None:
+        if self.ground_semantic_ids is not None and not (self.shows_plain and self.dips):
             ids[directions[:, 2] < 0] = id_of_level(self.ground_semantic_ids, level)
         return ids
 

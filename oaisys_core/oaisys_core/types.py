@@ -30,6 +30,7 @@ RANGE = "range"
 NORMAL = "normal"
 FLOW = "flow"
 ALBEDO = "albedo"
+DISPARITY = "disparity"
 
 POINTS = "points"
 """Modality of lidars, whose data are points rather than an image."""
@@ -50,6 +51,7 @@ _MODALITIES: Mapping[str, ModalitySpec] = {
     NORMAL: ModalitySpec(np.dtype(np.float32), 3),
     FLOW: ModalitySpec(np.dtype(np.float32), 2),
     ALBEDO: ModalitySpec(np.dtype(np.uint8), 3),
+    DISPARITY: ModalitySpec(np.dtype(np.float32), 1),
 }
 _SEMANTIC = ModalitySpec(np.dtype(np.uint16), 1)
 
@@ -58,11 +60,13 @@ def modality_spec(modality: str) -> ModalitySpec:
     """Return the type of a modality's pixels.
 
     * ``rgb``: sRGB colour. ``albedo``: sRGB-encoded reflectance, without light and effects.
-    * ``depth``: planar z in metres; ``range``: metres along the ray; ``+inf`` where nothing is hit.
+    * ``depth``: planar z in metres, of a fisheye the same as ``range``; ``range``: metres along the
+      ray; ``+inf`` where nothing is hit.
     * ``semantic_0`` to ``semantic_9``: label ids by level. ``instance``: object ids, 0 for none.
     * ``normal``: unit normals in the optical frame, towards the camera; 0 where nothing is hit.
     * ``flow``: motion (du, dv) in pixels since the sensor's previous sample of the surface that a
       pixel shows; NaN where it was not in front of the camera, or without a previous sample.
+    * ``disparity``: distance in pixels between the images of a stereo pair; 0 where nothing is hit.
 
     Raises:
         KeyError: There is no such modality.
@@ -118,16 +122,25 @@ class Pose:
     quat_xyzw: tuple[float, float, float, float]
 
 
+PLUMB_BOB = "plumb_bob"
+"""ROS's name of a pinhole camera with Brown-Conrady distortion of five coefficients."""
+
+EQUIDISTANT = "equidistant"
+"""ROS's name of OpenCV's fisheye camera (Kannala-Brandt) of four coefficients."""
+
+
 @dataclass(frozen=True)
 class PinholeIntrinsics:
-    """Pinhole camera in OpenCV's convention: pixel centres at integers.
+    """A pinhole or fisheye camera in OpenCV's convention: pixel centres at integers.
 
     Attributes:
         width_px, height_px: Image size.
-        fx_px, fy_px: Focal lengths in pixels.
+        fx_px, fy_px: Focal lengths in pixels; of a fisheye, pixels per radian on the axis.
         cx_px, cy_px: Principal point; (319.5, 239.5) is the centre of a 640x480 image.
         distortion: Brown-Conrady coefficients (k1, k2, p1, p2, k3) in the order of OpenCV and of
-            ROS's ``plumb_bob``; empty for none.
+            ROS's ``plumb_bob``; of a fisheye, the coefficients (k1, k2, k3, k4) of OpenCV's
+            ``fisheye``; empty for none.
+        distortion_model: `PLUMB_BOB`, or `EQUIDISTANT` for a fisheye.
     """
 
     width_px: int
@@ -137,6 +150,17 @@ class PinholeIntrinsics:
     cx_px: float
     cy_px: float
     distortion: tuple[float, ...] = ()
+    distortion_model: str = PLUMB_BOB
+
+    @property
+    def is_fisheye(self) -> bool:
+        """Whether it is a fisheye, whose depth images have ranges along the rays."""
+        return self.distortion_model == EQUIDISTANT
+
+    @property
+    def is_rectilinear(self) -> bool:
+        """Whether it images straight lines as straight lines: a pinhole without distortion."""
+        return not self.is_fisheye and not any(self.distortion)
 
     @property
     def K(self) -> FloatArray:  # noqa: N802 - the field's name for the camera matrix
@@ -165,6 +189,8 @@ class Provenance:
             without the pose, as JSON; empty if it is not known.
         previous_poses_json: Pose of the rig at the previous sample of each sensor whose images
             depend on it (flow, motion blur), as JSON by the sensor's name; empty for none.
+        exposures_json: Exposure of each colour image in stops, fixed or metered, as JSON by the
+            camera's name; empty for none.
     """
 
     seed: int
@@ -179,6 +205,7 @@ class Provenance:
     asset_seed: int = 0
     metadata_json: str = ""
     previous_poses_json: str = ""
+    exposures_json: str = ""
 
 
 @dataclass(frozen=True, repr=False)
@@ -189,7 +216,7 @@ class Frame(ShortRepr):
         sensor: Name of the sensor.
         modality: See `modality_spec`.
         data: (H, W) or (H, W, channels) by `modality_spec`. Depth is planar z in metres at the
-            pixel's centre, ``+inf`` where nothing was hit (REP-117).
+            pixel's centre (of a fisheye, the range), ``+inf`` where nothing was hit (REP-117).
         intrinsics: The camera.
         T_map_camera: (4, 4) pose of the camera's *optical* frame (z forward, x right, y down).
     """
@@ -273,6 +300,19 @@ class Odometry:
 
 
 @dataclass(frozen=True)
+class Twist:
+    """Velocity of a body, in its own axes, as in ``nav_msgs/Odometry``.
+
+    Attributes:
+        velocity_m_s: Linear velocity.
+        angular_rate_rad_s: Angular rate.
+    """
+
+    velocity_m_s: tuple[float, float, float]
+    angular_rate_rad_s: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class SampleOutline:
     """A sample without its images, known before they are rendered.
 
@@ -280,7 +320,8 @@ class SampleOutline:
 
     Attributes:
         frames: The frames that it will contain, in order, then the scans.
-        provenance: That of the sample, except that ``render_samples`` is 0.
+        provenance: That of the sample, except that ``render_samples`` is 0 and ``exposures_json``
+            is empty.
         from_cache, odometry: See `Sample`.
     """
 
@@ -352,6 +393,51 @@ class Sample:
         raise KeyError(f"no scan of {sensor}")
 
 
+ODOMETRY = "odometry"
+"""Name under which a drive counts odometry among its sensors."""
+
+
+@dataclass(frozen=True)
+class ImuReading:
+    """One measurement of one IMU, in its own frame.
+
+    Attributes:
+        sensor: Name of the IMU.
+        angular_rate_rad_s: Angular rate about x, y and z.
+        specific_force_m_s2: Acceleration minus gravity.
+    """
+
+    sensor: str
+    angular_rate_rad_s: tuple[float, float, float]
+    specific_force_m_s2: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class DriveInstant:
+    """Everything that a drive brings at one simulated time.
+
+    Attributes:
+        time_ns: Simulated time.
+        pose: True pose of ``base_link`` in ``map``.
+        velocity_m_s, angular_rate_rad_s: True twist in ``base_link``, as in ``nav_msgs/Odometry``.
+        has_odometry: Whether odometry is due.
+        odometry: What it estimates at this time, due or not; None without drift.
+        imus: What the IMUs measure that are due.
+        sensors: Names of the cameras and lidars that are due.
+        sample: What these saw; None where none is due.
+    """
+
+    time_ns: int
+    pose: Pose
+    velocity_m_s: tuple[float, float, float]
+    angular_rate_rad_s: tuple[float, float, float]
+    has_odometry: bool = False
+    odometry: Odometry | None = None
+    imus: tuple[ImuReading, ...] = ()
+    sensors: tuple[str, ...] = ()
+    sample: Sample | None = None
+
+
 def _as_rendered(frame: Frame) -> Frame:
     return frame
 
@@ -421,6 +507,24 @@ class LidarInfo(ShortRepr):
     extra_fields: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, repr=False)
+class ImuInfo(ShortRepr):
+    """An inertial measurement unit of the rig.
+
+    Attributes:
+        T_base_imu: (4, 4) pose of the IMU in ``base_link``.
+        rate_hz: Measurements per second.
+        angular_rate_sigma_rad_s, specific_force_sigma_m_s2: Standard deviation of the white noise
+            of each axis in one measurement.
+    """
+
+    name: str
+    T_base_imu: FloatArray
+    rate_hz: float
+    angular_rate_sigma_rad_s: float = 0.0
+    specific_force_sigma_m_s2: float = 0.0
+
+
 @dataclass(frozen=True)
 class SimulatorInfo:
     """A running simulator: its version, its sensors, its current batch and sample.
@@ -428,6 +532,7 @@ class SimulatorInfo:
     Attributes:
         sensors: The cameras.
         lidars: The lidars.
+        imus: The IMUs.
         semantic_labels: Name by semantic id.
         stage_extent_m: (min_x, min_y, max_x, max_y) of the ground, or None before the first batch.
         worker_restarts: Number of times that a server has replaced a rendering process that died.
@@ -447,6 +552,65 @@ class SimulatorInfo:
     worker_restarts: int = 0
     device: str = "cpu"
     lidars: tuple[LidarInfo, ...] = ()
+    imus: tuple[ImuInfo, ...] = ()
+
+
+@dataclass(frozen=True, repr=False)
+class TimedPoses(ShortRepr):
+    """Poses of ``base_link`` in ``map`` at K times, with a smooth motion between them.
+
+    Attributes:
+        times_s: (K,) increasing times.
+        positions_m: (K, 3) positions.
+        quats_xyzw: (K, 4) orientations.
+    """
+
+    times_s: FloatArray
+    positions_m: FloatArray
+    quats_xyzw: FloatArray
+
+
+@dataclass(frozen=True)
+class PlannedTrajectory:
+    """A trajectory that a simulator has planned and keeps for drives.
+
+    Attributes:
+        name: Its name in the simulator.
+        poses: The poses that its motion interpolates; simulated time starts at the first one.
+        end_s: Time at which a drive ends.
+        length_m: Length of the way until then.
+        gravity_m_s2: Gravity that IMUs measure.
+        odometry_rate_hz: Rate of odometry.
+        obstacle: What a rover stops in front of, in words; empty for nothing.
+        odometry_drift_json: Errors of odometry, with the configuration's keys; empty for none.
+    """
+
+    name: str
+    poses: TimedPoses
+    end_s: float
+    length_m: float
+    gravity_m_s2: float
+    odometry_rate_hz: float
+    obstacle: str = ""
+    odometry_drift_json: str = ""
+
+
+@dataclass(frozen=True)
+class DriveOutline:
+    """A drive before its first measurement.
+
+    Attributes:
+        trajectory: Name of the trajectory.
+        batch_id: The world.
+        start_ns, end_ns: Simulated time at the beginning and at the end.
+        due: The number of measurements of each sensor, and of `ODOMETRY`.
+    """
+
+    trajectory: str
+    batch_id: int
+    start_ns: int
+    end_ns: int
+    due: Mapping[str, int]
 
 
 @dataclass(frozen=True, repr=False)
@@ -469,7 +633,7 @@ class HeightGrid(ShortRepr):
 
 @dataclass(frozen=True, repr=False)
 class HeightQuery(ShortRepr):
-    """Heights under points; NaN where a point is off the stage.
+    """Heights under points; NaN where there is no ground: off a stage that no land surrounds.
 
     Attributes:
         ground_height_m: (N,) elevation of the ground.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pixel_rays, project, undistorted
-from oaisys_core.types import FloatArray, PinholeIntrinsics
+from oaisys_core.types import PLUMB_BOB, FloatArray, PinholeIntrinsics
 
 SAME_SURFACE = 0.05
 """Largest relative difference of neighbouring depths between which depth is interpolated."""
@@ -24,7 +24,13 @@ def rectified_camera(camera: PinholeIntrinsics) -> PinholeIntrinsics:
     """Return the pinhole camera of the same size whose field of view lies within ``camera``'s.
 
     Its image is the largest upright rectangle between the curved edges.
+
+    Raises:
+        InvalidInputError: It is a fisheye, which may see more than any pinhole camera.
     """
+    if camera.is_fisheye:
+        received = camera.distortion_model
+        raise InvalidInputError("camera.distortion_model", received, f"{PLUMB_BOB}: a pinhole")
     if not any(camera.distortion):
         return camera
     right, bottom = camera.width_px - 1, camera.height_px - 1
@@ -50,7 +56,7 @@ def rectified(
     Raises:
         InvalidInputError: The images' sizes do not fit a camera with distortion.
     """
-    if not any(camera.distortion):
+    if camera.is_rectilinear:
         return depth_m, rgb
     size = (camera.height_px, camera.width_px)
     for name, image in (("depth_m", depth_m), ("rgb", rgb)):
@@ -80,7 +86,7 @@ def rectified_labels(labels: NDArray[np.uint16], camera: PinholeIntrinsics) -> N
     Raises:
         InvalidInputError: The image's size does not fit a camera with distortion.
     """
-    if not any(camera.distortion):
+    if camera.is_rectilinear:
         return labels
     size = (camera.height_px, camera.width_px)
     if labels.shape != size:

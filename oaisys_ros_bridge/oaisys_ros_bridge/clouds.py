@@ -83,10 +83,8 @@ def depth_to_cloud_msg(
     height, width = z.shape
     data = array.array("B", bytes(CLOUD_POINT.itemsize * z.size))
     cloud = np.frombuffer(data, dtype="<f4").reshape(height, width, 4)
-    x, y = _slopes(intrinsics, options.stride)
-    np.multiply(z, x, out=cloud[..., 0], casting="same_kind")
-    np.multiply(z, y, out=cloud[..., 1], casting="same_kind")
-    cloud[..., 2] = z
+    for axis, factor in enumerate(_rays(intrinsics, options.stride)):
+        np.multiply(z, factor, out=cloud[..., axis], casting="same_kind")
     if rgb is not None:
         # Bytewise: faster than packing them into integers first.
         packed = np.frombuffer(data, dtype=np.uint8).reshape(height, width, CLOUD_POINT.itemsize)
@@ -108,14 +106,17 @@ def _kept(depth_m: NDArray[np.float32], options: CloudOptions) -> NDArray[np.flo
     return np.where(is_point, depth_m, np.float32(np.nan))
 
 
-def _slopes(intrinsics: PinholeIntrinsics, stride: int) -> tuple[FloatArray, FloatArray]:
-    """Return x / z and y / z of every ``stride``-th pixel, as arrays that broadcast to (H, W)."""
-    if any(intrinsics.distortion):
-        rays = pixel_rays(intrinsics)[::stride, ::stride]
-        return rays[..., 0], rays[..., 1]
+def _rays(intrinsics: PinholeIntrinsics, stride: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return x, y, z of the ray of every ``stride``-th pixel, as arrays that broadcast to (H, W).
+
+    See `pixel_rays`.
+    """
+    if not intrinsics.is_rectilinear:
+        x, y, z = np.moveaxis(pixel_rays(intrinsics)[::stride, ::stride], -1, 0)
+        return x, y, z
     u = (np.arange(0, intrinsics.width_px, stride) - intrinsics.cx_px) / intrinsics.fx_px
     v = (np.arange(0, intrinsics.height_px, stride) - intrinsics.cy_px) / intrinsics.fy_px
-    return u[None, :], v[:, None]
+    return u[None, :], v[:, None], np.ones((1, 1))
 
 
 def _message(

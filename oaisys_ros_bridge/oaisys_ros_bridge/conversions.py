@@ -15,19 +15,18 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PoseStamped, Quaternion, TransformStamped, Vector3
 from geometry_msgs.msg import Pose as PoseMsg
-from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import CameraInfo, Image
 from std_msgs.msg import Header
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import checked_pose, is_invertible, pose_from_matrix, pose_to_matrix
-from oaisys_core.types import FloatArray, PinholeIntrinsics, Pose
+from oaisys_core.types import EQUIDISTANT, PLUMB_BOB, FloatArray, PinholeIntrinsics, Pose
 
 T = TypeVar("T")
 
-PLUMB_BOB = "plumb_bob"
-"""ROS's name of the Brown-Conrady model with five coefficients."""
+COEFFICIENTS = {PLUMB_BOB: 5, EQUIDISTANT: 4}
+"""Number of coefficients by distortion model."""
 
 
 class PixelFormat(NamedTuple):
@@ -79,9 +78,6 @@ COLOR_ORDERS = {
 """Indices of red, green and blue among the channels of a colour image."""
 
 NS_PER_S = 1_000_000_000
-
-UNKNOWN_VARIANCE = 1e6
-"""Variance of an unknown velocity, (m/s)^2 or (rad/s)^2."""
 
 
 def opencv_encoding(data: NDArray[Any]) -> str:
@@ -165,34 +161,6 @@ def transform_from_msg(msg: TransformStamped) -> FloatArray:
     return pose_to_matrix(checked_pose((t.x, t.y, t.z), (q.x, q.y, q.z, q.w), "transform"))
 
 
-def odometry_to_msg(
-    pose: Pose, header: Header, child_frame: str, covariance: ArrayLike | None = None
-) -> Odometry:
-    """Return the odometry of a body at ``pose`` with unknown twist; inverse: `odometry_from_msg`.
-
-    ``geometry_msgs/TwistWithCovariance`` has no value for "unknown", so the twist's variances are
-    `UNKNOWN_VARIANCE`, which gives it no weight in a filter. ``robot_localization`` would take a
-    variance of 0 for certainty, and the -1 of ``sensor_msgs/Imu`` for a variance of 1.
-
-    Args:
-        pose: In ``header``'s frame.
-        header: Stamp and frame.
-        child_frame: Of the body.
-        covariance: (36,) row-major, of x, y, z and rotations about x, y, z; None: exact.
-    """
-    msg = Odometry(header=header, child_frame_id=child_frame)
-    msg.pose.pose = pose_to_msg(pose)
-    msg.twist.covariance = np.diag(np.full(6, UNKNOWN_VARIANCE)).ravel()
-    if covariance is not None:
-        msg.pose.covariance = np.asarray(covariance, dtype=np.float64)
-    return msg
-
-
-def odometry_from_msg(msg: Odometry) -> Pose:
-    """Return the pose in an odometry message."""
-    return pose_from_msg(checked_type(msg, Odometry, "odometry").pose.pose, "odometry.pose")
-
-
 def intrinsics_to_msg(
     intrinsics: PinholeIntrinsics, header: Header, baseline_m: float = 0.0
 ) -> CameraInfo:
@@ -208,8 +176,8 @@ def intrinsics_to_msg(
         header=header,
         width=intrinsics.width_px,
         height=intrinsics.height_px,
-        distortion_model=PLUMB_BOB,
-        d=list(intrinsics.distortion) or [0.0] * 5,
+        distortion_model=intrinsics.distortion_model,
+        d=list(intrinsics.distortion) or [0.0] * COEFFICIENTS[intrinsics.distortion_model],
         k=K.ravel(),
         r=np.eye(3).ravel(),
         p=np.column_stack((K, to_left)).ravel(),
@@ -221,20 +189,22 @@ def intrinsics_from_msg(msg: CameraInfo) -> PinholeIntrinsics:
 
     Raises:
         TypeError: ``msg`` is not a ``sensor_msgs/CameraInfo``.
-        InvalidInputError: The camera is skewed or not calibrated, or its distortion is not of the
-            model plumb_bob or not invertible.
+        InvalidInputError: The camera is skewed or not calibrated, or its distortion is neither of
+            the model plumb_bob nor equidistant, or not invertible.
     """
     checked_type(msg, CameraInfo, "camera_info")
     K = np.asarray(msg.k).reshape(3, 3)
     distortion = tuple(float(value) for value in msg.d) if np.any(np.asarray(msg.d)) else ()
-    if distortion and (msg.distortion_model != PLUMB_BOB or len(distortion) != 5):
+    model = EQUIDISTANT if msg.distortion_model == EQUIDISTANT else PLUMB_BOB
+    if distortion and (msg.distortion_model != model or len(distortion) != COEFFICIENTS[model]):
         received = (msg.distortion_model, list(distortion))
-        raise InvalidInputError("camera_info.d", received, "plumb_bob with k1, k2, p1, p2, k3")
+        models = "plumb_bob with k1, k2, p1, p2, k3, or equidistant with k1 to k4"
+        raise InvalidInputError("camera_info.d", received, models)
     expected = np.array([[K[0, 0], 0.0, K[0, 2]], [0.0, K[1, 1], K[1, 2]], [0.0, 0.0, 1.0]])
     if not np.array_equal(K, expected) or K[0, 0] <= 0.0 or K[1, 1] <= 0.0:
         raise InvalidInputError("camera_info.k", K.tolist(), "fx 0 cx, 0 fy cy, 0 0 1")
     fx, fy, cx, cy = (float(K[i]) for i in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    intrinsics = PinholeIntrinsics(msg.width, msg.height, fx, fy, cx, cy, distortion)
+    intrinsics = PinholeIntrinsics(msg.width, msg.height, fx, fy, cx, cy, distortion, model)
     if not is_invertible(intrinsics):
         raise InvalidInputError("camera_info.d", list(distortion), "distortion without a fold")
     return intrinsics

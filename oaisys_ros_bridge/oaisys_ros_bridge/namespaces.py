@@ -20,6 +20,7 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 
 TF = "/tf"
 TF_STATIC = "/tf_static"
+CLOCK = "/clock"
 
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 """The middleware's name of a node of which so far only a publisher or subscription is known."""

@@ -36,6 +36,9 @@ of them, of which none may be lost."""
 
 TF_QOS = _reliable(100)
 
+MOTION_QOS = _reliable(5000)
+"""Transforms, odometry and inertial measurements, of which a drive has many between two samples."""
+
 CLOCK_QOS = _reliable(10)
 """Simulated time; nodes subscribe to it best effort."""
 

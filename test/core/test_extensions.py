@@ -27,6 +27,7 @@ stage: {preset: mounds, extent_m: 30, resolution_px: 65}
 materials: {texture_size_px: 64, mask: {size_px: 32}}
 sensors: {cameras: [{width_px: 64, height_px: 48}]}
 assets: {rocks: [{count: [20, 20]}]}
+render: {exposure_ev: 0.0}
 """
 
 RUN = """
@@ -73,7 +74,10 @@ def run(world: Path, out: Path, environment: dict[str, str]) -> subprocess.Compl
 
 @pytest.fixture(scope="module")
 def samples(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Sample]:
-    """Return the first sample of each example's world, and of one without any."""
+    """Return the first sample of each example's world, and of one without any.
+
+    Exposure is fixed, because an automatic one would lighten what an effect darkens.
+    """
     found = {}
     plain = tmp_path_factory.mktemp("plain")
     (plain / "world.yaml").write_text("{}")

@@ -48,6 +48,21 @@ def straightened(
     return np.asarray(found[:, 0], dtype=np.float64)
 
 
+def fisheye_rays(pixels: FloatArray, K: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """(N, 3) unit vectors that (N, 2) pixels of a fisheye see, also beyond 90 degrees.
+
+    OpenCV's own inverse ends at 90 degrees; this one looks angles up in a table of OpenCV's model.
+    """
+    angles = np.linspace(0, np.pi, 200_001)
+    radii = angles * np.polyval([*coefficients[::-1], 1.0], angles**2)
+    radii = np.maximum.accumulate(radii)
+    xy = (pixels - K[:2, 2]) / np.diag(K)[:2]
+    radius = np.linalg.norm(xy, axis=1)
+    angle = np.interp(radius, radii, angles)
+    across = xy / np.maximum(radius, 1e-12)[:, None] * np.sin(angle)[:, None]
+    return np.column_stack((across, np.cos(angle)))
+
+
 @dataclass(frozen=True)
 class Lab:
     """A camera on a rig somewhere, and its pose in ``map`` as scipy has it.
@@ -73,7 +88,9 @@ class Lab:
     @property
     def coefficients(self) -> FloatArray:
         """OpenCV's distortion coefficients."""
-        d = self.config.distortion
+        fisheye, d = self.config.fisheye, self.config.distortion
+        if fisheye is not None:
+            return np.array((fisheye.k1, fisheye.k2, fisheye.k3, fisheye.k4))
         return np.zeros(5) if d is None else np.array((d.k1, d.k2, d.p1, d.p2, d.k3))
 
     def camera(self) -> PlacedCamera:
@@ -87,17 +104,23 @@ class Lab:
         """(N, 2) pixels of (N, 3) points, by OpenCV."""
         R = self.R_map_optical.T
         rvec, _ = cv2.Rodrigues(R)
-        pixels, _ = cv2.projectPoints(
+        project = cv2.projectPoints if self.config.fisheye is None else cv2.fisheye.projectPoints
+        pixels, _ = project(
             np.asarray(points_map_m, dtype=np.float64).reshape(-1, 1, 3),
             rvec, -R @ self.eye_m, self.K, self.coefficients,
         )  # fmt: skip
         return np.asarray(pixels[:, 0], dtype=np.float64)
 
     def rays(self, offset_px: tuple[float, float] = (0.0, 0.0)) -> FloatArray:
-        """(H, W, 3) directions with z = 1 of what OpenCV sees beside the pixels' centres."""
+        """(H, W, 3) directions of what OpenCV sees beside the pixels' centres.
+
+        They have z = 1, those of a fisheye length 1.
+        """
         h, w = self.config.height_px, self.config.width_px
         v, u = np.mgrid[:h, :w].astype(np.float64)
         pixels = np.stack((u + offset_px[0], v + offset_px[1]), axis=-1).reshape(-1, 2)
+        if self.config.fisheye is not None:
+            return fisheye_rays(pixels, self.K, self.coefficients).reshape(h, w, 3)
         flat = straightened(pixels, self.K, self.coefficients)
         return np.concatenate((flat.reshape(h, w, 2), np.ones((h, w, 1))), axis=-1)
 
@@ -248,17 +271,30 @@ class Board:
         return np.where(on_board, np.where(x * y > 0, BRIGHT, DARK), 0.0)
 
 
-def board(camera: Lab, rng: np.random.Generator) -> Board:
-    """A board around the image's middle that faces the camera but for a random tilt."""
-    middle_px = np.array((camera.config.width_px / 2, camera.config.height_px / 2))
-    pixel = (middle_px + rng.uniform(-6, 6, 2)).reshape(1, 1, 2)
-    x, y = cv2.undistortPoints(pixel, camera.K, camera.coefficients).ravel()
-    depth_m = camera.config.fx_px * TILE_M / TILE_PX
+def board(
+    camera: Lab,
+    rng: np.random.Generator,
+    place: tuple[float, float] = (0.5, 0.5),
+    tile_px: float = TILE_PX,
+) -> Board:
+    """A board that faces the camera but for a random tilt.
+
+    It is around the image's middle, or at another place as shares of the image's size.
+    """
+    size_px = np.array((camera.config.width_px, camera.config.height_px))
+    pixel = place * size_px + rng.uniform(-6, 6, 2)
+    if camera.config.fisheye is None:
+        flat = cv2.undistortPoints(pixel.reshape(1, 1, 2), camera.K, camera.coefficients)
+        ray, facing = np.append(flat.ravel(), 1.0), Rotation.identity()
+    else:
+        (ray,) = fisheye_rays(pixel[None], camera.K, camera.coefficients)
+        facing, _ = Rotation.align_vectors(ray[None], np.array(((0.0, 0.0, 1.0),)))
+    depth_m = camera.config.fx_px * TILE_M / tile_px
     tilt = Rotation.from_rotvec(rng.uniform(-0.3, 0.3, 3))
     turn = Rotation.from_euler("z", rng.uniform(0, 2 * np.pi))
     return Board(
-        R_map_board=camera.R_map_optical @ (tilt * turn).as_matrix(),
-        corner_m=camera.in_map(depth_m * np.array(((x, y, 1.0),)))[0],
+        R_map_board=camera.R_map_optical @ (facing * tilt * turn).as_matrix(),
+        corner_m=camera.in_map(depth_m * ray[None])[0],
     )
 
 

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.dataset.manifest import WorldFailure, WorldLegend
+from oaisys_core.dataset.manifest import WorldFailure
 from oaisys_core.dataset.places import open_place
 from oaisys_core.dataset.plan import WorldTask
 from oaisys_core.dataset.rendering import dataset_info
-from oaisys_core.dataset.shards import HEAD, writing_shard
+from oaisys_core.dataset.shards import HEAD
+from oaisys_core.dataset.workers import written
 from oaisys_core.dataset.world_render import WorldRenderer
 
 SMALL: dict[str, Any] = {
@@ -35,6 +36,31 @@ SMALL: dict[str, Any] = {
 }
 """Worlds in which a view takes milliseconds."""
 
+LIDARS: list[dict[str, Any]] = [
+    {
+        "name": "roof",
+        "mount_position_m": [0.1, 0.0, 0.3],
+        "scan": {"kind": "rotating", "channels": 16, "azimuth_steps": 90},
+        "sweep_share": 0.5,
+        "extra_fields": ["label", "instance"],
+    },
+    {
+        "name": "front",
+        "mount_quat_xyzw": [0.0, 0.17364818, 0.0, 0.98480775],
+        "scan": {"kind": "raster", "columns": 40, "rows": 20},
+        "step_interval": 2,
+    },
+    {
+        "name": "rosette",
+        "scan": {"kind": "rosette", "points": 500},
+        "beam_divergence_mrad": 3.0,
+    },
+]
+"""A lidar that moves while it scans, one that scans every other view, and one with wide beams."""
+
+SCANNED: dict[str, Any] = {**SMALL, "sensors": {**SMALL["sensors"], "lidars": LIDARS}}
+"""The same worlds, with lidars beside the camera."""
+
 
 def render_dataset(
     where: str | Path, splits: Mapping[int, str], views: int, config: Mapping[str, Any] = SMALL
@@ -54,12 +80,7 @@ def render_dataset(
     place.write(HEAD, info.to_json().encode())
     renderer = WorldRenderer(chosen, "here")
     for world, split in splits.items():
-        with writing_shard(place, world) as shard:
-            for each in renderer.render(WorldTask(world, 1000 + world, split, views)):
-                assert not isinstance(each, WorldFailure), each.reason
-                if isinstance(each, WorldLegend):
-                    shard.finish(each)
-                else:
-                    for frame in each.frames:
-                        shard.add_encoded(frame)
+        task = WorldTask(world, 1000 + world, split, views)
+        *_, last = written(place, task, renderer.render(task))
+        assert not isinstance(last, WorldFailure), last.reason
     renderer.close()

@@ -1,5 +1,7 @@
 """Rectified images against closed forms and OpenCV."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -8,7 +10,7 @@ from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.evaluation.visibility import PosedCamera
-from oaisys_mapping.rectification import rectified, rectified_camera
+from oaisys_mapping.rectification import rectified, rectified_camera, rectified_labels
 from oaisys_mapping.tsdf import TsdfVolume
 
 BARREL = PinholeIntrinsics(160, 120, 130.0, 125.0, 82.0, 57.5, (-0.25, 0.06, 1e-3, -2e-3, 0.005))
@@ -57,6 +59,18 @@ def test_depth_is_never_mixed_between_surfaces_or_with_the_sky():
     flat_m, _ = rectified(depth_m, None, BARREL)
 
     assert set(np.unique(flat_m)) == {5.0, 9.0, np.inf}
+
+
+def test_maps_refuse_fisheyes():
+    fisheye = replace(BARREL, distortion=(), distortion_model="equidistant")
+    depth_m = np.ones((120, 160), np.float32)
+    for refuses in (
+        lambda: rectified_camera(fisheye),
+        lambda: rectified(depth_m, None, fisheye),
+        lambda: rectified_labels(depth_m.astype(np.uint16), fisheye),
+    ):
+        with pytest.raises(InvalidInputError, match="equidistant"):
+            refuses()
 
 
 def test_volumes_and_cameras_refuse_distortion():

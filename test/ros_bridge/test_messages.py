@@ -17,10 +17,10 @@ from std_msgs.msg import Header
 from visualization_msgs.msg import Marker
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import pose_to_matrix
+from oaisys_core.geometry import depth_to_points, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics, Pose
 from oaisys_ros_bridge import clouds, conversions
-from oaisys_ros_bridge.publishing import rig_topics
+from oaisys_ros_bridge.publishing import trajectory_topics
 
 HEADER = Header(stamp=Time(sec=7, nanosec=9), frame_id="somewhere")
 CAMERA = PinholeIntrinsics(8, 6, 7.5, 7.25, 3.5, 2.25)
@@ -44,11 +44,9 @@ def test_a_pose_survives_the_way_there_and_back(seed: int) -> None:
     pose = random_pose(np.random.default_rng(seed))
 
     back = conversions.pose_from_msg(conversions.pose_to_msg(pose))
-    odometry = conversions.odometry_to_msg(pose, HEADER, "base_link")
 
     assert back.position_m == pose.position_m
     assert back.quat_xyzw == pytest.approx(pose.quat_xyzw, abs=1e-15)
-    assert conversions.odometry_from_msg(odometry).position_m == pose.position_m
     assert conversions.pose_to_stamped_msg(pose, HEADER).header == HEADER
 
 
@@ -90,6 +88,19 @@ def test_camera_info_tells_the_distortion_of_a_lens() -> None:
     assert conversions.intrinsics_from_msg(msg) == bent
 
 
+def test_camera_info_of_a_fisheye_is_equidistant() -> None:
+    fisheye = replace(CAMERA, distortion=(0.05, -0.02, 0.004, 0.0), distortion_model="equidistant")
+
+    msg = conversions.intrinsics_to_msg(fisheye, HEADER)
+    plain = conversions.intrinsics_to_msg(replace(fisheye, distortion=()), HEADER)
+
+    assert (msg.distortion_model, list(msg.d)) == ("equidistant", list(fisheye.distortion))
+    assert list(msg.p) == [7.5, 0, 3.5, 0, 0, 7.25, 2.25, 0, 0, 0, 1, 0]
+    assert conversions.intrinsics_from_msg(msg) == fisheye
+    assert (plain.distortion_model, list(plain.d)) == ("equidistant", [0.0] * 4)
+    assert conversions.intrinsics_from_msg(plain).is_fisheye
+
+
 def test_the_right_camera_of_a_pair_says_how_far_away_it_is() -> None:
     msg = conversions.intrinsics_to_msg(CAMERA, HEADER, baseline_m=0.2)
 
@@ -102,6 +113,7 @@ def test_the_right_camera_of_a_pair_says_how_far_away_it_is() -> None:
     [
         ({"d": [0.1] * 8, "distortion_model": "rational_polynomial"}, "camera_info.d"),
         ({"d": [-9.0, 0.0, 0.0, 0.0, 0.0]}, "camera_info.d"),
+        ({"d": [0.1] * 5, "distortion_model": "equidistant"}, "camera_info.d"),
         ({"k": [7.5, 0.1, 3.5, 0.0, 7.25, 2.25, 0.0, 0.0, 1.0]}, "camera_info.k"),
         ({"k": [0.0] * 9}, "camera_info.k"),
     ],
@@ -262,6 +274,18 @@ def test_a_cloud_without_sky_is_one_row_of_points_with_their_colors() -> None:
     assert (empty.height, empty.width, len(empty.data)) == (1, 0, 0)
 
 
+def test_the_cloud_of_a_fisheye_is_at_the_ranges_of_its_depth() -> None:
+    lens = replace(WIDE, distortion=(0.01, 0.0, 0.0, 0.0), distortion_model="equidistant")
+    camera = replace(lens, fx_px=14.0, fy_px=14.0)
+    range_m = np.random.default_rng(3).uniform(1, 9, (48, 64)).astype(np.float32)
+
+    points_m, _ = clouds.cloud_from_msg(clouds.depth_to_cloud_msg(range_m, None, camera, HEADER))
+
+    np.testing.assert_allclose(np.linalg.norm(points_m, axis=-1), range_m, rtol=1e-6)
+    np.testing.assert_allclose(points_m, depth_to_points(range_m, camera), atol=1e-5)
+    assert points_m[..., 2].min() < -1
+
+
 @pytest.mark.parametrize("bent", [(), (-0.05, 0.01, 0.002, -0.001, 0.0003)])
 @pytest.mark.parametrize("stride", [2, 5, 64])
 def test_a_cloud_of_every_few_pixels_has_the_points_that_the_whole_one_has_there(
@@ -329,23 +353,13 @@ def test_pixels_that_no_encoding_describes_are_refused() -> None:
         conversions.opencv_encoding(np.zeros((6, 8, 5), np.uint8))
 
 
-def test_odometry_tells_how_far_it_may_be_off() -> None:
-    covariance = np.arange(36.0)
-
-    msg = conversions.odometry_to_msg(
-        random_pose(np.random.default_rng(1)), HEADER, "base_link", covariance
-    )
-
-    np.testing.assert_array_equal(msg.pose.covariance, covariance)
-
-
 def test_a_frustum_ends_in_the_corners_of_the_image() -> None:
     T = np.eye(4)
     T[:3, :3] = Rotation.from_euler("xyz", [0.3, -1.0, 0.4]).as_matrix()
     T[:3, 3] = (1.0, 2.0, 3.0)
     bent = replace(WIDE, distortion=(-0.05, 0.01, 0.002, -0.001, 0.0003))
 
-    marker = rig_topics.frustum_to_marker(bent, T, 2.0, HEADER, ns="left", number=7)
+    marker = trajectory_topics.frustum_to_marker(bent, T, 2.0, HEADER, ns="left", number=7)
 
     assert (marker.ns, marker.id, marker.header) == ("left", 7, HEADER)
     assert (marker.type, marker.action) == (Marker.LINE_LIST, Marker.ADD)

@@ -23,6 +23,8 @@ PLAIN_CORE = {
     "oaisys_core.errors",
     # Numpy and scipy alone: simulator and bridge must draw the same noise by the same code.
     "oaisys_core.sensing.faults",
+    # Plain data: what `oaisys drive` gives to bags and reports.
+    "oaisys_core.drive.outputs",
 }
 COMMAND_LINE = {"rich", "typer"}
 CORE_LIBRARIES = {
@@ -65,9 +67,13 @@ PRESENTATION = {
     "oaisys_mapping.report.mesh_viewer",
     "oaisys_mapping.report.pictures",
     "oaisys_mapping.report.report",
+    "oaisys_mapping.report.drive_report",
+    "oaisys_mapping.report.drive_pictures",
 }
 PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib", "trimesh", "viser"}
 """What draws reports and pages may draw; the algorithms may not."""
+ODOMETRY_PROGRAMS = {"oaisys_mapping.odometry.inertial"}
+"""What runs in a process of its own."""
 SIGNING = {"oaisys_mapping.certificate.signature"}
 BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml", "zstandard"}
 ROS = {
@@ -144,7 +150,8 @@ def allowed_for(module: str) -> set[str]:
     if package == "oaisys_mapping":
         drawing = PRESENTATION_LIBRARIES if is_below(module, PRESENTATION) else set()
         signing = {"cryptography"} if module in SIGNING else set()
-        return MAPPING_LIBRARIES | COMMAND_LINE | PLAIN_CORE | drawing | signing
+        odometry = {"gtsam"} if module in ODOMETRY_PROGRAMS else set()
+        return MAPPING_LIBRARIES | COMMAND_LINE | PLAIN_CORE | drawing | signing | odometry
     if package == "oaisys_ros_bridge":
         client = {"oaisys_grpc.client.options", "oaisys_grpc.client.simulator_client"}
         client |= {"oaisys_grpc.memory", "oaisys_mapping"}

@@ -101,7 +101,7 @@ VIEWS = (
         5.0,
         (0, 0),
         environment={"sun_strength_w_m2": 0.0},
-        render={"exposure_ev": 2.0},
+        render={"exposure_ev": 2.6},
     ),
 )
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
+
 import oaisys_core
 from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
@@ -13,9 +15,11 @@ from oaisys_core.backend.raycast.shading import Palette, shaded
 from oaisys_core.backend.raycast.solids import flat_ground
 from oaisys_core.backend.surface import Surface, View, ground_mesh
 from oaisys_core.color import encoded
+from oaisys_core.environment.light import white_gains
 from oaisys_core.errors import NotReadyError
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene, stands_on
 from oaisys_core.sensing.effects import with_effects
+from oaisys_core.sensing.exposure import metered_ev
 from oaisys_core.sensing.faults import Shot
 from oaisys_core.types import ALBEDO, RGB, FloatArray, Frame, LidarScan, Progress, TriangleMesh
 
@@ -23,8 +27,8 @@ from oaisys_core.types import ALBEDO, RGB, FloatArray, Frame, LidarScan, Progres
 class AnalyticBackend(Backend):
     """Casts rays at the scene itself: closed forms where there are some, else its triangles.
 
-    Colour has no textures and no shadows: Lambert's law under sun and sky, with the mean colour
-    of each texture. Quality, samples and bounces do not matter to it; exposure does.
+    Colour has no textures and no shadows: Lambert's law under sun, sky and lamps, with the mean
+    colour of each texture. Quality, samples and bounces do not matter to it; exposure does.
     """
 
     name = "analytic"
@@ -34,6 +38,7 @@ class AnalyticBackend(Backend):
         self._palette: Palette | None = None
         self._memory = PoseMemory()
         self._lidars = LidarCaster()
+        self.exposures_ev: dict[str, float] = {}
 
     @property
     def version(self) -> str:
@@ -72,6 +77,7 @@ class AnalyticBackend(Backend):
         surface, palette = self._built()
         geometry: list[Frame] = []
         views: dict[str, View] = {}
+        self.exposures_ev = {}
         for index, camera in enumerate(cameras):
             progress(Progress("rays", 0.5 * index / len(cameras)))
             view = surface.view(camera)
@@ -84,7 +90,8 @@ class AnalyticBackend(Backend):
             progress(Progress("color", 0.5 + 0.5 * index / len(cameras)))
             if camera.name in views:
                 view = views.pop(camera.name)
-                yield FrameGroup.of(_colors(surface, palette, view, camera, settings))
+                frames = _colors(surface, palette, view, camera, settings, self.exposures_ev)
+                yield FrameGroup.of(frames)
         self._memory.remember(cameras, surface.scene)
 
     def scan(self, lidar: PlacedLidar, shot: Shot) -> LidarScan:
@@ -124,13 +131,25 @@ def _ground(scene: Scene) -> TriangleMesh | None:
 
 
 def _colors(
-    surface: Surface, palette: Palette, view: View, camera: PlacedCamera, settings: RenderSettings
+    surface: Surface,
+    palette: Palette,
+    view: View,
+    camera: PlacedCamera,
+    settings: RenderSettings,
+    exposures_ev: dict[str, float],
 ) -> tuple[Frame, ...]:
-    """Return the frames of a view that show colours."""
+    """Return the frames of a view that show colours, and note the exposure of its picture."""
     frames = []
     if RGB in camera.modalities:
-        sky = surface.scene.sky
-        image = shaded(view, surface.normals(view), palette, sky, settings.exposure_ev)
+        radiance = shaded(view, surface.normals(view), palette, surface.scene)
+        if settings.white_balance == "illuminant":
+            radiance *= white_gains(surface.scene.sky, surface.scene.lamps)
+        exposure_ev = settings.exposure_ev
+        if exposure_ev is None:
+            picture = radiance.astype(np.float32)
+            exposure_ev = metered_ev(picture, view.is_hit, settings.auto_exposure)
+        exposures_ev[camera.name] = exposure_ev
+        image = encoded(radiance * 2.0**exposure_ev)
         rng = randomness.stream(settings.noise_seed, camera.name)
         image = with_effects(image, settings.effects, camera.intrinsics, rng)
         frames.append(frame_of(camera, RGB, image))

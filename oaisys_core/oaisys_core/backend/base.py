@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal
 
 from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.effects import NO_EFFECTS, Effects
+from oaisys_core.sensing.exposure import STANDARD_METER, AutoExposure
 from oaisys_core.sensing.faults import Shot
 from oaisys_core.types import (
     FloatArray,
@@ -80,6 +82,8 @@ class FrameGroup:
 
 ViewTransform = Literal["agx", "filmic", "standard", "raw"]
 
+WhiteBalance = Literal["daylight", "illuminant"]
+
 Device = Literal["auto", "cpu", "cuda", "optix", "hip", "oneapi", "metal"]
 
 
@@ -92,7 +96,8 @@ class RenderSettings:
         samples: Samples per pixel; with a time budget, the most of them.
         max_bounces: Light bounces.
         denoise: Whether the denoiser runs after sampling.
-        exposure_ev: Exposure in stops, applied before the view transform.
+        exposure_ev: Exposure in stops, applied before the view transform; None: each image is
+            metered by ``auto_exposure``.
         seed: Seed of the light sampling.
         view_transform: Maps radiance to pixel values.
         time_budget_s: For all cameras of a sample together; None: no limit.
@@ -100,13 +105,15 @@ class RenderSettings:
         effects: Lens and sensor effects, applied to colour after rendering.
         noise_seed: Seed of this sample's sensor noise.
         device: Device to render on.
+        auto_exposure: How images without a fixed exposure are metered.
+        white_balance: See `RenderConfig`.
     """
 
     quality: str
     samples: int
     max_bounces: int
     denoise: bool
-    exposure_ev: float
+    exposure_ev: float | None
     seed: int
     view_transform: ViewTransform = "agx"
     time_budget_s: float | None = None
@@ -114,6 +121,8 @@ class RenderSettings:
     effects: Effects = NO_EFFECTS
     noise_seed: int = 0
     device: Device = "auto"
+    auto_exposure: AutoExposure = STANDARD_METER
+    white_balance: WhiteBalance = "daylight"
 
     def allowed(self, cameras: Sequence[PlacedCamera]) -> tuple[PlacedCamera, ...]:
         """Return the cameras with the modalities that may be rendered; those without any go."""
@@ -141,6 +150,9 @@ class Backend(ABC):
 
     samples_per_pixel: int | None = None
     """Samples per pixel of the last colour images, where a time budget chose them."""
+
+    exposures_ev: Mapping[str, float] = MappingProxyType({})
+    """Exposures of the last sample's colour images in stops, by the camera's name."""
 
     @property
     @abstractmethod

@@ -21,11 +21,12 @@ from oaisys_core import extensions
 from oaisys_core.backend.base import FrameGroup
 from oaisys_core.backend.surface import Surface, View
 from oaisys_core.errors import ConfigError, RenderError
-from oaisys_core.geometry import invert, project
+from oaisys_core.geometry import invert, project, transform_points
 from oaisys_core.scene import PlacedCamera, Placement, Primitive, Scene
 from oaisys_core.types import (
     ALBEDO,
     DEPTH,
+    DISPARITY,
     FLOW,
     INSTANCE,
     NORMAL,
@@ -111,10 +112,24 @@ def _image(
     if modality == INSTANCE:
         return view.instance_ids
     if modality == NORMAL:
-        return np.asarray(surface.normals(view) @ camera.T_map_camera[:3, :3], np.float32)
+        row_poses = camera.row_poses()
+        poses = camera.T_map_camera if row_poses is None else row_poses
+        return np.asarray(surface.normals(view) @ poses[..., :3, :3], np.float32)
     if modality == FLOW:
         return memory.flow(view, camera, surface.scene)
+    if modality == DISPARITY:
+        return disparity_px(view, camera)
     return compute_extension_pass(surface, view, camera, modality)
+
+
+def disparity_px(view: View, camera: PlacedCamera) -> NDArray[np.float32]:
+    """Return the (H, W) disparities of a camera of a stereo pair: fx times baseline over depth.
+
+    A point at column u of the left image is at u minus its disparity in the right one. 0 where
+    nothing was hit.
+    """
+    fx_baseline = camera.intrinsics.fx_px * camera.stereo_baseline_m
+    return np.asarray(fx_baseline / view.depth_m, np.float32)
 
 
 class BackgroundGeometry:
@@ -195,9 +210,10 @@ class PoseMemory:
         earlier_m = np.where(view.is_hit[..., None], view.points_m, 0.0)
         self._move_back(earlier_m, view.instance_ids, self._previous.get(camera.name), scene)
         T_previous_map = invert(camera.T_map_previous)
-        then = earlier_m @ T_previous_map[:3, :3].T + T_previous_map[:3, 3]
+        then = transform_points(T_previous_map, earlier_m)
         then[~view.is_hit] = view.directions[~view.is_hit] @ T_previous_map[:3, :3].T
-        then[~(then[..., 2] > 0)] = np.nan
+        if not camera.intrinsics.is_fisheye:
+            then[~(then[..., 2] > 0)] = np.nan
         height, width = view.depth_m.shape
         now = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1)
         pixels = project(then.reshape(-1, 3), camera.intrinsics).reshape(height, width, 2)
@@ -223,7 +239,7 @@ class PoseMemory:
                 points_m[pixels] = np.nan
                 continue
             T = poses_before[instance_id] @ np.linalg.inv(T_map_object)
-            points_m[pixels] = points_m[pixels] @ T[:3, :3].T + T[:3, 3]
+            points_m[pixels] = transform_points(T, points_m[pixels])
 
 
 def _changed(

@@ -8,7 +8,8 @@ Photogrammetry and Remote Sensing 62, 2007)::
 
 with reflectance rho, angle of incidence theta, range R and the lidar's reference range R0, up to
 which receivers even out the range. rho is the mean of red, green and blue of the surface's linear
-albedo, by the mean colour of its texture, because textures say nothing about the infrared.
+albedo, because textures say nothing about the infrared: of the ground's texture over the width of
+the beam, or the mean of an object's texture.
 
 **Two returns.** With beam divergence, five rays stand for the beam: its axis and four on the rim of
 its cone, each with a fifth of the energy. The nearest hit makes the first return, at the mean range
@@ -28,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.shading import Palette
+from oaisys_core.backend.raycast.reflectance import Reflectance
 from oaisys_core.backend.surface import Surface, View
 from oaisys_core.scene import LidarErrors, PlacedLidar
 from oaisys_core.sensing.faults import Shot, generator
@@ -79,15 +80,14 @@ class Hits(NamedTuple):
 
 
 class LidarCaster:
-    """Scans a surface; keeps the mean colours of its textures."""
+    """Scans a surface; keeps the reflectance of its textures."""
 
     def __init__(self) -> None:
-        self._palette: Palette | None = None
-        self._scene: object = None
+        self._reflectance: Reflectance | None = None
 
     def forget(self) -> None:
         """Drop the world."""
-        self._palette = self._scene = None
+        self._reflectance = None
 
     def scan(self, surface: Surface, lidar: PlacedLidar, shot: Shot) -> LidarScan:
         """Return what a lidar measures.
@@ -97,11 +97,11 @@ class LidarCaster:
             lidar: The lidar.
             shot: Identifies the scan, for its errors.
         """
-        palette = self._palette_of(surface)
+        reflectance = self._reflectance_of(surface)
         if lidar.beam_divergence_rad > 0:
-            returns, hits = _beam_returns(surface, palette, lidar)
+            returns, hits = _beam_returns(surface, reflectance, lidar)
         else:
-            returns, hits = _ray_returns(surface, palette, lidar)
+            returns, hits = _ray_returns(surface, reflectance, lidar)
         returns = measured_returns(returns, lidar, shot)
         points = _points(returns, lidar)
         view = hits.view.rows(returns.hits)
@@ -111,13 +111,12 @@ class LidarCaster:
             points["label"] = surface.semantic_ids(view)[:, 0]
         return LidarScan(lidar.name, points, lidar.T_map_lidar)
 
-    def _palette_of(self, surface: Surface) -> Palette:
-        if self._palette is None:
-            self._palette = Palette(surface.scene)
-        elif self._scene is not surface.scene:
-            self._palette.update(surface.scene)
-        self._scene = surface.scene
-        return self._palette
+    def _reflectance_of(self, surface: Surface) -> Reflectance:
+        if self._reflectance is None:
+            self._reflectance = Reflectance(surface.scene)
+        elif self._reflectance.scene is not surface.scene:
+            self._reflectance.update(surface.scene)
+        return self._reflectance
 
 
 def rays_in_map(lidar: PlacedLidar, directions: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -160,7 +159,7 @@ def _is_lost(cos_incidence: FloatArray, errors: LidarErrors, shot: Shot) -> NDAr
 
 
 def _hits(
-    surface: Surface, palette: Palette, lidar: PlacedLidar, directions: FloatArray
+    surface: Surface, reflectance: Reflectance, lidar: PlacedLidar, directions: FloatArray
 ) -> tuple[NDArray[np.int64], Hits]:
     """Cast one ray per direction; return the indices of those that hit, and their hits."""
     # With a margin, because noise may bring a point back into the lidar's range.
@@ -170,13 +169,15 @@ def _hits(
     view = view.rows(rays)
     normals = surface.normals(view)[:, 0]
     cos_incidence = np.abs(np.einsum("ni,ni->n", normals, view.directions[:, 0]))
-    reflectance = palette.albedo(view)[:, 0].mean(axis=1)
-    return rays, Hits(view, normals, reflectance, cos_incidence)
+    width_m = view.depth_m[:, 0] * lidar.beam_divergence_rad
+    return rays, Hits(view, normals, reflectance.at(view, width_m), cos_incidence)
 
 
-def _ray_returns(surface: Surface, palette: Palette, lidar: PlacedLidar) -> tuple[Returns, Hits]:
+def _ray_returns(
+    surface: Surface, reflectance: Reflectance, lidar: PlacedLidar
+) -> tuple[Returns, Hits]:
     """Return one return per ray that hits."""
-    rays, hits = _hits(surface, palette, lidar, lidar.pattern.directions)
+    rays, hits = _hits(surface, reflectance, lidar, lidar.pattern.directions)
     energy = hits.reflectance * hits.cos_incidence
     numbers = np.arange(len(rays))
     return Returns(rays, hits.view.depth_m[:, 0], energy, hits.cos_incidence, numbers), hits
@@ -189,7 +190,7 @@ class BeamHits:
         hits: All hits, ray after ray.
     """
 
-    def __init__(self, surface: Surface, palette: Palette, lidar: PlacedLidar) -> None:
+    def __init__(self, surface: Surface, reflectance: Reflectance, lidar: PlacedLidar) -> None:
         """Cast all rays of all beams."""
         shape = (BEAM_RAYS, len(lidar.pattern.directions))
         self._separation_m = lidar.return_separation_m
@@ -202,7 +203,7 @@ class BeamHits:
         self._normals = np.zeros((*shape, 3))
         parts, first = [], 0
         for row, directions in enumerate(beam(lidar.pattern.directions, self._divergence_rad)):
-            rays, hits = _hits(surface, palette, lidar, directions)
+            rays, hits = _hits(surface, reflectance, lidar, directions)
             self._range_m[row, rays] = hits.view.depth_m[:, 0]
             self._energy[row, rays] = hits.reflectance * hits.cos_incidence / BEAM_RAYS
             self._cosines[row, rays] = hits.cos_incidence
@@ -240,9 +241,11 @@ class BeamHits:
         return np.asarray(hit & (is_near | is_coplanar))
 
 
-def _beam_returns(surface: Surface, palette: Palette, lidar: PlacedLidar) -> tuple[Returns, Hits]:
+def _beam_returns(
+    surface: Surface, reflectance: Reflectance, lidar: PlacedLidar
+) -> tuple[Returns, Hits]:
     """Return the first and the second returns of beams with divergence, in the rays' order."""
-    beams = BeamHits(surface, palette, lidar)
+    beams = BeamHits(surface, reflectance, lidar)
     first, second = beams.take_nearest(), beams.take_nearest()
     joined = Returns(*(np.concatenate(pair) for pair in zip(first, second, strict=True)))
     return joined.of(np.argsort(joined.rays, kind="stable")), beams.hits

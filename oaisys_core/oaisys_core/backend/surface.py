@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.raycast.embree import blenders_embree
-from oaisys_core.backend.raycast.far_plain import FarPlainTarget, stage_of
+from oaisys_core.backend.raycast.far_ground import FarGroundTarget
 from oaisys_core.backend.raycast.placement_targets import PlacementTargets
 from oaisys_core.backend.raycast.prototype_meshes import merged_instances
 from oaisys_core.backend.raycast.solids import SolidTarget, flat_ground, target_of, tessellated
@@ -98,7 +98,7 @@ class InstanceTable:
 class Surface:
     """The surface of a scene: ground, objects and exact solids, each rebuilt only when it changes.
 
-    Views include the far plain beyond the stage if the sky asks for it; mesh and heights do not.
+    Views and heights include the ground beyond the stage if the scene has any; the mesh does not.
     """
 
     def __init__(self, scene: Scene, ground: TriangleMesh | None) -> None:
@@ -110,7 +110,7 @@ class Surface:
         """
         self._objects = PlacementTargets(scene)
         self._objects.prepare()
-        self._far_plain: FarPlainTarget | None = None
+        self._far_ground: FarGroundTarget | None = None
         self.update(scene, ground)
 
     @property
@@ -147,21 +147,23 @@ class Surface:
         self._objects.update(scene)
         solids = [target_of(primitive) for primitive in scene.primitives]
         self._targets: list[RayTarget] = [self._ground_target, *self._objects.targets, *solids]
-        self._set_far_plain(scene)
+        self._set_far_ground(scene)
 
-    def _set_far_plain(self, scene: Scene) -> None:
-        """Add the far plain if the sky shows it."""
-        stage = stage_of(scene.ground)
-        if not scene.sky.shows_plain:
-            self._far_plain = None
+    def _set_far_ground(self, scene: Scene) -> None:
+        """Add the ground beyond the stage, if there is any."""
+        if scene.far_ground is None:
+            self._far_ground = None
             return
-        if self._far_plain is None or self._far_plain.stage is not stage:
-            self._far_plain = FarPlainTarget(stage)
+        if self._far_ground is None or self._far_ground.far_ground is not scene.far_ground:
+            self._far_ground = FarGroundTarget(scene.far_ground)
         # Last, because few rays have hit nothing until then.
-        self._targets.append(self._far_plain)
+        self._targets.append(self._far_ground)
 
     def view(self, camera: PlacedCamera) -> View:
-        """Cast one ray through each pixel's centre and return the first hits."""
+        """Cast one ray through each pixel's centre and return the first hits.
+
+        With a rolling shutter, the rays of each row start at the camera's pose at its own time.
+        """
         camera_rays = pixel_rays(camera.intrinsics)
         shape = camera_rays.shape[:-1]
         view = View(
@@ -173,17 +175,26 @@ class Surface:
             instance_ids=np.zeros(shape, dtype=np.uint32),
         )
 
-        visible_pixels = [target.visible_pixels(camera) for target in self._targets]
-        T_map_camera = camera.T_map_camera
+        T_map_camera, row_poses = camera.T_map_camera, camera.row_poses()
+        visible_pixels: list[NDArray[np.bool_] | None] = [None] * len(self._targets)
+        if row_poses is None:
+            visible_pixels = [target.visible_pixels(camera) for target in self._targets]
         for rows in bands(*shape):
             band = view.rows(rows)
-            np.matmul(camera_rays[rows], T_map_camera[:3, :3].T, out=band.directions)
+            if row_poses is None:
+                R_camera_map, eyes_m = T_map_camera[:3, :3].T, T_map_camera[:3, 3]
+                origins_m = eyes_m
+            else:
+                R_camera_map = row_poses[rows, :3, :3].swapaxes(1, 2)
+                eyes_m = row_poses[rows, None, :3, 3]
+                origins_m = np.repeat(eyes_m[:, 0], shape[1], axis=0)
+            np.matmul(camera_rays[rows], R_camera_map, out=band.directions)
             for index, pixels in enumerate(visible_pixels):
                 of_band = None if pixels is None else pixels[rows]
-                self._cast_at(index, T_map_camera[:3, 3], band, of_band)
+                self._cast_at(index, origins_m, band, of_band)
             with np.errstate(invalid="ignore"):
                 np.multiply(band.depth_m[..., None], band.directions, out=band.points_m)
-                band.points_m[...] += T_map_camera[:3, 3]
+                band.points_m[...] += eyes_m
         return view
 
     def cast(self, origins_m: FloatArray, directions: FloatArray, limit_m: float) -> View:
@@ -255,7 +266,7 @@ class Surface:
             view.points_m[view.is_ground][:, :2], level
         )
         own = self._scene.sky.ground_semantic_ids
-        if self._far_plain is not None and own is not None:
+        if self._far_ground is not None and own is not None:
             ids[view.targets == len(self._targets) - 1] = id_of_level(own, level)
         ids[~view.is_hit] = self._scene.sky.semantic_ids_at(view.directions[~view.is_hit], level)
         return ids
@@ -272,7 +283,10 @@ class Surface:
         return normals
 
     def height_m(self, xy_m: FloatArray) -> FloatArray:
-        """Return the (N,) heights of the topmost surface at (N, 2) points, NaN off it."""
+        """Return the (N,) heights of the topmost surface at (N, 2) points, NaN where there is none.
+
+        Land beyond the stage counts, but not a plain.
+        """
         height_m = self._scene.ground.height_at(xy_m)
         for target in self._targets:
             height_m = np.fmax(height_m, target.surface_height_m(xy_m))

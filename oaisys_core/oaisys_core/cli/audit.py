@@ -16,7 +16,7 @@ from oaisys_core.cli.options import (
     SizeOption,
 )
 from oaisys_core.cli.standard_output import own_stdout
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import InvalidInputError, OaisysError
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -90,6 +90,10 @@ def _audited(config: SimulationConfig, batches: int, views: int) -> list[AuditRe
     from oaisys_core.types import ModuleMetadata
     from oaisys_core.verification.audit import audit_views, sum_results
 
+    for camera in config.sensors.all_cameras:
+        if camera.readout_s:
+            expected = "0: views are compared with those of cameras that stand still"
+            raise InvalidInputError(f"{camera.name}: readout_s", camera.readout_s, expected)
     simulation = Simulation(config)
     console = Console(stderr=True)
     found: list[AuditResult] = []

@@ -60,11 +60,14 @@ def check(
 def _lines(report: CheckReport) -> list[str]:
     splits = ", ".join(f"{count} {name}" for name, count in report.splits.items())
     counts = f"{report.frames} frames, {report.images} images, {report.image_bytes / 1e6:.1f} MB"
+    counts += f", {report.scans} lidar scans" if report.scans else ""
     failed = f"{len(report.failed_worlds)} worlds failed"
     lines = [f"{report.worlds} worlds ({splits or 'none'}), {counts}; {failed}"]
     if report.rebuilt_worlds:
         worlds = ", ".join(map(str, report.rebuilt_worlds))
         lines.append(f"made again: world {worlds}; {report.points} points on its surface compared")
+        if report.scan_points:
+            lines.append(f"{report.scan_points} points of lidar scans compared likewise")
     lines += [
         f"{each.sensor}/{each.modality}: {each.wrong} of {each.pixels} pixels off edges are wrong"
         for each in report.audited

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -30,6 +29,15 @@ PriceOption = Annotated[
 ]
 
 
+def _list_formats(is_asked: bool) -> None:
+    """Print the installed formats, and end the command."""
+    if is_asked:
+        from oaisys_core.dataset.formats.base import format_named, format_names
+
+        typer.echo("\n".join(_described(format_named(name)) for name in format_names()))
+        raise typer.Exit
+
+
 def export(
     place: PlaceArgument,
     formats: Annotated[
@@ -37,8 +45,8 @@ def export(
         typer.Option("--format", help="Name of a format; may be repeated.", show_default=False),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(help="New folder for the export; default: DIR/exports/NAME."),
+        str | None,
+        typer.Option(help="New folder or URL for the export; default: DIR/exports/NAME."),
     ] = None,
     split: Annotated[str | None, typer.Option(help="Export only the worlds of this split.")] = None,
     settings: Annotated[
@@ -47,27 +55,29 @@ def export(
     ] = None,
     license_name: LicenseOption = "",
     price_per_hour: PriceOption = None,
-    shows_formats: Annotated[
-        bool, typer.Option("--list", help="List the installed formats and their settings.")
+    _shows_formats: Annotated[
+        bool,
+        typer.Option(
+            "--list",
+            help="List the installed formats and their settings, and exit.",
+            is_eager=True,
+            callback=_list_formats,
+        ),
     ] = False,
 ) -> None:
     """Write the data set in DIR in other formats.
 
-    Each export has a README.md with its conventions, Croissant metadata and a data card. With
-    --list, DIR is not read.
+    Each export has a README.md with its conventions, Croissant metadata and a data card.
     """
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.dataset.formats.base import ExportOptions, format_named, format_names
     from oaisys_core.dataset.reader import open_dataset
 
-    if shows_formats:
-        typer.echo("\n".join(_described(format_named(name)) for name in format_names()))
-        return
     chosen = [format_named(name).name for name in formats or ()]
     if not chosen:
         raise InvalidInputError("format", None, f"--format with one of {', '.join(format_names())}")
     if out is not None and len(chosen) > 1:
-        raise InvalidInputError("out", str(out), "one --format, or no --out")
+        raise InvalidInputError("out", out, "one --format, or no --out")
     dataset = open_dataset(place)
     if split is not None:
         if split not in dataset.splits:
@@ -76,10 +86,15 @@ def export(
     given = dict(_setting(text) for text in settings or ())
     for name in chosen:
         options = ExportOptions(given, license_name, price_per_hour)
-        write_export(dataset, name, out or Path(place) / EXPORTS / name, options)
+        write_export(dataset, name, out or export_place(place, name), options)
 
 
-def write_export(dataset: Dataset, name: str, target: Path, options: ExportOptions) -> None:
+def export_place(place: str, name: str) -> str:
+    """Return where a data set has its export in a format by default."""
+    return f"{place.rstrip('/')}/{EXPORTS}/{name}"
+
+
+def write_export(dataset: Dataset, name: str, target: str, options: ExportOptions) -> None:
     """Write a data set in a format, show the progress, and print what was written."""
     from oaisys_core.dataset.formats.export import export_dataset
 

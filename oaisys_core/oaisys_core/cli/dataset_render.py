@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from oaisys_core.cli.dataset_export import EXPORTS, write_export
+from oaisys_core.cli.dataset_export import PlaceArgument, export_place, write_export
 from oaisys_core.cli.options import BackendOption, QualityOption, SeedOption, SizeOption
 from oaisys_core.cli.repeat import LEAST_PSNR_DB, DifferentSampleError, described
 from oaisys_core.cli.standard_output import own_stdout
-from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.dataset.plan import SPLITS, parsed_splits
+from oaisys_core.dataset.ray_session import MEMORY_PER_WORKER_GB, RaySettings
+from oaisys_core.errors import OaisysError
 
 if TYPE_CHECKING:
     from oaisys_core.dataset.places import StoragePlace
-    from oaisys_core.dataset.ray_session import RaySettings
     from oaisys_core.dataset.rendering import DatasetRendering, DatasetSummary
 
 
@@ -34,7 +34,7 @@ def render(
     views: Annotated[int, typer.Option(help="Number of views of each world.", min=1)] = 30,
     splits: Annotated[
         str, typer.Option(help="Share of the worlds in each split; a world is in one of them.")
-    ] = "train=0.8,val=0.1,test=0.1",
+    ] = SPLITS,
     num_workers: Annotated[
         int | None,
         typer.Option(
@@ -43,7 +43,7 @@ def render(
     ] = None,
     memory_per_worker: Annotated[
         float, typer.Option(help="Memory reserved for each worker, in GB.", min=0.1)
-    ] = 2.5,
+    ] = MEMORY_PER_WORKER_GB,
     address: Annotated[
         str | None,
         typer.Option(
@@ -71,14 +71,12 @@ def render(
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import adjusted, load_config
     from oaisys_core.dataset.places import open_place
-    from oaisys_core.dataset.plan import parsed_splits
-    from oaisys_core.dataset.ray_session import RaySettings
     from oaisys_core.dataset.rendering import DatasetRendering, dataset_info
 
     shares = parsed_splits(splits)
     place = open_place(out)
     chosen = adjusted(load_config(config), seed=seed, backend=backend, quality=quality, size=size)
-    names = _format_names(formats, place)
+    names = _format_names(formats)
     settings = RaySettings(address, num_workers, memory_per_worker)
     rendering = DatasetRendering(place, chosen, dataset_info(chosen, worlds, views, shares))
     with rendering.begun(is_resumed=resume):
@@ -92,12 +90,12 @@ def render(
 
 
 def repeat(
-    place: Annotated[
-        str, typer.Argument(metavar="DIR", help="Folder or URL of a data set.", show_default=False)
-    ],
+    place: PlaceArgument,
     frames: Annotated[
         list[str],
-        typer.Argument(metavar="FRAME...", help="Ids of frames, such as 000012_0003_camera."),
+        typer.Argument(
+            metavar="FRAME...", help="Ids of frames or lidar scans, such as 000012_0003_camera."
+        ),
     ],
     least_psnr: Annotated[
         float, typer.Option(help="Least PSNR of colours, in dB.", min=0)
@@ -105,7 +103,8 @@ def repeat(
 ) -> None:
     """Render frames of a data set again from their lines in the manifest, and compare.
 
-    Depth, labels, instance ids and normals must be equal byte by byte, colours within --least-psnr.
+    Depth, labels, instance ids, normals and lidar points must be equal byte by byte, colours within
+    --least-psnr.
     Exit code 0: equal; 1: something differs; 2: there is no such frame.
     """
     from oaisys_core.dataset.reader import open_dataset
@@ -154,31 +153,29 @@ def _report(summary: DatasetSummary) -> None:
     if summary.label_pixels:
         typer.echo("share of all pixels by class:")
     for label, share in summary.class_shares().items():
-        typer.echo(f"  {label:<24} {share:8.3%}")
+        typer.echo(f"  {label or 'unlabelled':<24} {share:8.3%}")
 
 
-def _format_names(formats: str, place: StoragePlace) -> list[str]:
+def _format_names(formats: str) -> list[str]:
     """Return the formats of a text such as ``coco,webdataset``."""
     names = [name.strip() for name in formats.split(",") if name.strip()]
     if not names:
         return []
     from oaisys_core.dataset.formats.base import format_named
 
-    if place.folder is None:
-        expected = "none while rendering to a URL; `oaisys dataset export --out FOLDER` writes them"
-        raise InvalidInputError("formats", formats, expected)
     return [format_named(name).name for name in names]
 
 
 def _export(place: StoragePlace, formats: Sequence[str]) -> None:
     """Write exports anew, of the finished worlds."""
-    if not formats or place.folder is None:
+    if not formats:
         return
     from oaisys_core.dataset.formats.base import ExportOptions
+    from oaisys_core.dataset.places import open_place
     from oaisys_core.dataset.reader import open_dataset
 
-    dataset = open_dataset(place.folder)
+    dataset = open_dataset(place.url)
     for name in formats if dataset.worlds else ():
-        target = place.folder / EXPORTS / name
-        shutil.rmtree(target, ignore_errors=True)
+        target = export_place(place.url, name)
+        open_place(target).clear()
         write_export(dataset, name, target, ExportOptions())

@@ -1,7 +1,12 @@
-"""``oaisys drive``: timed drives, planned and recorded to files."""
+"""``oaisys drive``: timed drives, planned and recorded."""
 
 from __future__ import annotations
 
+import shlex
+import sys
+import time
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,16 +20,29 @@ from oaisys_core.cli.options import (
     SizeOption,
 )
 from oaisys_core.cli.standard_output import own_stdout
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.extensions import DRIVE_RECORDERS, DRIVE_REPORTS
 
 if TYPE_CHECKING:
     from oaisys_core.config import SimulationConfig
     from oaisys_core.drive.drive import Drive
-    from oaisys_core.drive.recording import DriveWriter
+    from oaisys_core.drive.outputs import (
+        DriveDescription,
+        DriveRecorder,
+        RecordedDrive,
+        StreamCount,
+    )
     from oaisys_core.simulation import Simulation
     from oaisys_core.trajectory.planning import DrivePlan
+    from oaisys_core.types import DriveInstant
 
 drive_app = typer.Typer(add_completion=False, invoke_without_command=True)
+
+FILES, BAG, REPORT = "files", "bag", "html"
+"""Outputs of a drive; the latter two are the names of extensions."""
+
+PACKAGES = {BAG: "oaisys_ros_bridge", REPORT: "oaisys_mapping"}
+"""Packages that have these extensions."""
 
 
 @drive_app.callback()
@@ -32,23 +50,39 @@ def drive(
     context: typer.Context,
     config: ConfigOption = None,
     out: Annotated[Path | None, typer.Option("--out", help="Output folder.")] = None,
+    bag: Annotated[
+        bool | None,
+        typer.Option(
+            "--bag/--no-bag",
+            help="Write the rosbag2 MCAP OUT/bag; default: where the ROS packages are installed.",
+        ),
+    ] = None,
+    report: Annotated[
+        bool | None,
+        typer.Option(
+            "--report/--no-report",
+            help="Write OUT/report.html and report.json; default: where oaisys_mapping is "
+            "installed.",
+        ),
+    ] = None,
     seed: SeedOption = None,
     backend: BackendOption = None,
     quality: QualityOption = None,
     size: SizeOption = None,
 ) -> None:
-    """Drive through a world, with every sensor at its rate, and record it to files.
+    """Drive through a world, with every sensor at its rate, and record it: files, bag, report.
 
     The section `drive` of the configuration gives the vehicle and its waypoints. Cameras, lidars
-    and IMUs measure at their `rate_hz`, in simulated time. Exit code 1 if a measurement that was
-    due is missing.
+    and IMUs measure at their `rate_hz`, in simulated time. Images, scans, IMU and odometry are
+    always written as files; the bag has the same on the topics of the ROS bridge, and the report
+    shows it and what independent odometry programs make of it. Exit code 1 if a measurement that
+    was due is missing from the files or the bag.
     """
     if context.invoked_subcommand is not None:
         return
     # `oaisys --help` imports this module, so slow imports are done on use.
     from oaisys_core.config import SimulationConfig, adjusted, load_config
     from oaisys_core.drive.drive import Drive, drive_section
-    from oaisys_core.drive.recording import DriveWriter
     from oaisys_core.simulation import Simulation
 
     if out is None:
@@ -56,21 +90,56 @@ def drive(
     loaded = load_config(config) if config else SimulationConfig()
     chosen = adjusted(loaded, seed=seed, backend=backend, quality=quality, size=size)
     drive_section(chosen)
+    unavailable: dict[str, str] = {}
     with own_stdout():
         simulation = Simulation(chosen)
         try:
+            # After the backend, because Blender must be loaded before Open3D.
+            open_bag = _extension(DRIVE_RECORDERS, BAG, bag, unavailable)
+            write_report = _extension(DRIVE_REPORTS, REPORT, report, unavailable)
             simulation.step_batch()
             planned = Drive(simulation, chosen)
             _say_plan(planned.plan)
-            writer = DriveWriter(out)
-            writer.begin(chosen, planned.plan.trajectory)
-            report = _recorded(simulation, planned, chosen, writer)
-            writer.finish(chosen, report)
+            recorded = _recorded(simulation, planned, chosen, out, open_bag, unavailable)
         finally:
             simulation.close()
-    typer.echo(f"{out}: {', '.join(f'{n} {name}' for name, n in report['recorded'].items())}")
-    if report["recorded"] != report["due"]:
+    if write_report is not None:
+        typer.echo(f"report: {write_report(recorded, _say)}")
+    counts = recorded.counts[FILES]
+    typer.echo(f"{out}: {', '.join(f'{count.written} {name}' for name, count in counts.items())}")
+    for sentence in recorded.lost:
+        typer.echo(f"missing: {sentence}", err=True)
+    if recorded.lost:
         raise typer.Exit(1)
+
+
+def _extension(
+    group: str, name: str, wanted: bool | None, unavailable: dict[str, str]
+) -> Callable[..., Any] | None:
+    """Return an output of another package; None if it is not wanted, or not required and missing.
+
+    Raises:
+        ConfigError: It is required and not installed.
+    """
+    from oaisys_core import extensions
+
+    if wanted is False:
+        return None
+    try:
+        if name not in extensions.names(group):
+            raise ConfigError(f"the package {PACKAGES[name]} is not installed")
+        found: Callable[..., Any] = extensions.load(group, name)
+    except ConfigError as error:
+        if wanted:
+            raise
+        unavailable[name] = str(error)
+        typer.echo(f"without {name}: {error}", err=True)
+        return None
+    return found
+
+
+def _say(text: str) -> None:
+    typer.echo(text, err=True)
 
 
 @drive_app.command("plan")
@@ -100,7 +169,7 @@ def plan(
         simulation = Simulation(chosen)
         try:
             simulation.step_batch()
-            planned = plan_drive(section, simulation.query_height)
+            planned = plan_drive(section, partial(simulation.query_height, on_stage=True))
         finally:
             simulation.close()
     write_trajectory(out, planned.trajectory)
@@ -117,43 +186,76 @@ def _say_plan(planned: DrivePlan) -> None:
 
 
 def _recorded(
-    simulation: Simulation, planned: Drive, config: SimulationConfig, writer: DriveWriter
-) -> dict[str, Any]:
-    """Record the drive, and return its report."""
-    import time
-
+    simulation: Simulation,
+    planned: Drive,
+    config: SimulationConfig,
+    out: Path,
+    open_bag: Callable[[DriveDescription], DriveRecorder] | None,
+    unavailable: Mapping[str, str],
+) -> RecordedDrive:
+    """Drive, write files and bag, and return what was recorded."""
     from rich.console import Console
 
     from oaisys_core.cli.render_progress import RenderProgress
-    from oaisys_core.drive.drive import ODOMETRY
+    from oaisys_core.drive.recorded_drive import (
+        PictureCollector,
+        description_of,
+        drive_through,
+        recorded_drive,
+    )
+    from oaisys_core.drive.recording import DriveWriter
 
-    due = planned.schedule.counts
-    recorded = dict.fromkeys(due, 0)
     began_s = time.perf_counter()
-    odometry = planned.odometry()
-    writer.write_odometry(odometry)
-    recorded[ODOMETRY] = len(odometry.times_s)
-    for imu in config.sensors.imus:
-        measurements = planned.imu_measurements(imu.name)
-        writer.write_imu(imu.name, planned.schedule.times_ns(imu.name).tolist(), measurements)
-        recorded[imu.name] = len(measurements.times_s)
+    description = description_of(planned, simulation, out)
+    files = DriveWriter(planned, description, config)
+    pictures = PictureCollector(description)
+    outputs: dict[str, DriveRecorder] = {FILES: files}
+    if open_bag is not None:
+        outputs[BAG] = open_bag(description)
     with RenderProgress(planned.sample_count(), 0, Console()) as shown:
         shown.begin("driving")
-        for view in planned.samples(shown):
-            labels = dict(simulation.info().semantic_labels)
-            writer.write_sample(view.time_ns, view.sensors, view.sample, labels)
-            for name in view.sensors:
-                recorded[name] += 1
-            shown.view_done()
-            shown.begin(f"{view.time_ns / 1e9:.2f} s")
-    obstacle = planned.plan.obstacle
+
+        def show(instant: DriveInstant) -> None:
+            if instant.sample is not None:
+                shown.view_done()
+                shown.begin(f"{instant.time_ns / 1e9:.2f} s")
+
+        counts = drive_through(planned, outputs, [pictures.take, show], shown)
+    summary = _summary(description, counts[FILES], time.perf_counter() - began_s)
+    files.write_summary(summary)
+    info = description.info
+    facts = {
+        **summary,
+        "seed": info.seed,
+        "config_sha256": info.config_sha256,
+        "backend": info.backend,
+        "backend_version": info.backend_version,
+        "quality": info.quality,
+    }
+    return recorded_drive(
+        planned,
+        simulation,
+        description,
+        config,
+        pictures=pictures.pictures,
+        counts=counts,
+        unavailable=unavailable,
+        facts=facts,
+        command=shlex.join(["oaisys", *sys.argv[1:]]),
+    )
+
+
+def _summary(
+    description: DriveDescription, counts: Mapping[str, StreamCount], seconds: float
+) -> dict[str, Any]:
+    """Return the contents of ``drive.json``."""
     return {
-        "start_s": planned.plan.trajectory.start_s,
-        "end_s": planned.plan.end_s,
-        "length_m": planned.plan.length_m(),
-        "obstacle": None if obstacle is None else str(obstacle),
-        "rate_hz": planned.rates_hz,
-        "due": due,
-        "recorded": recorded,
-        "seconds": time.perf_counter() - began_s,
+        "start_s": description.start_s,
+        "end_s": description.end_s,
+        "length_m": description.length_m,
+        "obstacle": description.obstacle or None,
+        "rate_hz": dict(description.rates_hz),
+        "due": dict(description.due),
+        "recorded": {name: count.written for name, count in counts.items()},
+        "seconds": seconds,
     }

@@ -105,10 +105,13 @@ def _repeated(
 
 def described(each: Comparison) -> str:
     """Return a comparison in words."""
+    from oaisys_core.types import POINTS
+
     name = f"{each.name.sensor}/{each.name.modality}"
+    what = "points" if each.name.modality == POINTS else "pixels"
     if not each.different_px:
-        return f"{name}: equal, {each.pixels} pixels"
-    text = f"{name}: {each.different_px} of {each.pixels} pixels differ"
+        return f"{name}: equal, {each.pixels} {what}"
+    text = f"{name}: {each.different_px} of {each.pixels} {what} differ"
     if each.psnr_db is not None:
         text += f", PSNR {each.psnr_db:.1f} dB"
         return text + (", within the tolerance" if each.is_equal else "")

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from oaisys_core.config.section import Labelled, Section
 from oaisys_core.config.sections.assets import AssetsConfig
@@ -18,6 +18,10 @@ from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig
+
+GENERATOR_VERSION = 3
+"""Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
+beyond the stage, and a brighter sky beside the sun."""
 
 
 class OutputConfig(Section):
@@ -44,12 +48,15 @@ class SimulationConfig(Section):
 
     Attributes:
         seed: Root seed of all random draws.
+        generator_version: Version of the generators that draw worlds from seeds. It is part of the
+            configuration's hash; a record of another version is refused.
         backend: The renderer.
         drive: A timed drive; null for none.
         extensions: Modules of other packages by name, each with its options.
     """
 
     seed: int = Field(default=1, ge=0, lt=2**63)
+    generator_version: int = GENERATOR_VERSION
     backend: Literal["blender", "analytic"] = "blender"
     stage: StageConfig = StageConfig()
     materials: MaterialsConfig = MaterialsConfig()
@@ -60,6 +67,15 @@ class SimulationConfig(Section):
     output: OutputConfig = OutputConfig()
     drive: DriveConfig | None = None
     extensions: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+    @field_validator("generator_version")
+    @classmethod
+    def _of_this_version(cls, value: int) -> int:
+        if value != GENERATOR_VERSION:
+            raise ValueError(
+                f"expected {GENERATOR_VERSION}, because this program's generators draw other worlds"
+            )
+        return value
 
     @model_validator(mode="after")
     def _one_label_per_id(self) -> SimulationConfig:

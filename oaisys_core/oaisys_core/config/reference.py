@@ -58,9 +58,15 @@ def _references(node: Schema) -> Iterator[tuple[str, str]]:
         yield node["$ref"].rpartition("/")[2], ""
     for option in (*node.get("anyOf", ()), *node.get("oneOf", ())):
         yield from _references(option)
-    for key, suffix in (("items", "[]"), ("additionalProperties", ".*")):
-        if isinstance(node.get(key), Mapping):
-            yield from ((name, suffix + rest) for name, rest in _references(node[key]))
+    inner = ("[]", node.get("items")), (".*", _mapped(node))
+    for suffix, value in inner:
+        if isinstance(value, Mapping):
+            yield from ((name, suffix + rest) for name, rest in _references(value))
+
+
+def _mapped(node: Schema) -> Any:
+    """Return the schema of a mapping's values, whose keys may have to match a pattern."""
+    return next(iter(node.get("patternProperties", {}).values()), node.get("additionalProperties"))
 
 
 def _section(node: Schema, places: list[str]) -> str:
@@ -115,7 +121,7 @@ def _typed(node: Schema) -> str:
             return f"{len(items)} times {items[0]}" if same else f"[{', '.join(items)}]"
         return f"list of {_value(node['items'])}" if "items" in node else "list"
     if kind == "object":
-        inner = node.get("additionalProperties")
+        inner = _mapped(node)
         return f"mapping to {_value(inner)}" if isinstance(inner, Mapping) else "mapping"
     if kind == "string":
         return {"path": "path", "date-time": "date and time"}.get(node.get("format", ""), "text")

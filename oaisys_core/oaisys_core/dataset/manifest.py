@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,11 +21,14 @@ from oaisys_core.output.records import (
 )
 from oaisys_core.types import FloatArray, FrameName, PinholeIntrinsics, SampleOutline
 
+if TYPE_CHECKING:
+    from oaisys_core.dataset.scans import ScanRecord
+
 FORMAT_VERSION = 1
 """Version of the files; readers refuse later ones."""
 
 VARYING_FIELDS = frozenset({"worker", "seconds"})
-"""The fields of a `FrameRecord` that may differ between two runs of the same data set."""
+"""The fields of a record that may differ between two runs of the same data set."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,9 @@ class FrameRecord:
         provenance: See `oaisys_core.types.Provenance`.
         rig_pose: ``position_m`` and ``quat_xyzw`` of the rig in ``map``.
         worker: Who rendered it.
-        seconds: Wall-clock time of its view, shared among the view's frames. The first view
-            includes the making of its world, so the sum over all frames is what workers took.
+        seconds: Wall-clock time of its view, shared among the view's frames and lidar scans. The
+            first view includes the making of its world, so the sum over all frames and scans is
+            what workers took.
         software: Versions by name.
         label_pixels: Number of pixels by id in ``semantic_0``.
         sun_elevation_deg, sun_azimuth_deg: Where the sun is in ``map``; the azimuth is counted from
@@ -92,7 +96,7 @@ class FrameRecord:
     worker: str
     seconds: float
     software: Mapping[str, str]
-    label_pixels: Mapping[str, int] = field(default_factory=dict)
+    label_pixels: Mapping[int, int] = field(default_factory=dict)
     sun_elevation_deg: float | None = None
     sun_azimuth_deg: float | None = None
 
@@ -108,17 +112,11 @@ class FrameRecord:
 
     def outline(self) -> SampleOutline:
         """Return the outline from which `Simulation.repeat` renders this sensor's images again."""
-        return SampleOutline(
-            batch_id=self.world + 1,
-            sample_id=self.view + 1,
-            rig_pose=pose_from_record(self.rig_pose),
-            frames=tuple(FrameName(self.sensor, modality) for modality in self.images),
-            provenance=provenance_from_record(self.provenance),
-        )
+        return recorded_outline(self, self.images)
 
     def to_json(self) -> str:
         """Return the record and its hash as one line, without its end; inverse: `from_json`."""
-        return _signed(asdict(self), VARYING_FIELDS)
+        return signed(asdict(self), VARYING_FIELDS)
 
     @classmethod
     def from_json(cls, line: str | bytes, name: str = "line") -> FrameRecord:
@@ -127,13 +125,33 @@ class FrameRecord:
         Raises:
             InvalidInputError: It is not the record of a frame.
         """
-        data = _fields_of(cls, line, name)
+        data = record_fields(cls, line, name)
         try:
             images = {m: _image_record(image) for m, image in data["images"].items()}
             rows = tuple(tuple(float(value) for value in row) for row in data["T_map_camera"])
+            pixels = {int(i): count for i, count in data["label_pixels"].items()}
         except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise InvalidInputError(name, _short(line), f"a frame's record ({error!r})") from error
-        return cls(**{**data, "images": images, "T_map_camera": rows})
+            raise InvalidInputError(
+                name, shortened(line), f"a frame's record ({error!r})"
+            ) from error
+        parsed = {"images": images, "T_map_camera": rows, "label_pixels": pixels}
+        return cls(**{**data, **parsed})
+
+
+def recorded_outline(record: FrameRecord | ScanRecord, modalities: Iterable[str]) -> SampleOutline:
+    """Return the outline from which `Simulation.repeat` renders one sensor's data again."""
+    return SampleOutline(
+        batch_id=record.world + 1,
+        sample_id=record.view + 1,
+        rig_pose=pose_from_record(record.rig_pose),
+        frames=tuple(FrameName(record.sensor, modality) for modality in modalities),
+        provenance=provenance_from_record(record.provenance),
+    )
+
+
+def world_name(world: int) -> str:
+    """Return the name of a world's files, such as ``world_000012``."""
+    return f"world_{world:06d}"
 
 
 def frame_id(world: int, view: int, sensor: str) -> str:
@@ -175,7 +193,7 @@ class WorldLegend:
         legend = WorldLegend(
             dict(sorted(self.labels.items())), dict(sorted(self.instances.items()))
         )
-        return _signed(asdict(legend))
+        return signed(asdict(legend))
 
     @classmethod
     def from_json(cls, text: str | bytes, name: str = "legend") -> WorldLegend:
@@ -184,12 +202,12 @@ class WorldLegend:
         Raises:
             InvalidInputError: It is no legend.
         """
-        data = _fields_of(cls, text, name)
+        data = record_fields(cls, text, name)
         try:
             labels = {int(i): str(label) for i, label in data["labels"].items()}
             instances = {int(i): LegendInstance(**thing) for i, thing in data["instances"].items()}
         except (AttributeError, TypeError, ValueError) as error:
-            raise InvalidInputError(name, _short(text), f"a legend ({error!r})") from error
+            raise InvalidInputError(name, shortened(text), f"a legend ({error!r})") from error
         return cls(labels, instances)
 
 
@@ -222,7 +240,7 @@ class WorldFailure:
         Raises:
             InvalidInputError: It is none.
         """
-        return cls(**_fields_of(cls, text, name))
+        return cls(**record_fields(cls, text, name))
 
 
 @dataclass(frozen=True)
@@ -261,7 +279,7 @@ class DatasetInfo:
         Raises:
             InvalidInputError: It is none, or of a later version.
         """
-        info = cls(**_fields_of(cls, text, name))
+        info = cls(**record_fields(cls, text, name))
         if info.version != FORMAT_VERSION:
             expected = f"version {FORMAT_VERSION}, which this program reads"
             raise InvalidInputError(f"{name}: version", info.version, expected)
@@ -282,8 +300,8 @@ def is_intact(text: str | bytes) -> bool:
     return bool(found == _sha256(data, VARYING_FIELDS))
 
 
-def _signed(data: dict[str, Any], without: Collection[str] = ()) -> str:
-    """Return JSON with a hash of all fields but those in ``without``."""
+def signed(data: dict[str, Any], without: Collection[str] = ()) -> str:
+    """Return JSON with a hash of all fields but those in ``without``; see `is_intact`."""
     return json.dumps({**data, SHA256: _sha256(data, without)}, separators=(",", ":"))
 
 
@@ -292,17 +310,21 @@ def _sha256(data: Mapping[str, Any], without: Collection[str]) -> str:
     return hashlib.sha256(json.dumps(kept, separators=(",", ":")).encode()).hexdigest()
 
 
-def _fields_of(kind: type, text: str | bytes, name: str) -> dict[str, Any]:
-    """Return the fields of a record as JSON has them."""
+def record_fields(kind: type, text: str | bytes, name: str) -> dict[str, Any]:
+    """Return the fields of a record as JSON has them.
+
+    Raises:
+        InvalidInputError: They are not those of a dataclass; the error calls the text ``name``.
+    """
     try:
         data = json.loads(text)
     except ValueError as error:
-        raise InvalidInputError(name, _short(text), f"JSON ({error})") from error
+        raise InvalidInputError(name, shortened(text), f"JSON ({error})") from error
     known = {each.name for each in fields(kind)}
     if isinstance(data, dict):
         data.pop(SHA256, None)
     if not isinstance(data, dict) or set(data) != known:
-        received = sorted(data) if isinstance(data, dict) else _short(text)
+        received = sorted(data) if isinstance(data, dict) else shortened(text)
         raise InvalidInputError(name, received, f"the keys {', '.join(sorted(known))}")
     return data
 
@@ -311,6 +333,7 @@ def _image_record(data: Mapping[str, Any]) -> ImageRecord:
     return ImageRecord(**{**data, "shape": tuple(data["shape"])})
 
 
-def _short(text: str | bytes) -> str:
+def shortened(text: str | bytes) -> str:
+    """Return the beginning of a text, for errors."""
     shown = text[:80]
     return shown if isinstance(shown, str) else shown.decode("utf-8", "replace")

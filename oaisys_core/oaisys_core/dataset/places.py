@@ -7,6 +7,7 @@ it is uploaded from a complete file.
 from __future__ import annotations
 
 import os
+import shutil
 import tempfile
 import uuid
 from collections.abc import Iterator
@@ -60,6 +61,12 @@ class StoragePlace(Protocol):
 
     def delete(self, name: str) -> None:
         """Delete an object, if it exists."""
+
+    def is_empty(self) -> bool:
+        """Return whether there is nothing at the place."""
+
+    def clear(self) -> None:
+        """Delete everything at the place."""
 
     def delete_parts(self) -> int:
         """Delete what killed processes left half written, and return how many files there were.
@@ -153,6 +160,16 @@ class LocalPlace:
         """See `StoragePlace.delete`."""
         (self._root / name).unlink(missing_ok=True)
 
+    def is_empty(self) -> bool:
+        """See `StoragePlace.is_empty`."""
+        if not self._root.is_dir():
+            return not self._root.exists()
+        return not any(self._root.iterdir())
+
+    def clear(self) -> None:
+        """See `StoragePlace.clear`."""
+        shutil.rmtree(self._root, ignore_errors=True)
+
     def delete_parts(self) -> int:
         """See `StoragePlace.delete_parts`."""
         parts = [*self._root.glob(f".*{PART}"), *self._root.glob(f"*/.*{PART}")]
@@ -229,6 +246,19 @@ class RemotePlace:
         """See `StoragePlace.delete`."""
         with suppress(FileNotFoundError):
             self._files.rm_file(self._path(name))
+
+    def is_empty(self) -> bool:
+        """See `StoragePlace.is_empty`."""
+        self._files.invalidate_cache()
+        try:
+            return not self._files.ls(self._root, detail=False)
+        except (FileNotFoundError, NotADirectoryError):
+            return not self._files.exists(self._root)
+
+    def clear(self) -> None:
+        """See `StoragePlace.clear`."""
+        with suppress(FileNotFoundError):
+            self._files.rm(self._root, recursive=True)
 
     def delete_parts(self) -> int:
         """Do nothing: an upload that was cut off leaves nothing that can be seen."""

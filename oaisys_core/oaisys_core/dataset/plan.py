@@ -10,7 +10,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import fsum, isfinite
 
-from oaisys_core import randomness
 from oaisys_core.errors import InvalidInputError
 
 SPLITS = "train=0.8,val=0.1,test=0.1"
@@ -68,6 +67,8 @@ def world_tasks(
         views: Number of views of each world.
         splits: Share of each split, by name.
     """
+    from oaisys_core import randomness  # imports numpy, which `oaisys --help` does not need
+
     counts = dict.fromkeys(splits, 0)
     for index in range(worlds):
         split = max(splits, key=lambda name: splits[name] * (index + 1) - counts[name])

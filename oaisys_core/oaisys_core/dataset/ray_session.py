@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import secrets
 import socket
 import subprocess
 import sys
@@ -25,6 +26,11 @@ MEMORY_PER_WORKER_GB = 2.5
 
 USED_SHARE = 0.85
 """Share of the available memory that embedded workers may take together."""
+
+CLUSTER = "HOST:PORT of a Ray cluster to which this machine belongs, with the same RAY_AUTH_MODE"
+
+REACHED_S = 5.0
+"""Longest time in which the head of a cluster must be reached."""
 
 LONGEST_FOLDER = 40
 """Longest path of a temporary folder; the paths of Ray's sockets in it have at most 107 bytes."""
@@ -67,12 +73,10 @@ class RaySession:
     Attributes:
         ray: The module.
         workers: Number of worlds that are rendered at a time.
-        nodes: Number of machines.
     """
 
     ray: Any
     workers: int
-    nodes: int
 
 
 @contextmanager
@@ -92,7 +96,7 @@ def ray_session(settings: RaySettings) -> Iterator[RaySession]:
     address = settings.address or os.environ.get(ADDRESS_VARIABLE) or None
     connected = _connected if address else _embedded
     with connected(ray, settings, address or "local"):
-        yield RaySession(ray, settings.workers or _slots(ray, settings), len(_alive(ray)))
+        yield RaySession(ray, settings.workers or _slots(ray, settings))
 
 
 def embedded_workers(settings: RaySettings) -> int:
@@ -129,6 +133,8 @@ def available_bytes() -> int:
 def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
     """Run a Ray of this process alone."""
     workers = embedded_workers(settings)
+    # Otherwise Ray writes a token to ~/.ray, with which `ray start` then protects clusters, too.
+    os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
     with _guarded_folder() as folder:
         try:
             ray.init(
@@ -152,11 +158,11 @@ def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
 @contextmanager
 def _connected(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
     """Connect to a cluster."""
+    _check_reachable(address)
     try:
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, ValueError, RuntimeError) as error:
-        expected = f"HOST:PORT of a Ray cluster to which this machine belongs ({error})"
-        raise InvalidInputError("address", address, expected) from error
+        raise InvalidInputError("address", address, f"{CLUSTER} ({error})") from error
     try:
         if not _slots(ray, settings):
             expected = "memory that a node of the cluster has"
@@ -164,6 +170,21 @@ def _connected(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
         yield
     finally:
         ray.shutdown()
+
+
+def _check_reachable(address: str) -> None:
+    """Raise unless something answers at ``HOST:PORT``: Ray itself would end this process.
+
+    Raises:
+        InvalidInputError: Nothing does.
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():
+        return  # another form, such as ``auto``
+    try:
+        socket.create_connection((host, int(port)), REACHED_S).close()
+    except (OSError, OverflowError) as error:
+        raise InvalidInputError("address", address, f"{CLUSTER} ({error})") from error
 
 
 @contextmanager
@@ -186,15 +207,11 @@ def _guarded_folder() -> Iterator[Path]:
             raise OaisysError(f"{folder}: could not be removed, Ray may still be running")
 
 
-def _alive(ray: Any) -> list[dict[str, Any]]:
-    return [node for node in ray.nodes() if node["Alive"]]
-
-
 def _slots(ray: Any, settings: RaySettings) -> int:
     """Return how many workers the nodes have room for, with one core each."""
     return sum(
         int(min(found.get("CPU", 0), found.get("memory", 0) // settings.memory_bytes))
-        for found in (node["Resources"] for node in _alive(ray))
+        for found in (node["Resources"] for node in ray.nodes() if node["Alive"])
     )
 
 

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import json
-from bisect import bisect_left
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from tarfile import BLOCKSIZE
-from typing import Any, NamedTuple, overload
+from typing import Any, overload
 
-import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.dataset.manifest import (
@@ -22,23 +18,29 @@ from oaisys_core.dataset.manifest import (
     WorldFailure,
     WorldLegend,
 )
+from oaisys_core.dataset.manifest_lines import (
+    FrameRecords,
+    ScanRecords,
+    WorldManifest,
+    indexed_manifests,
+)
 from oaisys_core.dataset.places import StoragePlace, open_place
+from oaisys_core.dataset.scans import ScanRecord, read_scan
 from oaisys_core.dataset.shards import (
-    HEAD,
     LEGEND,
+    SHARDS,
     failed_worlds,
     finished_worlds,
     manifest_name,
     padded,
     read_failure,
+    read_head,
     read_pixels,
+    scans_name,
     tar_name,
 )
 from oaisys_core.errors import InvalidInputError, NotFoundError
-from oaisys_core.types import FloatArray, ShortRepr
-
-READERS = 8
-"""Manifests that are read at the same time, because a remote place takes long to answer."""
+from oaisys_core.types import FloatArray, LidarScan, ShortRepr
 
 __all__ = ["Dataset", "DatasetSample", "FrameRecords", "WorldLegend", "open_dataset"]
 
@@ -50,14 +52,8 @@ def open_dataset(place: str | Path) -> Dataset:
         InvalidInputError: There is no data set, or it cannot be read.
     """
     opened = open_place(place)
-    try:
-        info = DatasetInfo.from_json(opened.read(HEAD), HEAD)
-    except NotFoundError as error:
-        expected = f"a data set, with its {HEAD}"
-        raise InvalidInputError("dataset", str(place), expected) from error
-    worlds = finished_worlds(opened)
-    with ThreadPoolExecutor(READERS) as threads:
-        manifests = list(threads.map(lambda world: _indexed(opened, world), worlds))
+    info = read_head(opened)
+    manifests = indexed_manifests(opened, finished_worlds(opened), manifest_name)
     return Dataset(opened, info, manifests)
 
 
@@ -84,69 +80,6 @@ class DatasetSample(ShortRepr):
     def T_map_camera(self) -> FloatArray:  # noqa: N802 - the frames are in the name
         """(4, 4) pose of the optical frame (x right, y down, z forward) in ``map``."""
         return self.record.pose
-
-
-class WorldManifest(NamedTuple):
-    """Where the lines of a world's manifest are.
-
-    Attributes:
-        world: The world.
-        split: Its split.
-        ends: (N,) end of each line, in bytes.
-    """
-
-    world: int
-    split: str
-    ends: NDArray[np.int64]
-
-
-class FrameRecords(Sequence[FrameRecord]):
-    """The frames of a data set, read from the manifests when they are asked for.
-
-    Only the manifest of one world is in memory at a time.
-    """
-
-    def __init__(self, place: StoragePlace, manifests: Sequence[WorldManifest]) -> None:
-        self._place = place
-        self._manifests = manifests
-        self._firsts = np.cumsum([0, *(len(manifest.ends) for manifest in manifests)])
-        self._held: tuple[int, bytes] | None = None
-
-    def __len__(self) -> int:
-        return int(self._firsts[-1])
-
-    @overload
-    def __getitem__(self, index: int) -> FrameRecord: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[FrameRecord]: ...
-    def __getitem__(self, index: int | slice) -> FrameRecord | list[FrameRecord]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        wanted = index + len(self) if index < 0 else index
-        if not 0 <= wanted < len(self):
-            raise IndexError(f"received {index}, the data set has {len(self)} frames")
-        number = int(np.searchsorted(self._firsts, wanted, side="right")) - 1
-        return self.line(self._manifests[number], wanted - int(self._firsts[number]))
-
-    def __iter__(self) -> Iterator[FrameRecord]:
-        for manifest in self._manifests:
-            yield from self.of_world(manifest)
-
-    def of_world(self, manifest: WorldManifest) -> Iterator[FrameRecord]:
-        """Yield the frames of a world."""
-        for line in range(len(manifest.ends)):
-            yield self.line(manifest, line)
-
-    def line(self, manifest: WorldManifest, line: int) -> FrameRecord:
-        """Return a line of a world's manifest; -1 is the last one."""
-        line %= len(manifest.ends)
-        name = manifest_name(manifest.world)
-        held = self._held
-        if held is None or held[0] != manifest.world:
-            held = self._held = (manifest.world, self._place.read(name))
-        begin = int(manifest.ends[line - 1]) if line else 0
-        text = held[1][begin : int(manifest.ends[line])]
-        return FrameRecord.from_json(text, f"{name}:{line + 1}")
 
 
 class Dataset(Sequence[DatasetSample]):
@@ -177,6 +110,15 @@ class Dataset(Sequence[DatasetSample]):
         return tuple(dict.fromkeys(manifest.split for manifest in self._manifests))
 
     @cached_property
+    def scans(self) -> ScanRecords:
+        """The records of the lidar scans; empty if the rig has no lidar."""
+        worlds: Iterable[int] = ()
+        if self.info.config.get("sensors", {}).get("lidars"):
+            names = set(self.place.names(SHARDS))
+            worlds = (world for world in self.worlds if scans_name(world) in names)
+        return ScanRecords(self.place, indexed_manifests(self.place, worlds, scans_name))
+
+    @cached_property
     def failures(self) -> tuple[WorldFailure, ...]:
         """The worlds that could not be made."""
         return tuple(read_failure(self.place, world) for world in failed_worlds(self.place))
@@ -201,9 +143,8 @@ class Dataset(Sequence[DatasetSample]):
             NotFoundError: The world is not in the data set.
             InvalidInputError: The legend cannot be read.
         """
-        last = self.records.line(self._manifest(world), -1)
         name = tar_name(world)
-        begin = max(padded(image.offset + image.size) for image in last.images.values())
+        begin = self._end_of_data(world)
         head = self.place.read(name, begin, BLOCKSIZE)
         if head[: len(LEGEND) + 1] != f"{LEGEND}\0".encode():
             raise InvalidInputError("file", name, f"a tar file whose last member is {LEGEND}")
@@ -220,7 +161,7 @@ class Dataset(Sequence[DatasetSample]):
         Raises:
             NotFoundError: The world is not in the data set.
         """
-        return self.records.of_world(self._manifest(world))
+        return self.records.of_world(world)
 
     def record(self, frame_id: str) -> FrameRecord:
         """Return the record of a frame by its id, such as ``000012_0003_camera``.
@@ -234,6 +175,31 @@ class Dataset(Sequence[DatasetSample]):
                 if record.frame_id == frame_id:
                     return record
         raise NotFoundError(f"frame {frame_id!r}: not in {self.place.url}")
+
+    def scan(self, record: ScanRecord) -> LidarScan:
+        """Return a lidar scan with its points.
+
+        Raises:
+            InvalidInputError: The points cannot be decoded.
+        """
+        points = record.points
+        file = self.place.read(tar_name(record.world), points.offset, points.size)
+        return read_scan(record, file)
+
+    def scans_beside(self, record: FrameRecord) -> dict[str, LidarScan]:
+        """Return the lidar scans of a frame's view by the lidar's name."""
+        if not self.scans.has_world(record.world):
+            return {}
+        found = (scan for scan in self.scans.of_world(record.world) if scan.view == record.view)
+        return {scan.sensor: self.scan(scan) for scan in found}
+
+    def scan_record(self, scan_id: str) -> ScanRecord | None:
+        """Return the record of a lidar scan by its id; None if there is no such scan."""
+        world = scan_id.partition("_")[0]
+        if not world.isdecimal() or not self.scans.has_world(int(world)):
+            return None
+        scans = self.scans.of_world(int(world))
+        return next((scan for scan in scans if scan.scan_id == scan_id), None)
 
     def files(self, record: FrameRecord) -> dict[str, bytes]:
         """Return the image files of a frame by modality, as the shard has them."""
@@ -268,6 +234,15 @@ class Dataset(Sequence[DatasetSample]):
     def __len__(self) -> int:
         return len(self.records)
 
+    def _end_of_data(self, world: int) -> int:
+        """Return where the last member of a tar file begins, its legend."""
+        images = self.records.last_of_world(world).images.values()
+        ends = [image.offset + image.size for image in images]
+        if self.scans.has_world(world):
+            points = self.scans.last_of_world(world).points
+            ends.append(points.offset + points.size)
+        return padded(max(ends))
+
     @overload
     def __getitem__(self, index: int) -> DatasetSample: ...
     @overload
@@ -276,26 +251,6 @@ class Dataset(Sequence[DatasetSample]):
         if isinstance(index, slice):
             return [self.sample(record) for record in self.records[index]]
         return self.sample(self.records[index])
-
-    def _manifest(self, world: int) -> WorldManifest:
-        number = bisect_left(self.worlds, world)
-        if number == len(self._manifests) or self._manifests[number].world != world:
-            raise NotFoundError(f"world {world}: not in {self.place.url}")
-        return self._manifests[number]
-
-
-def _indexed(place: StoragePlace, world: int) -> WorldManifest:
-    """Return where the lines of a manifest are."""
-    name = manifest_name(world)
-    text = place.read(name)
-    ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n")) + 1
-    if not len(ends) or ends[-1] != len(text):
-        raise InvalidInputError("file", name, "lines, each with its end")
-    try:
-        split = json.loads(text[: ends[0]])["split"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise InvalidInputError(f"{name}:1", text[:80], f"a frame's record ({error!r})") from error
-    return WorldManifest(world, str(split), ends)
 
 
 def _cut(data: memoryview, image: ImageRecord, begin: int) -> bytes:

@@ -13,13 +13,14 @@ from importlib.metadata import PackageNotFoundError, version
 
 from oaisys_core.config import SimulationConfig, canonical_json, config_sha256
 from oaisys_core.config.checking import name_faults
+from oaisys_core.dataset.card.statistics import class_shares
 from oaisys_core.dataset.engine import DatasetEvent, WorldFinished, render_worlds
 from oaisys_core.dataset.manifest import DatasetInfo, WorldFailure
 from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.dataset.plan import WorldTask, world_tasks
 from oaisys_core.dataset.ray_session import RaySettings
 from oaisys_core.dataset.reader import open_dataset
-from oaisys_core.dataset.shards import HEAD, finished_worlds
+from oaisys_core.dataset.shards import HEAD, finished_worlds, read_head
 from oaisys_core.dataset.workers import ViewCounts
 from oaisys_core.errors import ConfigError, InvalidInputError, NotReadyError
 
@@ -76,11 +77,7 @@ class DatasetSummary:
 
     def class_shares(self) -> dict[str, float]:
         """Return the share of the pixels by label, the largest first."""
-        total = self.label_pixels.total()
-        return {
-            self.labels.get(label_id, f"id {label_id}" if label_id else "(none)"): count / total
-            for label_id, count in self.label_pixels.most_common()
-        }
+        return class_shares(self.label_pixels, self.labels)
 
 
 class DatasetRendering:
@@ -151,9 +148,8 @@ class DatasetRendering:
         """Count the pixels of the finished worlds, and return the number of these worlds."""
         dataset, summary = open_dataset(self._place.url), self.summary
         for record in dataset.records:
-            pixels = {int(i): count for i, count in record.label_pixels.items()}
-            summary.label_pixels.update(pixels)
-            if pixels.keys() - summary.labels.keys() - {0}:
+            summary.label_pixels.update(record.label_pixels)
+            if record.label_pixels.keys() - summary.labels.keys() - {0}:
                 summary.labels.update(dataset.legend(record.world).labels)
         return len(dataset.worlds)
 
@@ -192,7 +188,7 @@ def check_same(earlier: DatasetInfo, now: DatasetInfo) -> None:
 
 
 def _head(place: StoragePlace) -> DatasetInfo | None:
-    return DatasetInfo.from_json(place.read(HEAD), HEAD) if place.exists(HEAD) else None
+    return read_head(place) if place.exists(HEAD) else None
 
 
 def _version(package: str) -> str | None:

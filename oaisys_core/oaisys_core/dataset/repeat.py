@@ -1,4 +1,4 @@
-"""Renders a frame of a data set again from its line in the manifest, and compares."""
+"""Renders a frame or lidar scan again from its line in the manifest, and compares."""
 
 from __future__ import annotations
 
@@ -8,36 +8,56 @@ import numpy as np
 
 from oaisys_core.config import config_from_mapping, config_sha256
 from oaisys_core.dataset.reader import Dataset, DatasetSample
+from oaisys_core.dataset.scans import ScanRecord
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import Frame, RecordedSample, modality_spec
+from oaisys_core.types import (
+    POINTS,
+    Frame,
+    FrameName,
+    LidarScan,
+    RecordedSample,
+    modality_spec,
+)
 from oaisys_core.verification.recorded_samples import Comparison, compared
 
 
 def repeated(
-    dataset: Dataset, frame_ids: Sequence[str], least_psnr_db: float
+    dataset: Dataset, ids: Sequence[str], least_psnr_db: float
 ) -> Iterator[tuple[str, list[Comparison]]]:
-    """Render frames again, and yield each one's id and the comparisons of its images.
+    """Render frames and lidar scans again; yield each one's id and the comparisons of its data.
 
     Raises:
-        NotFoundError: There is no such frame.
+        NotFoundError: There is no such frame or scan.
         InvalidInputError: The configuration in the data set is not that of the frame.
     """
-    samples = [dataset.sample(dataset.record(frame_id)) for frame_id in frame_ids]
+    records = [dataset.scan_record(each) or dataset.record(each) for each in ids]
     config = config_from_mapping(dataset.info.config)
     found = config_sha256(config)
-    for sample in samples:
-        if sample.record.config_sha256 != found:
+    for record in records:
+        if record.config_sha256 != found:
             expected = f"{found}, that of the configuration in the data set"
-            raise InvalidInputError("config_sha256", sample.record.config_sha256, expected)
+            raise InvalidInputError("config_sha256", record.config_sha256, expected)
     simulation = Simulation(config)
     try:
-        for sample in samples:
-            recorded = recorded_sample(sample)
-            again = simulation.repeat(recorded.outline)
-            yield sample.record.frame_id, compared(recorded, again, least_psnr_db)
+        for each, record in zip(ids, records, strict=True):
+            again = simulation.repeat(record.outline())
+            if isinstance(record, ScanRecord):
+                yield each, [_compared_scan(dataset.scan(record), again.scan(record.sensor))]
+            else:
+                recorded = recorded_sample(dataset.sample(record))
+                yield each, compared(recorded, again, least_psnr_db)
     finally:
         simulation.close()
+
+
+def _compared_scan(old: LidarScan, new: LidarScan) -> Comparison:
+    """Compare a recorded scan with the same scan made again, point by point."""
+    name = FrameName(old.sensor, POINTS)
+    if (old.data.shape, old.data.dtype) != (new.data.shape, new.data.dtype):
+        return Comparison(name, len(old.data), len(old.data), None, False)
+    different = int((old.data != new.data).sum())
+    return Comparison(name, len(old.data), different, None, not different)
 
 
 def recorded_sample(sample: DatasetSample) -> RecordedSample:

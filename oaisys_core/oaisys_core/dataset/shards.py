@@ -1,7 +1,8 @@
 """Shards: the images, legend and manifest of one world, written whole or not at all.
 
 The tar file is uncompressed, and its bytes depend on its content alone. The manifest is written
-after it: a world is finished if and only if its manifest exists.
+after it, and after the records of lidar scans: a world is finished if and only if its manifest
+exists.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import hashlib
 import io
 import re
 import tarfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -19,13 +20,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.dataset.manifest import (
+    DatasetInfo,
     FrameRecord,
     ImageRecord,
     WorldFailure,
     WorldLegend,
+    world_name,
 )
 from oaisys_core.dataset.places import StoragePlace
-from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.dataset.scans import EncodedScan, ScanRecord
+from oaisys_core.errors import InvalidInputError, NotFoundError, RenderError
 from oaisys_core.output.images import decode_image, encode_image, file_kind
 from oaisys_core.types import INSTANCE, SEMANTIC_0, modality_spec
 
@@ -37,19 +41,37 @@ LEGEND = "legend.json"
 _WORLD = re.compile(r".*/world_(\d{6,})\.(?:jsonl|json)")
 
 
+def read_head(place: StoragePlace) -> DatasetInfo:
+    """Return what the data set at a place is.
+
+    Raises:
+        InvalidInputError: There is no data set, or its head cannot be read.
+    """
+    try:
+        return DatasetInfo.from_json(place.read(HEAD), HEAD)
+    except NotFoundError as error:
+        expected = f"a data set, with its {HEAD}"
+        raise InvalidInputError("dataset", place.url, expected) from error
+
+
 def tar_name(world: int) -> str:
     """Return the name of a world's tar file."""
-    return f"{SHARDS}/world_{world:06d}.tar"
+    return f"{SHARDS}/{world_name(world)}.tar"
 
 
 def manifest_name(world: int) -> str:
     """Return the name of a world's manifest."""
-    return f"{SHARDS}/world_{world:06d}.jsonl"
+    return f"{SHARDS}/{world_name(world)}.jsonl"
+
+
+def scans_name(world: int) -> str:
+    """Return the name of the file with the records of a world's lidar scans."""
+    return f"{SHARDS}/{world_name(world)}.scans.jsonl"
 
 
 def failure_name(world: int) -> str:
     """Return the name of the file that says why a world could not be made."""
-    return f"{FAILED}/world_{world:06d}.json"
+    return f"{FAILED}/{world_name(world)}.json"
 
 
 def finished_worlds(place: StoragePlace) -> list[int]:
@@ -100,7 +122,7 @@ def encoded_frame(record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> En
         images[modality], files[modality] = _encoded(record.frame_id, modality, arrays[modality])
     # Counting takes 0.5 ms of a 640x480 image, and np.unique, which sorts, 3 to 8 ms.
     counts = np.bincount(np.ravel(arrays.get(SEMANTIC_0, np.empty(0, np.uint16))))
-    pixels = {str(i): int(counts[i]) for i in np.flatnonzero(counts).tolist()}
+    pixels = {i: int(counts[i]) for i in np.flatnonzero(counts).tolist()}
     return EncodedFrame(replace(record, images=images, label_pixels=pixels), files)
 
 
@@ -122,11 +144,12 @@ def _encoded(frame: str, modality: str, data: NDArray[Any]) -> tuple[ImageRecord
 
 
 class ShardWriter:
-    """Receives the frames of one world, in the order of view and sensor; see `writing_shard`."""
+    """Receives the frames and scans of one world, view by view; see `writing_shard`."""
 
     def __init__(self, tar: tarfile.TarFile) -> None:
         self._tar = tar
         self._lines: list[str] = []
+        self._scan_lines: list[str] = []
         self._legend: WorldLegend | None = None
 
     def add(self, record: FrameRecord, arrays: Mapping[str, NDArray[Any]]) -> FrameRecord:
@@ -144,16 +167,24 @@ class ShardWriter:
     def add_encoded(self, frame: EncodedFrame) -> FrameRecord:
         """Write a frame, and return its record with the places of its images."""
         images = {
-            modality: replace(image, offset=self._add_file(image.file, frame.files[modality]))
+            modality: replace(image, offset=appended(self._tar, image.file, frame.files[modality]))
             for modality, image in frame.record.images.items()
         }
         whole = replace(frame.record, images=images)
         self._lines.append(whole.to_json())
         return whole
 
+    def add_scan(self, scan: EncodedScan) -> ScanRecord:
+        """Write a lidar scan, and return its record with the place of its points."""
+        points = scan.record.points
+        offset = appended(self._tar, points.file, scan.file)
+        whole = replace(scan.record, points=replace(points, offset=offset))
+        self._scan_lines.append(whole.to_json())
+        return whole
+
     def finish(self, legend: WorldLegend) -> None:
         """Write the legend, after the last frame."""
-        self._add_file(LEGEND, legend.to_json().encode())
+        appended(self._tar, LEGEND, legend.to_json().encode())
         self._legend = legend
 
     def manifest(self) -> bytes:
@@ -164,15 +195,11 @@ class ShardWriter:
         """
         if not self._lines or self._legend is None:
             raise RenderError("a shard needs at least one frame and a legend")
-        return "".join(f"{line}\n" for line in self._lines).encode()
+        return _text(self._lines)
 
-    def _add_file(self, name: str, data: bytes) -> int:
-        """Append a file and return where its bytes begin."""
-        # TarInfo's defaults: no time, no owner, mode 0644.
-        member = tarfile.TarInfo(name)
-        member.size = len(data)
-        self._tar.addfile(member, io.BytesIO(data))
-        return self._tar.offset - padded(len(data))
+    def scans(self) -> bytes:
+        """Return the records of the lidar scans; empty if there are none."""
+        return _text(self._scan_lines)
 
 
 @contextmanager
@@ -187,6 +214,8 @@ def writing_shard(place: StoragePlace, world: int) -> Iterator[ShardWriter]:
             writer = ShardWriter(tar)
             yield writer
         manifest = writer.manifest()
+    if scans := writer.scans():
+        place.write(scans_name(world), scans)
     place.write(manifest_name(world), manifest)
 
 
@@ -226,6 +255,19 @@ def pixels_sha256(pixels: NDArray[Any]) -> str:
 def padded(size: int) -> int:
     """Return the bytes that a file of some size takes in a tar file."""
     return -(-size // tarfile.BLOCKSIZE) * tarfile.BLOCKSIZE
+
+
+def appended(tar: tarfile.TarFile, name: str, data: bytes) -> int:
+    """Append a file to a tar file, and return where its bytes begin."""
+    # TarInfo's defaults: no time, no owner, mode 0644.
+    member = tarfile.TarInfo(name)
+    member.size = len(data)
+    tar.addfile(member, io.BytesIO(data))
+    return tar.offset - padded(len(data))
+
+
+def _text(lines: Iterable[str]) -> bytes:
+    return "".join(f"{line}\n" for line in lines).encode()
 
 
 def _worlds(names: Iterator[str]) -> list[int]:

@@ -76,6 +76,8 @@ def written(
             if isinstance(part, EncodedView):
                 for frame in part.frames:
                     shard.add_encoded(frame)
+                for scan in part.scans:
+                    shard.add_scan(scan)
                 yield _counts_of(task, part)
             elif isinstance(part, WorldLegend):
                 shard.finish(part)
@@ -91,7 +93,7 @@ def written(
 def _counts_of(task: WorldTask, part: EncodedView) -> ViewCounts:
     pixels: Counter[int] = Counter()
     for frame in part.frames:
-        pixels.update({int(i): count for i, count in frame.record.label_pixels.items()})
+        pixels.update(frame.record.label_pixels)
     return ViewCounts(task.index, part.view, len(part.frames), dict(pixels))
 
 

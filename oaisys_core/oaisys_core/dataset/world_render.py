@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import cache
@@ -21,21 +21,23 @@ from oaisys_core.dataset.manifest import (
     frame_id,
 )
 from oaisys_core.dataset.plan import WorldTask
+from oaisys_core.dataset.scans import EncodedScan, ScanRecord, encoded_points
 from oaisys_core.dataset.shards import EncodedFrame, encoded_frame
 from oaisys_core.errors import OaisysError
 from oaisys_core.output.records import intrinsics_record
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import Frame, ObjectQuery, Sample
+from oaisys_core.types import FloatArray, Frame, LidarScan, ObjectQuery, Sample
 
 S_PER_VIEW = 1.0
 """Simulated time from one view to the next, unless the sun has its own."""
 
 
 class EncodedView(NamedTuple):
-    """A finished view: its number, and the frames of all cameras that were due."""
+    """A finished view: its number, and what all cameras and lidars measured that were due."""
 
     view: int
     frames: tuple[EncodedFrame, ...]
+    scans: tuple[EncodedScan, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -111,42 +113,30 @@ class WorldRenderer:
         by_sensor: dict[str, list[Frame]] = {}
         for frame in view.sample.frames:
             by_sensor.setdefault(frame.sensor, []).append(frame)
-        seconds = view.seconds / max(1, len(by_sensor))
+        scans = view.sample.scans
+        shared = self._shared_fields(task, view, max(1, len(by_sensor) + len(scans)))
         return EncodedView(
             view.number,
-            tuple(
-                encoded_frame(
-                    self._record(task, view, frames[0], seconds),
-                    {frame.modality: frame.data for frame in frames},
-                )
-                for frames in by_sensor.values()
-            ),
+            tuple(_encoded_frame(frames, shared, view.sun_deg) for frames in by_sensor.values()),
+            tuple(_encoded_scan(scan, shared) for scan in scans),
         )
 
-    def _record(self, task: WorldTask, view: _View, frame: Frame, seconds: float) -> FrameRecord:
+    def _shared_fields(self, task: WorldTask, view: _View, records: int) -> dict[str, Any]:
+        """Return the fields that are equal in the records of a view's frames and scans."""
         sample = view.sample
-        rows = tuple(tuple(row) for row in frame.T_map_camera.tolist())
-        return FrameRecord(
-            frame_id=frame_id(task.index, view.number, frame.sensor),
-            world=task.index,
-            view=view.number,
-            sensor=frame.sensor,
-            split=task.split,
-            world_seed=task.seed,
-            config_sha256=sample.provenance.config_sha256,
-            metadata={},
-            T_map_camera=rows,
-            intrinsics=intrinsics_record(frame.intrinsics),
-            stamp_s=view.number * self._s_per_view,
-            images={},
-            provenance=asdict(sample.provenance),
-            rig_pose=asdict(sample.rig_pose),
-            worker=self._worker,
-            seconds=round(seconds, 3),
-            software=self._software,
-            sun_elevation_deg=view.sun_deg[0],
-            sun_azimuth_deg=view.sun_deg[1],
-        )
+        return {
+            "world": task.index,
+            "view": view.number,
+            "split": task.split,
+            "world_seed": task.seed,
+            "config_sha256": sample.provenance.config_sha256,
+            "stamp_s": view.number * self._s_per_view,
+            "provenance": asdict(sample.provenance),
+            "rig_pose": asdict(sample.rig_pose),
+            "worker": self._worker,
+            "seconds": round(view.seconds / records, 3),
+            "software": self._software,
+        }
 
     def _sun_deg(self) -> tuple[float, float]:
         """Return the elevation and azimuth of the sun in the current view."""
@@ -165,6 +155,42 @@ class WorldRenderer:
                 )
             after = page.next_after_instance_id or None
         return WorldLegend(dict(self._simulation.info().semantic_labels), instances)
+
+
+def _encoded_frame(
+    frames: Sequence[Frame], shared: Mapping[str, Any], sun_deg: tuple[float, float]
+) -> EncodedFrame:
+    """Return the frame of a camera from its images at a view."""
+    first = frames[0]
+    record = FrameRecord(
+        frame_id=frame_id(shared["world"], shared["view"], first.sensor),
+        sensor=first.sensor,
+        metadata={},
+        T_map_camera=_rows(first.T_map_camera),
+        intrinsics=intrinsics_record(first.intrinsics),
+        images={},
+        sun_elevation_deg=sun_deg[0],
+        sun_azimuth_deg=sun_deg[1],
+        **shared,
+    )
+    return encoded_frame(record, {frame.modality: frame.data for frame in frames})
+
+
+def _encoded_scan(scan: LidarScan, shared: Mapping[str, Any]) -> EncodedScan:
+    scan_id = frame_id(shared["world"], shared["view"], scan.sensor)
+    points, file = encoded_points(scan_id, scan)
+    record = ScanRecord(
+        scan_id=scan_id,
+        sensor=scan.sensor,
+        T_map_lidar=_rows(scan.T_map_lidar),
+        points=points,
+        **shared,
+    )
+    return EncodedScan(record, file)
+
+
+def _rows(T: FloatArray) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in T.tolist())
 
 
 def software(simulation: Simulation) -> dict[str, str]:

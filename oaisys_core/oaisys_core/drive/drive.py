@@ -2,27 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
-from oaisys_core import randomness
 from oaisys_core.backend.base import ProgressCallback
 from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.drive import DriveConfig
+from oaisys_core.drive.odometry_drift import OdometryDrift
 from oaisys_core.drive.schedule import NANOSECONDS, SensorRate, SensorSchedule
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.scene import PoseAtTime
 from oaisys_core.sensing.imu import ImuMeasurements, measure
 from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory import Trajectory
-from oaisys_core.trajectory.planning import plan_drive
-from oaisys_core.types import FloatArray, ModuleMetadata, Sample, ShortRepr, ignore_progress
+from oaisys_core.trajectory.planning import DrivePlan, plan_drive
+from oaisys_core.types import (
+    ODOMETRY,
+    FloatArray,
+    ModuleMetadata,
+    Sample,
+    ShortRepr,
+    ignore_progress,
+)
 
-ODOMETRY = "odometry"
-"""Name under which the schedule counts ground truth and odometry."""
+MOST_MEASUREMENTS = 5_000_000
+"""Measurements of all sensors in one drive: four hours with 340 in a second."""
 
 
 @dataclass(frozen=True)
@@ -64,36 +73,46 @@ class Drive:
     Attributes:
         plan: The motion.
         rates_hz: Rates of cameras, lidars, IMUs and odometry, by name.
+        imu_names: The IMUs among them.
         schedule: When they are due; a lidar's scan must be complete at the end.
     """
 
-    def __init__(self, simulation: Simulation, config: SimulationConfig) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        config: SimulationConfig,
+        plan: DrivePlan | None = None,
+        sensors: Sequence[str] = (),
+    ) -> None:
         """Plan the drive.
 
         Args:
             simulation: It must have a world (`Simulation.step_batch`).
-            config: Its configuration, with a section ``drive``.
+            config: Its configuration.
+            plan: The motion; None for that of the configuration's section ``drive``.
+            sensors: Which cameras, lidars and IMUs measure, and whether `ODOMETRY` does; none
+                named: all.
 
         Raises:
-            InvalidInputError: There is no such section, or the vehicle cannot drive this way.
+            InvalidInputError: There is no such section or sensor, the vehicle cannot drive this
+                way, or there would be more than `MOST_MEASUREMENTS`.
             NotReadyError: There is no world yet.
         """
         self._simulation = simulation
         self._config = config
-        self._drive = drive_section(config)
-        self.plan = plan_drive(self._drive, simulation.query_height)
-        sensors = config.sensors
-        self._imus = {imu.name: imu for imu in sensors.imus}
-        rates = [SensorRate(camera.name, camera.rate_hz) for camera in sensors.all_cameras]
-        rates += [
-            SensorRate(lidar.name, lidar.rate_hz, duration_s=lidar.period_s)
-            for lidar in sensors.lidars
-        ]
-        self._rendered = frozenset(rate.name for rate in rates)
-        rates += [SensorRate(imu.name, imu.rate_hz) for imu in sensors.imus]
-        rates.append(SensorRate(ODOMETRY, self._drive.odometry_rate_hz))
+        heights = partial(simulation.query_height, on_stage=True)
+        self.plan = plan or plan_drive(drive_section(config), heights)
+        self._imus = {imu.name: imu for imu in config.sensors.imus}
+        rates = _chosen(_sensor_rates(config, self.plan), sensors)
         self.rates_hz = {rate.name: rate.rate_hz for rate in rates}
-        self.schedule = SensorSchedule(rates, self.plan.trajectory.start_s, self.plan.end_s)
+        self.imu_names = frozenset(self._imus).intersection(self.rates_hz)
+        self._rendered = frozenset(self.rates_hz) - {*self._imus, ODOMETRY}
+        start_s, end_s = self.plan.trajectory.start_s, self.plan.end_s
+        count = (end_s - start_s) * sum(self.rates_hz.values())
+        if count > MOST_MEASUREMENTS:
+            expected = f"a drive with at most {MOST_MEASUREMENTS} measurements"
+            raise InvalidInputError("drive.duration_s", end_s - start_s, expected)
+        self.schedule = SensorSchedule(rates, start_s, end_s)
 
     def sample_count(self) -> int:
         """Return the number of times at which a camera or a lidar is due."""
@@ -103,47 +122,59 @@ class Drive:
     def samples(self, progress: ProgressCallback = ignore_progress) -> Iterator[TimedSample]:
         """Render at each time at which a camera or a lidar is due, and yield what they saw.
 
-        Lidars move along the trajectory during their scans.
+        Lidars move along the trajectory during their scans, cameras during readout and exposure.
 
         Raises:
             OaisysError: See `Simulation.step_sample`.
         """
-        trajectory = self.plan.trajectory
         for due in self.schedule:
             names = tuple(name for name in due.names if name in self._rendered)
             if not names:
                 continue
-            time_s = due.time_ns / NANOSECONDS
-            sample = self._simulation.step_sample(
-                ModuleMetadata(sensor={"pose": trajectory.pose(time_s)}),
-                sensors=names,
-                T_map_base=partial(_pose_after, trajectory, time_s),
-                progress=progress,
-            )
-            yield TimedSample(due.time_ns, names, sample)
+            yield TimedSample(due.time_ns, names, self.sample(due.time_ns, names, progress))
+
+    def sample(
+        self, time_ns: int, sensors: Sequence[str], progress: ProgressCallback = ignore_progress
+    ) -> Sample:
+        """Render what cameras and lidars see at one time of the drive; see `samples`."""
+        return self._simulation.step_sample(
+            self.metadata_at(time_ns),
+            sensors=sensors,
+            T_map_base=motion_from(self.plan.trajectory, time_ns),
+            progress=progress,
+        )
+
+    def metadata_at(self, time_ns: int) -> ModuleMetadata:
+        """Return what moves rig and movers to where they are at a time of the drive."""
+        time_s, trajectory = time_ns / NANOSECONDS, self.plan.trajectory
+        movers = [mover.trajectory for mover in self._config.assets.movers]
+        moves = any(mover.speed_m_s is not None for mover in movers)
+        return ModuleMetadata(
+            sensor={"pose": trajectory.pose(time_s)},
+            asset={"time_s": time_s - trajectory.start_s} if moves else None,
+        )
 
     def imu_measurements(self, name: str) -> ImuMeasurements:
         """Return all measurements of an IMU."""
-        batch_id = self._simulation.info().batch_id
         return measure(
             self._imus[name],
             self.plan.trajectory,
             self.times_s(name),
-            self._drive.gravity_m_s2,
-            randomness.batch_seed(self._config.seed, batch_id),
+            self.plan.gravity_m_s2,
+            self._simulation.batch_seed,
         )
 
     def odometry(self) -> OdometrySample:
         """Return ground truth and odometry at all times at which they are due."""
-        trajectory, times_s = self.plan.trajectory, self.times_s(ODOMETRY)
-        rotations = trajectory.rotation(times_s)
-        return OdometrySample(
-            times_s=times_s,
-            positions_m=trajectory.position_m(times_s),
-            quats_xyzw=rotations.as_quat(canonical=True),
-            velocity_m_s=rotations.inv().apply(trajectory.velocity_m_s(times_s)),
-            angular_rate_rad_s=trajectory.angular_rate_rad_s(times_s),
-        )
+        return odometry_at(self.plan.trajectory, self.times_s(ODOMETRY))
+
+    def odometry_drift(self) -> OdometryDrift | None:
+        """Return what odometry estimates; None if it does not drift."""
+        drift = self.plan.odometry_drift
+        if not drift.active or ODOMETRY not in self.rates_hz:
+            return None
+        times_s = self.times_s(ODOMETRY)
+        return OdometryDrift(drift, self.plan.trajectory, times_s, self._simulation.batch_seed)
 
     def times_s(self, name: str) -> FloatArray:
         """Return the (N,) times at which a sensor is due, in seconds."""
@@ -151,9 +182,66 @@ class Drive:
         return np.asarray(times_ns / NANOSECONDS)
 
 
+def odometry_at(trajectory: Trajectory, times_s: FloatArray) -> OdometrySample:
+    """Return true poses and twists of ``base_link`` at (N,) times."""
+    rotations = trajectory.rotation(times_s)
+    return OdometrySample(
+        times_s=times_s,
+        positions_m=trajectory.position_m(times_s),
+        quats_xyzw=rotations.as_quat(canonical=True),
+        velocity_m_s=rotations.inv().apply(trajectory.velocity_m_s(times_s)),
+        angular_rate_rad_s=trajectory.angular_rate_rad_s(times_s),
+    )
+
+
+def motion_from(trajectory: Trajectory, time_ns: int) -> PoseAtTime:
+    """Return the poses of the rig at times since a simulated time."""
+    return partial(_pose_after, trajectory, time_ns / NANOSECONDS)
+
+
+def _sensor_rates(config: SimulationConfig, plan: DrivePlan) -> list[SensorRate]:
+    """Return the rates of cameras, lidars, IMUs and odometry."""
+    sensors = config.sensors
+    rates = [
+        SensorRate(camera.name, camera.rate_hz, duration_s=camera.readout_s + camera.exposure_s / 2)
+        for camera in sensors.all_cameras
+    ]
+    rates += [
+        SensorRate(lidar.name, lidar.rate_hz, duration_s=lidar.period_s) for lidar in sensors.lidars
+    ]
+    rates += [SensorRate(imu.name, imu.rate_hz) for imu in sensors.imus]
+    return [*rates, SensorRate(ODOMETRY, plan.odometry_rate_hz)]
+
+
+def _chosen(rates: Sequence[SensorRate], names: Sequence[str]) -> Sequence[SensorRate]:
+    """Return the rates of the named sensors; of all if none is named.
+
+    Raises:
+        InvalidInputError: There is no such sensor.
+    """
+    known = [rate.name for rate in rates]
+    for name in names:
+        if name not in known:
+            raise InvalidInputError("sensors", name, one_of(known, name))
+    return [rate for rate in rates if rate.name in names] if names else rates
+
+
 def _pose_after(trajectory: Trajectory, start_s: float, times_s: FloatArray) -> FloatArray:
-    """Return the (N, 4, 4) poses of the rig at times since a sample."""
-    return trajectory.T_map_base(start_s + times_s)
+    """Return the (N, 4, 4) poses of the rig at times since a sample.
+
+    Before the trajectory, where the first exposure begins, and after it the rig keeps the velocity
+    and the angular rate that it has at the nearer end.
+    """
+    inside_s = np.clip(start_s + times_s, trajectory.start_s, trajectory.end_s)
+    outside_s = (start_s + times_s - inside_s)[:, None]
+    poses = trajectory.T_map_base(inside_s)
+    if outside_s.any():
+        poses[:, :3, 3] += outside_s * trajectory.velocity_m_s(inside_s)
+        turns = scipy.spatial.transform.Rotation.from_rotvec(
+            outside_s * trajectory.angular_rate_rad_s(inside_s)
+        )
+        poses[:, :3, :3] = poses[:, :3, :3] @ turns.as_matrix()
+    return poses
 
 
 def drive_section(config: SimulationConfig) -> DriveConfig:

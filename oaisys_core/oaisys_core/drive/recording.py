@@ -6,6 +6,7 @@
     trajectory.csv              the planned motion of ``base_link``
     odometry.csv                true pose, and twist in ``base_link``, at ``drive.odometry_rate_hz``
     ground_truth.tum            the same poses as a TUM file
+    odometry.tum                the poses that odometry estimates, with `drive.odometry_drift`
     imu/data.csv                measurements of an IMU, with EuRoC's columns
     imu/bias.csv                the true biases in them
     batch_0001/                 images, as `oaisys_core.output.writer` describes
@@ -15,26 +16,28 @@
 
 from __future__ import annotations
 
-import csv
-import io
-from collections.abc import Iterable, Sequence
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from oaisys_core.config import SimulationConfig, config_sha256
-from oaisys_core.drive.drive import OdometrySample
-from oaisys_core.output.files import append_text, write_text
+from oaisys_core.drive.drive import Drive
+from oaisys_core.drive.outputs import (
+    GROUND_TRUTH,
+    ODOMETRY_ESTIMATE,
+    DriveDescription,
+    StreamCount,
+)
+from oaisys_core.output.files import append_text, csv_text, write_text
 from oaisys_core.output.records import write_json
 from oaisys_core.output.writer import SampleWriter
-from oaisys_core.sensing.imu import ImuMeasurements
-from oaisys_core.trajectory import Trajectory
 from oaisys_core.trajectory.files import TRAJECTORY_COLUMNS, write_poses, write_trajectory
-from oaisys_core.types import FloatArray, Sample
+from oaisys_core.types import ODOMETRY as ODOMETRY_NAME
+from oaisys_core.types import DriveInstant, FloatArray
 
-TRAJECTORY, ODOMETRY, GROUND_TRUTH = "trajectory.csv", "odometry.csv", "ground_truth.tum"
-REPORT, STAMPS = "drive.json", "stamps.csv"
+TRAJECTORY, ODOMETRY = "trajectory.csv", "odometry.csv"
+SUMMARY, STAMPS = "drive.json", "stamps.csv"
 
 TWIST_COLUMNS = ("vx_m_s", "vy_m_s", "vz_m_s", "wx_rad_s", "wy_rad_s", "wz_rad_s")
 IMU_COLUMNS = (
@@ -50,33 +53,59 @@ BIAS_COLUMNS = (
 
 
 class DriveWriter:
-    """Writes one drive into a folder; all methods may raise `RenderError`."""
+    """Writes one drive into a folder; all methods may raise `RenderError`.
 
-    def __init__(self, out: Path) -> None:
-        self._out = out
-        self._samples = SampleWriter(out)
+    Args:
+        drive: The drive, whose motion and IMUs are written at once.
+        description: The same drive as plain data.
+        config: The configuration.
 
-    def begin(self, config: SimulationConfig, trajectory: Trajectory) -> None:
-        """Write the configuration and the planned motion.
+    Raises:
+        InvalidInputError: The folder contains a run already.
+    """
 
-        Raises:
-            InvalidInputError: The folder contains a run already.
-        """
-        self._samples.begin(config)
-        write_trajectory(self._out / TRAJECTORY, trajectory)
-
-    def write_sample(
-        self, time_ns: int, sensors: Sequence[str], sample: Sample, labels: dict[int, str]
+    def __init__(
+        self, drive: Drive, description: DriveDescription, config: SimulationConfig
     ) -> None:
-        """Write the images of one time."""
-        self._samples.write(sample, labels)
-        path = self._samples.batch_folder(sample.batch_id) / STAMPS
-        rows: list[Sequence[object]] = [] if path.exists() else [("sample_id", "t_ns", "sensors")]
-        append_text(path, _csv_text([*rows, (sample.sample_id, time_ns, " ".join(sensors))]))
+        self._out = description.folder
+        self._config = config
+        self._due = description.due
+        self._labels = dict(description.info.semantic_labels)
+        self._samples = SampleWriter(self._out)
+        self._samples.begin(config)
+        write_trajectory(self._out / TRAJECTORY, drive.plan.trajectory)
+        self._written = dict.fromkeys(self._due, 0)
+        self._written[ODOMETRY_NAME] = self._write_odometry(drive)
+        for imu in description.info.imus:
+            self._written[imu.name] = self._write_imu(imu.name, drive)
 
-    def write_imu(self, name: str, times_ns: Iterable[int], measured: ImuMeasurements) -> None:
-        """Write all measurements of an IMU."""
-        stamps = list(times_ns)
+    def write(self, instant: DriveInstant) -> None:
+        """Write the images and scans of one time."""
+        if instant.sample is None:
+            return
+        self._samples.write(instant.sample, self._labels)
+        path = self._samples.batch_folder(instant.sample.batch_id) / STAMPS
+        rows: list[Sequence[object]] = [] if path.exists() else [("sample_id", "t_ns", "sensors")]
+        row = (instant.sample.sample_id, instant.time_ns, " ".join(instant.sensors))
+        append_text(path, csv_text([*rows, row]))
+        for name in instant.sensors:
+            self._written[name] += 1
+
+    def finish(self) -> Mapping[str, StreamCount]:
+        """Return how many measurements of each sensor were due and are written."""
+        return {name: StreamCount(due, self._written[name]) for name, due in self._due.items()}
+
+    def close(self) -> None:
+        """Do nothing: each file is complete when it is written."""
+
+    def write_summary(self, summary: dict[str, Any]) -> None:
+        """Write ``drive.json``, which says that the drive is complete."""
+        write_json(self._out / SUMMARY, {"config_sha256": config_sha256(self._config), **summary})
+
+    def _write_imu(self, name: str, drive: Drive) -> int:
+        """Write all measurements of an IMU and return their number."""
+        measured = drive.imu_measurements(name)
+        stamps = drive.schedule.times_ns(name).tolist()
         values = np.hstack((measured.angular_rate_rad_s, measured.specific_force_m_s2))
         biases = np.hstack((measured.gyroscope_bias_rad_s, measured.accelerometer_bias_m_s2))
         for file, columns, table in (
@@ -84,27 +113,26 @@ class DriveWriter:
             ("bias.csv", BIAS_COLUMNS, biases),
         ):
             rows = _stamped(stamps, table)
-            write_text(self._out / name / file, _csv_text([columns, *rows]))
+            write_text(self._out / name / file, csv_text([columns, *rows]))
+        return len(stamps)
 
-    def write_odometry(self, odometry: OdometrySample) -> None:
-        """Write poses and twists at all times of the odometry."""
+    def _write_odometry(self, drive: Drive) -> int:
+        """Write poses and twists at all times of the odometry, and return their number."""
+        odometry, drift = drive.odometry(), drive.odometry_drift()
         poses = np.column_stack((odometry.times_s, odometry.positions_m, odometry.quats_xyzw))
         twists = np.hstack((odometry.velocity_m_s, odometry.angular_rate_rad_s))
         rows = np.hstack((poses, twists)).tolist()
         columns = (*TRAJECTORY_COLUMNS, *TWIST_COLUMNS)
-        write_text(self._out / ODOMETRY, _csv_text([columns, *rows]))
+        write_text(self._out / ODOMETRY, csv_text([columns, *rows]))
         write_poses(self._out / GROUND_TRUTH, poses)
-
-    def finish(self, config: SimulationConfig, report: dict[str, Any]) -> None:
-        """Write the report, which says that the drive is complete."""
-        write_json(self._out / REPORT, {"config_sha256": config_sha256(config), **report})
+        estimated = poses
+        if drift is not None:
+            found = [each.pose for each in drift.estimates(odometry.times_s)]
+            numbers = [(*pose.position_m, *pose.quat_xyzw) for pose in found]
+            estimated = np.column_stack((odometry.times_s, np.array(numbers)))
+        write_poses(self._out / ODOMETRY_ESTIMATE, estimated)
+        return len(poses)
 
 
 def _stamped(times_ns: Sequence[int], table: FloatArray) -> list[Sequence[object]]:
     return [(t, *row) for t, row in zip(times_ns, table.tolist(), strict=True)]
-
-
-def _csv_text(rows: Iterable[Sequence[object]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import radians
 from typing import Any
 
@@ -12,7 +13,8 @@ from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.sensors import CameraConfig, OpticsConfig, optics_bounds_px
 from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
 from oaisys_core.module import overridden
-from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar
+from oaisys_core.modules.lidars import ConstantVelocity, mounted
+from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar, PoseAtTime
 from oaisys_core.types import FrameName, Pose, SensorInfo
 
 Cameras = tuple[CameraConfig, ...]
@@ -55,9 +57,19 @@ def sensor_info(camera: CameraConfig, baseline_m: float) -> SensorInfo:
 
 
 def placed_cameras(
-    cameras: Cameras, sensors: Sequence[SensorInfo], rig_pose: Pose
+    cameras: Cameras,
+    sensors: Sequence[SensorInfo],
+    rig_pose: Pose,
+    baselines_m: Mapping[str, float],
 ) -> tuple[PlacedCamera, ...]:
-    """Return the cameras in ``map``, each with all its modalities."""
+    """Return the cameras in ``map``, each with all its modalities.
+
+    Args:
+        cameras: Their configuration.
+        sensors: Their descriptions.
+        rig_pose: Pose of the rig.
+        baselines_m: Baseline of its pair by the name of each stereo camera.
+    """
     T_map_base = geometry.pose_to_matrix(rig_pose)
     return tuple(
         PlacedCamera(
@@ -67,6 +79,9 @@ def placed_cameras(
             modalities=sensor.modalities,
             lens=_lens(camera),
             shutter_share=camera.shutter_share,
+            stereo_baseline_m=baselines_m.get(sensor.name, 0.0),
+            readout_s=camera.readout_s,
+            exposure_s=camera.exposure_s,
         )
         for sensor, camera in zip(sensors, cameras, strict=True)
     )
@@ -74,22 +89,51 @@ def placed_cameras(
 
 def with_previous_poses(
     placed: Sequence[PlacedCamera],
+    cameras: Cameras,
     sensors: Sequence[SensorInfo],
     last_rig_poses: Mapping[str, Pose],
 ) -> tuple[PlacedCamera, ...]:
-    """Return the cameras with their poses when they last rendered.
+    """Return the cameras with their poses when they last rendered, and their motion since then.
 
     Args:
         placed: The cameras that render.
-        sensors: All cameras of the rig.
+        cameras: The configuration of all cameras of the rig.
+        sensors: Their descriptions.
         last_rig_poses: By camera name, the pose of the rig when that camera last rendered.
     """
     mounts = {sensor.name: sensor.T_base_camera for sensor in sensors}
+    rates_hz = {camera.name: camera.rate_hz for camera in cameras}
+    moving = []
+    for camera in placed:
+        before = last_rig_poses.get(camera.name)
+        if before is not None:
+            T_map_previous = geometry.pose_to_matrix(before) @ mounts[camera.name]
+            camera = replace(camera, T_map_previous=T_map_previous)  # noqa: PLW2901
+            if camera.readout_s or camera.exposure_s:
+                motion = ConstantVelocity.between(
+                    T_map_previous, camera.T_map_camera, 1 / rates_hz[camera.name]
+                )
+                camera = replace(camera, pose_at=motion)  # noqa: PLW2901
+        moving.append(camera)
+    return tuple(moving)
+
+
+def following_cameras(
+    placed: Sequence[PlacedCamera], sensors: Sequence[SensorInfo], T_map_base: PoseAtTime
+) -> tuple[PlacedCamera, ...]:
+    """Return the cameras, moving with the rig during readout and exposure.
+
+    Args:
+        placed: The cameras that render.
+        sensors: The descriptions of all cameras of the rig.
+        T_map_base: Poses of the rig at times since the sample's own.
+    """
+    mounts = {sensor.name: sensor.T_base_camera for sensor in sensors}
     return tuple(
-        replace(c, T_map_previous=geometry.pose_to_matrix(last_rig_poses[c.name]) @ mounts[c.name])
-        if c.name in last_rig_poses
-        else c
-        for c in placed
+        replace(camera, pose_at=partial(mounted, T_map_base, mounts[camera.name]))
+        if camera.readout_s or camera.exposure_s
+        else camera
+        for camera in placed
     )
 
 

@@ -1,9 +1,9 @@
-"""The module that draws sun, sky and air."""
+"""The module that draws sun, sky, air and lamps."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import timedelta
 from math import log, radians
 from typing import TypeVar
@@ -18,10 +18,13 @@ from oaisys_core.config.sections.environment import (
     HdriConfig,
     SkyConfig,
 )
+from oaisys_core.environment.dust import shares_under_dust
 from oaisys_core.environment.effects import load_effects
 from oaisys_core.environment.hdri import SkyImages, images_of
+from oaisys_core.environment.light import LUMINANCE, daylight, gradient_irradiance_w_m2
 from oaisys_core.environment.sun import azimuth_in_map, sun_position
 from oaisys_core.module import Metadata, SectionModule, World, overridden
+from oaisys_core.modules.lamps import check_changes, lamps_that_are_on
 from oaisys_core.sky import Color, Gradient, Haze, Hdri, Sky
 
 LEAST_CONTRAST = 0.02
@@ -87,11 +90,13 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
         _check_names(self._config)
 
     def check(self, metadata: Metadata) -> None:
-        """Raise on unknown keys, invalid values, and files or effects that do not exist."""
+        """Raise on unknown keys, invalid values, and files, effects or lamps that do not exist."""
+        check_changes(self._config.lamps, metadata)
         _check_names(overridden(self._config, metadata, self.metadata_part))
 
     def check_sample(self, metadata: Metadata) -> None:
         """Raise as `check` does, with the metadata applied to the current values."""
+        check_changes(self._now.lamps, metadata)
         _check_names(overridden(self._now, metadata, self.metadata_part))
 
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
@@ -100,14 +105,19 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
         super().step_batch(world, metadata, rng)
 
     def apply(self, world: World, section: EnvironmentConfig) -> None:
-        """Set sun and sky."""
+        """Set sun, sky and lamps."""
         sun = section.sun_from_time
         self.changes_by_itself = section.redraw == "sample" or bool(sun and sun.s_per_sample)
         draws = NamedDraws(self._seed, _redraw(section, world.sample_id))
-        sky = self._sky(section, draws, world.sample_id)
+        sky = replace(self._sky(section, draws, world.sample_id), dips=world.is_in_land)
         for index, effect in enumerate(load_effects(section.effects)):
             sky = effect.apply(sky, draws.rng(f"effects.{index}"))
         world.sky = sky
+        strengths_w = {
+            name: draws.number(f"lamps.{name}.strength_w", lamp.strength_w)
+            for name, lamp in section.lamps.items()
+        }
+        world.lamps = lamps_that_are_on(section.lamps, strengths_w, world.ground)
         for thing in section.labelled:
             world.semantic_labels.update({i: name for i, name in thing.labels.items() if i})
 
@@ -115,12 +125,20 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
         elevation_rad, azimuth_rad = _sun(config, draws, sample_id)
         diameter_deg = draws.number("sun_angular_diameter_deg", config.sun_angular_diameter_deg)
         ground = config.ground_beyond_label
+        gradient = _gradient(config.sky)
+        sun_w_m2 = draws.number("sun_strength_w_m2", config.sun_strength_w_m2)
+        sky_strength = draws.number("sky_strength", config.sky_strength)
+        if config.optical_depth is not None:
+            depth = draws.number("optical_depth", config.optical_depth)
+            shares = shares_under_dust(depth, elevation_rad)
+            sky_strength *= sun_w_m2 * _strength_of(shares.diffuse, gradient, elevation_rad)
+            sun_w_m2 *= shares.direct
         return Sky(
             sun_elevation_rad=elevation_rad,
             sun_azimuth_rad=azimuth_rad,
-            sun_strength_w_m2=draws.number("sun_strength_w_m2", config.sun_strength_w_m2),
+            sun_strength_w_m2=sun_w_m2,
             sun_angular_diameter_rad=radians(diameter_deg),
-            sky_strength=draws.number("sky_strength", config.sky_strength),
+            sky_strength=sky_strength,
             air=draws.number("air", config.air),
             dust=draws.number("dust", config.dust),
             ozone=draws.number("ozone", config.ozone),
@@ -128,7 +146,7 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
             altitude_m=draws.number("altitude_m", config.altitude_m),
             sun_disc=draws.number("sun_disc", config.sun_disc),
             model=config.sky.model,
-            gradient=_gradient(config.sky),
+            gradient=gradient,
             hdri=self._hdri(config.hdri, config.sky_labels.semantic_ids, draws),
             haze=_haze(config.haze, draws),
             has_plain=config.ground_beyond,
@@ -187,6 +205,17 @@ def _gradient(config: SkyConfig) -> Gradient:
         glow=_color(config.glow_srgb),
         glow_rad=radians(config.glow_deg),
     )
+
+
+def _strength_of(share: float, gradient: Gradient, sun_elevation_rad: float) -> float:
+    """Return the strength at which a plain sky gives level ground a share of 1 W/m² of sunlight.
+
+    After sunset it becomes darker as fast as Earth's.
+    """
+    irradiance_w_m2 = np.array(gradient_irradiance_w_m2(gradient, sun_elevation_rad))
+    twilight = daylight(min(sun_elevation_rad, 0.0)) / daylight(0.0)
+    luminance = float(irradiance_w_m2 @ LUMINANCE)
+    return share * twilight / luminance if luminance > 0 else 0.0
 
 
 def _haze(config: HazeConfig | None, draws: NamedDraws) -> Haze | None:

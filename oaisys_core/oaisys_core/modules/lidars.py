@@ -80,11 +80,23 @@ def with_motion(
         before, config = last_rig_poses.get(lidar.name), configs[lidar.name]
         if before is not None and lidar.depends_on_past:
             T_map_before = geometry.pose_to_matrix(before) @ mounts[lidar.name]
-            interval_s = config.period_s / config.sweep_share
-            motion = ConstantVelocity.between(T_map_before, lidar.T_map_lidar, interval_s)
+            motion = motion_during_scan(config, T_map_before, lidar.T_map_lidar)
             lidar = replace(lidar, pose_at=motion)  # noqa: PLW2901
         moving.append(lidar)
     return tuple(moving)
+
+
+def motion_during_scan(
+    lidar: LidarConfig, T_map_before: FloatArray, T_map_lidar: FloatArray
+) -> ConstantVelocity:
+    """Return the motion of a lidar that goes on as it came from its previous scan's pose.
+
+    Args:
+        lidar: Its configuration, with a ``sweep_share`` above 0.
+        T_map_before, T_map_lidar: Its (4, 4) poses at the beginning of both scans.
+    """
+    interval_s = lidar.period_s / lidar.sweep_share
+    return ConstantVelocity.between(T_map_before, T_map_lidar, interval_s)
 
 
 def following(
@@ -99,13 +111,13 @@ def following(
     """
     mounts = {info.name: info.T_base_lidar for info in infos}
     return tuple(
-        replace(lidar, pose_at=partial(_mounted, T_map_base, mounts[lidar.name]))
-        for lidar in placed
+        replace(lidar, pose_at=partial(mounted, T_map_base, mounts[lidar.name])) for lidar in placed
     )
 
 
-def _mounted(T_map_base: PoseAtTime, T_base_lidar: FloatArray, times_s: FloatArray) -> FloatArray:
-    return np.asarray(T_map_base(times_s) @ T_base_lidar)
+def mounted(T_map_base: PoseAtTime, T_base_sensor: FloatArray, times_s: FloatArray) -> FloatArray:
+    """Return the (T, 4, 4) poses of a sensor on a rig at (T,) times."""
+    return np.asarray(T_map_base(times_s) @ T_base_sensor)
 
 
 @dataclass(frozen=True)

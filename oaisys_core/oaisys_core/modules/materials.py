@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,19 +24,26 @@ from oaisys_core.modules.layers import (
 )
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.terrain.displacement import displaced
+from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.terrain.masks import (
     LayerNoise,
     Relief,
     blend_masks,
+    border_softness,
     gate,
     has_steep_parts,
     layered_masks,
     relief_of,
 )
+from oaisys_core.terrain.surroundings.land_masks import LandMasks
 from oaisys_core.world.terrain_material import TerrainMaterial, Variation
 
 NO_SHARE = 1.0
 """Share of a layer without one, if another layer has a share."""
+
+
+NOISE_SOFTNESS = 0.07
+"""Width of the borders on the land around a stage whose layers lie by the method ``noise``."""
 
 
 class MaterialsMetadata(MaterialsConfig):
@@ -103,9 +111,12 @@ class MaterialsModule(Module):
             label_cell_m=config.label_cell_m if config.label_borders == "soft" else None,
             variation=Variation(**config.variation.model_dump()),
             projects_sides=_projects_sides(config, ground),
+            macro=_macro_variation(config, rng),
         )
         if config.displacement == "geometry":
             _displace(world, material, layers)
+        if world.is_in_land and len(layers) > 1:
+            material = replace(material, land=_land_masks(config, material, rng))
         world.material = material
         for layer in layers:
             world.semantic_labels.update(labels_of(layer.config))
@@ -178,6 +189,35 @@ def condition_gate(when: ConditionConfig, relief: Relief) -> NDArray[np.float32]
         )
         result = np.minimum(result, gate(relief.height_m, bounds, when.soft_m))
     return result
+
+
+def _macro_variation(config: MaterialsConfig, rng: np.random.Generator) -> MacroVariation | None:
+    if not config.macro_variation:
+        return None
+    return MacroVariation(config.macro_variation, _seed(rng, "macro"))
+
+
+def _land_masks(
+    config: MaterialsConfig, material: TerrainMaterial, rng: np.random.Generator
+) -> LandMasks:
+    """Return masks of the land that have patches and shares as the stage's."""
+    mask = config.mask
+    x0, y0, x1, y1 = material.extent_m
+    patch_m, softness = mask.scale_m, border_softness(mask.sharpness)
+    if mask.method == "noise":
+        patch_m = max(x1 - x0, y1 - y0) / float(np.mean(mask.noise.scale))
+        softness = NOISE_SOFTNESS
+    return LandMasks(
+        extent_m=material.extent_m,
+        shares=tuple(material.masks.mean(axis=(1, 2), dtype=np.float64).tolist()),
+        patch_m=patch_m,
+        softness=softness,
+        seed=_seed(rng, "land"),
+    )
+
+
+def _seed(rng: np.random.Generator, name: str) -> int:
+    return int(randomness.child(rng, name).integers(2**63))
 
 
 def _projects_sides(config: MaterialsConfig, ground: Ground) -> bool:

@@ -10,7 +10,8 @@ import numpy as np
 from oaisys_core.backend.base import RenderSettings
 from oaisys_core.config.sections.render import EffectsConfig, RenderConfig
 from oaisys_core.module import Metadata, SectionModule, World, require
-from oaisys_core.sensing.effects import Bloom, Effects, SensorNoise
+from oaisys_core.sensing.effects import NO_EFFECTS, Bloom, Effects, SensorNoise
+from oaisys_core.sensing.exposure import AutoExposure
 from oaisys_core.types import ALBEDO, DEPTH, FLOW, INSTANCE, NORMAL, RANGE, RGB
 
 LIGHT_SEED = 0
@@ -41,6 +42,18 @@ PRESETS = {
 }
 
 
+LOOKS = {
+    "clean": NO_EFFECTS,
+    "machine_vision": Effects(
+        chromatic_aberration=0.0004, vignetting=0.6, noise=SensorNoise(10_500.0, 2.5)
+    ),
+    "mars_mastcam_like": Effects(
+        bloom=Bloom(0.85, 6.0, 0.15), vignetting=0.3, noise=SensorNoise(26_000.0, 18.0)
+    ),
+}
+"""Effects by the name of a camera's look."""
+
+
 class RenderModule(SectionModule[RenderConfig]):
     """Converts a quality preset to render settings; metadata may override the configuration."""
 
@@ -49,8 +62,8 @@ class RenderModule(SectionModule[RenderConfig]):
 
     def apply(self, world: World, section: RenderConfig) -> None:
         """Set the render settings, except for the seed of the sensor noise."""
-        self.changes_by_itself = section.effects.sensor_noise is not None
         world.render = _settings(section)
+        self.changes_by_itself = world.render.effects.noise is not None
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Apply the metadata, and draw the seed of this sample's sensor noise."""
@@ -67,20 +80,23 @@ def _settings(config: RenderConfig) -> RenderSettings:
         max_bounces=preset.max_bounces if config.max_bounces is None else config.max_bounces,
         denoise=config.denoise,
         exposure_ev=config.exposure_ev,
+        auto_exposure=AutoExposure(**config.auto_exposure.model_dump()),
         seed=LIGHT_SEED,
         view_transform=config.view_transform,
         time_budget_s=config.time_budget_s,
         passes=None if passes == ALL_PASSES else passes,
-        effects=_effects(config.effects),
+        effects=_effects(config.effects, LOOKS[config.camera_look]),
         device=config.device,
+        white_balance=config.white_balance,
     )
 
 
-def _effects(config: EffectsConfig) -> Effects:
+def _effects(config: EffectsConfig, look: Effects) -> Effects:
+    """Return the effects of a configuration, and those of a look where it has none."""
     bloom, noise = config.bloom, config.sensor_noise
     return Effects(
-        chromatic_aberration=config.chromatic_aberration,
-        bloom=None if bloom is None else Bloom(bloom.threshold, bloom.radius_px, bloom.strength),
-        vignetting=config.vignetting,
-        noise=None if noise is None else SensorNoise(noise.full_well_e, noise.read_noise_e),
+        chromatic_aberration=config.chromatic_aberration or look.chromatic_aberration,
+        bloom=Bloom(**bloom.model_dump()) if bloom is not None else look.bloom,
+        vignetting=config.vignetting or look.vignetting,
+        noise=SensorNoise(**noise.model_dump()) if noise is not None else look.noise,
     )

@@ -21,6 +21,7 @@ from oaisys_core.modules.cameras import (
     PlacedSensor,
     changed_cameras,
     due_sensors,
+    following_cameras,
     placed_cameras,
     select,
     sensor_info,
@@ -32,6 +33,7 @@ from oaisys_core.modules.lidars import following, lidar_info, placed_lidars, wit
 from oaisys_core.motion import Motion, make_motion, motion_step
 from oaisys_core.scene import PlacedCamera, PlacedLidar, PoseAtTime
 from oaisys_core.sensing.faults import PoseDrift
+from oaisys_core.sensing.imu import imu_info
 from oaisys_core.types import FrameName, Odometry, Pose, SensorInfo
 
 START_HEIGHT_M = 10.0
@@ -61,6 +63,7 @@ class SensorsModule(Module):
     Attributes:
         sensors: The cameras as clients see them.
         lidars: The lidars as clients see them.
+        imus: The IMUs as clients see them.
         rig_pose: Current pose of the rig; None before the first batch.
         depth_faults: Faults of depth images; None if there are none.
     """
@@ -71,10 +74,14 @@ class SensorsModule(Module):
 
     def __init__(self, config: SensorsConfig) -> None:
         self._config = config
-        self._baselines_m = {f"{pair.name}_right": pair.baseline_m for pair in config.stereo}
+        self._baselines_m = {
+            camera.name: pair.baseline_m for pair in config.stereo for camera in pair.cameras()
+        }
+        self._rights = frozenset(pair.cameras()[1].name for pair in config.stereo)
         self._configured_cameras = self._cameras = config.all_cameras
         self.sensors = self._described(self._cameras)
         self.lidars = tuple(lidar_info(lidar) for lidar in config.lidars)
+        self.imus = tuple(imu_info(imu) for imu in config.imus)
         self._motion = make_motion(config.motion, self.sensors)
         self.rig_pose: Pose | None = None
         self._drift = PoseDrift()
@@ -188,11 +195,15 @@ class SensorsModule(Module):
         due = due_sensors(self._placed(world), configs, sample_id, modalities, sensors)
         return self._with_past(due, last_rig_poses)
 
-    def following(
-        self, placed: Sequence[PlacedLidar], T_map_base: PoseAtTime
-    ) -> tuple[PlacedLidar, ...]:
-        """Return lidars that move with the rig during their scans; see `lidars.following`."""
-        return following(placed, self.lidars, T_map_base)
+    def following(self, due: DueSensors, T_map_base: PoseAtTime) -> DueSensors:
+        """Return sensors that move with the rig while they measure.
+
+        See `following_cameras` and `lidars.following`.
+        """
+        return DueSensors(
+            following_cameras(due.cameras, self.sensors, T_map_base),
+            following(due.lidars, self.lidars, T_map_base),
+        )
 
     def named(
         self, world: World, last_rig_poses: Mapping[str, Pose], frames: Sequence[FrameName]
@@ -213,7 +224,7 @@ class SensorsModule(Module):
         cameras = [each for each in placed if isinstance(each, PlacedCamera)]
         lidars = [each for each in placed if isinstance(each, PlacedLidar)]
         return DueSensors(
-            with_previous_poses(cameras, self.sensors, last_rig_poses),
+            with_previous_poses(cameras, self._cameras, self.sensors, last_rig_poses),
             with_motion(lidars, self._config.lidars, self.lidars, last_rig_poses),
         )
 
@@ -227,7 +238,10 @@ class SensorsModule(Module):
 
     def _place(self, world: World) -> None:
         if self.rig_pose is not None:
-            world.cameras = placed_cameras(self._cameras, self.sensors, self.rig_pose)
+            world.T_map_base = geometry.pose_to_matrix(self.rig_pose)
+            world.cameras = placed_cameras(
+                self._cameras, self.sensors, self.rig_pose, self._baselines_m
+            )
 
     def _check(self, metadata: Metadata, known: Sequence[str]) -> None:
         for key, value in (metadata or {}).items():
@@ -273,9 +287,8 @@ class SensorsModule(Module):
         self.depth_faults, self._drift_sigmas = faults.of_depth, faults.drift_sigmas
 
     def _described(self, cameras: Cameras) -> tuple[SensorInfo, ...]:
-        return tuple(
-            sensor_info(camera, self._baselines_m.get(camera.name, 0.0)) for camera in cameras
-        )
+        from_left_m = {name: self._baselines_m[name] for name in self._rights}
+        return tuple(sensor_info(camera, from_left_m.get(camera.name, 0.0)) for camera in cameras)
 
 
 _MOTIONS: TypeAdapter[AnyMotion] = TypeAdapter(AnyMotion)

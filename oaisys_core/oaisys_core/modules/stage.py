@@ -16,6 +16,7 @@ from oaisys_core.terrain.dem import import_dem
 from oaisys_core.terrain.detail import Detail
 from oaisys_core.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.terrain.presets import check_preset, make_ground
+from oaisys_core.terrain.surroundings.kinds import Surroundings
 from oaisys_core.types import merged
 from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
 
@@ -71,6 +72,9 @@ class StageModule(Module):
         world.stage_notes["hash"] = self._hash = world.stage_hash
         world.drawn_ground = world.ground
         world.detail = _detail(config, rng)
+        world.surroundings = Surroundings(
+            kind=config.surroundings, seed=_seed_of(rng), body_radius_m=config.body_radius_m
+        )
 
     def in_force(self, metadata: Metadata) -> Metadata:
         """Return the metadata with a reused stage given by its hash, because names may change."""
@@ -142,6 +146,11 @@ def _mesh_ground(config: StageMeshConfig) -> MeshGround:
 def _detail(config: StageConfig, rng: np.random.Generator) -> Detail | None:
     if config.detail is None:
         return None
+    return Detail(seed=_seed_of(rng), **config.detail.model_dump())
+
+
+def _seed_of(rng: np.random.Generator) -> int:
+    """Return a seed that does not depend on what has been drawn."""
     seeds = rng.bit_generator.seed_seq
     words = seeds.generate_state(1, np.uint64)
-    return Detail(seed=int(words[0] >> np.uint64(1)), **config.detail.model_dump())
+    return int(words[0] >> np.uint64(1))

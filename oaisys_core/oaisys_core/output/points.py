@@ -29,6 +29,11 @@ def write_points(path: Path, scan: LidarScan) -> None:
     Raises:
         RenderError: It could not be written; there is no partial file.
     """
+    write_bytes(path, encode_points(scan))
+
+
+def encode_points(scan: LidarScan) -> bytes:
+    """Return the file of a scan's points; inverse: `decode_points`."""
     points = scan.data
     names = points.dtype.names or ()
     types = [points.dtype[name] for name in names]
@@ -47,7 +52,7 @@ def write_points(path: Path, scan: LidarScan) -> None:
         "POINTS": str(len(points)),
     }
     lines = "".join(f"{key} {value}\n" for key, value in header.items())
-    write_bytes(path, lines.encode() + _LAST_LINE + points.tobytes())
+    return lines.encode() + _LAST_LINE + points.tobytes()
 
 
 def read_points(path: Path) -> NDArray[Any]:
@@ -57,12 +62,24 @@ def read_points(path: Path) -> NDArray[Any]:
         InvalidInputError: It cannot be read, or has other fields.
     """
     try:
-        head, _, data = path.read_bytes().partition(_LAST_LINE)
+        file = path.read_bytes()
+    except OSError as error:
+        raise InvalidInputError("points", str(path), f"a readable file ({error})") from error
+    return decode_points(file, str(path))
+
+
+def decode_points(file: bytes, name: str) -> NDArray[Any]:
+    """Return the points in a file's bytes; errors call it ``name``.
+
+    Raises:
+        InvalidInputError: They are no file of points, or have other fields.
+    """
+    try:
+        head, _, data = file.partition(_LAST_LINE)
         lines = dict(line.split(" ", 1) for line in head.decode().splitlines())
-        names = lines["FIELDS"].split()
         usual = point_dtype().names or ()
-        dtype = point_dtype([name for name in names if name not in usual])
+        dtype = point_dtype([each for each in lines["FIELDS"].split() if each not in usual])
         points = np.frombuffer(data, dtype, int(lines["POINTS"]))
-    except (OSError, KeyError, ValueError) as error:
-        raise InvalidInputError("points", str(path), f"a PCD file of a lidar ({error})") from error
+    except (KeyError, ValueError) as error:
+        raise InvalidInputError("points", name, f"a PCD file of a lidar ({error})") from error
     return points

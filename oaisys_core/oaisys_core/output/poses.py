@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import checked_pose
-from oaisys_core.output.files import append_text, write_text
+from oaisys_core.output.files import append_text, csv_text, write_text
 from oaisys_core.types import Pose
 
 POSE_COLUMNS = ("sample_id", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
@@ -61,6 +60,4 @@ def read_poses(path: Path, columns: Sequence[str] | None = None) -> list[Pose]:
 
 
 def _lines(rows: Sequence[Sequence[object]]) -> str:
-    text = io.StringIO()
-    csv.writer(text).writerows(rows)
-    return text.getvalue()
+    return csv_text(rows, line_end="\r\n")

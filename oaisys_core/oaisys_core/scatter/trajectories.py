@@ -1,4 +1,4 @@
-"""Trajectories of movers: the pose at each sample."""
+"""Trajectories of movers: the pose at each sample, or at a simulated time."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ from oaisys_core.types import FloatArray
 SMOOTH_STEPS = 64
 """Number of straight pieces of a spline between two waypoints."""
 
-PoseAtSample = Callable[[int], FloatArray]
-"""Returns the (4, 4) pose at a sample id; 0 is the start of the batch."""
+PoseAtSample = Callable[[int, float | None], FloatArray]
+"""Returns the (4, 4) pose at a sample id, 0 at the start of the batch; with a simulated time in
+seconds, which is None outside of timed drives, the pose at that time if the mover has a speed."""
 
 
 def make_trajectory(config: TrajectoryConfig) -> PoseAtSample:
@@ -34,7 +35,7 @@ def make_trajectory(config: TrajectoryConfig) -> PoseAtSample:
         points = np.vstack((points, points[:1]))
     if config.smooth:
         points = _spline(points, config.closed)
-    return _Path(points, config.closed, config.start_m, config.step_m)
+    return _Path(points, config.closed, config.start_m, config.step_m, config.speed_m_s)
 
 
 @dataclass(frozen=True)
@@ -44,7 +45,7 @@ class _PoseList:
     T_map_body: FloatArray
     closed: bool
 
-    def __call__(self, sample_id: int) -> FloatArray:
+    def __call__(self, sample_id: int, _time_s: float | None) -> FloatArray:
         count = len(self.T_map_body)
         row = sample_id % count if self.closed else min(sample_id, count - 1)
         return np.asarray(self.T_map_body[row])
@@ -58,14 +59,18 @@ class _Path:
     closed: bool
     start_m: float
     step_m: float
+    speed_m_s: float | None
 
-    def __call__(self, sample_id: int) -> FloatArray:
+    def __call__(self, sample_id: int, time_s: float | None) -> FloatArray:
         from scipy.spatial.transform import Rotation
 
         pieces = np.diff(self.points_m, axis=0)
         lengths_m = np.linalg.norm(pieces, axis=1)
         ends_m = np.cumsum(lengths_m)
-        path_m = self.start_m + sample_id * self.step_m
+        moved_m = sample_id * self.step_m
+        if time_s is not None and self.speed_m_s is not None:
+            moved_m = time_s * self.speed_m_s
+        path_m = self.start_m + moved_m
         path_m = path_m % ends_m[-1] if self.closed else min(path_m, ends_m[-1])
         piece = min(int(np.searchsorted(ends_m, path_m, side="right")), len(pieces) - 1)
         share = (path_m - (ends_m[piece] - lengths_m[piece])) / lengths_m[piece]

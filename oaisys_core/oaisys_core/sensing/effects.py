@@ -115,7 +115,9 @@ def _bloomed(image: Image, bloom: Bloom) -> Image:
 
 def _falloff(intrinsics: PinholeIntrinsics, share: float) -> Image:
     """Return (H, W, 1) brightness."""
-    cos = 1.0 / np.linalg.norm(pixel_rays(intrinsics), axis=-1, keepdims=True)
+    rays = pixel_rays(intrinsics)
+    # A fisheye may see behind itself.
+    cos = np.maximum(rays[..., 2:], 0.0) / np.linalg.norm(rays, axis=-1, keepdims=True)
     return np.asarray(1.0 - share * (1.0 - cos**4), np.float32)
 
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from oaisys_core import randomness
+from oaisys_core import geometry, randomness
 from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.trajectory import Trajectory
-from oaisys_core.types import FloatArray, ShortRepr
+from oaisys_core.types import FloatArray, ImuInfo, ShortRepr
 
 
 @dataclass(frozen=True, repr=False)
@@ -30,6 +30,21 @@ class ImuMeasurements(ShortRepr):
     specific_force_m_s2: FloatArray
     gyroscope_bias_rad_s: FloatArray
     accelerometer_bias_m_s2: FloatArray
+
+
+def imu_info(imu: ImuConfig) -> ImuInfo:
+    """Return an IMU as clients see it."""
+    mount = geometry.checked_pose(
+        imu.mount_position_m, imu.mount_quat_xyzw, f"sensors.imus.{imu.name}.mount"
+    )
+    root = imu.rate_hz**0.5
+    return ImuInfo(
+        imu.name,
+        geometry.pose_to_matrix(mount),
+        imu.rate_hz,
+        angular_rate_sigma_rad_s=imu.gyroscope_noise_density * root,
+        specific_force_sigma_m_s2=imu.accelerometer_noise_density * root,
+    )
 
 
 def measure(

@@ -24,10 +24,11 @@ Digest = bytes
 
 
 class RenderedView(NamedTuple):
-    """All frames of a view, and the samples per pixel of colour (0: none)."""
+    """All frames of a view, and the samples per pixel (0: none) and exposures of its colour."""
 
     frames: tuple[Frame, ...]
     render_samples: int
+    exposures_json: str = ""
 
     @property
     def size_bytes(self) -> int:
@@ -67,11 +68,12 @@ class ViewCache:
         if not self._max_bytes or not cameras or not _is_repeatable(cameras, settings):
             return None
         world = (scene.ground, scene.material, scene.prototypes, scene.placements)
+        light = (scene.sky, scene.lamps)
         seen = [_without_past(camera) for camera in cameras]
         how = replace(settings, noise_seed=0)
         try:
             return self._fingerprints.of(
-                (_without_history(provenance), world, scene.primitives, scene.sky, seen, how)
+                (_without_history(provenance), world, scene.primitives, light, seen, how)
             )
         except TypeError as error:  # a module of another package drew data of another type
             _LOG.debug("the view is not cached: %s", error)
@@ -117,10 +119,10 @@ def _is_repeatable(cameras: Sequence[PlacedCamera], settings: RenderSettings) ->
 
 
 def _without_past(camera: PlacedCamera) -> PlacedCamera:
-    """Return the camera without its previous pose, unless its images depend on that."""
+    """Return the camera without its previous pose and motion, unless its images depend on them."""
     if camera.depends_on_past:
         return camera
-    return replace(camera, T_map_previous=None)
+    return replace(camera, T_map_previous=None, pose_at=None)
 
 
 def _constant(data: Any) -> Any:

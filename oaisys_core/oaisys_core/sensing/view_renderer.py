@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
@@ -99,6 +100,7 @@ class ViewRenderer:
             provenance=replace(
                 outline.provenance,
                 render_samples=view.render_samples,
+                exposures_json=view.exposures_json,
                 device=self._backend.device,  # may have been chosen by this very render
             ),
             from_cache=outline.from_cache,
@@ -131,7 +133,12 @@ class ViewRenderer:
         frames = tuple(by_name[name] for name in outline.frames if name.modality != POINTS)
         samples = self._backend.samples_per_pixel or settings.samples
         has_color = any(name.modality == RGB for name in outline.frames)
-        return RenderedView(frames, samples if has_color else 0)
+        exposures_ev = dict(self._backend.exposures_ev)
+        return RenderedView(
+            frames,
+            samples if has_color else 0,
+            json.dumps(exposures_ev) if exposures_ev else "",
+        )
 
 
 def _have_depth(cameras: Sequence[PlacedCamera]) -> bool:

@@ -12,7 +12,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.scene import Ground
-from oaisys_core.terrain.noise import Field, gradient_noise, spectral
+from oaisys_core.terrain.noise import Field, balancing_offsets, gradient_noise, spectral
 from oaisys_core.types import FloatArray
 
 RAGGED = 1.8
@@ -21,8 +21,8 @@ RAGGED = 1.8
 RELUCTANCE = 0.5
 """Reduction of a patch's score (standard deviation 1) where a condition holds by 1/e."""
 
-OFFSET_STEPS, OFFSET_GAIN, OFFSET_STRIDE = 60, 0.5, 4
-"""Search for the offsets that give layers their shares: steps, step size, texel stride."""
+OFFSET_STRIDE = 4
+"""Of the texels from which the offsets are found that give layers their shares."""
 
 SLOPE_SCALE_M = 0.25
 """Standard deviation of the smoothing before slopes are computed, to ignore pebbles."""
@@ -84,15 +84,20 @@ def blend_masks(
     waves = max(extent_m / (2 * scale_m), 1.0)
     scores = np.stack([_patches(size_px, waves, rng) for _ in range(n_layers)])
     if shares is not None:
-        scores += _offsets(scores, shares)[:, None, None]
+        few = scores[:, ::OFFSET_STRIDE, ::OFFSET_STRIDE]
+        scores += balancing_offsets(few, np.asarray(shares))[:, None, None]
     if gates is not None:
         with np.errstate(divide="ignore"):
             scores += np.float32(RELUCTANCE) * np.log(_opened(gates))
-    temperature = 0.6 * (1 - sharpness) ** 1.5 + 1e-3
-    logits = scores / np.float32(temperature)
+    logits = scores / np.float32(border_softness(sharpness))
     logits -= logits.max(axis=0)
     weights = np.exp(logits)
     return np.asarray(weights / weights.sum(axis=0), np.float32)
+
+
+def border_softness(sharpness: float) -> float:
+    """Return the width of the borders of patches, in standard deviations of their scores."""
+    return float(0.6 * (1 - sharpness) ** 1.5 + 1e-3)
 
 
 def layered_masks(
@@ -148,18 +153,6 @@ def _opened(gates: NDArray[np.float32]) -> NDArray[np.float32]:
     opened = gates.copy()
     opened[0][gates.max(axis=0) <= 0] = 1
     return opened
-
-
-def _offsets(scores: NDArray[np.float32], shares: Sequence[float]) -> NDArray[np.float32]:
-    """Return (L,) offsets with which each score is the highest on its share of the ground."""
-    wanted = np.log(np.asarray(shares) / sum(shares))
-    few = scores[:, ::OFFSET_STRIDE, ::OFFSET_STRIDE].reshape(len(scores), -1)
-    offsets = np.zeros(len(scores), np.float32)
-    for _ in range(OFFSET_STEPS):
-        winner = (few + offsets[:, None]).argmax(axis=0)
-        count = np.maximum(np.bincount(winner, minlength=len(scores)), 1)
-        offsets += (OFFSET_GAIN * (wanted - np.log(count / few.shape[1]))).astype(np.float32)
-    return offsets
 
 
 def _patches(size_px: int, waves: float, rng: np.random.Generator) -> Field:

@@ -27,6 +27,9 @@ LATTICE = 256
 BLOCK = 32768
 """Points that a thread processes at once, so that intermediate arrays fit into the CPU cache."""
 
+OFFSET_STEPS, OFFSET_GAIN = 60, 0.5
+"""Search for the offsets that give scores their shares: steps and step size."""
+
 
 def gradient_noise(
     x: Coordinates, y: Coordinates, rng: np.random.Generator, period: int = LATTICE
@@ -234,7 +237,6 @@ def spectral(size: int, lowest: float, rng: np.random.Generator, rough: float) -
         rng: Draws the white noise that is filtered.
         rough: Exponent by which amplitudes fall with frequency: 1.4 is crumbly, 2.5 smooth.
     """
-    white = rng.standard_normal((size, size), dtype=np.float32)
     frequency = np.hypot(
         scipy.fft.fftfreq(size, 1 / size)[:, None], scipy.fft.rfftfreq(size, 1 / size)[None, :]
     ).astype(np.float32)
@@ -242,5 +244,29 @@ def spectral(size: int, lowest: float, rng: np.random.Generator, rough: float) -
     # Fade out below the lowest frequency, because a sharp cut-off would cause ringing.
     gain = np.where(relative >= 1, np.maximum(relative, 1) ** np.float32(-rough), relative**4)
     gain[0, 0] = 0
+    return filtered(size, gain, rng)
+
+
+def filtered(size: int, gain: Field, rng: np.random.Generator) -> Field:
+    """Return (size, size) tileable noise with standard deviation 1.
+
+    Args:
+        size: Edge length.
+        gain: (size, size // 2 + 1) amplitudes, in the order of frequencies of a real transform.
+        rng: Draws the white noise that is filtered.
+    """
+    white = rng.standard_normal((size, size), dtype=np.float32)
     field = scipy.fft.irfft2(scipy.fft.rfft2(white) * gain, s=white.shape)
     return np.asarray(field / (field.std() + 1e-12), np.float32)
+
+
+def balancing_offsets(scores: Field, shares: FloatArray) -> Field:
+    """Return (L,) offsets with which each of (L, R, C) scores is the highest on its share."""
+    wanted = np.log(np.asarray(shares) / sum(shares))
+    few = scores.reshape(len(scores), -1)
+    offsets = np.zeros(len(scores), np.float32)
+    for _ in range(OFFSET_STEPS):
+        winner = (few + offsets[:, None]).argmax(axis=0)
+        count = np.maximum(np.bincount(winner, minlength=len(scores)), 1)
+        offsets += (OFFSET_GAIN * (wanted - np.log(count / few.shape[1]))).astype(np.float32)
+    return offsets

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
+from oaisys_core.config.expectations import refusal
 from oaisys_core.config.sections.drive import (
     DriveConfig,
     DroneConfig,
+    OdometryDriftConfig,
     RecordedMotionConfig,
     RoverConfig,
 )
@@ -30,11 +35,17 @@ class DrivePlan:
     Attributes:
         trajectory: The motion of ``base_link``.
         end_s: Time at which the drive ends, on or before the trajectory's end.
+        gravity_m_s2: Gravity that IMUs measure.
+        odometry_rate_hz: Rate of ground truth and odometry.
+        odometry_drift: Errors of odometry.
         obstacle: What a rover stops in front of; None for no obstacle.
     """
 
     trajectory: Trajectory
     end_s: float
+    gravity_m_s2: float
+    odometry_rate_hz: float
+    odometry_drift: OdometryDriftConfig
     obstacle: Obstacle | None = None
 
     def length_m(self) -> float:
@@ -64,10 +75,46 @@ def plan_drive(config: DriveConfig, heights: HeightLookup) -> DrivePlan:
     else:
         waypoints_m = _in_the_air(vehicle, _waypoints_m(config), heights)
         trajectory = plan_flight(vehicle, waypoints_m, config.gravity_m_s2)
+    return plan_along(trajectory, config, obstacle)
+
+
+def plan_along(
+    trajectory: Trajectory, config: DriveConfig, obstacle: Obstacle | None = None
+) -> DrivePlan:
+    """Return the drive along a trajectory; duration, gravity and odometry are as configured."""
     end_s = trajectory.end_s
     if config.duration_s is not None:
         end_s = min(end_s, trajectory.start_s + config.duration_s)
-    return DrivePlan(trajectory, end_s, obstacle)
+    return DrivePlan(
+        trajectory=trajectory,
+        end_s=end_s,
+        gravity_m_s2=config.gravity_m_s2,
+        odometry_rate_hz=config.odometry_rate_hz,
+        odometry_drift=config.odometry_drift,
+        obstacle=obstacle,
+    )
+
+
+WAY_KEYS = ("waypoints_m", "waypoints_file")
+"""Keys of a drive that say where it leads; a new one replaces all of them, and the duration."""
+
+
+def changed_drive(configured: DriveConfig | None, changes: Mapping[str, Any]) -> DriveConfig:
+    """Return the configured drive with some keys replaced, as a request gives them.
+
+    Raises:
+        InvalidInputError: A key is unknown, a value is invalid, or there is no way to drive.
+    """
+    before = {} if configured is None else configured.model_dump(mode="json", exclude_unset=True)
+    vehicle = changes.get("vehicle")
+    follows_file = isinstance(vehicle, Mapping) and vehicle.get("kind") == "file"
+    if follows_file or any(key in changes for key in WAY_KEYS):
+        before = {k: v for k, v in before.items() if k not in (*WAY_KEYS, "duration_s")}
+    data = {**before, **changes}
+    try:
+        return DriveConfig.model_validate(data)
+    except ValidationError as error:
+        raise refusal(error, data, DriveConfig, "drive") from error
 
 
 def _waypoints_m(config: DriveConfig) -> FloatArray:

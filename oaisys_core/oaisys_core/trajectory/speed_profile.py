@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import FloatArray
 
 if TYPE_CHECKING:
@@ -15,6 +16,9 @@ if TYPE_CHECKING:
 
 KNOT_INTERVAL_S = 0.05
 """Time between two poses through which a vehicle's trajectory is interpolated."""
+
+LONGEST_WAY_S = 20_000.0
+"""Longest time that a vehicle may need for its way."""
 
 JERK_TIME_S = 0.3
 """Each change of acceleration is spread over twice this time."""
@@ -38,6 +42,9 @@ def distances_over_time(
         limits_m_s: (N,) greatest speed at each, above 0.
         acceleration_m_s2: Greatest acceleration along the way.
         stops: Seconds of rest, above 0, by index into ``way_m``.
+
+    Raises:
+        InvalidInputError: It takes longer than `LONGEST_WAY_S`.
     """
     speeds_m_s = _reachable(way_m, limits_m_s, acceleration_m_s2, stops)
     steps_s = 2 * np.diff(way_m) / (speeds_m_s[1:] + speeds_m_s[:-1])
@@ -47,6 +54,9 @@ def distances_over_time(
         times_s = np.concatenate((times_s[: index + 1], times_s[index:] + rest_s))
         distances_m = np.insert(distances_m, index, distances_m[index])
         speeds_m_s = np.insert(speeds_m_s, index, 0.0)
+    if times_s[-1] > LONGEST_WAY_S:
+        expected = f"a way of at most {LONGEST_WAY_S:g} s"
+        raise InvalidInputError("drive", f"one of {times_s[-1]:.0f} s", expected)
     # Between two places the acceleration is constant, of which the Hermite spline is exact.
     return _smoothed(scipy.interpolate.CubicHermiteSpline(times_s, distances_m, speeds_m_s))
 

@@ -14,8 +14,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.raycast.far_plain import LEVEL, SLOPE, rings, stage_of
+from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import Scene, TerrainMaterial, id_of_level
+from oaisys_core.terrain.surroundings.land_masks import LandMasks
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 from oaisys_core.verification.numpy_caster import NO_TRIANGLE, NumpyCaster
 
@@ -53,8 +54,8 @@ class ReferenceScene:
         self._triangles = mesh.triangles.astype(np.int64)
         self._ids = np.asarray(mesh.instance_ids, np.uint32)
         self._stage_triangles = len(mesh.triangles)
-        if scene.sky.shows_plain:
-            vertices_m, triangles = rings(stage_of(scene.ground), (*SLOPE, *LEVEL))
+        if scene.far_ground is not None:
+            vertices_m, triangles = scene.far_ground.vertices_m, scene.far_ground.triangles
             self._triangles = np.concatenate((self._triangles, triangles + len(self._vertices_m)))
             self._vertices_m = np.concatenate((self._vertices_m, vertices_m))
             self._ids = np.concatenate((self._ids, np.zeros(len(triangles), np.uint32)))
@@ -62,7 +63,14 @@ class ReferenceScene:
     def views(
         self, intrinsics: PinholeIntrinsics, T_map_camera: FloatArray, windows: Sequence[Window]
     ) -> Iterable[ReferenceView]:
-        """Yield the views of a camera at ``T_map_camera`` (4, 4) in windows of its image."""
+        """Yield the views of a camera at ``T_map_camera`` (4, 4) in windows of its image.
+
+        Raises:
+            InvalidInputError: It is a fisheye: this caster sees only what is in front of a camera.
+        """
+        if intrinsics.is_fisheye:
+            model = intrinsics.distortion_model
+            raise InvalidInputError("sensors.cameras.fisheye", model, "null: a pinhole camera")
         rays = _camera_rays(intrinsics)
         R, origin_m = T_map_camera[:3, :3], T_map_camera[:3, 3]
         caster = NumpyCaster((self._vertices_m - origin_m) @ R, self._triangles)
@@ -112,8 +120,29 @@ def ground_labels(material: TerrainMaterial, xy_m: FloatArray, level: int) -> ND
     texels[beyond] = np.where(there > size, 2 * size - there, there)
     texels -= 0.5
     weights = np.stack([_remapped(mask, texels) for mask in material.masks])
+    if material.land is not None:
+        outside = np.flatnonzero(beyond.any(axis=1))
+        weights[:, outside] = _on_land(material.land, xy_m[outside], weights[:, outside])
     ids = np.array([id_of_level(la.semantic_ids, level) for la in material.layers], np.uint16)
     return np.asarray(ids[weights.argmax(axis=0)])
+
+
+def _on_land(
+    land: LandMasks, xy_m: FloatArray, weights: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Return (L, N) weights at (N, 2) points beyond a stage, whose own are ``weights``."""
+    x0, y0, x1, y1 = land.extent_m
+    offset_m = xy_m - ((x0 + x1) / 2, (y0 + y1) / 2)
+    directions, last_row = land.weights.shape[2], land.weights.shape[1] - 1
+    columns = np.angle(offset_m @ (1, 1j)) / (2 * np.pi) % 1.0 * directions - 0.5
+    e_folds = np.log(np.linalg.norm(offset_m, axis=1) * 2 / min(x1 - x0, y1 - y0))
+    rows = np.clip(e_folds * directions / (2 * np.pi), 0, last_row)
+    # One more column at either side, because directions go round.
+    rounds = [np.pad(mask, ((0, 0), (1, 1)), mode="wrap") for mask in land.weights]
+    far = np.stack([_remapped(mask, np.column_stack((columns + 1, rows))) for mask in rounds])
+    outside_m = np.abs(offset_m) - ((x1 - x0) / 2, (y1 - y0) / 2)
+    share = np.linalg.norm(np.maximum(outside_m, 0), axis=1) / land.patch_m
+    return np.asarray(weights + (far - weights) * np.minimum(share, 1), np.float32)
 
 
 def _remapped(mask: NDArray[np.float32], texels: FloatArray) -> NDArray[np.float32]:

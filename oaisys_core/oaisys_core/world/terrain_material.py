@@ -8,12 +8,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.types import FloatArray
 from oaisys_core.world.tiling import PlainTiling, Tiling
+
+if TYPE_CHECKING:
+    from oaisys_core.terrain.macro_variation import MacroVariation
+    from oaisys_core.terrain.surroundings.land_masks import LandMasks
 
 BLOCK = 16384
 """Points that are labelled at once, so that intermediate arrays fit into the CPU cache."""
@@ -120,6 +125,8 @@ class TerrainMaterial:
         variation: Slow change of colour over the ground.
         projects_sides: Whether textures are projected onto steep slopes from the side instead of
             from above.
+        macro: Variation of colour from metres to kilometres; None for none.
+        land: Weights of the layers on the land around the extent; None if there is no land.
     """
 
     layers: tuple[TerrainLayer, ...]
@@ -128,11 +135,14 @@ class TerrainMaterial:
     label_cell_m: float | None = None
     variation: Variation = Variation()
     projects_sides: bool = False
+    macro: MacroVariation | None = None
+    land: LandMasks | None = None
 
     def weights_at(self, xy_m: ArrayLike) -> FloatArray:
         """Return (N, L) bilinearly interpolated weights at (N, 2) points.
 
-        Outside the extent the masks are mirrored, as in the rendered image.
+        Outside the extent the masks are mirrored, as in the rendered image, or lead over to those
+        of the land.
         """
         xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
         x0, y0, x1, y1 = self.extent_m
@@ -145,7 +155,8 @@ class TerrainMaterial:
             for step in (0, 1, size, size + 1)
         )
         lower, upper = m00 * (1 - s) + m10 * s, m01 * (1 - s) + m11 * s
-        return np.asarray(lower * (1 - t) + upper * t).T
+        weights = np.asarray(lower * (1 - t) + upper * t).T
+        return weights if self.land is None else self.land.blended(xy, weights)
 
     @cached_property
     def _flat_masks(self) -> NDArray[np.float32]:

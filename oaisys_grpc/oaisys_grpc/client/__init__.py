@@ -8,11 +8,12 @@ if TYPE_CHECKING:
     from oaisys_grpc.client.simulator_client import (
         DEFAULT_ADDRESS,
         ClientTls,
+        DriveStream,
         SampleStream,
         SimulatorClient,
     )
 
-__all__ = ["DEFAULT_ADDRESS", "ClientTls", "SampleStream", "SimulatorClient"]
+__all__ = ["DEFAULT_ADDRESS", "ClientTls", "DriveStream", "SampleStream", "SimulatorClient"]
 
 
 def __getattr__(name: str) -> Any:

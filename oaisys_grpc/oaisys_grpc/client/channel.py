@@ -60,10 +60,11 @@ class Channel:
             return getattr(self._stub, name)(request, timeout=timeout_s)
 
     @contextlib.contextmanager
-    def stream(self, name: str, request: Any, timeout_s: float) -> Iterator[Any]:
+    def stream(self, name: str, request: Any, timeout_s: float | None) -> Iterator[Any]:
         """Call a method that answers with a stream; the end of the block ends the call.
 
-        Yields the call: an iterator over the answers, which any thread may cancel.
+        Yields the call: an iterator over the answers, which any thread may cancel. Without a
+        timeout, it may take as long as it takes.
         """
         with translated():
             call = getattr(self._stub, name)(request, timeout=timeout_s)

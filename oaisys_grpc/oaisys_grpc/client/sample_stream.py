@@ -60,7 +60,7 @@ _ASK_TIMEOUT_S = 2.0
 
 
 class SampleStream:
-    """Iterates over the frames of a sample as they come: depth and labels before any colour.
+    """Iterates over frames and scans of a sample as they come: depth and labels before any colour.
 
     If a stream raises, its frames belong to no sample and must be dropped: another sample will get
     its ids. `sample` is available once the iteration has ended by itself.
@@ -123,8 +123,8 @@ class SampleStream:
             raise OaisysError("the sample is incomplete: its end has not come")
         return self._sample
 
-    def __iter__(self) -> Iterator[Frame]:
-        """Yield each frame as soon as all of it has come; scans are in `sample` only.
+    def __iter__(self) -> Iterator[Frame | LidarScan]:
+        """Yield each frame and each scan as soon as all of it has come.
 
         Raises:
             OaisysError: The render failed, or parts are missing or contradict each other.
@@ -144,7 +144,7 @@ class SampleStream:
             pass
         return self.sample
 
-    def _take(self, part: pb.SamplePart) -> Iterator[Frame]:
+    def _take(self, part: pb.SamplePart) -> Iterator[Frame | LidarScan]:
         """Take the next part; yield the frames that are complete by it."""
         kind = part.WhichOneof("part")
         if kind == "sample":
@@ -162,7 +162,7 @@ class SampleStream:
             yield from self._fetched()
             self._finish(part.end)
 
-    def _begin(self, header: pb.FrameHeader) -> Iterator[Frame]:
+    def _begin(self, header: pb.FrameHeader) -> Iterator[Frame | LidarScan]:
         content = header.WhichOneof("content")
         if content == "shared_memory":
             yield from self._shared(header)
@@ -173,14 +173,14 @@ class SampleStream:
         if content == "data":
             yield from self._add(pb.Chunk(index=header.index, data=header.data))
 
-    def _add(self, chunk: pb.Chunk) -> Iterator[Frame]:
+    def _add(self, chunk: pb.Chunk) -> Iterator[Frame | LidarScan]:
         if self._begun is None or chunk.index != self._begun[0].index:
             raise OaisysError("a chunk came without its frame")
         self._begun[1].add(chunk)
         if self._begun[1].is_complete:
             yield from self._completed()
 
-    def _completed(self) -> Iterator[Frame]:
+    def _completed(self) -> Iterator[Frame | LidarScan]:
         """Yield the frame that has begun, if there is one."""
         if self._begun is None:
             return
@@ -188,7 +188,7 @@ class SampleStream:
         self._begun = None
         yield from self._kept(FrameMessage(header, assembly.array()))
 
-    def _shared(self, header: pb.FrameHeader) -> Iterator[Frame]:
+    def _shared(self, header: pb.FrameHeader) -> Iterator[Frame | LidarScan]:
         """Yield a frame that lies in the server's memory, or note that it must be fetched."""
         size = arrays.checked_nbytes(header.array, self._limit)
         try:
@@ -201,21 +201,23 @@ class SampleStream:
             return
         yield from self._kept(FrameMessage(header, arrays.decoded(header.array, data)))
 
-    def _fetched(self) -> Iterator[Frame]:
+    def _fetched(self) -> Iterator[Frame | LidarScan]:
         if not self._unread or self._fetch is None:
             return
         sample = self._fetch(self.outline.batch_id, self.outline.sample_id)
         for name in self._unread:
             if name.modality == POINTS:
                 self._scans[name.sensor] = sample.scan(name.sensor)
+                yield self._scans[name.sensor]
                 continue
             self._frames[name] = sample.frame(name.sensor, name.modality)
             yield self._frames[name]
 
-    def _kept(self, message: FrameMessage) -> Iterator[Frame]:
-        """Keep a scan, or keep and yield a frame."""
+    def _kept(self, message: FrameMessage) -> Iterator[Frame | LidarScan]:
+        """Keep and yield a frame or a scan."""
         if message.header.modality == POINTS:
-            self._scans[message.header.sensor] = scan_from_message(message)
+            scan = self._scans[message.header.sensor] = scan_from_message(message)
+            yield scan
             return
         frame = frame_from_message(message)
         self._frames[FrameName(frame.sensor, frame.modality)] = frame
@@ -271,6 +273,10 @@ class SampleClient:
             stream = self._stream(parts, timeout_s, call.cancel)
             yield stream
             self._learn(request.transfer, stream)
+
+    def copied(self) -> Transfer:
+        """Return how frames should come that stay when the server drops them: as bytes."""
+        return self._wanted
 
     def fetched(
         self, batch_id: int, sample_id: int, timeout_s: float, transfer: Transfer | None = None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -16,13 +16,16 @@ from oaisys_core.types import (
     ModuleMetadata,
     ObjectPage,
     ObjectQuery,
+    PlannedTrajectory,
     Pose,
     Sample,
     SimulatorInfo,
+    TimedPoses,
     TriangleMesh,
 )
 from oaisys_grpc.addresses import DEFAULT_ADDRESS
 from oaisys_grpc.client.channel import Channel, batch_request, render_request, sample_request
+from oaisys_grpc.client.drive_stream import DriveStream
 from oaisys_grpc.client.sample_stream import (
     MAX_ARRAY_BYTES,
     ProgressListener,
@@ -31,13 +34,17 @@ from oaisys_grpc.client.sample_stream import (
 )
 from oaisys_grpc.contract import world_messages as world
 from oaisys_grpc.contract.arrays import encodings_from_names
+from oaisys_grpc.contract.drive_messages import poses_to_proto, trajectory_from_proto
+from oaisys_grpc.contract.metadata import metadata_to_proto, struct_to_proto
 from oaisys_grpc.contract.operation import OperationStatus, status_from_proto
+from oaisys_grpc.contract.transfer import transfer_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.tls import ClientTls, client_tls
 
 __all__ = [
     "DEFAULT_ADDRESS",
     "ClientTls",
+    "DriveStream",
     "ProgressListener",
     "SampleStream",
     "SimulatorClient",
@@ -189,6 +196,58 @@ class SimulatorClient:
         with self._samples.rendered(request, self._timeout_s, on_progress) as stream:
             yield stream
 
+    def set_trajectory(
+        self, poses: TimedPoses | None = None, *, drive: Mapping[str, Any] | None = None
+    ) -> PlannedTrajectory:
+        """Have a trajectory planned in the current world, and kept for `drive`.
+
+        Args:
+            poses: The motion itself; None: a vehicle drives as the configuration's section
+                ``drive`` says.
+            drive: Keys of that section that replace the configured ones, such as ``waypoints_m``.
+        """
+        request = pb.SetTrajectoryRequest()
+        if poses is not None:
+            request.poses.CopyFrom(poses_to_proto(poses))
+        if drive:
+            request.drive.CopyFrom(struct_to_proto(drive, "drive"))
+        return trajectory_from_proto(self._call("SetTrajectory", request).trajectory)
+
+    @contextlib.contextmanager
+    def drive(
+        self,
+        trajectory: str = "",
+        *,
+        sensors: Sequence[str] = (),
+        metadata: ModuleMetadata | None = None,
+        timeout_s: float | None = None,
+        on_progress: ProgressListener | None = None,
+    ) -> Iterator[DriveStream]:
+        """Drive along a trajectory, in a ``with`` block: iterate over its instants as they come.
+
+        The drive waits while the caller does not read. Leaving the block ends it.
+
+        Args:
+            trajectory: Name of a trajectory that was set; empty: the one that was set last.
+            sensors: Names of cameras, lidars and IMUs, and ``odometry``; none named: all.
+            metadata: What changes with the first sample, without a pose.
+            timeout_s: How long the whole drive may take; None: as long as it takes.
+            on_progress: Called on this thread with the progress of the whole drive.
+        """
+        transfer = self._samples.copied()
+        request = pb.DriveRequest(
+            trajectory=trajectory, sensors=sensors, transfer=transfer_to_proto(transfer)
+        )
+        if metadata is not None:
+            request.metadata.CopyFrom(metadata_to_proto(metadata))
+        with self._channel.stream("Drive", request, timeout_s) as call:
+            yield DriveStream(
+                call,
+                frame_bytes=self._max_array_bytes,
+                on_progress=on_progress,
+                cancel=call.cancel,
+            )
+
     def start_batch(
         self,
         *,
@@ -261,7 +320,7 @@ class SimulatorClient:
             return world.heights_from_parts(parts, self._max_array_bytes)
 
     def query_height(self, points_m: ArrayLike) -> HeightQuery:
-        """Return the heights under (N, 3) points in ``map``; NaN off the stage."""
+        """Return the heights under (N, 3) points in ``map``; NaN where there is no ground."""
         points = np.asarray(points_m, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != 3:
             raise InvalidInputError("points_m", points.shape, "(N, 3) coordinates")

@@ -37,17 +37,28 @@ _INT32 = range(-(2**31), 2**31)
 
 def pose_to_proto(pose: Pose) -> pb.Pose:
     """Return the message of a pose; inverse: `pose_from_proto`."""
-    px, py, pz = pose.position_m
     x, y, z, w = pose.quat_xyzw
     return pb.Pose(
-        position_m=pb.Vector3(x=px, y=py, z=pz), orientation=pb.Quaternion(x=x, y=y, z=z, w=w)
+        position_m=vector_to_proto(pose.position_m),
+        orientation=pb.Quaternion(x=x, y=y, z=z, w=w),
     )
 
 
 def pose_from_proto(message: pb.Pose) -> Pose:
     """Return the pose exactly as it was sent; `metadata_from_proto` checks those it takes."""
-    p, q = message.position_m, message.orientation
-    return Pose((p.x, p.y, p.z), (q.x, q.y, q.z, q.w))
+    q = message.orientation
+    return Pose(vector_from_proto(message.position_m), (q.x, q.y, q.z, q.w))
+
+
+def vector_to_proto(vector: tuple[float, float, float]) -> pb.Vector3:
+    """Return the message of a vector; inverse: `vector_from_proto`."""
+    x, y, z = vector
+    return pb.Vector3(x=x, y=y, z=z)
+
+
+def vector_from_proto(message: pb.Vector3) -> tuple[float, float, float]:
+    """Return the vector of a message."""
+    return (message.x, message.y, message.z)
 
 
 def metadata_to_proto(metadata: ModuleMetadata) -> pb.ModuleMetadata:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import (
+    PLUMB_BOB,
     POINTS,
     FloatArray,
     Frame,
@@ -302,13 +303,16 @@ def _camera(intrinsics: PinholeIntrinsics) -> pb.FrameHeader:
 def intrinsics_to_proto(intrinsics: PinholeIntrinsics) -> pb.Intrinsics:
     """Return the message of a camera's intrinsics; inverse: `intrinsics_from_proto`."""
     values = {name: getattr(intrinsics, name) for name in _INTRINSICS}
-    return pb.Intrinsics(**values, distortion=intrinsics.distortion)
+    model = intrinsics.distortion_model
+    return pb.Intrinsics(**values, distortion=intrinsics.distortion, distortion_model=model)
 
 
 def intrinsics_from_proto(message: pb.Intrinsics) -> PinholeIntrinsics:
     """Return a camera's intrinsics."""
     values = {name: getattr(message, name) for name in _INTRINSICS}
-    return PinholeIntrinsics(**values, distortion=tuple(message.distortion))
+    # A server of an earlier version names no model.
+    model = message.distortion_model or PLUMB_BOB
+    return PinholeIntrinsics(**values, distortion=tuple(message.distortion), distortion_model=model)
 
 
 _INTRINSICS = ("width_px", "height_px", "fx_px", "fy_px", "cx_px", "cy_px")
@@ -322,8 +326,8 @@ def odometry_to_proto(odometry: Odometry | None) -> pb.Odometry | None:
     return pb.Odometry(pose=pose, sigma_m=odometry.sigma_m, sigma_rad=odometry.sigma_rad)
 
 
-def odometry_from_proto(message: pb.SampleHeader) -> Odometry | None:
-    """Return the odometry in a sample's header, if it has one."""
+def odometry_from_proto(message: pb.SampleHeader | pb.DriveInstant) -> Odometry | None:
+    """Return the odometry in a sample's header or a drive's instant, if it has one."""
     if not message.HasField("odometry"):
         return None
     found = message.odometry

@@ -12,6 +12,7 @@ from oaisys_core.errors import OaisysError
 from oaisys_core.types import (
     HeightGrid,
     HeightQuery,
+    ImuInfo,
     LidarInfo,
     ModuleMetadata,
     ObjectPage,
@@ -23,7 +24,14 @@ from oaisys_core.types import (
 )
 from oaisys_grpc.contract import arrays
 from oaisys_grpc.contract.arrays import MAX_FRAME_BYTES, AnyArray, ArrayAssembly
-from oaisys_grpc.contract.metadata import metadata_to_proto, names, pose_from_proto, pose_to_proto
+from oaisys_grpc.contract.metadata import (
+    metadata_to_proto,
+    names,
+    pose_from_proto,
+    pose_to_proto,
+    vector_from_proto,
+    vector_to_proto,
+)
 from oaisys_grpc.contract.sample_messages import (
     intrinsics_from_proto,
     intrinsics_to_proto,
@@ -32,7 +40,6 @@ from oaisys_grpc.contract.sample_messages import (
 )
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
-Triple = tuple[float, float, float]
 Extent = tuple[float, float, float, float]
 
 
@@ -59,6 +66,7 @@ def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
             )
             for lidar in info.lidars
         ],
+        imus=map(_imu_to_proto, info.imus),
     )
     if info.stage_extent_m is not None:
         message.stage_extent.CopyFrom(extent_to_proto(info.stage_extent_m))
@@ -90,6 +98,27 @@ def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
             )
             for lidar in message.lidars
         ),
+        imus=tuple(map(_imu_from_proto, message.imus)),
+    )
+
+
+def _imu_to_proto(imu: ImuInfo) -> pb.Imu:
+    return pb.Imu(
+        name=imu.name,
+        t_base_imu=matrix_to_proto(imu.T_base_imu),
+        rate_hz=imu.rate_hz,
+        angular_rate_sigma_rad_s=imu.angular_rate_sigma_rad_s,
+        specific_force_sigma_m_s2=imu.specific_force_sigma_m_s2,
+    )
+
+
+def _imu_from_proto(message: pb.Imu) -> ImuInfo:
+    return ImuInfo(
+        message.name,
+        matrix_from_proto(message.t_base_imu),
+        message.rate_hz,
+        message.angular_rate_sigma_rad_s,
+        message.specific_force_sigma_m_s2,
     )
 
 
@@ -250,9 +279,9 @@ def query_to_proto(query: ObjectQuery, metadata: ModuleMetadata | None) -> pb.Li
         limit=query.limit,
     )
     if query.low_m is not None:
-        message.low_m.CopyFrom(_vector(query.low_m))
+        message.low_m.CopyFrom(vector_to_proto(query.low_m))
     if query.high_m is not None:
-        message.high_m.CopyFrom(_vector(query.high_m))
+        message.high_m.CopyFrom(vector_to_proto(query.high_m))
     if metadata is not None:
         message.metadata.CopyFrom(metadata_to_proto(metadata))
     return message
@@ -265,8 +294,8 @@ def query_from_proto(message: pb.ListObjectsRequest) -> ObjectQuery:
         groups=names(message.groups, "groups"),
         names=names(message.names, "names"),
         instance_ids=tuple(message.instance_ids),
-        low_m=_triple(message.low_m) if message.HasField("low_m") else None,
-        high_m=_triple(message.high_m) if message.HasField("high_m") else None,
+        low_m=vector_from_proto(message.low_m) if message.HasField("low_m") else None,
+        high_m=vector_from_proto(message.high_m) if message.HasField("high_m") else None,
         after_instance_id=message.after_instance_id,
         limit=message.limit or ObjectQuery.limit,
     )
@@ -295,8 +324,8 @@ def _object_to_proto(thing: SceneObject) -> pb.SceneObject:
     return pb.SceneObject(
         **{name: getattr(thing, name) for name in _PLAIN},
         pose=pose_to_proto(thing.pose),
-        low_m=_vector(thing.low_m),
-        high_m=_vector(thing.high_m),
+        low_m=vector_to_proto(thing.low_m),
+        high_m=vector_to_proto(thing.high_m),
     )
 
 
@@ -304,14 +333,6 @@ def _object_from_proto(message: pb.SceneObject) -> SceneObject:
     return SceneObject(
         **{name: getattr(message, name) for name in _PLAIN},
         pose=pose_from_proto(message.pose),
-        low_m=_triple(message.low_m),
-        high_m=_triple(message.high_m),
+        low_m=vector_from_proto(message.low_m),
+        high_m=vector_from_proto(message.high_m),
     )
-
-
-def _vector(vector: Triple) -> pb.Vector3:
-    return pb.Vector3(x=vector[0], y=vector[1], z=vector[2])
-
-
-def _triple(message: pb.Vector3) -> Triple:
-    return message.x, message.y, message.z

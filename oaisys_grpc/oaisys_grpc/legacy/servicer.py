@@ -28,7 +28,7 @@ from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2
 from oaisys_grpc.server.jobs.job import Job, Operation
 from oaisys_grpc.server.jobs.queue import OperationQueue
-from oaisys_grpc.server.servicer import OPERATION_TIMEOUT_S
+from oaisys_grpc.server.jobs.requests import OPERATION_TIMEOUT_S
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 
 _LOG = logging.getLogger(__name__)

@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-import hashlib
 import threading
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -15,8 +15,8 @@ from google.protobuf.message import Message
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import FrameName
 from oaisys_grpc.contract.arrays import array_chunks
+from oaisys_grpc.contract.drive_messages import poses_from_proto
 from oaisys_grpc.contract.errors import printable
-from oaisys_grpc.contract.metadata import metadata_from_proto
 from oaisys_grpc.contract.operation import Kind, OperationStatus, State, status_to_proto
 from oaisys_grpc.contract.sample_messages import SampleMessages
 from oaisys_grpc.contract.shared_memory import AVAILABLE, Probe
@@ -31,23 +31,25 @@ from oaisys_grpc.contract.transfer import (
 )
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
+from oaisys_grpc.server.jobs.drives import DriveJobs, DriveWork, TrajectoryStore
 from oaisys_grpc.server.jobs.job import Job, Operation
 from oaisys_grpc.server.jobs.queue import OperationQueue
+from oaisys_grpc.server.jobs.requests import (
+    drive_job,
+    operation_timeout_s,
+    remaining_s,
+    sample_job,
+    step_job,
+)
 from oaisys_grpc.server.limits.open_calls import when_over
 from oaisys_grpc.server.supervision.supervisor import Supervisor
 from oaisys_grpc.worker.protocol import WorkerMessage
-
-OPERATION_TIMEOUT_S = 600.0
-"""For a job whose caller sets no limit, and the largest limit that a caller may set."""
 
 STATUS_PATIENCE_S = 0.02
 """How long the status of a sample is held back; frames that come meanwhile replace it."""
 
 MAX_POINTS = 100_000
 """Of one QueryHeight."""
-
-MAX_ID_CHARACTERS = 256
-"""Of a request's id, which is remembered after its operation has ended."""
 
 REASON_KEY = "oaisys-reason"
 """Trailing metadata of health's ``Check`` and of GetSimulatorInfo where no worker runs."""
@@ -84,6 +86,7 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self._supervisor = supervisor
         self._operations = operations
         self._on_end = on_end
+        self._trajectories = TrajectoryStore()
         self._probe = Probe() if shared_memory and AVAILABLE else None
 
     def GetSimulatorInfo(
@@ -106,13 +109,13 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
     def StepBatch(self, request: pb.StepBatchRequest, context: Context) -> pb.StepBatchResponse:
         """Enqueue a batch."""
         estimate_key = ("batch", request.reuse_stage)
-        timeout_s = _operation_timeout_s(request)
-        job = _step_job(Kind.BATCH, request, request, timeout_s, estimate_key, context)
+        timeout_s = operation_timeout_s(request)
+        job = step_job(Kind.BATCH, request, request, timeout_s, estimate_key, context)
         return pb.StepBatchResponse(operation=self._status(self._operations.submit(job)))
 
     def StepSample(self, request: pb.StepSampleRequest, context: Context) -> pb.StepSampleResponse:
         """Enqueue a sample."""
-        job = _sample_job(request, _operation_timeout_s(request), context)
+        job = sample_job(request, operation_timeout_s(request), context)
         return pb.StepSampleResponse(operation=self._status(self._operations.submit(job)))
 
     def GetOperation(self, request: pb.GetOperationRequest, _: Context) -> pb.GetOperationResponse:
@@ -151,24 +154,37 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self, request: pb.RenderSampleRequest, context: Context
     ) -> Iterator[pb.RenderSampleResponse]:
         """Enqueue a sample; send its progress, and its frames as soon as they are ready."""
-        operation = self._operations.submit(_sample_job(request, _remaining_s(context), context))
-        transfer = self._granted(request)
-        is_complete = False
-        with operation.followed():
-            for event in operation.events(_gone(context), STATUS_PATIENCE_S):
-                if isinstance(event, SampleMessages):
-                    for part in sample_to_parts(event, transfer):
-                        yield pb.RenderSampleResponse(part=part)
-                    is_complete = event.end is not None
-                elif not event.state.ended:
-                    yield pb.RenderSampleResponse(operation=self._status(operation, event))
-            status = operation.status
-        if status.error is not None:
-            raise status.error
-        if status.state is State.SUCCEEDED and not is_complete:  # an earlier request made it
-            sample = self._operations.samples.get(status.batch_id, status.sample_id)
-            for part in sample_to_parts(sample, transfer):
-                yield pb.RenderSampleResponse(part=part)
+        operation = self._operations.submit(sample_job(request, remaining_s(context), context))
+        for event in self._rendered(operation, self._granted(request), _gone(context)):
+            if isinstance(event, OperationStatus):
+                yield pb.RenderSampleResponse(operation=self._status(operation, event))
+            else:
+                yield pb.RenderSampleResponse(part=event)
+
+    def SetTrajectory(
+        self, request: pb.SetTrajectoryRequest, context: Context
+    ) -> pb.SetTrajectoryResponse:
+        """Have the worker plan a trajectory, and keep it."""
+        poses_from_proto(request.poses)
+        planned = self._asked("plan_trajectory", request, context)
+        trajectory = self._trajectories.add(pb.Trajectory.FromString(planned.content))
+        return pb.SetTrajectoryResponse(trajectory=trajectory)
+
+    def Drive(self, request: pb.DriveRequest, context: Context) -> Iterator[pb.DriveResponse]:
+        """Send what the sensors measure along a trajectory, one sample after the other."""
+        # Without shared memory, gRPC's flow control stops a drive whose reader is slow.
+        transfer = replace(self._granted(request), token=b"")
+        gone = _gone(context)
+
+        def ask(method: str, step: pb.DriveStep) -> bytes:
+            return self._asked(method, step, context).content
+
+        def render(step: pb.DriveStep) -> Iterator[pb.SamplePart | OperationStatus]:
+            operation = self._operations.submit(drive_job(step, remaining_s(context), context))
+            return self._rendered(operation, transfer, gone)
+
+        work = DriveWork(ask, render, gone)
+        yield from DriveJobs(request, self._trajectories.get(request.trajectory), work).events()
 
     def GetGroundTruthMesh(
         self, request: pb.GetGroundTruthMeshRequest, context: Context
@@ -205,13 +221,38 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
         self._on_end()
         return pb.EndSimulationResponse()
 
-    def _granted(self, request: pb.GetSampleRequest | pb.RenderSampleRequest) -> Transfer:
+    def _rendered(
+        self, operation: Operation, transfer: Transfer, gone: threading.Event
+    ) -> Iterator[pb.SamplePart | OperationStatus]:
+        """Yield the parts of a sample as soon as they are ready, and its status until its end.
+
+        Raises:
+            OaisysError: The operation failed.
+        """
+        is_complete = False
+        with operation.followed():
+            for event in operation.events(gone, STATUS_PATIENCE_S):
+                if isinstance(event, SampleMessages):
+                    yield from sample_to_parts(event, transfer)
+                    is_complete = event.end is not None
+                elif not event.state.ended:
+                    yield event
+            status = operation.status
+        if status.error is not None:
+            raise status.error
+        if status.state is State.SUCCEEDED and not is_complete:  # an earlier request made it
+            sample = self._operations.samples.get(status.batch_id, status.sample_id)
+            yield from sample_to_parts(sample, transfer)
+
+    def _granted(
+        self, request: pb.GetSampleRequest | pb.RenderSampleRequest | pb.DriveRequest
+    ) -> Transfer:
         return granted(transfer_from_proto(request.transfer), self._probe)
 
     def _asked(self, method: str, request: Message, context: Context) -> WorkerMessage:
         """Enqueue a question, wait, and return the worker's answer."""
         content = request.SerializeToString()
-        job = Job(None, method, content, _remaining_s(context), peer=context.peer())
+        job = Job(None, method, content, remaining_s(context), peer=context.peer())
         operation = self._operations.submit(job)
         with operation.followed():
             for _ in operation.changes(_gone(context)):
@@ -234,76 +275,6 @@ class SimulatorServicer(simulator_pb2_grpc.SimulatorServiceServicer):
 
     def _status(self, operation: Operation, status: OperationStatus | None = None) -> pb.Operation:
         return status_to_proto(self._operations.timed(operation, status or operation.status))
-
-
-StepRequest = pb.StepBatchRequest | pb.StepSampleRequest | pb.RenderSampleRequest
-
-
-def _sample_job(
-    request: pb.StepSampleRequest | pb.RenderSampleRequest, timeout_s: float, context: Context
-) -> Job:
-    step = pb.StepSampleRequest(modalities=request.modalities, sensors=request.sensors)
-    if request.HasField("metadata"):
-        step.metadata.CopyFrom(request.metadata)
-    quality = request.metadata.typed_render.quality
-    estimate_key = ("sample", hash((*request.modalities, "", *request.sensors, "", quality)))
-    return _step_job(Kind.SAMPLE, request, step, timeout_s, estimate_key, context)
-
-
-def _step_job(
-    kind: Kind,
-    request: StepRequest,
-    step: Message,
-    timeout_s: float,
-    estimate_key: Hashable,
-    context: Context,
-) -> Job:
-    """Return the job of a request; ``step`` is the message for the worker.
-
-    Raises:
-        InvalidInputError: The id is too long, or the metadata cannot be read: they are refused
-            before anything is enqueued or overtaken.
-    """
-    if len(request.request_id) > MAX_ID_CHARACTERS:
-        received = f"{len(request.request_id)} characters"
-        raise InvalidInputError("request_id", received, f"at most {MAX_ID_CHARACTERS}")
-    if request.HasField("metadata"):
-        metadata_from_proto(request.metadata)
-    return Job(
-        kind=kind,
-        method="step_batch" if kind is Kind.BATCH else "step_sample",
-        request=step.SerializeToString(),
-        timeout_s=timeout_s,
-        request_id=request.request_id,
-        body=_body(request),
-        estimate_key=estimate_key,
-        request_bytes=request.ByteSize(),
-        peer=context.peer(),
-    )
-
-
-def _body(request: StepRequest) -> bytes:
-    """Return a digest of a request, without how it is to be answered."""
-    if isinstance(request, pb.RenderSampleRequest) and request.HasField("transfer"):
-        asked, request = request, pb.RenderSampleRequest()
-        request.CopyFrom(asked)
-        request.ClearField("transfer")
-    content = request.DESCRIPTOR.name.encode() + request.SerializeToString(deterministic=True)
-    return hashlib.sha256(content).digest()
-
-
-def _operation_timeout_s(request: pb.StepBatchRequest | pb.StepSampleRequest) -> float:
-    if not request.HasField("timeout"):
-        return OPERATION_TIMEOUT_S
-    timeout_s = request.timeout.seconds + request.timeout.nanos * 1e-9
-    if timeout_s <= 0:
-        raise InvalidInputError("timeout", timeout_s, "a positive time")
-    return min(timeout_s, OPERATION_TIMEOUT_S)
-
-
-def _remaining_s(context: Context) -> float:
-    remaining_s = context.time_remaining()
-    return OPERATION_TIMEOUT_S if remaining_s is None else min(remaining_s, OPERATION_TIMEOUT_S)
 
 
 def _gone(context: Context) -> threading.Event:

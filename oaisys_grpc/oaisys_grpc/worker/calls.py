@@ -22,6 +22,7 @@ from oaisys_core.backend.base import FrameGroup
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.paths import AssetRoots, confined
 from oaisys_core.errors import CancelledError, NotReadyError
+from oaisys_core.sensing.view_renderer import SampleSteps
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import Frame, ModuleMetadata, Progress, Sample, SampleOutline
 from oaisys_grpc.contract.arrays import AnyArray
@@ -50,6 +51,7 @@ from oaisys_grpc.contract.world_messages import (
 )
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.worker import fault_injection
+from oaisys_grpc.worker.drive_calls import DriveCalls
 from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
 MAX_SEGMENTS = 400
@@ -107,11 +109,16 @@ class SimulationCalls:
     def __init__(self) -> None:
         self.simulation: Simulation | None = None
         self.roots: AssetRoots | None = None
+        self._drives: DriveCalls | None = None
         self._segments: WeakSet[Segment] = WeakSet()
         self._methods: dict[str, Callable[[WorkerMessage, CallContext], Reply]] = {
             "start": self._start,
             "step_batch": self._step_batch,
             "step_sample": self._step_sample,
+            "plan_trajectory": self._plan_trajectory,
+            "drive_header": self._drive_header,
+            "drive_instants": self._drive_instants,
+            "drive_sample": self._drive_sample,
             "withdraw_sample": self._withdraw_sample,
             "ground_truth_mesh": self._ground_truth_mesh,
             "list_objects": self._list_objects,
@@ -137,7 +144,7 @@ class SimulationCalls:
         if call.head["state"] is not None:
             with confined(self.roots):
                 simulation.restore(json.loads(call.head["state"]), context.progress)
-        self.simulation = simulation
+        self.simulation, self._drives = simulation, DriveCalls(simulation, config)
         return Reply()
 
     def _step_batch(self, call: WorkerMessage, context: CallContext) -> Reply:
@@ -153,7 +160,6 @@ class SimulationCalls:
         return Reply()
 
     def _step_sample(self, call: WorkerMessage, context: CallContext) -> Reply:
-        """Send the frames as they become ready; reply with the end of the sample."""
         simulation = self._ready()
         request = pb.StepSampleRequest.FromString(call.content)
         _inject_faults("sample", context)
@@ -163,18 +169,31 @@ class SimulationCalls:
             sensors=names(request.sensors, "sensors"),
             progress=context.progress,
         )
-        with ThreadPoolExecutor(1, "sender") as executor:
-            sender = _FrameSender(context, executor)
-            try:
-                while True:
-                    sender.send(*next(steps))
-            except StopIteration as end:
-                sample: Sample = end.value
-            finally:
-                steps.close()
-            sender.wait()
-        _inject_faults("end", context)
-        return sender.rest(sample)
+        return _sent(steps, context)
+
+    def _plan_trajectory(self, call: WorkerMessage, _context: CallContext) -> Reply:
+        request = pb.SetTrajectoryRequest.FromString(call.content)
+        return Reply(self._ready_drives().plan(request).SerializeToString())
+
+    def _drive_header(self, call: WorkerMessage, _context: CallContext) -> Reply:
+        step = pb.DriveStep.FromString(call.content)
+        return Reply(self._ready_drives().header(step).SerializeToString())
+
+    def _drive_instants(self, call: WorkerMessage, _context: CallContext) -> Reply:
+        step = pb.DriveStep.FromString(call.content)
+        return Reply(self._ready_drives().instants(step).SerializeToString())
+
+    def _drive_sample(self, call: WorkerMessage, context: CallContext) -> Reply:
+        """Do as `_step_sample` at a time of a drive."""
+        view = self._ready_drives().view(pb.DriveStep.FromString(call.content))
+        _inject_faults("sample", context)
+        steps = self._ready().stream_sample(
+            view.metadata,
+            sensors=view.sensors,
+            T_map_base=view.T_map_base,
+            progress=context.progress,
+        )
+        return _sent(steps, context)
 
     def _withdraw_sample(self, _call: WorkerMessage, _context: CallContext) -> Reply:
         self._ready().withdraw_sample()
@@ -207,6 +226,11 @@ class SimulationCalls:
             raise NotReadyError("the worker was not started")
         return self.simulation
 
+    def _ready_drives(self) -> DriveCalls:
+        if self._drives is None:
+            raise NotReadyError("the worker was not started")
+        return self._drives
+
     def _placed(self, frames: tuple[Frame, ...]) -> tuple[Frame, ...]:
         """Return frames as they lie in one segment of shared memory; small ones stay as they are.
 
@@ -220,6 +244,22 @@ class SimulationCalls:
         assert segment is not None
         self._segments.add(segment)
         return tuple(replace(f, data=image) for f, image in zip(frames, images, strict=True))
+
+
+def _sent(steps: SampleSteps, context: CallContext) -> Reply:
+    """Send the frames of a sample as they become ready; return the end of the sample."""
+    with ThreadPoolExecutor(1, "sender") as executor:
+        sender = _FrameSender(context, executor)
+        try:
+            while True:
+                sender.send(*next(steps))
+        except StopIteration as end:
+            sample: Sample = end.value
+        finally:
+            steps.close()
+        sender.wait()
+    _inject_faults("end", context)
+    return sender.rest(sample)
 
 
 class _FrameSender:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.geometry import invert, project, unproject
+from oaisys_core.geometry import invert, project, transform_points, unproject
 from oaisys_core.types import FloatArray, PinholeIntrinsics, ShortRepr, TriangleMesh
 from oaisys_mapping.mesh import SurfacePoints
 from oaisys_mapping.progress import ProgressCallback, ignore_progress
@@ -36,8 +36,9 @@ class PosedCamera(ShortRepr):
 
     def __post_init__(self) -> None:
         """Refuse distortion; see `rectified_camera`."""
-        if any(self.intrinsics.distortion):
-            raise InvalidInputError("intrinsics.distortion", self.intrinsics.distortion, "none")
+        if not self.intrinsics.is_rectilinear:
+            received = (self.intrinsics.distortion_model, self.intrinsics.distortion)
+            raise InvalidInputError("intrinsics.distortion", received, "a pinhole without any")
 
 
 def within_reach(
@@ -137,8 +138,7 @@ def views_seeing(
 def _in_image(
     points: SurfacePoints, ids: NDArray[np.intp], view: PosedCamera, max_range_m: float
 ) -> NDArray[np.bool_]:
-    T_camera_map = invert(view.T_map_camera)
-    camera_m = points.points_m[ids] @ T_camera_map[:3, :3].T + T_camera_map[:3, 3]
+    camera_m = transform_points(invert(view.T_map_camera), points.points_m[ids])
     ahead = (camera_m[:, 2] > 1e-6) & (camera_m[:, 2] <= max_range_m)
     pixels = np.full((len(ids), 2), -1.0)
     pixels[ahead] = project(camera_m[ahead], view.intrinsics)

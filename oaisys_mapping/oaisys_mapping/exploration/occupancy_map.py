@@ -93,8 +93,9 @@ class OccupancyMap:
             T_map_camera: (4, 4) pose of its optical frame.
             max_range_m: Depth beyond which nothing is integrated.
         """
-        if any(intrinsics.distortion):
-            raise InvalidInputError("intrinsics.distortion", intrinsics.distortion, "none")
+        if not intrinsics.is_rectilinear:
+            received = (intrinsics.distortion_model, intrinsics.distortion)
+            raise InvalidInputError("intrinsics.distortion", received, "a pinhole without any")
         self._mark_free(depth_m, intrinsics, T_map_camera, max_range_m)
         self._mark_occupied(depth_m, intrinsics, T_map_camera, max_range_m)
 

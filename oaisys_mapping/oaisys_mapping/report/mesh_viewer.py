@@ -15,7 +15,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from oaisys_core.geometry import unproject
+from oaisys_core.geometry import transform_points, unproject
 from oaisys_core.types import FloatArray
 from oaisys_mapping.evaluation.evaluate import Evaluation
 from oaisys_mapping.evaluation.visibility import PosedCamera
@@ -147,6 +147,5 @@ def _frusta(cameras: Sequence[PosedCamera], depth_m: float) -> list[list[list[fl
         width_px, height_px = camera.intrinsics.width_px - 1, camera.intrinsics.height_px - 1
         pixels = [(0, 0), (width_px, 0), (width_px, height_px), (0, height_px)]
         points_m = np.vstack((np.zeros(3), unproject(pixels, [depth_m] * 4, camera.intrinsics)))
-        in_map = points_m @ camera.T_map_camera[:3, :3].T + camera.T_map_camera[:3, 3]
-        frusta.append(in_map.round(3).tolist())
+        frusta.append(transform_points(camera.T_map_camera, points_m).round(3).tolist())
     return frusta

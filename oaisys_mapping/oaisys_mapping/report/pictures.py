@@ -204,7 +204,7 @@ def distance_map(
     axes.set(xlabel="x in metres (map)", ylabel="y in metres (map)")
     axes.set_title(title, fontsize="medium")
     figure.colorbar(shown, label="mean distance in metres", extend="max", shrink=0.85)
-    return _figure_png(figure)
+    return figure_png(figure)
 
 
 def time_chart(seconds: Mapping[str, Sequence[float]]) -> bytes:
@@ -222,7 +222,7 @@ def time_chart(seconds: Mapping[str, Sequence[float]]) -> bytes:
     axes.set_facecolor("none")
     axes.margins(y=0.22)
     axes.legend(frameon=False, ncols=len(seconds), loc="upper right")
-    return _figure_png(figure)
+    return figure_png(figure)
 
 
 def coverage_chart(
@@ -256,10 +256,11 @@ def coverage_chart(
         axes.grid(alpha=0.3)
         axes.set_facecolor("white")
         axes.spines[["top", "right"]].set_visible(False)
-    return _figure_png(figure)
+    return figure_png(figure)
 
 
-def _figure_png(figure: Figure) -> bytes:
+def figure_png(figure: Figure) -> bytes:
+    """Return a figure as a PNG file."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=130)
     return buffer.getvalue()

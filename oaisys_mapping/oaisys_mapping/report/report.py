@@ -118,7 +118,7 @@ def write_report(report: SurveyReport, out: Path) -> dict[str, Any]:
         "missed": report.missed,
         "lost": list(report.losses),
         "thresholds": asdict(report.thresholds),
-        "versions": _versions(),
+        "versions": versions(),
     }
     images = _pictures(report)
     folder = out / "pictures"
@@ -132,7 +132,7 @@ def write_report(report: SurveyReport, out: Path) -> dict[str, Any]:
     return figures
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
     """Return the versions of the software that evaluated and drew."""
     libraries = {"open3d": o3d, "numpy": np, "scipy": scipy, "matplotlib": mpl}
     return {
@@ -225,7 +225,7 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
         report=report,
         figures=figures,
         metrics=report.evaluation.metrics,
-        images={name: _data_url(name, data) for name, data in images.items()},
+        images={name: data_url(name, data) for name, data in images.items()},
         mesh_sides=list(pictures.MESH_SIDES),
         legend=legend,
         criteria=report.thresholds.applied_to(report.evaluation.metrics),
@@ -233,7 +233,7 @@ def _html(report: SurveyReport, figures: Mapping[str, Any], images: Mapping[str,
         planners=planner_results(report.coverage, COVERAGE_GOAL),
         goal=COVERAGE_GOAL,
         viewer=_viewer(report),
-        depth_scale=_data_url("scale.png", pictures.png(pictures.depth_scale())),
+        depth_scale=data_url("scale.png", pictures.png(pictures.depth_scale())),
     )
 
 
@@ -253,6 +253,7 @@ def _viewer(report: SurveyReport) -> dict[str, Any] | None:
     }
 
 
-def _data_url(name: str, data: bytes) -> str:
+def data_url(name: str, data: bytes) -> str:
+    """Return an image file as a link that holds it."""
     kind = "jpeg" if name.endswith(".jpg") else "png"
     return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"

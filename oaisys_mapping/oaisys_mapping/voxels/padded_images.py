@@ -86,8 +86,9 @@ def check_view(
         raise InvalidInputError("rgb", rgb.shape, f"an image of shape {(*size, 3)}")
     if labels is not None and labels.shape != size:
         raise InvalidInputError("labels", labels.shape, f"an image of shape {size}")
-    if any(camera.distortion):
-        raise InvalidInputError("intrinsics.distortion", camera.distortion, "none")
+    if not camera.is_rectilinear:
+        received = (camera.distortion_model, camera.distortion)
+        raise InvalidInputError("intrinsics.distortion", received, "a pinhole without any")
     if np.shape(T_map_camera) != (4, 4) or not np.isfinite(T_map_camera).all():
         raise InvalidInputError("T_map_camera", T_map_camera, "a finite (4, 4) transform")
 

@@ -15,12 +15,14 @@ from oaisys_ros_bridge.namespaces import TF
 
 SAMPLE_INFO_TYPE = "oaisys_msgs/msg/SampleInfo"
 TF_TYPE = "tf2_msgs/msg/TFMessage"
+MOTION_TYPES = ("nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu")
+"""Types of small messages of which a drive has many between two samples, besides transforms."""
 
 
 def summary_of(path: Path) -> list[str]:
     """Return a line for the bag, one per topic (name, type, messages), and what it has lost.
 
-    Transforms that a bridge repeated between samples are counted apart from those of samples. Only
+    Transforms that a bridge repeated are counted apart from those of samples and drives. Only
     bags of this package's recorder say what they have lost.
 
     Args:
@@ -78,23 +80,24 @@ def _losses(reader: McapReader) -> BagLosses | None:
 def repeats_of(reader: McapReader, summary: Summary) -> Mapping[str, int]:
     """Return how many messages of each ``/tf`` only repeat the transforms of the last sample.
 
-    A message is a repeat if no ``~/sample_info`` has its stamp. The result is empty for a bag
-    without that topic.
+    A message is a repeat if no ``~/sample_info``, odometry or IMU has its stamp. The result is
+    empty for a bag without samples.
     """
     types = {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values()}
     moving = [t for t, name in types.items() if name == TF_TYPE and t.endswith(TF)]
     samples = [topic for topic, name in types.items() if name == SAMPLE_INFO_TYPE]
     if not samples:
         return {}
-    sample_stamps: set[bytes] = set()
+    measured = [t for t, name in types.items() if name in (SAMPLE_INFO_TYPE, *MOTION_TYPES)]
+    measured_stamps: set[bytes] = set()
     stamps: list[tuple[str, bytes]] = []
-    for _, channel, message in reader.iter_messages(topics=[*moving, *samples]):
+    for _, channel, message in reader.iter_messages(topics=[*moving, *measured]):
         # CDR: 4 bytes of header; a stamp of 8 bytes, or the number of transforms before it.
-        if channel.topic in samples:
-            sample_stamps.add(message.data[4:12])
+        if channel.topic in measured:
+            measured_stamps.add(message.data[4:12])
         else:
             stamps.append((channel.topic, message.data[8:16]))
     found = dict.fromkeys(moving, 0)
     for topic, stamp in stamps:
-        found[topic] += stamp not in sample_stamps
+        found[topic] += stamp not in measured_stamps
     return found

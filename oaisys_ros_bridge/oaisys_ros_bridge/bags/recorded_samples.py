@@ -31,6 +31,7 @@ from oaisys_ros_bridge.bags.reading import BagReader
 from oaisys_ros_bridge.conversions import image_from_msg, pose_from_msg
 from oaisys_ros_bridge.publishing.sample_publisher import outline_from_msg
 from oaisys_ros_bridge.publishing.sensor_topics import TOPIC_BY_MODALITY
+from oaisys_ros_bridge.subscribing.sample_watch import camera_poses
 
 SAMPLE_INFO, CONFIGURATION = "sample_info", "configuration"
 ONLY_CAMERA = "camera"
@@ -110,7 +111,7 @@ class BagSamples:
         names = {
             self._topic(sensor.sensor, modality): FrameName(sensor.sensor, modality)
             for sample in pending.values()
-            for sensor in sample.info.sensors
+            for sensor in camera_poses(sample.info)
             for modality in sensor.modalities
         }
         for message in self._reader.messages(set(names) & self._reader.topics.keys()):
@@ -141,7 +142,7 @@ class _PartialSample:
 
     @property
     def is_complete(self) -> bool:
-        return len(self.images) == sum(len(sensor.modalities) for sensor in self.info.sensors)
+        return len(self.images) == sum(len(s.modalities) for s in camera_poses(self.info))
 
     def record(self) -> RecordedSample:
         outline = outline_from_msg(self.info)

@@ -10,16 +10,19 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from oaisys_ros_bridge.bags.info import SAMPLE_INFO_TYPE, TF_TYPE
+from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE, TF_TYPE
 from oaisys_ros_bridge.bags.writing import RecordedTopic, qos_entry
-from oaisys_ros_bridge.qos import SMALL_MESSAGE_QOS
+from oaisys_ros_bridge.qos import MOTION_QOS, SMALL_MESSAGE_QOS
 
 RECEIPT_TYPE = "oaisys_msgs/msg/SampleReceipt"
 
 QUEUE_DEPTH = 50
 """Messages of a topic that may be queued; the bridge waits long before there are so many."""
 
-QUEUE_DEPTHS = dict.fromkeys((SAMPLE_INFO_TYPE, TF_TYPE), SMALL_MESSAGE_QOS.depth)
+QUEUE_DEPTHS = {
+    SAMPLE_INFO_TYPE: SMALL_MESSAGE_QOS.depth,
+    **dict.fromkeys((TF_TYPE, *MOTION_TYPES), MOTION_QOS.depth),
+}
 """Of small messages, by their type; transforms come from other nodes, too, and are repeated."""
 
 
@@ -58,13 +61,13 @@ def recorded_topic(
     name: str, type_name: str, publishers: Sequence[TopicEndpointInfo]
 ) -> RecordedTopic:
     """Return the description of a topic in a bag, with what its publishers offer."""
-    return RecordedTopic(name, type_name, tuple(_offered(publisher) for publisher in publishers))
+    return RecordedTopic(name, type_name, tuple(offered_profile(p.qos_profile) for p in publishers))
 
 
 def subscription_qos(type_name: str, publishers: Sequence[TopicEndpointInfo]) -> QoSProfile:
     """Return the quality of service of a subscription that is compatible with all publishers."""
-    reliable = all(_is_reliable(publisher) for publisher in publishers)
-    latched = all(_is_latched(publisher) for publisher in publishers)
+    reliable = all(_is_reliable(publisher.qos_profile) for publisher in publishers)
+    latched = all(_is_latched(publisher.qos_profile) for publisher in publishers)
     return QoSProfile(
         depth=QUEUE_DEPTHS.get(type_name, QUEUE_DEPTH),
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
@@ -72,17 +75,18 @@ def subscription_qos(type_name: str, publishers: Sequence[TopicEndpointInfo]) ->
     )
 
 
-def _offered(publisher: TopicEndpointInfo) -> dict[str, Any]:
+def offered_profile(profile: QoSProfile) -> dict[str, Any]:
+    """Return a quality of service as a bag stores it."""
     return qos_entry(
-        depth=publisher.qos_profile.depth,
-        reliable=_is_reliable(publisher),
-        transient_local=_is_latched(publisher),
+        depth=profile.depth,
+        reliable=_is_reliable(profile),
+        transient_local=_is_latched(profile),
     )
 
 
-def _is_reliable(publisher: TopicEndpointInfo) -> bool:
-    return bool(publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE)
+def _is_reliable(profile: QoSProfile) -> bool:
+    return bool(profile.reliability == ReliabilityPolicy.RELIABLE)
 
 
-def _is_latched(publisher: TopicEndpointInfo) -> bool:
-    return bool(publisher.qos_profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)
+def _is_latched(profile: QoSProfile) -> bool:
+    return bool(profile.durability == DurabilityPolicy.TRANSIENT_LOCAL)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from typing import NamedTuple, TypeVar
@@ -13,7 +14,7 @@ from typing import NamedTuple, TypeVar
 from builtin_interfaces.msg import Time
 
 from oaisys_core.errors import NotReadyError, OaisysError
-from oaisys_core.types import Pose, Sample, SampleOutline
+from oaisys_core.types import Frame, LidarScan, Pose, Sample
 from oaisys_ros_bridge.bridge.readers import Readers
 from oaisys_ros_bridge.bridge.requests import Cancellation, PendingMetadata, ViewRequest, rig_pose
 from oaisys_ros_bridge.bridge.simulator_link import SimulatorLink
@@ -178,6 +179,21 @@ class Renderer:
 
         self._in_turn(serve)
 
+    def in_turn(self, work: Callable[[SimulatorLink], R], cancellation: Cancellation) -> R:
+        """Do work with the simulator, other than rendering a view, once it is this caller's turn.
+
+        Raises:
+            OaisysError: The bridge renders nothing now, or the work fails or is cancelled.
+        """
+
+        def serve() -> R:
+            with self._serving(cancellation) as link:
+                if self.paused_reason:
+                    raise NotReadyError(self.paused_reason)
+                return work(link)
+
+        return self._in_turn(serve)
+
     def update_topics(self) -> None:
         """Follow a change of the simulator, after the views that were requested before.
 
@@ -203,14 +219,20 @@ class Renderer:
                 self._requests -= 1
 
     def _serve(self, request: ViewRequest, cancellation: Cancellation) -> PublishedSample:
+        with self._serving(cancellation) as link:
+            self.readers.wait_for_room(cancellation)
+            return self._render(request, link, cancellation)
+
+    @contextmanager
+    def _serving(self, cancellation: Cancellation) -> Iterator[SimulatorLink]:
+        """Lend the simulator to one request."""
         try:
             cancellation.check()
             link = self._ready_link()
             self._current = cancellation  # from here on, `stop` can cancel it
             self._idle.clear()
             try:
-                self.readers.wait_for_room(cancellation)
-                return self._render(request, link, cancellation)
+                yield link
             finally:
                 self._current = None
                 self._idle.set()
@@ -266,26 +288,27 @@ class Renderer:
             cancellation.stopping_by(stream.cancel),
         ):
             frames = iter(stream)
-            first = list(filter(None, [next(frames, None)]))
-            publication = self._begin(stream.outline, link)
+            first: list[Frame | LidarScan] = list(filter(None, [next(frames, None)]))
+            self.announce_batch(stream.outline.batch_id, link)
+            self.readers.begin()
+            publication = self._topics.begin(stream.outline)
             for frame in chain(first, frames):
                 publication.add(frame)
             sample = stream.sample
         waited_s = time.monotonic() - asked_s - publication.seconds
         self.readers.expect(sample, publication.stamp)
         publication.finish(sample)
-        self._note(sample, publication, waited_s)
+        self.note(sample, publication, waited_s)
         return PublishedSample(sample, publication.stamp)
 
-    def _begin(self, outline: SampleOutline, link: SimulatorLink) -> Publication:
-        """Begin to publish a sample, after its batch has been announced."""
-        if link.info.batch_id != outline.batch_id:
+    def announce_batch(self, batch_id: int, link: SimulatorLink) -> None:
+        """Announce the batch of a sample that is about to be published, if it is a new one."""
+        if link.info.batch_id != batch_id:
             link.check()  # another client has stepped a batch
         self._topics.announce(link.info)
-        self.readers.begin()
-        return self._topics.begin(outline)
 
-    def _note(self, sample: Sample, publication: Publication, waited_s: float) -> None:
+    def note(self, sample: Sample, publication: Publication, waited_s: float) -> None:
+        """Count a sample that was published, ``waited_s`` after it was requested."""
         counts = self.counts
         counts.rendered += 1
         counts.last_stamp_ns = nanoseconds(publication.stamp)

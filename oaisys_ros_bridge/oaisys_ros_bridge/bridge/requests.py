@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import Point, PoseStamped, Transform
 from geometry_msgs.msg import Pose as PoseMsg
 from std_msgs.msg import Header
@@ -22,7 +23,8 @@ from oaisys_core.errors import (
     one_of_keys,
 )
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
-from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo
+from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo, TimedPoses
+from oaisys_msgs.action import Drive
 from oaisys_ros_bridge.conversions import pose_from_msg
 
 MODULES = ("sensor", "environment", "asset", "render", "custom")
@@ -45,6 +47,21 @@ class ViewRequest:
     sensor: str = ""
     modalities: Sequence[str] = ()
     is_step: bool = False
+
+
+@dataclass(frozen=True)
+class DriveRequest:
+    """A drive.
+
+    Attributes:
+        poses: The motion itself; None: that of the vehicle in the section ``drive``.
+        changes: Keys of that section which replace the configured ones.
+        sensors: Names of the sensors that measure; none: all.
+    """
+
+    poses: TimedPoses | None
+    changes: Mapping[str, Any]
+    sensors: Sequence[str] = ()
 
 
 class Cancellation:
@@ -141,6 +158,31 @@ def poses_of_trajectory(
             raise InvalidInputError(field, [], "one transform per joint, at least one")
     chosen = trajectory.points if points == "every" else trajectory.points[-1:]
     return [_stamped(point.transforms[0], trajectory.header) for point in chosen]
+
+
+def drive_request(goal: Drive.Goal, map_frame: str) -> DriveRequest:
+    """Return the drive that a goal asks for.
+
+    Args:
+        goal: Of the action ``~/drive``.
+        map_frame: See `rig_pose`.
+
+    Raises:
+        InvalidInputError: Wrong frame, a point without a transform, or no JSON object.
+    """
+    changes = _json_object("drive_json", goal.drive_json) if goal.drive_json.strip() else {}
+    trajectory = goal.trajectory
+    if not trajectory.points:
+        return DriveRequest(None, changes, list(goal.sensors))
+    stamped = poses_of_trajectory(trajectory, "every", map_frame)
+    poses = [pose_from_msg(each.pose, f"trajectory.points[{i}]") for i, each in enumerate(stamped)]
+    since_start = [point.time_from_start for point in trajectory.points]
+    timed = TimedPoses(
+        times_s=np.array([each.sec + each.nanosec * 1e-9 for each in since_start]),
+        positions_m=np.array([pose.position_m for pose in poses]),
+        quats_xyzw=np.array([pose.quat_xyzw for pose in poses]),
+    )
+    return DriveRequest(timed, changes, list(goal.sensors))
 
 
 def _stamped(transform: Transform, header: Header) -> PoseStamped:

@@ -11,8 +11,13 @@ from typing import NamedTuple
 
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError, WorkerLostError
 from oaisys_core.types import ModuleMetadata, ObjectPage, ObjectQuery, Pose, SimulatorInfo
-from oaisys_grpc.client.simulator_client import ClientTls, SampleStream, SimulatorClient
-from oaisys_ros_bridge.bridge.requests import ViewRequest
+from oaisys_grpc.client.simulator_client import (
+    ClientTls,
+    DriveStream,
+    SampleStream,
+    SimulatorClient,
+)
+from oaisys_ros_bridge.bridge.requests import DriveRequest, ViewRequest
 
 CHECK_PERIOD_S = 2.0
 """Between two checks of a server that answers."""
@@ -149,6 +154,30 @@ class SimulatorLink:
             ) as stream,
         ):
             yield stream
+
+    @contextmanager
+    def drive(
+        self, request: DriveRequest, metadata: ModuleMetadata | None
+    ) -> Iterator[DriveStream]:
+        """Drive, in a ``with`` block: iterate over the instants as they come.
+
+        Builds the first batch where there is none and one is wanted.
+
+        Args:
+            request: The motion, and the sensors that measure.
+            metadata: What else changes from the first sample on.
+
+        Raises:
+            OaisysError: As the server says, or there is none.
+        """
+        with self._lock:
+            self.check()
+            with self._connected() as client:
+                planned = client.set_trajectory(request.poses, drive=request.changes)
+                with client.drive(
+                    planned.name, sensors=request.sensors, metadata=metadata
+                ) as stream:
+                    yield stream
 
     def step_batch(
         self, *, seed: int | None, reuse_stage: bool, metadata: ModuleMetadata | None

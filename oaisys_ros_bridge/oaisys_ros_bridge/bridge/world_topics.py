@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import threading
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import count
 
 from builtin_interfaces.msg import Time
@@ -13,7 +16,7 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Header, String
 
 from oaisys_core.errors import InvalidInputError, NotReadyError
-from oaisys_core.types import SampleOutline, SimulatorInfo
+from oaisys_core.types import DriveInstant, Sample, SampleOutline, SimulatorInfo
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bridge.readers import Readers
 from oaisys_ros_bridge.conversions import NS_PER_S, stamp_from_nanoseconds
@@ -103,6 +106,26 @@ class WorldTopics:
                 raise NotReadyError("the bridge is not configured any more")
             return self._samples.begin(outline, self._stamps.next())
 
+    @contextmanager
+    def driving(self, start_ns: int) -> Iterator[DriveTopics]:
+        """Publish a drive inside this block, at whose simulated time stamps then are.
+
+        Args:
+            start_ns: Simulated time of the drive's start.
+
+        Raises:
+            NotReadyError: There are no topics any more.
+        """
+        with self._lock:
+            if self._samples is None or self._stamps is None:
+                raise NotReadyError("the bridge is not configured any more")
+            samples, stamps = self._samples, self._stamps
+        begin_ns = stamps.begin_drive()
+        try:
+            yield DriveTopics(samples, stamps, begin_ns, start_ns)
+        finally:
+            stamps.end_drive()
+
     @property
     def has_clock(self) -> bool:
         """Whether the bridge publishes a simulated time."""
@@ -141,6 +164,47 @@ class WorldTopics:
                 self._samples.rig.repeat(stamp)
 
 
+class DriveTopics:
+    """Publishes one drive.
+
+    Args:
+        samples: The topics.
+        stamps: Makes the stamps.
+        begin_ns: Stamp of the drive's start.
+        start_ns: Simulated time of the drive's start.
+    """
+
+    def __init__(
+        self, samples: SamplePublisher, stamps: Stamps, begin_ns: int, start_ns: int
+    ) -> None:
+        self._samples = samples
+        self._stamps = stamps
+        self._begin_ns, self._start_ns = begin_ns, start_ns
+        self._before = Counter(samples.publishers.counts)
+
+    @property
+    def begin(self) -> Time:
+        """Stamp of the drive's start."""
+        return stamp_from_nanoseconds(self._begin_ns)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many messages of the drive were published, by the topic's full name."""
+        return dict(self._samples.publishers.counts - self._before)
+
+    def stamp(self, instant: DriveInstant) -> Time:
+        """Let simulated time be that of an instant, and return it."""
+        return self._stamps.set(self._begin_ns + instant.time_ns - self._start_ns)
+
+    def publish(self, instant: DriveInstant, stamp: Time) -> None:
+        """Publish what a drive brings at one time at which nothing was rendered."""
+        self._samples.publish_instant(instant, stamp)
+
+    def begin_sample(self, sample: Sample, instant: DriveInstant, stamp: Time) -> Publication:
+        """Begin to publish what was rendered at one time, and all else at that time."""
+        return self._samples.begin(sample.outline, stamp, instant)
+
+
 class Stamps:
     """Gives each sample a stamp that is later than all before.
 
@@ -163,8 +227,9 @@ class Stamps:
     def __init__(self, node: Node, settings: Settings) -> None:
         self._node = node
         self._settings = settings
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._last_ns = self._simulated_ns = 0
+        self._is_driving = False
         self.simulated = bool(settings()["publish_clock"])
         if not self.simulated:
             return
@@ -186,19 +251,20 @@ class Stamps:
         Simulated time does not increase for it: samples stay at whole steps.
         """
         with self._lock:
-            now_ns = 0 if self.simulated else self._node.get_clock().now().nanoseconds
+            has_own_time = self.simulated or self._is_driving
+            now_ns = 0 if has_own_time else self._node.get_clock().now().nanoseconds
             self._last_ns = max(now_ns, self._last_ns + 1)
             return stamp_from_nanoseconds(self._last_ns)
 
     def repeated(self) -> Time | None:
         """Return the stamp of a message that is published again: now.
 
-        None if this node is the clock, or the clock has stood still since the last stamp: a repeat
-        never reuses a stamp, and never takes the one of the next sample.
+        None if this node is the clock, during a drive, or if the clock has stood still since the
+        last stamp: a repeat never reuses a stamp, and never takes the one of the next sample.
         """
         with self._lock:
             now_ns = self._node.get_clock().now().nanoseconds
-            if self.simulated or now_ns <= self._last_ns:
+            if self.simulated or self._is_driving or now_ns <= self._last_ns:
                 return None
             self._last_ns = now_ns
             return stamp_from_nanoseconds(now_ns)
@@ -206,11 +272,33 @@ class Stamps:
     def advance(self, seconds: float) -> Time:
         """Increase simulated time, publish it, and return it."""
         with self._lock:
-            self._simulated_ns += round(seconds * NS_PER_S)
-            self._last_ns = max(self._simulated_ns, self._last_ns + 1)
+            return self.set(self._simulated_ns + round(seconds * NS_PER_S))
+
+    def begin_drive(self) -> int:
+        """Return the stamp, in nanoseconds, of the start of a drive, whose times `set` is given.
+
+        With a simulated time it is one step later than the last sample, else now.
+        """
+        step_ns = round(self._settings()["clock_step_s"] * NS_PER_S)
+        with self._lock:
+            now_ns = int(self._node.get_clock().now().nanoseconds)
+            begin_ns = self._simulated_ns + step_ns if self.simulated else now_ns
+            self._is_driving = True
+            return max(begin_ns, self._last_ns + 1)
+
+    def end_drive(self) -> None:
+        """Let stamps be those of the node's clock again, unless this node is the clock."""
+        with self._lock:
+            self._is_driving = False
+
+    def set(self, stamp_ns: int) -> Time:
+        """Set simulated time, publish it if this node is the clock, and return it."""
+        with self._lock:
+            self._last_ns = max(stamp_ns, self._last_ns + 1)
+            self._simulated_ns = stamp_ns
             stamp = stamp_from_nanoseconds(self._last_ns)
-        self._publish()
-        return stamp
+            self._publish()
+            return stamp
 
     def reset(self) -> None:
         """Set simulated time back to 0."""

@@ -90,6 +90,32 @@ SIMULATOR = {
 }
 """Of ``simulator.launch.py``."""
 
+DRIVE = {
+    **SIMULATOR,
+    "config": Argument(
+        "", "YAML file of the world, its sensors and the drive; empty: the example rover_drive."
+    ),
+    "drive_json": Argument(
+        "",
+        "Keys of the configuration's section drive that replace the configured ones, as a JSON "
+        "object.",
+    ),
+    "sensors": Argument(
+        "", "Names of the sensors that measure, separated by commas; empty: all of them."
+    ),
+    "mapper": Argument("false", SIMULATOR["mapper"].description, SWITCH),
+    "record": Argument(
+        "true", "true records all topics of the namespace to a new bag_DATE; a path, to there."
+    ),
+    "recorder": Argument(
+        "oaisys",
+        "Program that records: this package's recorder, which the drive waits for, or ros2 bag "
+        "record, which may begin after the drive; auto: ros2 bag record where it is installed.",
+        ("oaisys", "ros2", "auto"),
+    ),
+}
+"""Of ``drive.launch.py``."""
+
 _EXPERIMENT = {
     "config": CONFIG,
     "backend": BACKEND,

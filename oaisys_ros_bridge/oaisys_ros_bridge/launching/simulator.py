@@ -37,12 +37,20 @@ FRAMES = {"map": "map", "odom": "odom", "base": "base_link"}
 """Frames by the names of their parameters, without ``_frame``."""
 
 
-def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]:
+def start_simulator(
+    context: LaunchContext,
+    config_folder: Path,
+    default_config: str = "simulator.yaml",
+    *,
+    publishes_clock: bool = False,
+) -> list[Action]:
     """Return the server, and handlers that start the nodes once it serves.
 
     Args:
         context: With the values of `SIMULATOR`.
-        config_folder: The folder of ``simulator.yaml`` and ``simulator.rviz``.
+        config_folder: The folder of ``default_config`` and ``simulator.rviz``.
+        default_config: File of the world if the argument ``config`` is empty.
+        publishes_clock: Whether the bridge is told to be the clock.
 
     Raises:
         InvalidInputError: The namespace or the settings of the nodes are wrong.
@@ -51,7 +59,7 @@ def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]
     require_namespace(namespace)
     settings_of(context)  # raises for wrong input before anything is started
     command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config"]
-    command.append(value_of(context, "config") or str(config_folder / "simulator.yaml"))
+    command.append(value_of(context, "config") or str(config_folder / default_config))
     for name in ("address", "backend", "worker_python"):
         if value := value_of(context, name):
             command += ["--" + name.replace("_", "-"), value]
@@ -72,7 +80,7 @@ def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]
         if started or READY not in output or b"\n" not in output.split(READY, 1)[1]:
             return []
         address = output.split(READY, 1)[1].split(b"\n")[0].decode().strip()
-        started.extend(_nodes(context, address))
+        started.extend(_nodes(context, address, publishes_clock=publishes_clock))
         output.clear()
         return started
 
@@ -90,7 +98,7 @@ def start_simulator(context: LaunchContext, config_folder: Path) -> list[Action]
     ]
 
 
-def _nodes(context: LaunchContext, address: str) -> list[Action]:
+def _nodes(context: LaunchContext, address: str, *, publishes_clock: bool) -> list[Action]:
     """Return bridge, mapper and recorder, which discover each other."""
     namespace = value_of(context, "namespace")
     prefix = value_of(context, "frame_prefix")
@@ -117,6 +125,8 @@ def _nodes(context: LaunchContext, address: str) -> list[Action]:
     bridge = {"address": ParameterValue(address, value_type=str), **frames}
     if prefix:
         bridge["frame_prefix"] = prefix
+    if publishes_clock:
+        bridge["publish_clock"] = True
     end = end_all("the bridge has ended")
     actions: list[Action] = [node(LifecycleNode, "bridge", bridge, on_exit=end)]
     if value_of(context, "mapper") == "true":
@@ -126,7 +136,7 @@ def _nodes(context: LaunchContext, address: str) -> list[Action]:
     if record in {"", "false"}:
         return actions
     folder = "" if record == "true" else record
-    if _uses_rosbag2(value_of(context, "recorder")):
+    if uses_rosbag2(value_of(context, "recorder")):
         return [*actions, _rosbag2(folder, namespace, has_own_tf=bool(remappings))]
     path = {"path": ParameterValue(folder, value_type=str)} if folder else {}
     return [*actions, node(Node, "recorder", path)]
@@ -144,7 +154,7 @@ def _parameters(settings: NodeSettings, executable: str, fixed: dict[str, Any]) 
     return [*file, {**fixed, **clock}] if fixed or clock else file
 
 
-def _uses_rosbag2(recorder: str) -> bool:
+def uses_rosbag2(recorder: str) -> bool:
     """Return whether ``ros2 bag`` records; with ``auto``, where it is installed."""
     if recorder != "auto":
         return recorder == "ros2"

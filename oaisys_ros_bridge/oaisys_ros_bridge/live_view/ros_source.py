@@ -25,6 +25,7 @@ from oaisys_ros_bridge.mapper.fusion import DepthFrame
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode
 from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, LATCHED_QOS, SENSOR_QOS, TF_QOS
 from oaisys_ros_bridge.subscribing.frame_assembly import COLOR_WAIT_S, FrameAssembler
+from oaisys_ros_bridge.subscribing.sample_watch import camera_poses
 
 KINDS = {"depth": DEPTH, "color": RGB, "semantic": SEMANTIC_0}
 """Modalities by the assembler's name of their images."""
@@ -132,10 +133,11 @@ class _Camera:
 
     def end_sample(self, message: SampleInfo) -> None:
         """Note that a sample was published completely, and with which images."""
+        cameras = camera_poses(message)
         modalities = {
             modality
-            for sensor in message.sensors
-            if sensor.sensor == self.name or len(message.sensors) == 1
+            for sensor in cameras
+            if sensor.sensor == self.name or len(cameras) == 1
             for modality in sensor.modalities
         }
         kinds = [kind for kind, modality in KINDS.items() if modality in modalities]

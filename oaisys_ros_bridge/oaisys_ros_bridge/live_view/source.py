@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
@@ -26,6 +27,8 @@ from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.rectification import rectified, rectified_camera
 from oaisys_mapping.report.web_viewer import PosedImages
+
+_LOG = logging.getLogger(__name__)
 
 POLL_PERIOD_S = 0.3
 """How often a server is asked for a new sample."""
@@ -128,11 +131,14 @@ class GrpcSource(LiveSource):
 
 
 def _views_of(sample: Sample) -> Iterator[PosedImages]:
-    """Yield the images of each camera."""
+    """Yield the images of each camera but fisheyes, which have no rectified images."""
     for sensor in dict.fromkeys(frame.sensor for frame in sample.frames):
         frames = {frame.modality: frame for frame in sample.frames if frame.sensor == sensor}
         images = {modality: frame.data for modality, frame in frames.items()}
         any_frame = next(iter(frames.values()))
+        if any_frame.intrinsics.is_fisheye:
+            _LOG.warning("%s is a fisheye, which the page does not show", sensor)
+            continue
         name = f"{sample.batch_id}.{sample.sample_id} {sensor}"
         yield posed_images(name, images, any_frame.intrinsics, any_frame.T_map_camera)
 

@@ -30,7 +30,7 @@ from oaisys_ros_bridge.qos import (
 )
 from oaisys_ros_bridge.subscribing.frame_assembly import COLOR_WAIT_S, FrameAssembler
 from oaisys_ros_bridge.subscribing.sample_ledger import SampleLedger
-from oaisys_ros_bridge.subscribing.sample_watch import counting_losses, name_of
+from oaisys_ros_bridge.subscribing.sample_watch import camera_poses, counting_losses, name_of
 from oaisys_ros_bridge.timers import steady_timer
 
 BATCH_TOPIC = "oaisys_bridge/batch"
@@ -169,10 +169,11 @@ class MapperInputs:
 
     def _end_sample(self, camera: str, message: SampleInfo) -> None:
         """Fuse the depth image of a complete sample, and drop those of failed samples."""
+        cameras = camera_poses(message)
         modalities = {
             modality
-            for sensor in message.sensors
-            if sensor.sensor == camera or len(message.sensors) == 1
+            for sensor in cameras
+            if sensor.sensor == camera or len(cameras) == 1
             for modality in sensor.modalities
         }
         stamp_ns = nanoseconds(message.header.stamp)

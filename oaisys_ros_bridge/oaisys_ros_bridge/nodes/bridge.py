@@ -14,6 +14,7 @@ from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_grpc.client.simulator_client import client_tls
 from oaisys_grpc.memory import keep_freed_memory
 from oaisys_msgs.srv import SetMetadata, SetPose, StepBatch
+from oaisys_ros_bridge.bridge.drives import drive_server
 from oaisys_ros_bridge.bridge.pose_commands import PoseCommands, sweep_server
 from oaisys_ros_bridge.bridge.readers import Readers
 from oaisys_ros_bridge.bridge.rendering import Renderer
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 
 DIAGNOSTICS_PERIOD_S = 1.0
 REFUSAL = "the bridge is {}: activate it first"
-THREADS = 18
+THREADS = 19
 """Enough for one request of each kind to wait for its turn while everything else goes on."""
 
 
@@ -75,7 +76,10 @@ class BridgeNode(ParameterNode, ManagedNode):
         self._renderer.refusal = REFUSAL.format("unconfigured")
         self._commands = PoseCommands(self, self._renderer, self._settings)
         self._status = BridgeStatus(self, self._renderer, self._settings)
-        self._sweeps = sweep_server(self, self._renderer)
+        self._goals = [
+            sweep_server(self, self._renderer),
+            drive_server(self, self._renderer, self._topics),
+        ]
         self._simulation = SimulationControl(self._renderer, self._topics)
         self._simulation_services = self._simulation_interfaces()
         self._offer_services()
@@ -173,7 +177,8 @@ class BridgeNode(ParameterNode, ManagedNode):
     def stop_rendering(self, reason: str) -> None:
         """Cancel the render under way, the actions, and commands that wait."""
         self._commands.clear()
-        self._sweeps.stop(reason)
+        for goals in self._goals:
+            goals.stop(reason)
         if self._simulation_services is not None:
             self._simulation_services.stop(reason)
         self._renderer.stop(reason)

@@ -16,11 +16,11 @@ from rosgraph_msgs.msg import Clock
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError, NotFoundError, OaisysError
 from oaisys_ros_bridge.bags.played_topic import PlayedTopic
 from oaisys_ros_bridge.bags.reading import BagReader, RecordedMessage
+from oaisys_ros_bridge.namespaces import CLOCK
 from oaisys_ros_bridge.nodes.node_process import run_node
 from oaisys_ros_bridge.parameters.bags import PLAYER
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 
-CLOCK = "/clock"
 READER_POLL_PERIOD_S = 0.05
 """How often the number of readers is looked up while they are waited for."""
 ACKNOWLEDGEMENT_TIMEOUT_S = 10.0

@@ -6,6 +6,7 @@ from oaisys_ros_bridge.parameters.interface_table import (
     DEFAULT,
     LATCHED,
     LATCHED_HISTORY,
+    MOTION,
     SENSOR,
     SMALL_MESSAGES,
     Interface,
@@ -71,21 +72,34 @@ _LIDARS = (
     ),
 )
 
+_IMUS = (
+    Interface(
+        InterfaceKind.PUBLISHED,
+        "imu/data_raw",
+        "sensor_msgs/msg/Imu",
+        "Angular rate rad/s, specific force m/s^2; orientation unknown (covariance -1); frame "
+        "`imu_link`. Only with an IMU, during drives.",
+        MOTION,
+    ),
+)
+
 _RIG = (
     Interface(
         InterfaceKind.PUBLISHED,
         "ground_truth/odometry",
         "nav_msgs/msg/Odometry",
-        "The rig's true pose in the map frame, metres; twist unknown (variances of 1e6): it jumps.",
-        SENSOR,
+        "The rig's true pose in the map frame, metres; during drives with its twist, else twist "
+        "unknown (variances of 1e6): it jumps.",
+        MOTION,
     ),
     Interface(
         InterfaceKind.PUBLISHED,
         "odometry",
         "nav_msgs/msg/Odometry",
         "The estimated pose of the rig: in the odom frame, with covariance, if it drifts "
-        "(`faults.drift_*`); else the true pose in the map frame. Twist unknown.",
-        SENSOR,
+        "(`faults.drift_*`, during drives the configuration's `drive`); else the true pose in the "
+        "map frame. Twist as in ground_truth/odometry.",
+        MOTION,
     ),
     Interface(
         InterfaceKind.PUBLISHED,
@@ -105,15 +119,15 @@ _RIG = (
         InterfaceKind.PUBLISHED,
         "/tf",
         "tf2_msgs/msg/TFMessage",
-        "map to base_link, or map to odom to base_link, of each sample; the last one repeated at "
-        "`tf_rate`.",
-        "reliable, depth 100",
+        "map to base_link, or map to odom to base_link, of each sample, and at each time of a "
+        "drive; the last one repeated at `tf_rate`.",
+        MOTION,
     ),
     Interface(
         InterfaceKind.PUBLISHED,
         "/tf_static",
         "tf2_msgs/msg/TFMessage",
-        "base_link to camera_link to camera_optical_frame, of each camera.",
+        "base_link to camera_link to camera_optical_frame, lidar_link, imu_link, of each sensor.",
         LATCHED,
     ),
     Interface(
@@ -208,6 +222,12 @@ _REQUESTS = (
         "Render from many poses in turn, with feedback; other requests come in between.",
     ),
     Interface(
+        InterfaceKind.ACTION,
+        "~/drive",
+        "oaisys_msgs/action/Drive",
+        "Drive along a trajectory in simulated time, each sensor at its rate; other requests wait.",
+    ),
+    Interface(
         InterfaceKind.SUBSCRIBED,
         "command/pose",
         "geometry_msgs/msg/PoseStamped",
@@ -273,6 +293,7 @@ BRIDGE_INTERFACES = (
     *_REQUESTS,
     *_IMAGES,
     *_LIDARS,
+    *_IMUS,
     *_RIG,
     *_STATE,
     *_LIFECYCLE,

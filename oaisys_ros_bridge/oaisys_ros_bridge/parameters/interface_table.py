@@ -25,6 +25,7 @@ LATCHED_HISTORY = "reliable, latched, depth 100"
 DEFAULT = "reliable, depth 10"
 DEEP = "reliable, depth 50"
 SMALL_MESSAGES = "reliable, depth 1000"
+MOTION = "reliable, depth 5000"
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ class LidarTopics:
     """Publishes the scans of one lidar; without subscribers, no message is made.
 
     Args:
-        publishers: Of the node.
+        publishers: Where the messages go.
         lidar: The lidar.
         namespace: Prefix of its topic.
         frame_prefix: Prefix of its frame's name, before the namespace.

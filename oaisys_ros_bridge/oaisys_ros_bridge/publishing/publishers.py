@@ -1,33 +1,64 @@
-"""The publishers of a node by topic, created on first use and destroyed together."""
+"""Publishers by topic: those of a node, created on first use and destroyed together."""
 
 from __future__ import annotations
 
-from typing import Any
+from abc import ABC, abstractmethod
+from collections import Counter
+from typing import Any, Protocol
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 
 
-class Publishers:
+class TopicPublisher(Protocol):
+    """What the topics need of a publisher, as rclpy's has it."""
+
+    @property
+    def topic_name(self) -> str:
+        """Full name of the topic."""
+
+    def publish(self, msg: Any) -> None:
+        """Publish a message."""
+
+    def get_subscription_count(self) -> int:
+        """Return how many read the topic."""
+
+
+class Publishers(ABC):
+    """The publishers of all topics, wherever their messages go.
+
+    Attributes:
+        used: Full names of the topics on which `send` has published; cleared by the caller.
+        counts: How many messages `send` has published, by the topic's full name.
+    """
+
+    def __init__(self) -> None:
+        self.used: set[str] = set()
+        self.counts: Counter[str] = Counter()
+
+    def send(self, publisher: TopicPublisher, message: Any) -> None:
+        """Publish a message of a sample, and add its topic to `used`."""
+        publisher.publish(message)
+        self.used.add(str(publisher.topic_name))
+        self.counts[str(publisher.topic_name)] += 1
+
+    @abstractmethod
+    def offer(self, kind: type[Any], topic: str, qos: QoSProfile) -> TopicPublisher:
+        """Return the publisher of a topic; create it if there is none."""
+
+
+class NodePublishers(Publishers):
     """Publishers of one node.
 
     Args:
         node: Their owner.
-
-    Attributes:
-        used: Full names of the topics on which `send` has published; cleared by the caller.
     """
 
     def __init__(self, node: Node) -> None:
+        super().__init__()
         self._node = node
         self._by_topic: dict[str, Publisher] = {}
-        self.used: set[str] = set()
-
-    def send(self, publisher: Publisher, message: Any) -> None:
-        """Publish a message of a sample, and add its topic to `used`."""
-        publisher.publish(message)
-        self.used.add(str(publisher.topic_name))
 
     def offer(self, kind: type[Any], topic: str, qos: QoSProfile) -> Publisher:
         """Return the publisher of a topic; create it if there is none."""
@@ -42,6 +73,6 @@ class Publishers:
         self._by_topic.clear()
 
 
-def has_subscribers(publisher: Publisher) -> bool:
+def has_subscribers(publisher: TopicPublisher) -> bool:
     """Return whether the topic has subscribers: without any, no message need be made."""
     return int(publisher.get_subscription_count()) > 0

@@ -1,4 +1,4 @@
-"""The topics of the rig: transform, true pose, odometry, path, and the frusta of all views.
+"""The topics of the rig: transform, true pose and odometry.
 
 ``ground_truth/odometry`` is always exact. ``odometry`` drifts as the parameters ``faults.drift_m``
 and ``faults.drift_rad`` say, with its covariance. It is then a pose in the frame ``odom``, which
@@ -11,52 +11,31 @@ has the mounts of its cameras.
 
 from __future__ import annotations
 
-import threading
-from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from builtin_interfaces.msg import Time
-from geometry_msgs.msg import Point, PoseStamped, TransformStamped, Vector3
-from nav_msgs.msg import Odometry, Path
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
 from numpy.typing import ArrayLike
-from rclpy.node import Node
-from rclpy.publisher import Publisher
-from std_msgs.msg import ColorRGBA, Header
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
-from visualization_msgs.msg import Marker, MarkerArray
 
-from oaisys_core.geometry import invert, pose_from_matrix, pose_to_matrix, unproject
+from oaisys_core.geometry import invert, pose_to_matrix
 from oaisys_core.sensing.faults import PoseDrift, drift_covariance, odometry_covariance
-from oaisys_core.types import FloatArray, PinholeIntrinsics, Sample, SampleOutline
-from oaisys_ros_bridge.conversions import (
-    odometry_to_msg,
-    pose_to_msg,
-    pose_to_stamped_msg,
-    transform_to_msg,
-)
+from oaisys_core.types import DriveInstant, Pose, SampleOutline, Twist
+from oaisys_ros_bridge.conversions import transform_to_msg
+from oaisys_ros_bridge.motion import odometry_to_msg
 from oaisys_ros_bridge.publishing.publishers import Publishers, has_subscribers
-from oaisys_ros_bridge.qos import LATCHED_HISTORY_QOS, PATH_QOS, SENSOR_QOS, TF_QOS
-from oaisys_ros_bridge.timers import steady_timer
-
-NEW_SUBSCRIBER_PERIOD_S = 1.0
-"""Between two checks for new subscribers."""
-
-LINE_WIDTH_SHARE = 0.02
-"""Width of a frustum's edges, as a share of its depth."""
-COLOR = ColorRGBA(r=1.0, g=0.75, b=0.1, a=1.0)
-
-World = tuple[str, int, int]
-"""Hash of the configuration, root seed and batch: which world a path belongs to."""
+from oaisys_ros_bridge.qos import MOTION_QOS
 
 
 class RigTopics:
     """Publishes the pose of the rig.
 
     Args:
-        publishers: Of the node.
+        publishers: Where the messages go.
         map_frame: Frame of the world.
         base_frame: Frame of the rig.
         odom_frame: Frame of odometry that drifts.
@@ -71,14 +50,13 @@ class RigTopics:
         self._odom_frame = odom_frame
         self._drift = PoseDrift()
         self._transforms: list[TransformStamped] = []
-        self._tf = publishers.offer(TFMessage, "/tf", TF_QOS)
-        self._truth = publishers.offer(Odometry, "ground_truth/odometry", SENSOR_QOS)
-        self._odometry = publishers.offer(Odometry, "odometry", SENSOR_QOS)
+        self._tf = publishers.offer(TFMessage, "/tf", MOTION_QOS)
+        self._truth = publishers.offer(Odometry, "ground_truth/odometry", MOTION_QOS)
+        self._odometry = publishers.offer(Odometry, "odometry", MOTION_QOS)
 
     def publish(self, outline: SampleOutline, stamp: Time, values: Mapping[str, Any]) -> None:
         """Publish the pose of the rig at a sample, given the values of the bridge's parameters."""
         sigmas = (values["faults.drift_m"], values["faults.drift_rad"])
-        header = Header(stamp=stamp, frame_id=self._map_frame)
         true, sample_id = outline.rig_pose, outline.sample_id
         # Drift of the simulator (sensors.faults) and of the bridge add up.
         believed = self._drift.drifted(
@@ -89,25 +67,81 @@ class RigTopics:
             sample_id,
         )
         drifts = any(sigmas) or outline.odometry is not None
-        own = Header(stamp=stamp, frame_id=self._odom_frame) if drifts else header
-        if drifts:
-            T_map_odom = np.eye(4)
-            if not values["faults.tf_drifts"]:
-                T_map_odom = pose_to_matrix(true) @ invert(pose_to_matrix(believed))
-            self._transforms = [
-                transform_to_msg(T_map_odom, header, self._odom_frame),
-                transform_to_msg(pose_to_matrix(believed), own, self._base_frame),
-            ]
+        estimate = believed if drifts else None
+        self.publish_transforms(true, estimate, stamp, tf_drifts=values["faults.tf_drifts"])
+        covariance = drift_covariance(sigmas, sample_id)
+        if outline.odometry is not None:
+            covariance += odometry_covariance(outline.odometry)
+        self.publish_odometry(true, estimate, stamp, covariance=covariance)
+
+    def publish_instant(self, instant: DriveInstant, stamp: Time, *, tf_drifts: bool) -> None:
+        """Publish the pose of the rig at one time of a drive, and odometry if that is due.
+
+        Drift is that of the drive; the bridge's is one of samples, and is not added.
+        """
+        estimated = instant.odometry
+        estimate = None if estimated is None else estimated.pose
+        self.publish_transforms(instant.pose, estimate, stamp, tf_drifts=tf_drifts)
+        if instant.has_odometry:
+            twist = Twist(instant.velocity_m_s, instant.angular_rate_rad_s)
+            covariance = None if estimated is None else odometry_covariance(estimated)
+            self.publish_odometry(instant.pose, estimate, stamp, twist=twist, covariance=covariance)
+
+    def publish_transforms(
+        self, true: Pose, estimate: Pose | None, stamp: Time, *, tf_drifts: bool = False
+    ) -> None:
+        """Publish where the rig is on ``/tf``.
+
+        Args:
+            true: Its pose.
+            estimate: That of its odometry; None if it does not drift.
+            stamp: When it is there.
+            tf_drifts: Whether the transforms lead to the estimate instead of the true pose.
+        """
+        in_map, in_odom = self._headers(stamp)
+        if estimate is None:
+            self._transforms = [transform_to_msg(pose_to_matrix(true), in_map, self._base_frame)]
         else:
-            self._transforms = [transform_to_msg(pose_to_matrix(true), header, self._base_frame)]
+            T_map_odom = np.eye(4)
+            if not tf_drifts:
+                T_map_odom = pose_to_matrix(true) @ invert(pose_to_matrix(estimate))
+            self._transforms = [
+                transform_to_msg(T_map_odom, in_map, self._odom_frame),
+                transform_to_msg(pose_to_matrix(estimate), in_odom, self._base_frame),
+            ]
         self._publishers.send(self._tf, TFMessage(transforms=self._transforms))
-        self._publishers.send(self._truth, odometry_to_msg(true, header, self._base_frame))
-        if has_subscribers(self._odometry):
-            covariance = drift_covariance(sigmas, sample_id)
-            if outline.odometry is not None:
-                covariance += odometry_covariance(outline.odometry)
-            message = odometry_to_msg(believed, own, self._base_frame, covariance)
-            self._publishers.send(self._odometry, message)
+
+    def publish_odometry(
+        self,
+        true: Pose,
+        estimate: Pose | None,
+        stamp: Time,
+        *,
+        twist: Twist | None = None,
+        covariance: ArrayLike | None = None,
+    ) -> None:
+        """Publish ``ground_truth/odometry`` and ``odometry``.
+
+        Args:
+            true: Pose of the rig.
+            estimate: That of its odometry; None if it does not drift.
+            stamp: When it is there.
+            twist: In ``base_link``, exact; None if it is unknown.
+            covariance: (36,) covariance of the estimate; None: exact.
+        """
+        in_map, in_odom = self._headers(stamp)
+        truth = odometry_to_msg(true, in_map, self._base_frame, twist=twist)
+        self._publishers.send(self._truth, truth)
+        if not has_subscribers(self._odometry):
+            return
+        believed, header = (true, in_map) if estimate is None else (estimate, in_odom)
+        message = odometry_to_msg(believed, header, self._base_frame, covariance, twist)
+        self._publishers.send(self._odometry, message)
+
+    def _headers(self, stamp: Time) -> tuple[Header, Header]:
+        """Return the headers of what is in the world's frame and in that of odometry."""
+        in_odom = Header(stamp=stamp, frame_id=self._odom_frame)
+        return Header(stamp=stamp, frame_id=self._map_frame), in_odom
 
     def repeat(self, stamp: Time) -> None:
         """Publish the last transforms again, if there are any, for late subscribers."""
@@ -115,178 +149,3 @@ class RigTopics:
             transform.header.stamp = stamp
         if self._transforms:
             self._tf.publish(TFMessage(transforms=self._transforms))
-
-
-@dataclass(frozen=True)
-class Frustum:
-    """The frustum of one camera at one sample.
-
-    Attributes:
-        number: Id of its marker.
-        sensor: Name of the camera.
-        intrinsics: The camera as it was then.
-        T_map_camera: (4, 4) pose of its optical frame.
-        header: Stamp of its sample, frame of the world.
-    """
-
-    number: int
-    sensor: str
-    intrinsics: PinholeIntrinsics
-    T_map_camera: FloatArray
-    header: Header
-
-
-class TrajectoryTopics:
-    """Publishes ``path`` and ``viewpoints``: the poses, and the frusta of all views, in this world.
-
-    Each sample brings the whole path, but only its own frusta; late subscribers get all of them
-    within `NEW_SUBSCRIBER_PERIOD_S`.
-
-    Args:
-        node: Owner of the timer that checks for new subscribers.
-        publishers: Of the node.
-        map_frame: Frame of the world.
-    """
-
-    def __init__(self, node: Node, publishers: Publishers, map_frame: str) -> None:
-        self._node = node
-        self._publishers = publishers
-        self._map_frame = map_frame
-        self._lock = threading.Lock()
-        self._world: World | None = None
-        self._header = Header(frame_id=map_frame)
-        self._poses: deque[PoseStamped] = deque()
-        self._views: deque[Frustum] = deque()
-        self._taken = 0
-        self._depth_m = 0.0
-        self._path = publishers.offer(Path, "path", PATH_QOS)
-        self._viewpoints = publishers.offer(MarkerArray, "viewpoints", LATCHED_HISTORY_QOS)
-        self._subscribers = {
-            publisher.topic_name: 0 for publisher in (self._path, self._viewpoints)
-        }
-        self._timer = steady_timer(node, NEW_SUBSCRIBER_PERIOD_S, self._greet_subscribers)
-
-    def destroy(self) -> None:
-        """Take the timer off the node."""
-        self._node.destroy_timer(self._timer)
-
-    def enter(self, world: World) -> None:
-        """Clear both topics if this is another world than that of the samples so far."""
-        with self._lock:
-            if self._world in (None, world):
-                self._world = world
-                return
-            self._world = world
-            self._poses.clear()
-            self._views.clear()
-            self._path.publish(self._path_msg())
-            self._viewpoints.publish(MarkerArray(markers=[deletion_of_all(self._header)]))
-
-    def add(self, sample: Sample, stamp: Time, values: Mapping[str, Any]) -> None:
-        """Add a complete sample, given the values of the bridge's parameters."""
-        how = sample.provenance
-        self.enter((how.config_sha256, how.seed, sample.batch_id))
-        with self._lock:
-            self._header = Header(stamp=stamp, frame_id=self._map_frame)
-            self._depth_m = values["viewpoints.depth_m"]
-            self._poses.append(pose_to_stamped_msg(sample.rig_pose, self._header))
-            while len(self._poses) > values["path.length"]:
-                self._poses.popleft()
-            if has_subscribers(self._path):
-                self._publishers.send(self._path, self._path_msg())
-            added, removed = self._add_views(sample, values["viewpoints.count"])
-            if has_subscribers(self._viewpoints) and (added or removed):
-                markers = [
-                    deletion_marker(self._header, ns=view.sensor, number=view.number)
-                    for view in removed
-                ]
-                markers += map(self._marker, added)
-                self._publishers.send(self._viewpoints, MarkerArray(markers=markers))
-
-    def _add_views(self, sample: Sample, most: int) -> tuple[list[Frustum], list[Frustum]]:
-        """Add a sample's views; return the new ones and the ones that are no longer shown."""
-        for sensor, frame in {frame.sensor: frame for frame in sample.frames}.items():
-            self._taken += 1
-            self._views.append(
-                Frustum(self._taken, sensor, frame.intrinsics, frame.T_map_camera, self._header)
-            )
-        removed = []
-        while len(self._views) > most:
-            removed.append(self._views.popleft())
-        added = [view for view in self._views if view.header is self._header]
-        return added, [view for view in removed if view.header is not self._header]
-
-    def _greet_subscribers(self) -> None:
-        """Publish everything again if there are new subscribers."""
-        with self._lock:
-            if self._has_new_subscribers(self._path) and self._poses:
-                self._path.publish(self._path_msg())
-            if self._has_new_subscribers(self._viewpoints) and self._views:
-                markers = [deletion_of_all(self._header), *map(self._marker, self._views)]
-                self._viewpoints.publish(MarkerArray(markers=markers))
-
-    def _has_new_subscribers(self, publisher: Publisher) -> bool:
-        before = self._subscribers[publisher.topic_name]
-        now = int(publisher.get_subscription_count())
-        self._subscribers[publisher.topic_name] = now
-        return now > before
-
-    def _path_msg(self) -> Path:
-        return Path(header=self._header, poses=list(self._poses))
-
-    def _marker(self, view: Frustum) -> Marker:
-        return frustum_to_marker(
-            view.intrinsics,
-            view.T_map_camera,
-            self._depth_m,
-            view.header,
-            ns=view.sensor,
-            number=view.number,
-        )
-
-
-def image_corners(intrinsics: PinholeIntrinsics) -> FloatArray:
-    """Return the (4, 2) pixels of the image's outer corners, clockwise from the upper left."""
-    right, bottom = intrinsics.width_px - 0.5, intrinsics.height_px - 0.5
-    return np.array([(-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom)])
-
-
-def frustum_to_marker(
-    intrinsics: PinholeIntrinsics,
-    T_map_camera: ArrayLike,
-    depth_m: float,
-    header: Header,
-    *,
-    ns: str,
-    number: int,
-) -> Marker:
-    """Return the eight edges of a camera's frustum, up to a depth.
-
-    Args:
-        intrinsics: The camera; a lens's distortion moves the corners.
-        T_map_camera: (4, 4) pose of the optical frame in ``header``'s frame.
-        depth_m: Depth of the base, along the optical axis.
-        header: Stamp and frame.
-        ns: Namespace of the marker, such as the sensor's name.
-        number: Id of the marker in its namespace.
-    """
-    corners_m = unproject(image_corners(intrinsics), np.full(4, depth_m), intrinsics)
-    apex = Point()
-    base = [Point(x=x, y=y, z=z) for x, y, z in corners_m.tolist()]
-    marker = Marker(header=header, ns=ns, id=number, type=Marker.LINE_LIST, action=Marker.ADD)
-    marker.pose = pose_to_msg(pose_from_matrix(T_map_camera))
-    marker.scale = Vector3(x=depth_m * LINE_WIDTH_SHARE)
-    marker.color = COLOR
-    for corner, following in zip(base, [*base[1:], base[0]], strict=True):
-        marker.points += [apex, corner, corner, following]
-    return marker
-
-
-def deletion_marker(header: Header, *, ns: str, number: int) -> Marker:
-    """Return the marker that deletes one."""
-    return Marker(header=header, ns=ns, id=number, action=Marker.DELETE)
-
-
-def deletion_of_all(header: Header) -> Marker:
-    """Return the marker that deletes all markers of a topic."""
-    return Marker(header=header, action=Marker.DELETEALL)

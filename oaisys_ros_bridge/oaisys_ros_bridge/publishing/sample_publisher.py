@@ -20,9 +20,12 @@ from oaisys_core.geometry import pose_from_matrix
 from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
 from oaisys_core.types import (
     DEPTH,
+    POINTS,
     RGB,
+    DriveInstant,
     Frame,
     FrameName,
+    LidarScan,
     Pose,
     Provenance,
     Sample,
@@ -32,10 +35,12 @@ from oaisys_core.types import (
 from oaisys_msgs.msg import SampleInfo, SensorPose
 from oaisys_ros_bridge.conversions import pose_to_msg
 from oaisys_ros_bridge.parameters.table import Settings
+from oaisys_ros_bridge.publishing.imu_topics import ImuTopics
 from oaisys_ros_bridge.publishing.lidar_topics import LidarTopics
-from oaisys_ros_bridge.publishing.publishers import Publishers
-from oaisys_ros_bridge.publishing.rig_topics import RigTopics, TrajectoryTopics
+from oaisys_ros_bridge.publishing.publishers import NodePublishers
+from oaisys_ros_bridge.publishing.rig_topics import RigTopics
 from oaisys_ros_bridge.publishing.sensor_topics import SensorTopics, sensor_namespace
+from oaisys_ros_bridge.publishing.trajectory_topics import TrajectoryTopics
 from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
 
 
@@ -54,6 +59,7 @@ class SamplePublisher:
         rig, trajectory: The topics of the rig.
         sensors: The topics of each camera, by its name.
         lidars: The topics of each lidar, by its name.
+        imus: The topics of each IMU, by its name.
     """
 
     def __init__(
@@ -69,7 +75,7 @@ class SamplePublisher:
         values = settings()
         self._map_frame = values["map_frame"]
         self._numbers = numbers or count(1)
-        self.publishers = Publishers(node)
+        self.publishers = NodePublishers(node)
         self.rig = RigTopics(
             self.publishers, self._map_frame, values["base_frame"], values["odom_frame"]
         )
@@ -93,6 +99,15 @@ class SamplePublisher:
             )
             for lidar in info.lidars
         }
+        self.imus = {
+            imu.name: ImuTopics(
+                self.publishers,
+                imu,
+                sensor_namespace(imu.name, info.imus, only="imu"),
+                values["frame_prefix"],
+            )
+            for imu in info.imus
+        }
         self._publish_mounts(values["base_frame"])
         self._publish_labels()
 
@@ -112,24 +127,40 @@ class SamplePublisher:
         self.trajectory.destroy()
         self.publishers.destroy()
 
-    def begin(self, outline: SampleOutline, stamp: Time) -> Publication:
-        """Begin to publish a sample: publish where the rig is."""
-        return Publication(self, outline, stamp, self._settings())
+    def begin(
+        self, outline: SampleOutline, stamp: Time, instant: DriveInstant | None = None
+    ) -> Publication:
+        """Begin to publish a sample: publish where the rig is.
+
+        Args:
+            outline: The sample without its frames.
+            stamp: Of all its messages.
+            instant: The time of a drive to which it belongs; None: it belongs to no drive.
+        """
+        return Publication(self, outline, stamp, self._settings(), instant)
+
+    def publish_instant(self, instant: DriveInstant, stamp: Time) -> None:
+        """Publish what a drive brings at one time besides images and scans."""
+        self.rig.publish_instant(instant, stamp, tf_drifts=self._settings()["faults.tf_drifts"])
+        for reading in instant.imus:
+            self.imus[reading.sensor].publish(
+                reading.angular_rate_rad_s, reading.specific_force_m_s2, stamp
+            )
 
     def announce(self, sample: Sample, stamp: Time, faults: DepthFaults) -> None:
         """Announce that a sample is complete."""
         header = Header(stamp=stamp, frame_id=self._map_frame)
         faults_json = json.dumps(asdict(faults)) if faults.active else ""
         number, topics = next(self._numbers), self.publishers.used
-        self._sample_info.publish(
-            sample_info_msg(sample, header, faults_json, sequence=number, topics=topics)
-        )
+        message = sample_info_msg(sample, header, faults_json, sequence=number, topics=topics)
+        self.publishers.send(self._sample_info, message)
 
     def _publish_mounts(self, base_frame: str) -> None:
         """Latch where each sensor sits on the rig."""
         stamp = self._node.get_clock().now().to_msg()
         mounts = [m for topics in self.sensors.values() for m in topics.mount(base_frame, stamp)]
-        mounts += [m for topics in self.lidars.values() for m in topics.mount(base_frame, stamp)]
+        for others in (self.lidars, self.imus):
+            mounts += [m for topics in others.values() for m in topics.mount(base_frame, stamp)]
         publisher = self.publishers.offer(TFMessage, "/tf_static", LATCHED_QOS)
         publisher.publish(TFMessage(transforms=mounts))
 
@@ -143,7 +174,7 @@ class Publication:
     """One sample that is being published.
 
     Pose and transforms go out first, then each frame as it is added, the cloud of a sensor once its
-    depth and its colour (if it will have one) are there, and at the end scans, path, viewpoints and
+    depth and its colour (if it will have one) are there, and at the end path, viewpoints and
     ``sample_info``, if the sample gets complete. Parameters that change meanwhile take effect at
     the next sample.
 
@@ -158,6 +189,7 @@ class Publication:
         outline: SampleOutline,
         stamp: Time,
         values: Mapping[str, Any],
+        instant: DriveInstant | None = None,
     ) -> None:
         self.stamp = stamp
         self.seconds = 0.0
@@ -168,11 +200,17 @@ class Publication:
         self._frames: dict[FrameName, Frame] = {}
         publisher.publishers.used.clear()
         with self._timed():
-            publisher.rig.publish(outline, stamp, values)
+            if instant is None:
+                publisher.rig.publish(outline, stamp, values)
+            else:
+                publisher.publish_instant(instant, stamp)
 
-    def add(self, frame: Frame) -> None:
-        """Publish a frame with the faults of its sensor, and the cloud that it completes."""
+    def add(self, frame: Frame | LidarScan) -> None:
+        """Publish a scan, or a frame with the faults of its sensor and the cloud it completes."""
         with self._timed():
+            if isinstance(frame, LidarScan):
+                self._publisher.lidars[frame.sensor].publish(frame, self.stamp)
+                return
             shot = Shot(self._outline.batch_id, self._outline.sample_id, frame.sensor)
             frame = measured_frame(frame, self._faults, shot)
             topics = self._publisher.sensors[frame.sensor]
@@ -182,10 +220,8 @@ class Publication:
                 self._publish_cloud(frame.sensor)
 
     def finish(self, sample: Sample) -> None:
-        """Publish scans, path and viewpoints, and announce that the sample is complete."""
+        """Publish path and viewpoints, and announce that the sample is complete."""
         with self._timed():
-            for scan in sample.scans:
-                self._publisher.lidars[scan.sensor].publish(scan, self.stamp)
             self._publisher.trajectory.add(sample, self.stamp, self._values)
             self._publisher.announce(sample, self.stamp, self._faults)
 
@@ -210,7 +246,9 @@ def _sensors(info: SimulatorInfo) -> list[object]:
     cameras = [
         (s.name, s.modalities, s.T_base_camera.tolist(), s.stereo_baseline_m) for s in info.sensors
     ]
-    return [*cameras, *((lidar.name, lidar.T_base_lidar.tolist()) for lidar in info.lidars)]
+    others = [(lidar.name, lidar.T_base_lidar.tolist()) for lidar in info.lidars]
+    others += [(imu.name, imu.T_base_imu.tolist()) for imu in info.imus]
+    return [*cameras, *others]
 
 
 def depth_faults(values: Mapping[str, Any]) -> DepthFaults:
@@ -252,7 +290,10 @@ def sample_info_msg(
         batch_id=sample.batch_id,
         sample_id=sample.sample_id,
         rig_pose=pose_to_msg(sample.rig_pose),
-        sensors=[_sensor_pose_msg(sensor, of_it) for sensor, of_it in frames.items()],
+        sensors=[
+            *(_sensor_pose_msg(sensor, of_it) for sensor, of_it in frames.items()),
+            *map(_lidar_pose_msg, sample.scans),
+        ],
         render_time=sample.render_time_s,
         from_cache=sample.from_cache,
         faults_json=faults_json,
@@ -290,6 +331,11 @@ def batch_info_msg(info: SimulatorInfo, header: Header) -> SampleInfo:
         batch_id=info.batch_id,
         **{name: getattr(info, name) for name in known},
     )
+
+
+def _lidar_pose_msg(scan: LidarScan) -> SensorPose:
+    pose = pose_to_msg(pose_from_matrix(scan.T_map_lidar))
+    return SensorPose(sensor=scan.sensor, modalities=[POINTS], pose=pose)
 
 
 def _sensor_pose_msg(sensor: str, frames: list[Frame]) -> SensorPose:

@@ -2,7 +2,8 @@
 
 Encodings: colour and albedo ``rgb8``; depth and range ``32FC1``, metres; labels ``16UC1``; ids
 ``32SC1``; normals ``32FC3``, unit vectors x, y, z in the optical frame, 0 where nothing was hit;
-flow ``32FC2``, pixels; the images of installed passes by their own pixels' type, such as ``8UC1``.
+flow ``32FC2`` and disparity ``32FC1``, pixels; the images of installed passes by their own pixels'
+type, such as ``8UC1``.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import Header
 
@@ -20,6 +20,7 @@ from oaisys_core.geometry import T_LINK_OPTICAL, invert
 from oaisys_core.types import (
     ALBEDO,
     DEPTH,
+    DISPARITY,
     FLOW,
     INSTANCE,
     NORMAL,
@@ -45,7 +46,7 @@ from oaisys_ros_bridge.publishing.compressed import (
     compressed_depth_to_msg,
     compressed_to_msg,
 )
-from oaisys_ros_bridge.publishing.publishers import Publishers, has_subscribers
+from oaisys_ros_bridge.publishing.publishers import Publishers, TopicPublisher, has_subscribers
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 
 TOPIC_BY_MODALITY = {RGB: "color", DEPTH: "depth"}
@@ -59,6 +60,7 @@ ENCODING_BY_MODALITY = {
     NORMAL: "32FC3",
     FLOW: "32FC2",
     ALBEDO: "rgb8",
+    DISPARITY: "32FC1",
 }
 
 COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
@@ -68,6 +70,11 @@ COMPRESSED, COMPRESSED_DEPTH = "compressed", "compressedDepth"
 def sensor_namespace(sensor: str, sensors: Sequence[object], only: str = "camera") -> str:
     """Return the prefix of a sensor's topics and frames: ``only`` for the only one of its kind."""
     return sensor if len(sensors) > 1 else only
+
+
+def image_topic(namespace: str, modality: str, name: str) -> str:
+    """Return a topic of a camera's images, such as ``camera/color/image_raw``."""
+    return f"{namespace}/{TOPIC_BY_MODALITY.get(modality, modality)}/{name}"
 
 
 def encoding_of(frame: Frame) -> str:
@@ -80,11 +87,11 @@ def encoding_of(frame: Frame) -> str:
 def compressed_variants(modality: str) -> tuple[str, ...]:
     """Return the names of a modality's compressed topics.
 
-    Depth has two topics with the same messages: the name of image_transport, and the name that all
-    images have.
+    Depth and range have two topics with the same messages: the name of image_transport, and the
+    name that all images have.
     """
     encoding = ENCODING_BY_MODALITY.get(modality, "")
-    if encoding == "32FC1":
+    if modality in (DEPTH, RANGE):
         return (COMPRESSED, COMPRESSED_DEPTH)
     if encoding in COLORS | IDS | LABELS or semantic_level(modality) is not None:
         return (COMPRESSED,)
@@ -95,7 +102,7 @@ class SensorTopics:
     """Publishes the frames of one camera; messages without subscribers are not made.
 
     Args:
-        publishers: Of the node.
+        publishers: Where the messages go.
         sensor: The camera.
         namespace: Prefix of its topics.
         frame_prefix: Prefix of its frames' names, before the namespace.
@@ -176,20 +183,20 @@ class SensorTopics:
         return Header(stamp=stamp, frame_id=self._optical_frame)
 
     def _topic(self, modality: str, name: str) -> str:
-        return f"{self._namespace}/{TOPIC_BY_MODALITY.get(modality, modality)}/{name}"
+        return image_topic(self._namespace, modality, name)
 
-    def _image(self, modality: str) -> Publisher:
+    def _image(self, modality: str) -> TopicPublisher:
         return self._publishers.offer(Image, self._topic(modality, "image_raw"), SENSOR_QOS)
 
-    def _camera_info(self, modality: str) -> Publisher:
+    def _camera_info(self, modality: str) -> TopicPublisher:
         topic = self._topic(modality, "camera_info")
         return self._publishers.offer(CameraInfo, topic, SENSOR_QOS)
 
-    def _compressed(self, modality: str) -> list[Publisher]:
+    def _compressed(self, modality: str) -> list[TopicPublisher]:
         topics = [self._topic(modality, f"image_raw/{v}") for v in compressed_variants(modality)]
         return [self._publishers.offer(CompressedImage, topic, SENSOR_QOS) for topic in topics]
 
-    def _cloud(self) -> Publisher:
+    def _cloud(self) -> TopicPublisher:
         topic = f"{self._namespace}/depth_registered/points"
         return self._publishers.offer(PointCloud2, topic, SENSOR_QOS)
 

@@ -18,10 +18,10 @@ from oaisys_ros_bridge.conversions import (
     image_from_msg,
     intrinsics_from_msg,
     nanoseconds,
-    odometry_from_msg,
     transform_from_msg,
 )
 from oaisys_ros_bridge.mapper.fusion import DepthFrame
+from oaisys_ros_bridge.motion import odometry_from_msg
 from oaisys_ros_bridge.subscribing.synchronizer import ExactSynchronizer
 from oaisys_ros_bridge.subscribing.transforms import FrameBuffer
 

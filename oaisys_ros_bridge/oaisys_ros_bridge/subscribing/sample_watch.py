@@ -15,7 +15,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Header, String
 
-from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt
+from oaisys_core.types import POINTS
+from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt, SensorPose
 from oaisys_ros_bridge.conversions import nanoseconds, stamp_from_nanoseconds
 from oaisys_ros_bridge.namespaces import UNKNOWN_NODE
 from oaisys_ros_bridge.qos import LATCHED_QOS
@@ -139,6 +140,11 @@ class SampleWatch:
 def losses_msg(lost: Mapping[str, int]) -> list[Loss]:
     """Return counts as messages, by name."""
     return [Loss(what=what, count=count) for what, count in sorted(lost.items())]
+
+
+def camera_poses(info: SampleInfo) -> list[SensorPose]:
+    """Return the cameras of an announced sample, without its lidars."""
+    return [sensor for sensor in info.sensors if list(sensor.modalities) != [POINTS]]
 
 
 def name_of(info: SampleInfo) -> SampleName:

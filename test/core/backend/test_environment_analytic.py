@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from synthetic_worlds import SUNNY, camera, flat_world, settings
 
 from oaisys_core.backend.analytic import AnalyticBackend
-from oaisys_core.backend.raycast.shading import sky_irradiance_w_m2, sky_radiance
+from oaisys_core.backend.raycast.shading import sky_radiance
 from oaisys_core.color import linear
+from oaisys_core.environment.light import sky_irradiance_w_m2
 from oaisys_core.geometry import pixel_rays, pose_looking_at
 from oaisys_core.scene import PlacedCamera, Sky
 from oaisys_core.sky import Gradient, Haze, Hdri, SkyImage
@@ -63,7 +64,7 @@ def test_a_plain_sky_runs_from_the_horizon_to_the_zenith() -> None:
 def test_without_a_sky_there_is_none() -> None:
     sky = replace(SUNNY, model="none")
     assert not sky_radiance(sky, np.array([(0.0, 0.0, 1.0)])).any()
-    assert sky_irradiance_w_m2(sky) == 0
+    assert not sky_irradiance_w_m2(sky).any()
 
 
 @pytest.mark.parametrize("strength", [1.0, 2.5])

@@ -11,6 +11,7 @@ from synthetic_worlds import BOX, SPHERE, flat_world, rocky_world
 
 from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.backend.lidar import beam, rays_in_map
+from oaisys_core.backend.raycast.reflectance import Reflectance
 from oaisys_core.backend.surface import Surface, ground_mesh
 from oaisys_core.color import linear
 from oaisys_core.config.sections.lidars import RotatingScanConfig
@@ -154,6 +155,34 @@ def test_intensity_follows_the_lidar_equation() -> None:
     assert 0.4 * 255 * gravel < ratios.min() <= ratios.max() < 255 * sand
     fan = looking_at(np.array((0.0, 0.0, GROUND_M)), 4.0)
     assert np.ptp(scanned(plain(), fan).data["ring"]) > 0
+
+
+def test_intensity_is_that_of_the_texture_at_the_point() -> None:
+    scene = plain()
+    scan = scanned(scene, lidar(reference_range_m=1000.0))
+    xy_m = (scan.points_m @ TURNED[:3, :3].T + TURNED[:3, 3])[:, :2]
+    expected = np.zeros(len(xy_m))
+    weights = scene.material.weights_at(xy_m)
+    for layer, weight in zip(scene.material.layers, weights.T, strict=True):
+        u, v = (xy_m / layer.maps.tile_m % 1).T
+        image = linear(layer.maps.color_srgb / 255).mean(axis=-1)
+        expected += weight * image[np.floor((1 - v) * 16).astype(int) % 16, (u * 16).astype(int)]
+    found = scan.data["intensity"] / 255 * ranges_m(scan) / -scan.points_m[:, 2]
+    # Points are rounded to float32, which may be another texel at its edge.
+    assert (np.abs(found / expected - 1) < 1e-4).mean() > 0.99
+
+
+def test_a_beam_averages_the_texture_over_its_width() -> None:
+    scene, placed = plain(), lidar()
+    surface = Surface(scene, None)
+    view = surface.cast(*rays_in_map(placed, placed.pattern.directions), 60.0)
+    view = view.rows(np.flatnonzero(view.is_hit[:, 0]))
+    weights = scene.material.weights_at(view.points_m[:, 0, :2])
+    means = [linear(la.maps.color_srgb / 255).mean() for la in scene.material.layers]
+    reflectance = Reflectance(scene)
+    wide, narrow = (reflectance.at(view, np.full(len(weights), m)) for m in (10.0, 0.01))
+    np.testing.assert_allclose(wide, weights @ means, rtol=1e-5)
+    assert np.median(np.abs(narrow / wide - 1)) > 0.2
 
 
 def test_points_outside_the_range_limits_are_missing() -> None:

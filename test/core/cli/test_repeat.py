@@ -57,6 +57,10 @@ WORLD: dict[str, Any] = {
     "environment": {
         "sun_elevation_deg": [20, 60],
         "haze": {"visibility_m": 300.0, "color_srgb": [1.0, 0.5, 0.25]},
+        "lamps": {
+            "headlight": {"kind": "spot", "frame": "base_link", "position_m": [0.3, 0, 0]},
+            "mast": {"position_m": [0, 0, 3], "on_ground": True, "strength_w": [50, 500]},
+        },
         "redraw": "sample",
     },
     "sensors": {

@@ -83,6 +83,14 @@ def test_the_hash_depends_on_values_alone() -> None:
     assert plain != config_sha256(config_from_mapping({"seed": 2}))
 
 
+def test_a_record_of_other_generators_is_refused_by_name() -> None:
+    record = SimulationConfig().model_dump(mode="json")
+    assert config_sha256(config_from_mapping(record)) == config_sha256(SimulationConfig())
+    record["generator_version"] -= 1
+    with pytest.raises(ConfigError, match=r"generator_version: received 2, expected 3, because"):
+        config_from_mapping(record)
+
+
 def test_a_sphere_may_be_given_by_its_radius() -> None:
     sphere = {"shape": "sphere", "radius_m": 2.0, "position_m": [0, 0, 3]}
     config = config_from_mapping({"assets": {"primitives": [sphere]}})

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from blender_process import in_blender
-from small_datasets import render_dataset
+from small_datasets import SMALL, render_dataset
 from typer.testing import CliRunner
 
 from oaisys_core.cli.dataset import dataset_app
@@ -59,6 +59,33 @@ def test_what_was_rendered_passes(rendered: Path) -> None:
     assert report.points > 3 * 300
     assert {each.modality for each in report.audited} == {"depth", "semantic_0", "instance"}
     assert all(each.pixels > 700 for each in report.audited)
+
+
+def test_what_cannot_be_audited_is_said_and_does_not_fail(tmp_path: Path) -> None:
+    (camera,) = SMALL["sensors"]["cameras"]
+    fisheye = {**camera, "name": "wide", "fx_px": 40.0, "fy_px": 40.0, "fisheye": {"k1": 0.01}}
+    rolling = {**camera, "name": "rolling", "readout_s": 0.05, "mount_position_m": [0, 0.5, 0]}
+    sensors = {**SMALL["sensors"], "cameras": [camera, fisheye, rolling]}
+    render_dataset(tmp_path, {0: "train"}, VIEWS, {**SMALL, "sensors": sensors})
+
+    report = check_dataset(tmp_path, worlds_rebuilt=1)
+
+    assert report.findings == ()
+    assert {each.sensor for each in report.audited} == {"camera"}
+    # Of the fisheye, depth is compared with the surface.
+    assert report.points > 2 * 300
+    assert any("rolling has a rolling shutter" in note for note in report.notes)
+    assert any("wide is a fisheye" in note for note in report.notes)
+
+
+@pytest.mark.long
+def test_ground_that_is_finer_around_each_view_passes(tmp_path: Path) -> None:
+    detail = {"radius_m": 6.0, "spacing_m": 0.05, "amplitude_m": 0.2}
+    config = {**SMALL, "stage": {**SMALL["stage"], "detail": detail}}
+    render_dataset(tmp_path, {0: "train"}, 5, config)
+    report = check_dataset(tmp_path, worlds_rebuilt=1)
+    assert report.findings == ()
+    assert report.points > 2 * 300
 
 
 def changed_bytes(file: Path, offset: int) -> None:
@@ -298,6 +325,8 @@ def test_what_blender_rendered_shows_the_worlds_that_are_made_again_without_it(
     report = check_dataset(tmp_path, worlds_rebuilt=2)
     assert report.findings == ()
     assert report.points > 4 * 300
+    assert report.scans == 2 * 5
+    assert report.scan_points > 4 * 300
 
 
 def run(*arguments: object) -> Any:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 from dataset_runs import (
@@ -24,6 +25,7 @@ from dataset_runs import (
 )
 from waiting import wait_until
 
+from oaisys_core.cli.repeat import LEAST_PSNR_DB
 from oaisys_core.config import load_config
 from oaisys_core.dataset.places import open_place
 from oaisys_core.dataset.plan import parsed_splits, world_tasks
@@ -57,9 +59,11 @@ def temporary_folder(monkeypatch) -> Iterator[Path]:
         yield Path(folder)
 
 
+@pytest.mark.long
 def test_two_workers_make_the_data_set_that_one_process_makes(
-    tmp_path: Path, temporary_folder: Path, leaks
+    tmp_path: Path, temporary_folder: Path, leaks, monkeypatch
 ):
+    monkeypatch.setenv("HOME", str(temporary_folder))
     config = write_config(tmp_path)
     more = ("--splits", SPLITS, "--num-workers", 2, "--formats", "coco,files")
     ended = run(config, tmp_path / "set", *more)
@@ -72,6 +76,7 @@ def test_two_workers_make_the_data_set_that_one_process_makes(
     render_here(config, tmp_path / "here")
     assert contents(tmp_path / "set") == contents(tmp_path / "here")
     assert not list(temporary_folder.glob("oaisys_ray_*"))
+    assert not (temporary_folder / ".ray").exists()
 
     dataset = open_dataset(tmp_path / "set")
     assert {record.worker for record in dataset.records}.isdisjoint({"test"})
@@ -109,6 +114,7 @@ def test_a_full_disk_ends_the_run_and_it_is_resumed(tmp_path: Path, leaks):
     program = f"""
 import resource, sys
 from pathlib import Path
+from oaisys_core.cli.repeat import LEAST_PSNR_DB
 from oaisys_core.config import load_config
 from oaisys_core.dataset.places import open_place
 from oaisys_core.dataset.plan import parsed_splits
@@ -221,3 +227,34 @@ def test_blender_lives_in_the_workers_of_ray(tmp_path: Path, leaks):
     frames = ["000000_0002_camera", "000002_0001_camera"]
     for _, comparisons in repeated(dataset, frames, 40.0):
         assert all(comparison.is_equal for comparison in comparisons)
+
+
+@pytest.mark.long
+@pytest.mark.blender
+def test_kills_of_blender_s_workers_and_driver_lose_and_change_no_frame(
+    tmp_path: Path, temporary_folder: Path, leaks
+):
+    text = CONFIG.replace("backend: analytic", "backend: blender\nrender: {quality: preview}")
+    config = write_config(tmp_path, text)
+    more = ("--splits", SPLITS, "--worlds", 4, "--num-workers", 2, "--resume")
+    begun_s = time.monotonic()
+    undisturbed = run(config, tmp_path / "undisturbed", *more)
+    assert undisturbed.returncode == 0, undisturbed.stderr
+    took_s = time.monotonic() - begun_s
+    for victim in ("driver", "node", "worker"):
+        after_s = random.Random().uniform(0.2, 0.9) * took_s
+        ended = run_with_kill(command(config, tmp_path / "set", *more), victim, after_s)
+    assert ended.exit_code == 0, ended.errors  # Ray renders a killed worker's world again
+    expected, found = open_dataset(tmp_path / "undisturbed"), open_dataset(tmp_path / "set")
+    assert len(found) == len(expected) == 4 * VIEWS
+    for old, new in zip(expected, found, strict=True):
+        assert new.record.frame_id == old.record.frame_id
+        for name in ("T_map_camera", "intrinsics", "provenance", "label_pixels", "split"):
+            assert getattr(new.record, name) == getattr(old.record, name), name
+        for modality, pixels in old.arrays.items():
+            if modality == "rgb":
+                error = np.mean((pixels.astype(float) - new.arrays["rgb"]) ** 2)
+                assert error <= 255**2 / 10 ** (LEAST_PSNR_DB / 10)
+            else:
+                assert np.array_equal(new.arrays[modality], pixels), modality
+    wait_until(lambda: not list(temporary_folder.glob("oaisys_ray_*")))

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import socket
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
-import boto3
 import pytest
 from small_datasets import render_dataset
 from synthetic_datasets import write_dataset
-from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 
 from oaisys_core.dataset import open_dataset
 from oaisys_core.dataset.check import check_dataset
@@ -31,6 +26,7 @@ def exercise(place: StoragePlace) -> None:
     """Do with a place all that data sets do."""
     assert place.names("shards") == []
     assert not place.exists("dataset.json")
+    assert place.is_empty()
     with pytest.raises(NotFoundError, match="shards/a"):
         place.read("shards/a")
     place.write("dataset.json", b"head")
@@ -49,6 +45,11 @@ def exercise(place: StoragePlace) -> None:
     place.delete("shards/b")
     place.delete("shards/b")
     assert place.names("shards") == ["shards/a"]
+    assert not place.is_empty()
+    place.clear()
+    assert place.is_empty()
+    assert place.names("shards") == []
+    place.clear()
 
 
 def test_objects_are_written_listed_read_and_deleted(place: StoragePlace) -> None:
@@ -101,38 +102,6 @@ def test_parts_of_a_killed_process_are_hidden_and_deleted(tmp_path: Path) -> Non
 def test_an_unknown_kind_of_url_is_refused() -> None:
     with pytest.raises(InvalidInputError, match="nowhere"):
         open_place("nowhere://bucket/set")
-
-
-@pytest.fixture
-def bucket(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[str]:
-    """The URL of a bucket on an S3 server of its own."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    variables = {
-        "AWS_ACCESS_KEY_ID": "key",
-        "AWS_SECRET_ACCESS_KEY": "secret",
-        "AWS_DEFAULT_REGION": "us-east-1",
-        "AWS_EC2_METADATA_DISABLED": "true",
-        "AWS_ENDPOINT_URL": f"http://127.0.0.1:{port}",
-    }
-    for name, value in variables.items():
-        monkeypatch.setenv(name, value)
-    command = [sys.executable, "-m", "moto.server", "-H", "127.0.0.1", "-p", str(port)]
-    with (tmp_path / "moto.log").open("wb") as log:
-        server = subprocess.Popen(command, stdout=log, stderr=log, env=os.environ)
-    try:
-        wait_until(lambda: _listens(port), START_PATIENCE_S, process=server)
-        boto3.client("s3").create_bucket(Bucket="worlds")
-        yield "s3://worlds"
-    finally:
-        server.terminate()
-        server.wait(PATIENCE_S)
-
-
-def _listens(port: int) -> bool:
-    with socket.socket() as client:
-        return client.connect_ex(("127.0.0.1", port)) == 0
 
 
 def test_an_s3_server_holds_data_sets(bucket: str) -> None:

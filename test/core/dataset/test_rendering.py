@@ -68,7 +68,7 @@ def test_finished_worlds_are_kept_and_their_classes_counted(tmp_path: Path) -> N
     for label_id in range(3):
         count = sum(int((image == label_id).sum()) for image in images)
         assert left.summary.label_pixels[label_id] == count
-    assert set(left.summary.class_shares()) == {"(none)", "rock", "sand"}
+    assert set(left.summary.class_shares()) == {"", "rock", "sand"}
     assert sum(left.summary.class_shares().values()) == pytest.approx(1)
 
 

@@ -1,5 +1,8 @@
 """Worlds of a data set, rendered in this process."""
 
+import json
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from dataset_runs import CONFIG
+from repository import HELPERS
 
 from oaisys_core.config import canonical_json, config_from_mapping
 from oaisys_core.dataset.manifest import WorldFailure, WorldLegend
@@ -18,6 +22,9 @@ from oaisys_core.dataset.shards import HEAD, finished_worlds, tar_name
 from oaisys_core.dataset.workers import SetupFailure, ViewCounts, render_world, written
 from oaisys_core.dataset.world_render import EncodedView, WorldRenderer
 from oaisys_core.simulation import Simulation
+
+MOST_GROWTH_MB = 20.0
+"""Memory that a worker may gain between its 20th and its 200th world."""
 
 TASKS = list(world_tasks(3, 3, 2, {"train": 0.5, "val": 0.5}))
 
@@ -74,9 +81,8 @@ def test_a_world_of_a_data_set_is_a_batch_of_the_simulation(config, tmp_path: Pa
         ids = set(np.unique(sample.arrays["instance"])) - {0}
         assert ids <= dataset.legend(1).instances.keys()
         assert set(np.unique(sample.arrays["semantic_0"])) <= dataset.legend(1).labels.keys()
-        counted = {int(i): n for i, n in sample.record.label_pixels.items()}
         ids, counts = np.unique(sample.arrays["semantic_0"], return_counts=True)
-        assert counted == dict(zip(ids.tolist(), counts.tolist(), strict=True))
+        assert sample.record.label_pixels == dict(zip(ids.tolist(), counts.tolist(), strict=True))
     simulation.close()
 
 
@@ -115,3 +121,20 @@ def test_what_no_worker_can_render_is_said_once(config):
     (part,) = render_world(broken, TASKS[0], None)
     assert isinstance(part, SetupFailure)
     assert "moundz" in part.reason
+
+
+@pytest.mark.long
+def test_a_worker_holds_after_200_worlds_what_it_held_after_20(tmp_path: Path):
+    script = HELPERS / "worker_memory.py"
+    ended = subprocess.run(
+        [sys.executable, str(script), str(tmp_path), "200"],
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=True,
+    )
+    found_mb = json.loads(ended.stdout.splitlines()[-1])
+    assert finished_worlds(open_place(tmp_path)) == list(range(200))
+    after_20_mb, after_200_mb = np.median(found_mb[15:25]), np.median(found_mb[190:])
+    # It settles by some 10 MB; the images of one view, kept for each world, would be 31 MB.
+    assert after_200_mb - after_20_mb < MOST_GROWTH_MB, found_mb[::10]

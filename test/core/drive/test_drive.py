@@ -16,7 +16,7 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.drive.drive import Drive
+from oaisys_core.drive.drive import Drive, motion_from
 from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory.files import read_trajectory, write_poses
 
@@ -71,7 +71,8 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def test_a_drive_records_every_measurement_that_was_due(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    result = oaisys("drive", "--config", config_file(tmp_path), "--out", out)
+    files_alone = ("--no-bag", "--no-report")
+    result = oaisys("drive", "--config", config_file(tmp_path), "--out", out, *files_alone)
     assert result.returncode == 0, result.stderr
     report = json.loads((out / "drive.json").read_text())
     # The lidar's last scan begins at 0.8 s.
@@ -129,6 +130,33 @@ def test_each_ray_of_a_lidar_starts_where_the_vehicle_is_at_its_time(tmp_path: P
             assert points["z"] == pytest.approx(-height_m, abs=2e-3)
             assert np.ptp(points["time"]) > 0.03
     simulation.close()
+
+
+def test_each_row_of_a_rolling_shutter_is_seen_from_where_the_vehicle_is_at_its_time(
+    tmp_path: Path,
+) -> None:
+    """A rig that rises at 2 m/s above a plane, and looks down."""
+    way = tmp_path / "up.csv"
+    write_poses(way, np.array([(t, 0, 0, 2 + 2 * t, 0, 0, 0, 1) for t in (0.0, 0.5, 1.0)]))
+    down = {"mount_quat_xyzw": [0, np.sqrt(0.5), 0, np.sqrt(0.5)], "mount_position_m": [0, 0, 0]}
+    camera = {**CONFIG["sensors"]["cameras"][0], **down, "readout_s": 0.05, "exposure_s": 0.01}
+    sensors = {"cameras": [camera]}
+    drive = {"vehicle": {"kind": "file", "path": str(way)}}
+    stage = {**CONFIG["stage"], "preset": "plane"}
+    config = config_from_mapping({**CONFIG, "stage": stage, "sensors": sensors, "drive": drive})
+    simulation = Simulation(config)
+    simulation.step_batch()
+    ground_m = simulation.query_height([(0.0, 0.0, 0.0)]).ground_height_m[0]
+    made = Drive(simulation, config)
+    for step in made.samples():
+        rows_s = step.time_ns / 1e9 + np.linspace(0, 0.05, 24)
+        depth_m = step.sample.frame("front", "depth").data
+        expected_m = np.broadcast_to((2 + 2 * rows_s - ground_m)[:, None], depth_m.shape)
+        np.testing.assert_allclose(depth_m, expected_m, rtol=1e-5)
+    simulation.close()
+    # The exposure of the first image begins before the way does.
+    beyond = motion_from(made.plan.trajectory, 0)(np.array((-0.005, 0.0, 1.0, 1.005)))
+    np.testing.assert_allclose(beyond[:, 2, 3], (1.99, 2.0, 4.0, 4.01), atol=1e-9)
 
 
 @pytest.mark.long

@@ -12,7 +12,7 @@ from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.backend.base import FrameGroup, RenderSettings
 from oaisys_core.config import adjusted, config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.geometry import pose_looking_down, project
+from oaisys_core.geometry import pose_looking_down, project, unproject
 from oaisys_core.scene import Lens, PlacedCamera
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata, Pose, Sample
@@ -252,3 +252,44 @@ def test_changes_that_make_no_sense_are_refused_and_change_nothing(
 def test_a_lens_that_folds_its_image_is_refused_with_its_path() -> None:
     with pytest.raises(ConfigError, match=r"cameras\.0.*not invertible"):
         config_from_mapping({"sensors": {"cameras": [{"distortion": {"k1": -1}}]}})
+
+
+def test_disparities_lead_from_one_image_of_a_pair_to_the_other() -> None:
+    pair = {**SMALL, "name": "eyes", "baseline_m": 0.25, "modalities": ["depth", "disparity"]}
+    quat = Rotation.from_euler("y", 50, degrees=True).as_quat().tolist()
+    made = simulation(stereo=[{**pair, "mount_quat_xyzw": quat}], pose_policy="allow")
+    sample = made.step_sample(
+        ModuleMetadata(sensor={"pose": Pose((0.0, 0.0, 4.0), (0.0, 0.0, 0.0, 1.0))})
+    )
+    for side, sign in (("left", -1), ("right", 1)):
+        depth, disparity = (sample.frame(f"eyes_{side}", m) for m in ("depth", "disparity"))
+        assert disparity.data.dtype == np.float32
+        np.testing.assert_allclose(disparity.data, 13.5 * 0.25 / depth.data, rtol=1e-6)
+        assert (disparity.data[np.isinf(depth.data)] == 0).all()
+        other = sample.frame(f"eyes_{'right' if side == 'left' else 'left'}", "depth")
+        v, u = np.nonzero(np.isfinite(depth.data))
+        points_m = unproject(np.column_stack((u, v)), depth.data[v, u], depth.intrinsics)
+        T = np.linalg.inv(other.T_map_camera) @ depth.T_map_camera
+        pixels = project(points_m @ T[:3, :3].T + T[:3, 3], other.intrinsics)
+        there = u + sign * disparity.data[v, u]
+        np.testing.assert_allclose(pixels, np.column_stack((there, v)), atol=1e-4)
+        assert len(u) > 20
+
+
+@pytest.mark.parametrize(
+    "sensors",
+    [
+        {"cameras": [{"modalities": ["disparity"]}]},
+        {"stereo": [{"modalities": ["disparity"], "distortion": BENT}]},
+    ],
+    ids=["single", "distorted"],
+)
+def test_disparity_needs_a_rectified_pair(sensors: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="disparity"):
+        config_from_mapping({"sensors": sensors})
+
+
+def test_metadata_cannot_distort_a_camera_that_renders_disparity() -> None:
+    made = simulation(stereo=[{**SMALL, "name": "s", "modalities": ["disparity"]}])
+    with pytest.raises(InvalidInputError, match="disparity"):
+        made.step_sample(at(0, cameras={"s_left": {"distortion": BENT}}))

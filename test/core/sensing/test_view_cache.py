@@ -53,6 +53,7 @@ ROVER = {
         "step_m": 0.5,
     },
 }
+HEADLIGHT = {"kind": "spot", "frame": "base_link", "position_m": [0.2, 0.3, 0.0]}
 POSES = [pose_looking_down(x, 0.5, 8.0) for x in (-1.0, 0.0, 2.0)]
 
 
@@ -109,6 +110,7 @@ def test_a_batch_of_the_same_seed_shows_the_same() -> None:
         {"pose": replace(POSES[0], position_m=(-1.0, 0.5, 8.0 + 1e-12))},
         {"environment": {"sun_elevation_deg": 31.0}},
         {"environment": {"sky_strength": 0.5}},
+        {"environment": {"lamps": {"mast": {"position_m": [1.0, 1.0, 4.0]}}}},
         {"render": {"exposure_ev": 0.5}},
         {"render": {"quality": "preview"}},
         {"render": {"samples": 7}},
@@ -153,7 +155,13 @@ STEPS = st.lists(
     st.fixed_dictionaries(
         {"pose": st.sampled_from(POSES[:2])},
         optional={
-            "environment": st.sampled_from([{"sun_elevation_deg": 20.0}, {"sky_strength": 0.5}]),
+            "environment": st.sampled_from(
+                [
+                    {"sun_elevation_deg": 20.0},
+                    {"sky_strength": 0.5},
+                    {"lamps": {"left": HEADLIGHT}},
+                ]
+            ),
             "render": st.sampled_from([{"exposure_ev": 1.0}, {"exposure_ev": 0.0}]),
             "modalities": st.sampled_from([["depth"], ["rgb", "flow"], ["rgb", "depth"]]),
             "sensors": st.sampled_from([["left"], ["right"]]),

@@ -81,7 +81,8 @@ def test_a_grid_is_what_queries_at_its_centres_say_and_nan_off_the_stage() -> No
     grid = sim.height_grid(0.5, (-12.2, -3.0, 5.1, 11.0))
     assert grid.ground_m.shape == (28, 35)
     x, y = centres(grid)
-    asked = sim.query_height(np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size))))
+    points = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))
+    asked = sim.query_height(points, on_stage=True)
     for found, expected in (
         (grid.ground_m, asked.ground_height_m),
         (grid.surface_m, asked.surface_height_m),
@@ -109,7 +110,7 @@ def test_rasterio_reads_frame_units_and_places(tmp_path: Path) -> None:
         points = [(3.25, -1.25), (-9.75, 5.75), (-10.75, 0.25)]
         assert file.xy(*file.index(*points[0])) == pytest.approx(points[0])
         sampled = np.array(list(file.sample(points)))
-    asked = sim.query_height([(x, y, 0.0) for x, y in points])
+    asked = sim.query_height([(x, y, 0.0) for x, y in points], on_stage=True)
     np.testing.assert_array_equal(sampled[:, 0], asked.ground_height_m.astype(np.float32))
     np.testing.assert_array_equal(sampled[:, 1], asked.surface_height_m.astype(np.float32))
     assert np.isnan(sampled[2]).all()

@@ -86,6 +86,17 @@ def test_a_client_gets_the_scans_that_were_made(
     ]
 
 
+def test_a_stream_yields_scans_as_soon_as_they_have_come(server: Server, expected: Sample) -> None:
+    with server.client() as client, client.stream_sample(POSE) as stream:
+        items = list(stream)
+    assert {(item.sensor, item.modality) for item in items} == {
+        ("camera", "depth"),
+        ("large", "points"),
+        ("nothing", "points"),
+    }
+    assert_equal(tuple(item for item in items if isinstance(item, LidarScan)), expected.scans)
+
+
 def test_messages_of_a_sample_with_scans_come_back_as_they_were(expected: Sample) -> None:
     assert_equal(sample_from_messages(sample_to_messages(expected)).scans, expected.scans)
 

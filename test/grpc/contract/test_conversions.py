@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -52,6 +53,7 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.worker.protocol import Connection, WorkerMessage
 
 INTRINSICS = PinholeIntrinsics(640, 480, 541.14, 540.9, 319.5, 239.25)
+FISHEYE = replace(INTRINSICS, distortion=(0.1, 0.0, -0.02, 0.001), distortion_model="equidistant")
 METADATA = ModuleMetadata(
     sensor={
         "pose": POSE,
@@ -97,6 +99,7 @@ MESH = TriangleMesh(
     [
         (metadata, "pose", POSE),
         (sample_messages, "intrinsics", INTRINSICS),
+        (sample_messages, "intrinsics", FISHEYE),
         (sample_messages, "provenance", PROVENANCE),
         (operation, "progress", Progress("terrain", 0.25)),
         (sample_messages, "matrix", T),

@@ -16,7 +16,9 @@ from served_simulator import Server
 
 from oaisys_core.config.sections.environment import EnvironmentConfig, HazeConfig, SkyConfig
 from oaisys_core.config.sections.environment import SunFromTimeConfig as SunFromTime
+from oaisys_core.config.sections.lamps import LampConfig
 from oaisys_core.config.sections.render import (
+    AutoExposureConfig,
     BloomConfig,
     EffectsConfig,
     RenderConfig,
@@ -35,11 +37,13 @@ MODELS: dict[Any, Any] = {
     pb.SunFromTimeMetadata: SunFromTime,
     pb.SkyMetadata: SkyConfig,
     pb.HazeMetadata: HazeConfig,
+    pb.LampMetadata: LampConfig,
     pb.AssetMetadata: AssetMetadata,
     pb.GroupMetadata: GroupEdit,
     pb.ObjectMetadata: ObjectEdit,
     pb.RenderMetadata: RenderConfig,
     pb.EffectsMetadata: EffectsConfig,
+    pb.AutoExposureMetadata: AutoExposureConfig,
     pb.BloomMetadata: BloomConfig,
     pb.SensorNoiseMetadata: SensorNoiseConfig,
     pb.CameraMetadata: OpticsConfig,
@@ -145,7 +149,12 @@ def test_what_the_client_says_in_plain_cases_is_typed() -> None:
     message = metadata_to_proto(
         ModuleMetadata(
             sensor={"cameras": {"left": {"lens": {"f_number": 4}, "cx_px": 1.5}}},
-            environment={"sun_elevation_deg": [10, 20], "air": 2, "haze": {"visibility_m": 100}},
+            environment={
+                "sun_elevation_deg": [10, 20],
+                "air": 2,
+                "haze": {"visibility_m": 100},
+                "lamps": {"left": {"enabled": False, "strength_w": 20, "position_m": [1, 2, 3]}},
+            },
             asset={"groups": {"stones": {"hidden": True}}, "objects": {"3": {"scale": 2}}},
             render={"quality": "preview", "passes": ["depth"], "effects": {"vignetting": 0.5}},
         )
@@ -156,6 +165,11 @@ def test_what_the_client_says_in_plain_cases_is_typed() -> None:
     assert message.typed_environment.sun_elevation_deg == pb.Range(least=10, most=20)
     assert message.typed_environment.air == pb.Range(least=2)
     assert message.typed_environment.haze.visibility_m.least == 100
+    left = message.typed_environment.lamps["left"]
+    assert left.HasField("enabled")
+    assert not left.enabled
+    assert left.strength_w == pb.Range(least=20)
+    assert left.position_m == pb.Vector3(x=1, y=2, z=3)
     assert message.typed_asset.groups["stones"].hidden
     assert message.typed_asset.objects["3"].scale == 2
     assert list(message.typed_render.passes) == ["depth"]
@@ -212,7 +226,7 @@ def test_a_server_takes_either_and_refuses_both(stepped_flat_server: Server) -> 
         typed = rendered(stub, pb.ModuleMetadata(typed_render=pb.RenderMetadata(exposure_ev=-1)))
         assert typed != before
         open_ended = pb.ModuleMetadata()
-        open_ended.render.update({"exposure_ev": 0})
+        open_ended.render.update({"exposure_ev": None})
         assert rendered(stub, open_ended) == before
         open_ended.render.update({"exposure_ev": -1})
         assert rendered(stub, open_ended) == typed
@@ -226,3 +240,21 @@ def test_a_server_takes_either_and_refuses_both(stepped_flat_server: Server) -> 
             rendered(stub, pb.ModuleMetadata(typed_environment=wrong))
         assert violations(refused.value) == ["metadata.environment.sun_elevation_deg"]
         assert rendered(stub, pb.ModuleMetadata()) == typed
+
+
+def test_lamps_are_switched_by_typed_messages(stepped_flat_server: Server) -> None:
+    def lamps(**left: Any) -> pb.ModuleMetadata:
+        environment = pb.EnvironmentMetadata(lamps={"left": pb.LampMetadata(**left)})
+        return pb.ModuleMetadata(typed_environment=environment)
+
+    place = {"frame": "base_link", "position_m": pb.Vector3(x=0, y=0, z=1)}
+    with grpc.insecure_channel(stepped_flat_server.address) as channel:
+        stub = simulator_pb2_grpc.SimulatorServiceStub(channel)
+        dark = rendered(stub, pb.ModuleMetadata())
+        lit = rendered(stub, lamps(kind="spot", strength_w=pb.Range(least=900), **place))
+        assert lit != dark
+        assert rendered(stub, lamps(enabled=False)) == dark
+        with pytest.raises(grpc.RpcError) as refused:
+            rendered(stub, lamps(cone_deg=300, enabled=True))
+        assert violations(refused.value) == ["metadata.environment.lamps.left.cone_deg"]
+        assert rendered(stub, pb.ModuleMetadata()) == dark

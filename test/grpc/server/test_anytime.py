@@ -95,6 +95,7 @@ def test_the_frames_that_came_early_are_those_of_the_sample(pair_server: Server)
         client.step_batch()
         with client.stream_sample(POSE) as stream:
             for frame in stream:
+                assert isinstance(frame, Frame)
                 outlines.append(stream.outline)
                 told.append(frame)
             sample = stream.sample

@@ -23,14 +23,18 @@ Images = dict[str, NDArray[Any]]
 
 
 def level_views(
-    path: str, changes: Mapping[str, Any], places: Sequence[tuple[float, float, float]]
+    path: str,
+    changes: Mapping[str, Any],
+    places: Sequence[tuple[float, float, float]],
+    height_m: float = 2.0,
 ) -> list[Images]:
     """Images of level views of an example's world, each with the depth that its colour is of.
 
     Args:
         path: The example.
         changes: Keys of its cameras and of its environment.
-        places: (x, y, yaw) in shares of the stage's half edge and radians, seen from 2 m.
+        places: (x, y, yaw) in shares of the stage's half edge and radians.
+        height_m: Height of the views above the surface.
     """
     simulation = Simulation(_changed(load_config(Path(path)), changes))
     simulation.step_batch()
@@ -39,18 +43,18 @@ def level_views(
     found = []
     with mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX):
         for place in places:
-            pose = level_pose(simulation, place)
+            pose = level_pose(simulation, place, height_m)
             sample = simulation.step_sample(ModuleMetadata(sensor={"pose": pose}))
             images = {frame.modality: frame.data for frame in sample.frames}
             found.append(images | {"cycles": seen["Depth"].copy()})
     return found
 
 
-def level_pose(simulation: Simulation, place: tuple[float, float, float]) -> Pose:
-    """Return the pose that looks level from 2 m above the surface."""
+def level_pose(simulation: Simulation, place: tuple[float, float, float], height_m: float) -> Pose:
+    """Return the pose that looks level from a height above the surface."""
     x0, y0, x1, y1 = simulation.scene.ground.extent_m
     x, y = (x0 + x1 + place[0] * (x1 - x0)) / 2, (y0 + y1 + place[1] * (y1 - y0)) / 2
-    z = float(simulation.query_height([(x, y, 0.0)]).surface_height_m[0]) + 2.0
+    z = float(simulation.query_height([(x, y, 0.0)]).surface_height_m[0]) + height_m
     yaw = place[2]
     return Pose((x, y, z), (0.0, 0.0, float(np.sin(yaw / 2)), float(np.cos(yaw / 2))))
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from small_datasets import SMALL, render_dataset
+from small_datasets import SCANNED, render_dataset
 
 
 def render(where: str, splits: dict[int, str], views: int) -> None:
-    """Render small worlds with Blender."""
-    render_dataset(where, splits, views, {**SMALL, "backend": "blender"})
+    """Render small worlds with Blender, seen by a camera and lidars."""
+    render_dataset(where, splits, views, {**SCANNED, "backend": "blender"})

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from synthetic_worlds import settings
 
+from oaisys_core.backend.base import RenderSettings
 from oaisys_core.backend.blender import BlenderBackend, cycles
-from oaisys_core.backend.blender.cycles import BASE_EXPOSURE_EV
 from oaisys_core.backend.blender.reference import FILTER_WIDTH_PX
+from oaisys_core.backend.blender.tone_mapping import BASE_EXPOSURE_EV
 from oaisys_core.scene import PlacedCamera, Scene, Sky
 from oaisys_core.types import RGB, Progress
 
@@ -34,9 +35,31 @@ def linear_views(
     seen = []
     with mock.patch.object(cycles, "CYCLES_WIDTH_PX", FILTER_WIDTH_PX):
         for sky in skies:
-            backend.update(replace(scene, sky=sky))
+            far_ground = scene.far_ground if sky.shows_plain else None
+            backend.update(replace(scene, sky=sky, far_ground=far_ground))
             for camera in cameras:
                 only_rgb = replace(camera, modalities=(RGB,))
                 (frame,) = backend.render_all([only_rgb], wanted, ignore)
                 seen.append(frame.data / 255.0)
     return seen
+
+
+def linear_worlds(
+    scenes: Sequence[Scene], camera: PlacedCamera, samples: int
+) -> list[NDArray[np.float64]]:
+    """Linear colours, 0 to 1, of one view in each of several worlds."""
+    return [linear_views(scene, [camera], [scene.sky], samples)[0] for scene in scenes]
+
+
+def metered_pictures(
+    scene: Scene, camera: PlacedCamera, skies: Sequence[Sky], wanted: RenderSettings
+) -> list[tuple[NDArray[np.uint8], float]]:
+    """Pictures of a view under several skies, one after the other, and their exposures in stops."""
+    backend = BlenderBackend()
+    backend.build(scene, ignore)
+    found = []
+    for sky in skies:
+        backend.update(replace(scene, sky=sky))
+        (frame,) = backend.render_all([replace(camera, modalities=(RGB,))], wanted, ignore)
+        found.append((frame.data, backend.exposures_ev[camera.name]))
+    return found

@@ -74,9 +74,11 @@ def albedos(
     tone_map = Cycles.denoise_and_tonemap
     given: list[Any] = []
 
-    def kept(cycles: Cycles, rendered: Any, wanted: Any, denoising: Any, ground: Any) -> Any:
+    def kept(
+        cycles: Cycles, rendered: Any, wanted: Any, denoising: Any, ground: Any, gains: Any
+    ) -> Any:
         given.append((rendered.passes[postprocessing.SEEN_ALBEDO], ground))
-        return tone_map(cycles, rendered, wanted, denoising, ground)
+        return tone_map(cycles, rendered, wanted, denoising, ground, gains)
 
     with mock.patch.object(Cycles, "denoise_and_tonemap", kept):
         for scene, camera in cases:

@@ -311,6 +311,10 @@ def test_batches_and_metadata_are_set_or_refused_with_the_reason(bridged: User) 
     assert not bridged.set_pose(pose_looking_down(0, 0, 5), modalities=["smell"]).success
     rgb = all_of_sample(bridged, bridged.set_pose(pose_looking_down(0, 0, 5)).stamp)
     assert image_from_msg(rgb["camera/color/image_raw"]).max() == 0
+    headlight = {"frame": "base_link", "position_m": [0.0, 0.0, 0.5], "strength_w": 500.0}
+    assert set_metadata("environment", json.dumps({"lamps": {"front": headlight}})).success
+    rgb = all_of_sample(bridged, bridged.set_pose(pose_looking_down(0, 0, 5)).stamp)
+    assert image_from_msg(rgb["camera/color/image_raw"]).max() > 30
 
     assert not step_batch(seed=-5).success
     assert "metadata_json.sky" in step_batch(seed=-1, metadata_json='{"sky": 1}').message

@@ -13,17 +13,18 @@ from typing import Any
 import pytest
 import yaml
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from driven_world import DRIVEN_WORLD, DUE, TOPIC_OF_SENSOR
 from launched import Launched
 from leak_check import LeakCheck
 from mcap.reader import make_reader
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
 from repository import REPOSITORY
-from ros_peer import User
+from ros_peer import User, messages_of_samples
 from served_simulator import FLAT_WORLD, MOUNDS
 
 from oaisys_core.geometry import pose_looking_down
-from oaisys_ros_bridge.launching.arguments import EXPLORE, SIMULATOR, SURVEY
+from oaisys_ros_bridge.launching.arguments import DRIVE, EXPLORE, SIMULATOR, SURVEY
 
 pytest.importorskip(
     "launch_ros", reason="ROS's launch system is not installed", exc_type=ModuleNotFoundError
@@ -37,9 +38,12 @@ except PackageNotFoundError:
 LAUNCH_FILES = sorted((REPOSITORY / "launch").glob("*.launch.py"))
 ARGUMENTS = {
     "simulator": set(SIMULATOR),
+    "drive": set(DRIVE),
     "survey": {*SURVEY, "rviz"},
     "explore": {*EXPLORE, "rviz"},
 }
+
+OFF_THE_STAGE = '{"waypoints_m": [[0, 0], [90, 0]]}'
 
 
 @pytest.fixture
@@ -153,6 +157,30 @@ def test_a_survey_that_does_not_close_is_a_launch_that_fails(
         assert launched.process.wait(300) == 1, launched.log.read_text()
     assert "survey has ended: exit code 1" in launched.log.read_text()
     assert json.loads((out / "report.json").read_text())["closed"] is False
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize(
+    ("drive_json", "code"), [("", 0), ('{"waypoints_m": [[0, 0], [90, 0]]}', 1)]
+)
+def test_a_drive_is_launched_recorded_and_ends_the_launch(
+    drive_json: str, code: int, tmp_path: Path, leaks: LeakCheck, ros_domain_id: int
+) -> None:
+    config, bag = tmp_path / "world.yaml", tmp_path / "bag"
+    config.write_text(yaml.safe_dump(DRIVEN_WORLD))
+    arguments = {"config": config, "address": "127.0.0.1:0", "record": bag, "namespace": "mars"}
+    with Launched("drive", tmp_path, **arguments, drive_json=drive_json) as launched:
+        assert launched.process.wait(300) == code, launched.log.read_text()
+    log = launched.log.read_text()
+    if code:
+        assert "a way with all wheels on the stage" in log
+        assert "the drive has ended: exit code 1" in log
+        return
+    assert "Traceback" not in log
+    recorded = messages_of_samples(bag)
+    topics = {f"/mars/{topic}": DUE[sensor] for sensor, topic in TOPIC_OF_SENSOR.items()}
+    assert {topic: recorded[topic] for topic in topics} == topics
+    assert recorded["/mars/tf"] == DUE["imu"]
 
 
 @pytest.mark.ros

@@ -13,6 +13,7 @@ from repository import REPOSITORY
 from oaisys_ros_bridge.experiments.explore.command import explore
 from oaisys_ros_bridge.experiments.survey.command import survey
 from oaisys_ros_bridge.launching.arguments import (
+    DRIVE,
     EXPLORE,
     OPTIONS,
     RVIZ,
@@ -24,7 +25,7 @@ from oaisys_ros_bridge.launching.arguments import (
 )
 
 LAUNCH_FILES = REPOSITORY / "launch"
-TABLES = {"survey": SURVEY, "explore": EXPLORE, "simulator": SIMULATOR}
+TABLES = {"survey": SURVEY, "explore": EXPLORE, "simulator": SIMULATOR, "drive": DRIVE}
 COMMANDS: dict[str, Callable[..., None]] = {"survey": survey, "explore": explore}
 
 

@@ -39,7 +39,12 @@ Names = set[tuple[str, str]]
 @pytest.fixture
 def stage(tmp_path: Path, ros_domain_id: int, no_process_left: None) -> Iterator[Stage]:
     with Stage(tmp_path) as stage:
-        address = stage.start_world(FLAT_WORLD).address
+        scan = {"kind": "rotating", "preset": "generic_16", "azimuth_steps": 90}
+        sensors = FLAT_WORLD["sensors"] | {
+            "lidars": [{"name": "lidar", "scan": scan}],
+            "imus": [{"name": "imu"}],
+        }
+        address = stage.start_world(FLAT_WORLD | {"sensors": sensors}).address
         parameters = ("-p", f"address:={address}", "-p", "publish_clock:=true")
         stage.start_node("bridge", "--ros-args", *parameters)
         stage.start_node("mapper")
@@ -61,10 +66,10 @@ def test_the_readme_counts_the_services_that_there_are() -> None:
 
 
 def described(node: DescribedNode, kind: InterfaceKind) -> Names:
-    """Return full names and types of the table, for a camera with one semantic level, no lidar."""
+    """Return full names and types of the table, for a camera with one semantic level."""
     found = set()
     for row in node.interfaces:
-        if row.kind is kind and not row.name.startswith("lidar/"):
+        if row.kind is kind:
             name = row.name.replace("~", node.name).replace("semantic_N", "semantic_0")
             found.add((f"/{name.removeprefix('/')}", row.type_name))
     return found

@@ -34,7 +34,8 @@ from oaisys_core.types import (
 )
 from oaisys_msgs.msg import SampleInfo, SemanticLabels
 from oaisys_ros_bridge.clouds import cloud_from_msg
-from oaisys_ros_bridge.conversions import image_from_msg, odometry_from_msg, transform_from_msg
+from oaisys_ros_bridge.conversions import image_from_msg, transform_from_msg
+from oaisys_ros_bridge.motion import odometry_from_msg
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.publishing import sensor_topics
 from oaisys_ros_bridge.publishing.sample_publisher import SamplePublisher
@@ -56,6 +57,7 @@ ENCODINGS = {
     "normal": "32FC3",
     "flow": "32FC2",
     "albedo": "rgb8",
+    "disparity": "32FC1",
     "instance": "32SC1",
     "semantic_0": "16UC1",
     "semantic_7": "16UC1",

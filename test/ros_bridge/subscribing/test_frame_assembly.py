@@ -13,12 +13,8 @@ from tf2_msgs.msg import TFMessage
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_looking_down, pose_to_matrix
 from oaisys_core.types import PinholeIntrinsics
-from oaisys_ros_bridge.conversions import (
-    image_to_msg,
-    intrinsics_to_msg,
-    odometry_to_msg,
-    transform_to_msg,
-)
+from oaisys_ros_bridge.conversions import image_to_msg, intrinsics_to_msg, transform_to_msg
+from oaisys_ros_bridge.motion import odometry_to_msg
 from oaisys_ros_bridge.subscribing.frame_assembly import (
     COLOR_WAIT_S,
     MOST_WITHOUT_POSE,

@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 from std_msgs.msg import Header
 
-from oaisys_msgs.msg import Loss, SampleReceipt
+from oaisys_msgs.msg import Loss, SampleInfo, SampleReceipt, SensorPose
 from oaisys_ros_bridge.bridge.readers import state_of
 from oaisys_ros_bridge.conversions import stamp_from_nanoseconds
 from oaisys_ros_bridge.experiments.status import StackStatus
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode
 from oaisys_ros_bridge.qos import LATCHED_QOS, SENSOR_QOS
 from oaisys_ros_bridge.subscribing.sample_ledger import shortfall
-from oaisys_ros_bridge.subscribing.sample_watch import counting_losses, losses_msg
+from oaisys_ros_bridge.subscribing.sample_watch import camera_poses, counting_losses, losses_msg
 
 RECORDER, TF = "/oaisys_recorder", "/tf"
 
@@ -31,6 +31,14 @@ def test_the_middleware_s_losses_are_counted_by_topic() -> None:
     assert shortfall(state_of(receipt)) == (
         f"the middleware lost messages of /camera/depth/image_raw 1, {TF} 5"
     )
+
+
+@pytest.mark.ros
+def test_lidars_are_none_of_the_cameras_of_a_sample() -> None:
+    """A mapper takes the only camera of a rig, whatever its name, also beside a lidar."""
+    camera = SensorPose(sensor="front", modalities=["rgb", "depth"])
+    info = SampleInfo(sensors=[camera, SensorPose(sensor="lidar", modalities=["points"])])
+    assert camera_poses(info) == [camera]
 
 
 def test_of_latched_topics_only_the_last_message_counts() -> None:

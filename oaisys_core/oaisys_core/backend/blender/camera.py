@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from math import ceil, floor, isclose, log2, sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import cv2
@@ -13,16 +14,17 @@ import numpy as np
 from mathutils import Matrix
 from numpy.typing import NDArray
 
+from oaisys_core.backend.blender.fisheye import fisheye_image, rendered_fisheye, set_fisheye
 from oaisys_core.geometry import T_OPTICAL_BLENDER, pixel_rays
-from oaisys_core.scene import Lens
+from oaisys_core.scene import Lens, PlacedCamera
 from oaisys_core.types import FloatArray, PinholeIntrinsics
 
 SENSOR_WIDTH_MM = 36.0
 CLIP_START_M = 1e-3
 CLIP_END_M = 1e6
 
-PREVIOUS_FRAME, FRAME = 1, 2
-"""Blender's animation frames of the previous and of the current pose, for motion blur."""
+BEGIN_FRAME, END_FRAME = 1, 2
+"""Blender's animation frames between which a camera moves while its shutter is open."""
 
 MARGIN_PX = 3
 """Border of a pinhole image that is rendered for a lens, for interpolation."""
@@ -79,41 +81,81 @@ def set_lens(camera: Any, lens: Lens | None) -> None:
     dof.aperture_ratio = lens.ratio
 
 
-@contextmanager
-def motion_blur(
-    camera: Any, T_map_previous: FloatArray | None, shutter_share: float
-) -> Iterator[None]:
-    """Blur renders by a camera's motion from a previous pose to its current one.
+class ShutterMotion(NamedTuple):
+    """How a camera moves while an image is taken.
 
-    The shutter is open during the last ``shutter_share`` of the way. Objects do not move.
+    Attributes:
+        T_map_begin, T_map_end: (4, 4) poses of the optical frame between which it moves.
+        open_share: Last share of the way during which the shutter is open.
+        row_share: Share of the way during which each row is exposed, from top to bottom; None: all
+            rows are exposed together.
     """
-    if T_map_previous is None or shutter_share == 0.0:
+
+    T_map_begin: FloatArray
+    T_map_end: FloatArray
+    open_share: float = 1.0
+    row_share: float | None = None
+
+
+def shutter_motion(
+    camera: PlacedCamera, complete: PinholeIntrinsics, rendered: PinholeIntrinsics
+) -> ShutterMotion | None:
+    """Return how a camera moves while an image is rendered; None if it does not.
+
+    Args:
+        camera: The camera.
+        complete: What is rendered for it, see `rendered_pinhole`.
+        rendered: The same with fewer pixels.
+    """
+    if camera.pose_at is None or not (camera.readout_s or camera.exposure_s):
+        if camera.T_map_previous is None or camera.shutter_share == 0:
+            return None
+        return ShutterMotion(camera.T_map_previous, camera.T_map_camera, camera.shutter_share)
+    row_s = camera.readout_s / max(camera.intrinsics.height_px - 1, 1)
+    # Cycles renders row i of N at the share (i + 1) / N of the time that all rows take.
+    scale = complete.height_px / rendered.height_px
+    above_px = complete.cy_px - camera.intrinsics.cy_px
+    begin_s = -row_s * (above_px + 0.5 + scale / 2) - camera.exposure_s / 2
+    duration_s = row_s * complete.height_px + camera.exposure_s
+    T_begin, T_end = camera.pose_at(np.array((begin_s, begin_s + duration_s)))
+    row_share = camera.exposure_s / duration_s if row_s else None
+    return ShutterMotion(T_begin, T_end, row_share=row_share)
+
+
+@contextmanager
+def moving(camera: Any, motion: ShutterMotion | None) -> Iterator[None]:
+    """Move a camera during renders, as its shutter sees it. Objects do not move."""
+    if motion is None:
         yield
         return
     scene = bpy.context.scene
-    T_map_camera = camera.matrix_world.copy()
-    frames = ((PREVIOUS_FRAME, Matrix(T_map_previous @ T_OPTICAL_BLENDER)), (FRAME, T_map_camera))
+    before = camera.matrix_world.copy()
+    frames = ((BEGIN_FRAME, motion.T_map_begin), (END_FRAME, motion.T_map_end))
     # Linear interpolation, set in the one way that both versions of Blender understand.
     edit = bpy.context.preferences.edit
     edit.keyframe_new_interpolation_type = "LINEAR"
     last = None
-    for frame, pose in frames:
-        place, turn, _ = pose.decompose()
+    for frame, T_map_camera in frames:
+        place, turn, _ = Matrix(T_map_camera @ T_OPTICAL_BLENDER).decompose()
         if last is not None and last.dot(turn) < 0:
             turn.negate()
         camera.location, camera.rotation_quaternion, last = place, turn, turn
         camera.keyframe_insert("location", frame=frame)
         camera.keyframe_insert("rotation_quaternion", frame=frame)
     scene.render.use_motion_blur = True
-    scene.render.motion_blur_shutter = shutter_share
+    scene.render.motion_blur_shutter = motion.open_share
     scene.render.motion_blur_position = "END"
-    scene.frame_set(FRAME)
+    if motion.row_share is not None:
+        scene.cycles.rolling_shutter_type = "TOP"
+        scene.cycles.rolling_shutter_duration = motion.row_share
+    scene.frame_set(END_FRAME)
     try:
         yield
     finally:
         scene.render.use_motion_blur = False
+        scene.cycles.rolling_shutter_type = "NONE"
         camera.animation_data_clear()
-        camera.matrix_world = T_map_camera
+        camera.matrix_world = before
 
 
 def set_intrinsics(camera: Any, intrinsics: PinholeIntrinsics) -> None:
@@ -135,6 +177,11 @@ def set_intrinsics(camera: Any, intrinsics: PinholeIntrinsics) -> None:
         pixel_aspect_y=max(1.0, aspect),
     )
     data = camera.data
+    if intrinsics.is_fisheye:
+        set_fisheye(data, intrinsics)
+        return
+    if data.type != "PERSP":
+        data.type = "PERSP"
     data.lens = intrinsics.fx_px * SENSOR_WIDTH_MM / width
     data.shift_x = (width / 2 - intrinsics.cx_px - 0.5) / width
     data.shift_y = (intrinsics.cy_px + 0.5 - intrinsics.height_px / 2) * aspect / width
@@ -182,7 +229,12 @@ def footprint_group() -> Any:
 
 
 def rendered_pinhole(intrinsics: PinholeIntrinsics) -> PinholeIntrinsics:
-    """Return what is rendered for a camera: its own intrinsics, unless it distorts."""
+    """Return what is rendered for a camera: its own intrinsics, unless it distorts.
+
+    For a fisheye, it is another fisheye.
+    """
+    if intrinsics.is_fisheye:
+        return rendered_fisheye(intrinsics)
     return covering_pinhole(intrinsics) if any(intrinsics.distortion) else intrinsics
 
 
@@ -213,14 +265,15 @@ def scaled_pinhole(pinhole: PinholeIntrinsics, scale: float) -> PinholeIntrinsic
     width_px = max(1, round(pinhole.width_px * scale))
     height_px = max(1, round(pinhole.height_px * scale))
     across, down = width_px / pinhole.width_px, height_px / pinhole.height_px
-    return PinholeIntrinsics(
-        width_px,
-        height_px,
-        pinhole.fx_px * across,
-        pinhole.fy_px * down,
+    return replace(
+        pinhole,
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=pinhole.fx_px * across,
+        fy_px=pinhole.fy_px * down,
         # Pixel centres are at integers, so the image's edge is at -0.5.
-        (pinhole.cx_px + 0.5) * across - 0.5,
-        (pinhole.cy_px + 0.5) * down - 0.5,
+        cx_px=(pinhole.cx_px + 0.5) * across - 0.5,
+        cy_px=(pinhole.cy_px + 0.5) * down - 0.5,
     )
 
 
@@ -231,6 +284,8 @@ def camera_image(
     size = pinhole.width_px, pinhole.height_px
     if image.shape[1::-1] != size:
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    if intrinsics.is_fisheye:
+        return fisheye_image(image, pinhole, intrinsics)
     if pinhole is intrinsics:
         return image
     rays = pixel_rays(intrinsics)

@@ -11,9 +11,9 @@ from oaisys_core.sky import Sky
 
 IS_BLENDER_5 = bpy.app.version >= (5, 0, 0)
 
-SKY_SCALE = 0.05 if IS_BLENDER_5 else 0.075
-"""Factor on the sky model's radiance: level ground then receives about 0.65 W/m² from the sky at a
-sun elevation of 38 degrees, a fifth of what it receives from a sun of 4 W/m²."""
+SKY_SCALE = 0.033 if IS_BLENDER_5 else 0.0495
+"""Factor on the sky model's radiance: level ground then receives `SKY_IRRADIANCE_W_M2` from the sky
+at a sun elevation of 38 degrees."""
 
 
 def node_tree_of(owner: Any) -> Any:

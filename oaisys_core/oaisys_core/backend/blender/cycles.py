@@ -8,9 +8,8 @@ import logging
 import os
 import re
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from math import isclose
 from typing import Any
 
 import bpy
@@ -24,23 +23,27 @@ from oaisys_core.backend.blender.cycles_session import end_sampling
 from oaisys_core.backend.blender.devices import use_device
 from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.postprocessing import (
+    BACKGROUND_M,
     CYCLES_WIDTH_PX,
+    DEPTH,
     SAMPLED_WIDTH_PX,
-    VIEW_TRANSFORMS,
     Denoiser,
     RenderResult,
     blenders_denoiser,
     denoised,
     pass_of,
-    to_pixels,
 )
 from oaisys_core.backend.blender.time_budget import DenoisingQuality
+from oaisys_core.backend.blender.tone_mapping import (
+    BASE_EXPOSURE_EV,
+    VIEW_TRANSFORMS,
+    ExposedImage,
+    picture_of,
+)
 from oaisys_core.color import encoded
 from oaisys_core.errors import RenderError
 from oaisys_core.interruption import stop_if_unwanted, stopped_by
-
-BASE_EXPOSURE_EV = 0.6
-"""Added to the configured exposure, so that 0 EV shows dry ground in full sun as mid-grey."""
+from oaisys_core.sky import Color
 
 _SAMPLE = re.compile(r"Sample (\d+)/\d+")
 
@@ -57,16 +60,20 @@ class Cycles:
     def __init__(self) -> None:
         self._wanted: Device | None = None
         self._pattern_length = 0
+        self._lights: tuple[object, ...] = ()
+        self._last_exposure_ev = 0.0
         self.device: Device = "cpu"
         scene = bpy.context.scene
         render = scene.render
         render.engine = "CYCLES"
         render.use_persistent_data = True
         render.use_compositing = render.use_sequencer = False
+        # The meter tells the sky by it.
+        bpy.context.view_layer.use_pass_z = True
         render.threads_mode = "AUTO"
         cycles = scene.cycles
         cycles.use_adaptive_sampling = False
-        # There is one lamp to sample.
+        # There is only the sun to sample, see `use_lamps`.
         cycles.use_light_tree = False
         cycles.debug_use_spatial_splits = True
         # The automatic pattern depends on the number of samples of an earlier render.
@@ -84,6 +91,19 @@ class Cycles:
         render.use_persistent_data = False
         render.use_persistent_data = True
         self._pattern_length = 0
+
+    def use_lamps(self, kinds: Sequence[str], *, has_sun: bool) -> None:
+        """Say which lights the scene has: the kinds of its lamps in their order, and the sun.
+
+        Cycles keeps lights in the order in which it met them, on which its sampling depends. It
+        starts anew where other lights might have left another order.
+        """
+        lights = (has_sun, *kinds) if kinds else ()
+        if lights == self._lights:
+            return
+        self._lights = lights
+        bpy.context.scene.cycles.use_light_tree = bool(kinds)
+        self.free_persistent_data()
 
     def render_radiance(self, settings: RenderSettings, seconds: float = 0.0) -> RenderResult:
         """Render the radiance that the scene's camera sees.
@@ -104,16 +124,31 @@ class Cycles:
         settings: RenderSettings,
         denoising: DenoisingQuality,
         ground: PixelAlbedo | None = None,
-    ) -> NDArray[np.uint8]:
-        """Return the (H, W, 3) sRGB image of what `render_radiance` gave with the same settings.
+        gains: Color | None = None,
+    ) -> ExposedImage:
+        """Return the picture of what `render_radiance` gave with the same settings.
 
-        ``ground`` is the albedo without noise, where it is known.
+        Args:
+            rendered: The passes.
+            settings: Those of the render.
+            denoising: See `Denoiser.denoise`.
+            ground: Albedo without noise, where it is known.
+            gains: Factors on red, green and blue for the white balance.
 
         Raises:
             RenderError: The passes are missing, or denoising failed.
         """
         radiance = denoised(rendered, settings, self._denoiser(), denoising, ground)
-        return to_pixels(radiance, settings.view_transform, _exposure_ev(settings))
+        if gains is not None:
+            radiance = radiance[..., :3] * np.array(gains, np.float32)
+        is_surface = pass_of(rendered, DEPTH)[..., 0] < BACKGROUND_M
+        picture = picture_of(radiance, is_surface, settings)
+        self._last_exposure_ev = picture.exposure_ev
+        return picture
+
+    def show_last_exposure(self) -> None:
+        """Set Blender's exposure to that of the last picture, for a scene that is saved."""
+        bpy.context.scene.view_settings.exposure = BASE_EXPOSURE_EV + self._last_exposure_ev
 
     def render_albedo(self, settings: RenderSettings, seconds: float = 0.0) -> NDArray[np.uint8]:
         """Return the (H, W, 3) sRGB-encoded albedo that the scene's camera sees.
@@ -131,13 +166,10 @@ class Cycles:
 
     def _show_as(self, settings: RenderSettings) -> None:
         """Set Blender's view transform, so that a saved scene looks like the images."""
-        exposure_ev = _exposure_ev(settings)
         view = bpy.context.scene.view_settings
         view_transform = VIEW_TRANSFORMS[settings.view_transform]
         if view.view_transform != view_transform:
             view.view_transform = view_transform
-        if not isclose(view.exposure, exposure_ev, abs_tol=1e-6):
-            view.exposure = exposure_ev
 
     def _render(self, settings: RenderSettings, seconds: float, denoise: bool) -> RenderResult:
         if settings.device != self._wanted:
@@ -178,10 +210,6 @@ class Cycles:
     def _denoiser(self) -> Denoiser | None:
         """Return the denoiser that runs after Cycles; None on a GPU, where Cycles denoises."""
         return blenders_denoiser() if self.device == "cpu" else None
-
-
-def _exposure_ev(settings: RenderSettings) -> float:
-    return BASE_EXPOSURE_EV + settings.exposure_ev
 
 
 def render_scene(settings: Mapping[str, Any]) -> RenderResult:

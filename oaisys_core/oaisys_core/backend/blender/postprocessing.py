@@ -1,4 +1,4 @@
-"""What is done to radiance after Cycles: denoising, the rest of the pixel filter, tone mapping.
+"""What is done to radiance after Cycles: denoising, and the rest of the pixel filter.
 
 What is denoised is light: radiance is divided by the albedo that the same samples have seen, and
 multiplied by it afterwards, so that denoising does not blur textures. On the ground, it is
@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from ctypes import (
     CDLL,
     CFUNCTYPE,
@@ -33,19 +32,15 @@ from ctypes import (
 )
 from dataclasses import dataclass, field
 from functools import cache
-from pathlib import Path
 from typing import Any
 
-import bpy
 import cv2
 import numpy as np
-import PyOpenColorIO
 from numpy.typing import NDArray
 
-from oaisys_core.backend.base import RenderSettings, ViewTransform
+from oaisys_core.backend.base import RenderSettings
 from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.time_budget import DenoisingQuality
-from oaisys_core.backend.geometry_pass import CORES
 from oaisys_core.errors import RenderError
 from oaisys_core.interruption import stop_if_unwanted, wanted_check
 
@@ -115,8 +110,11 @@ CONFIRMED_PX, MOST_DIFFERENCE = 15, 0.03
 """Edge length of the square over which an albedo without noise must be that of the samples, and how
 much it may differ, as a share."""
 
-VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
-"""Blender's names of the view transforms; all of them give sRGB, except raw, which is linear."""
+DEPTH = "Depth"
+"""Blender's name of the pass with the depth of the first sample."""
+
+BACKGROUND_M = 1e9
+"""Cycles gives a larger depth where nothing was hit."""
 
 COMBINED, SEEN_ALBEDO, SEEN_NORMAL = "Combined", "Denoising Albedo", "Denoising Normal"
 """Blender's names of the passes with radiance, and with albedo and normals for the denoiser."""
@@ -365,32 +363,3 @@ def _convolved(image: NDArray[np.float32], share: float) -> NDArray[np.float32]:
     whole = np.ascontiguousarray(image)
     filtered = cv2.sepFilter2D(whole, -1, kernel, kernel, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(filtered, dtype=np.float32)
-
-
-def to_pixels(
-    radiance: NDArray[np.float32], view_transform: ViewTransform, exposure_ev: float
-) -> NDArray[np.uint8]:
-    """Return the (H, W, 3) image that Blender would write of (H, W, 3 or 4) radiance."""
-    image = np.ascontiguousarray(radiance[..., :3])
-    if exposure_ev:
-        image = image * np.float32(2.0**exposure_ev)
-    processor = _processor(view_transform)
-    # OpenColorIO itself uses one thread per call.
-    with ThreadPoolExecutor(CORES) as pool:
-        list(pool.map(processor.applyRGB, np.array_split(image, CORES)))
-    np.clip(image, 0.0, 1.0, out=image)
-    # Rounds as Blender does.
-    return np.asarray(image * np.float32(255) + np.float32(0.5), dtype=np.uint8)
-
-
-@cache
-def _processor(view_transform: ViewTransform) -> Any:
-    """Return OpenColorIO's processor of one of Blender's view transforms."""
-    folder = bpy.utils.system_resource("DATAFILES", path="colormanagement")
-    config = PyOpenColorIO.Config.CreateFromFile(str(Path(folder) / "config.ocio"))
-    transform = PyOpenColorIO.DisplayViewTransform(
-        src=PyOpenColorIO.ROLE_SCENE_LINEAR,
-        display=config.getDefaultDisplay(),
-        view=VIEW_TRANSFORMS[view_transform],
-    )
-    return config.getProcessor(transform).getDefaultCPUProcessor()

@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from oaisys_core.backend.blender.camera import place, set_intrinsics, set_lens
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.cycles import render_scene
+from oaisys_core.backend.blender.materials.land import land_place, land_share
 from oaisys_core.backend.blender.materials.nodes import NodeTree
 from oaisys_core.backend.blender.objects.instances import ID, ids_from_floats
+from oaisys_core.backend.blender.postprocessing import BACKGROUND_M
 from oaisys_core.errors import RenderError
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.scene import PlacedCamera, Scene, TerrainMaterial, id_of_level
@@ -29,9 +31,6 @@ from oaisys_core.world.terrain_material import grain_numbers
 
 FILTER_WIDTH_PX = 0.01
 """Least width that Blender allows."""
-
-BACKGROUND_M = 1e9
-"""Cycles gives a larger depth where nothing was hit."""
 
 PER_IMAGE = 3
 """Weights per colour image."""
@@ -53,7 +52,7 @@ def reference_images(
     Raises:
         RenderError: The camera has distortion, or Blender failed.
     """
-    if any(camera.intrinsics.distortion):
+    if not camera.intrinsics.is_rectilinear:
         raise RenderError(f"{camera.name}: there is no reference for distorted images")
     passes = _passes(scene, camera)
     depth_m = passes["Depth"][..., 0].copy()
@@ -124,13 +123,23 @@ def _material(ground: TerrainMaterial) -> tuple[Any, list[Any]]:
     number = tree.add("Attribute", attribute_type="INSTANCER", attribute_name=ID)
     tree.add("OutputAOV", {"Color": number.outputs["Vector"]}, aov_name=ID)
     x0, y0, x1, y1 = ground.extent_m
-    at = tree.vector("SUBTRACT", tree.add("NewGeometry").outputs["Position"], (x0, y0, 0.0))
+    position = tree.add("NewGeometry").outputs["Position"]
+    at = tree.vector("SUBTRACT", position, (x0, y0, 0.0))
     uv = tree.vector("MULTIPLY", at, (1 / (x1 - x0), 1 / (y1 - y0), 0.0))
     images = []
     for index, name in enumerate(_weight_names(ground)):
-        images.append(_image(ground.masks[PER_IMAGE * index : PER_IMAGE * (index + 1)]))
+        part = slice(PER_IMAGE * index, PER_IMAGE * (index + 1))
+        images.append(_image(ground.masks[part]))
         texture = tree.add("TexImage", {"Vector": uv}, image=images[-1], extension="MIRROR")
-        tree.add("OutputAOV", {"Color": texture.outputs["Color"]}, aov_name=name)
+        weights = texture.outputs["Color"]
+        if ground.land is not None:
+            images.append(_image(ground.land.weights[part]))
+            place = land_place(tree, ground.land, position)
+            far = tree.add("TexImage", {"Vector": place}, image=images[-1]).outputs["Color"]
+            change = tree.vector("SUBTRACT", far, weights)
+            share = land_share(tree, ground.land, position)
+            weights = tree.vector("MULTIPLY_ADD", change, share, weights)
+        tree.add("OutputAOV", {"Color": weights}, aov_name=name)
     return material, images
 
 
@@ -139,10 +148,10 @@ def _weight_names(ground: TerrainMaterial) -> list[str]:
 
 
 def _image(masks: NDArray[np.float32]) -> Any:
-    """Return a float image of up to three (M, M) masks."""
-    size = masks.shape[1]
-    image = bpy.data.images.new("masks", size, size, float_buffer=True, is_data=True)
-    pixels = np.zeros((size, size, 4), np.float32)
+    """Return a float image of up to three (rows, columns) masks."""
+    rows, columns = masks.shape[1:]
+    image = bpy.data.images.new("masks", columns, rows, float_buffer=True, is_data=True)
+    pixels = np.zeros((rows, columns, 4), np.float32)
     pixels[..., : len(masks)] = np.moveaxis(masks, 0, -1)
     pixels[..., 3] = 1.0
     image.pixels.foreach_set(pixels.ravel())

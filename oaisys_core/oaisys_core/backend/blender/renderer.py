@@ -18,7 +18,7 @@ from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
 from oaisys_core.backend.blender.camera import (
     camera_image,
-    motion_blur,
+    moving,
     new_camera,
     pixel_angle_rad,
     place,
@@ -27,9 +27,11 @@ from oaisys_core.backend.blender.camera import (
     set_intrinsics,
     set_lens,
     set_pixel_angle,
+    shutter_motion,
 )
 from oaisys_core.backend.blender.cycles import Cycles
 from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
+from oaisys_core.backend.blender.objects.lamps import LampObjects
 from oaisys_core.backend.blender.objects.scene_geometry import SceneGeometry
 from oaisys_core.backend.blender.objects.sky import Lights
 from oaisys_core.backend.blender.postprocessing import RenderResult
@@ -48,8 +50,9 @@ from oaisys_core.backend.geometry_pass import (
 )
 from oaisys_core.backend.lidar import LidarCaster
 from oaisys_core.backend.surface import Surface, View
+from oaisys_core.environment.light import white_gains
 from oaisys_core.errors import NotReadyError
-from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar, Scene, Sky
+from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.effects import with_effects
 from oaisys_core.sensing.faults import Shot
 from oaisys_core.types import (
@@ -89,11 +92,13 @@ class BlenderBackend(Backend):
         self._cycles = Cycles()
         self._scene_geometry = SceneGeometry()
         self._lights = Lights()
+        self._lamps = LampObjects()
         self._camera = new_camera()
         self._surface: Surface | None = None
         self._memory = PoseMemory()
         self._lidars = LidarCaster()
         self._budget = TimeBudget()
+        self.exposures_ev: dict[str, float] = {}
 
     @property
     def device(self) -> str:  # type: ignore[override]
@@ -117,7 +122,7 @@ class BlenderBackend(Backend):
         self._scene_geometry.build_ground(scene)
         progress(Progress("objects", 0.5))
         self._scene_geometry.build_objects(scene)
-        self._set_sky(scene.sky)
+        self._set_light(scene)
         progress(Progress("surface", 0.7))
         self._memory.forget()
         self._lidars.forget()
@@ -131,7 +136,7 @@ class BlenderBackend(Backend):
         """See `Backend.update`."""
         surface = self._built()
         is_new_ground = self._scene_geometry.update(scene)
-        self._set_sky(scene.sky)
+        self._set_light(scene)
         if is_new_ground:
             self._budget.world_changed()
             surface.update(scene, self._scene_geometry.ground_mesh())
@@ -147,6 +152,7 @@ class BlenderBackend(Backend):
         """See `Backend.render`."""
         surface = self._built()
         self.samples_per_pixel = None
+        self.exposures_ev = {}
         if any(m in camera.modalities for camera in cameras for m in (RGB, ALBEDO)):
             yield from self._with_colors(cameras, settings, progress)
         elif frames := self._geometry(cameras, progress):
@@ -176,6 +182,7 @@ class BlenderBackend(Backend):
     def save(self, path: Path) -> None:
         """Write Blender's scene, its images packed into the file."""
         self._built()
+        self._cycles.show_last_exposure()
         bpy.ops.file.pack_all()
         bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=True)
 
@@ -237,8 +244,8 @@ class BlenderBackend(Backend):
 
     def _has_use_of_albedo(self, camera: PlacedCamera, settings: RenderSettings) -> bool:
         """Return whether colour becomes better by the ground's albedo without noise."""
-        is_sharp = camera.lens is None and not camera.shutter_share
-        is_direct = rendered_pinhole(camera.intrinsics) is camera.intrinsics
+        is_sharp = camera.lens is None and not (camera.shutter_share or camera.exposure_s)
+        is_direct = camera.intrinsics.is_rectilinear
         least, most = NOISY_SAMPLES
         is_noisy = settings.denoise and least <= settings.samples <= most
         return is_sharp and is_direct and is_noisy and self.device == "cpu"
@@ -269,7 +276,7 @@ class BlenderBackend(Backend):
         rendered = scaled_pinhole(pinhole, plan.scale)
         self._aim(camera, rendered, camera.lens)
         started_s = time.perf_counter()
-        with motion_blur(self._camera, camera.T_map_previous, camera.shutter_share):
+        with moving(self._camera, shutter_motion(camera, pinhole, rendered)):
             light = self._cycles.render_radiance(settings, plan.sampling_s)
         denoising = denoising_quality_for(settings.samples)
         if settings.time_budget_s is not None:
@@ -281,16 +288,21 @@ class BlenderBackend(Backend):
             self.samples_per_pixel = min(light.samples, self.samples_per_pixel or light.samples)
         # An image of fewer pixels, which a short time budget asks for, has no albedo of its own.
         albedo = ground.result() if ground is not None and rendered is pinhole else None
-        image = self._cycles.denoise_and_tonemap(light, settings, denoising, albedo)
+        gains = None
+        if settings.white_balance == "illuminant":
+            scene = self._built().scene
+            gains = white_gains(scene.sky, scene.lamps)
+        picture = self._cycles.denoise_and_tonemap(light, settings, denoising, albedo, gains)
+        self.exposures_ev[camera.name] = picture.exposure_ev
         self._learn(rendered, light, started_s, denoising, geometry)
-        image = camera_image(image, pinhole, camera.intrinsics)
+        image = camera_image(picture.pixels, pinhole, camera.intrinsics)
         rng = randomness.stream(settings.noise_seed, camera.name)
         return with_effects(image, settings.effects, camera.intrinsics, rng)
 
     def _albedo(
         self, camera: PlacedCamera, settings: RenderSettings, seconds: float
     ) -> NDArray[np.uint8]:
-        """Return the reflectance that a camera sees, without depth of field or motion."""
+        """Return the reflectance that a camera sees, without depth of field or motion blur."""
         pinhole = rendered_pinhole(camera.intrinsics)
         plan = self._budget.plan(_pixels(pinhole), seconds)
         self._aim(camera, pinhole, None)
@@ -299,7 +311,8 @@ class BlenderBackend(Backend):
         if sky.haze is not None:
             self._lights.set(replace(sky, haze=None))
         try:
-            image = self._cycles.render_albedo(settings, plan.sampling_s)
+            with moving(self._camera, shutter_motion(_sharp(camera), pinhole, pinhole)):
+                image = self._cycles.render_albedo(settings, plan.sampling_s)
         finally:
             if sky.haze is not None:
                 self._lights.set(sky)
@@ -336,15 +349,22 @@ class BlenderBackend(Backend):
                 )
             )
 
-    def _set_sky(self, sky: Sky) -> None:
-        if self._lights.set(sky):
+    def _set_light(self, scene: Scene) -> None:
+        is_new_sky, are_new_lamps = self._lights.set(scene.sky), self._lamps.set(scene.lamps)
+        if is_new_sky or are_new_lamps:
             self._budget.world_changed()
-        self._scene_geometry.show_plain(sky.shows_plain)
+        kinds = tuple(lamp.kind for lamp in scene.lamps)
+        self._cycles.use_lamps(kinds, has_sun=scene.sky.lamp_w_m2 > 0)
 
     def _built(self) -> Surface:
         if self._surface is None:
             raise NotReadyError("Blender has no scene: build one first")
         return self._surface
+
+
+def _sharp(camera: PlacedCamera) -> PlacedCamera:
+    """Return the camera without motion blur."""
+    return replace(camera, shutter_share=0.0, exposure_s=0.0)
 
 
 def _pixels(pinhole: PinholeIntrinsics) -> int:

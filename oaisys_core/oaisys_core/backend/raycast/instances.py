@@ -90,7 +90,7 @@ class InstanceTarget(RayTarget):
 
     def visible_pixels(self, camera: PlacedCamera) -> NDArray[np.bool_] | None:
         """See `RayTarget`."""
-        if any(camera.intrinsics.distortion):
+        if not camera.intrinsics.is_rectilinear:
             return None
         found = visible_pixels(camera, self.low_m, self.high_m)
         if found is None or np.count_nonzero(found) > MAX_VISIBLE_SHARE * found.size:

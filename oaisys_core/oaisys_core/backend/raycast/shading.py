@@ -7,18 +7,21 @@ from math import pi
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.backend.raycast.lamp_light import lamp_irradiance_w_m2
 from oaisys_core.backend.surface import InstanceTable, View
-from oaisys_core.color import encoded, linear
-from oaisys_core.environment.light import veil_radiance
+from oaisys_core.color import linear
+from oaisys_core.environment.light import (
+    LUMINANCE,
+    gradient_irradiance_w_m2,
+    sky_irradiance_w_m2,
+    veil_radiance,
+)
 from oaisys_core.scene import MeshPrototype, PbrMaps, Scene
-from oaisys_core.sky import Haze, Sky, texels_at
+from oaisys_core.sky import Haze, Sky, gradient_radiance, texels_at
 from oaisys_core.types import FloatArray
 
 LEAST_UP = 1e-4
 """Least upward component of a ray, which bounds its way through the haze layer."""
-
-SKY_IRRADIANCE_W_M2 = 1.0
-"""Irradiance of the sky, without the sun, on level ground at a sky strength of 1."""
 
 
 class Palette:
@@ -40,11 +43,18 @@ class Palette:
         """Return the (H, W, 3) linear albedo of a view, 0 where nothing was hit."""
         albedo = np.zeros_like(view.points_m)
         ground_xy_m = view.points_m[view.is_ground][:, :2]
-        albedo[view.is_ground] = self._material.weights_at(ground_xy_m) @ self._layers
+        of_ground = self._material.weights_at(ground_xy_m) @ self._layers
+        if self._material.macro is not None:
+            of_ground *= self._material.macro.factors_at(ground_xy_m)
+        albedo[view.is_ground] = of_ground
         on_object = view.instance_ids > 0
         if on_object.any():
-            albedo[on_object] = self._of_instance(view.instance_ids[on_object])
+            albedo[on_object] = self.albedo_of_objects(view.instance_ids[on_object])
         return albedo
+
+    def albedo_of_objects(self, instance_ids: NDArray[np.uint32]) -> FloatArray:
+        """Return the (..., 3) linear albedo of objects by their ids, 0 for id 0."""
+        return np.asarray(self._of_instance(instance_ids))
 
     def _mean_of(self, thing: PbrMaps | MeshPrototype) -> FloatArray:
         if id(thing) not in self._means:
@@ -53,23 +63,25 @@ class Palette:
         return self._means[id(thing)][1]
 
 
-def shaded(
-    view: View, normals: FloatArray, palette: Palette, sky: Sky, exposure_ev: float
-) -> NDArray[np.uint8]:
-    """Return the (H, W, 3) uint8 sRGB image of a view.
+def shaded(view: View, normals: FloatArray, palette: Palette, scene: Scene) -> FloatArray:
+    """Return the (H, W, 3) radiance of a view; 1 is white at 0 EV.
 
-    Radiance is albedo / π times the irradiance of sun and sky. The sky is a uniform hemisphere, of
-    which a vertical wall receives half. A radiance of 1 is white at 0 EV.
+    It is albedo / π times the irradiance of sun, sky and lamps. The sky is a uniform hemisphere, of
+    which a vertical wall receives half.
     """
+    sky = scene.sky
     sun_w_m2 = sky.lamp_w_m2 * np.maximum(normals @ np.array(sky.to_sun), 0.0)
-    sky_w_m2 = sky_irradiance_w_m2(sky) * (1 + normals[..., 2]) / 2
-    radiance = palette.albedo(view) * ((sun_w_m2 + sky_w_m2) / pi)[..., None]
-    seen = view.is_hit
+    sky_w_m2 = sky_irradiance_w_m2(sky) @ LUMINANCE * (1 + normals[..., 2]) / 2
+    albedo, seen = palette.albedo(view), view.is_hit
+    radiance = albedo * ((sun_w_m2 + sky_w_m2) / pi)[..., None]
+    if scene.lamps:
+        lamps_w_m2 = lamp_irradiance_w_m2(scene.lamps, view.points_m[seen], normals[seen])
+        radiance[seen] += albedo[seen] * lamps_w_m2 / pi
     if sky.haze is not None:
         distance_m = view.depth_m[seen] * np.linalg.norm(view.directions[seen], axis=-1)
         radiance[seen] = in_haze(radiance[seen], distance_m, sky.haze, sky)
     radiance[~seen] = sky_radiance(sky, view.directions[~seen])
-    return encoded(radiance * 2.0**exposure_ev)
+    return np.asarray(radiance)
 
 
 def prototype_color(prototype: MeshPrototype) -> FloatArray:
@@ -113,24 +125,13 @@ def _clear_radiance(sky: Sky, directions: FloatArray) -> FloatArray:
     if sky.model == "none":
         return np.zeros_like(directions)
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    share = np.sqrt(np.maximum(unit[:, 2], 0.0))[:, None]
-    gradient = sky.gradient
-    color = np.array(gradient.horizon) * (1 - share) + np.array(gradient.zenith) * share
-    angle = np.arccos(np.clip(unit @ np.array(sky.to_sun), -1.0, 1.0))
-    glow = np.exp(-angle / gradient.glow_rad)[:, None] * np.array(gradient.glow)
-    return np.asarray(sky.sky_strength * (color + glow))
-
-
-def sky_irradiance_w_m2(sky: Sky) -> float:
-    """Return the irradiance of the sky, without the sun, on level ground."""
-    if sky.hdri is not None:
-        rows = len(sky.hdri.image.radiance)
-        up = np.sin(pi * (0.5 - (np.arange(rows // 2) + 0.5) / rows))
-        mean = sky.hdri.image.radiance[: rows // 2].mean(axis=(1, 2), dtype=np.float64)
-        cos_elevation = np.sqrt(1 - up**2)
-        # Integrates over the azimuth (2 pi) and over elevation in steps of pi / rows.
-        return float(2 * pi**2 / rows * (mean * up * cos_elevation).sum() * sky.hdri.strength)
-    return SKY_IRRADIANCE_W_M2 * sky.sky_strength * (sky.model != "none")
+    radiance = gradient_radiance(sky.gradient, unit, np.array(sky.to_sun))
+    if sky.model == "plain":
+        return radiance * sky.sky_strength
+    # The default colours, as bright as the atmosphere.
+    shown_w_m2 = np.array(gradient_irradiance_w_m2(sky.gradient, sky.sun_elevation_rad))
+    brightness = (sky_irradiance_w_m2(sky) @ LUMINANCE) / (shown_w_m2 @ LUMINANCE)
+    return np.asarray(radiance * brightness)
 
 
 def in_haze(radiance: FloatArray, distance_m: FloatArray, haze: Haze, sky: Sky) -> FloatArray:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.raycast.triangles import NO_ELEMENT, RayTarget
 from oaisys_core.errors import RenderError
-from oaisys_core.geometry import invert
+from oaisys_core.geometry import invert, transform_points
 from oaisys_core.scene import Ground, HeightField, Primitive
 from oaisys_core.types import FloatArray, TriangleMesh
 
@@ -67,7 +67,7 @@ class Box:
     def intersect(self, origins_m: FloatArray, directions: FloatArray) -> FloatArray:
         """See `Solid`; by the slab method, between the three pairs of faces."""
         T_box_map = invert(self.T_map_box)
-        o = origins_m @ T_box_map[:3, :3].T + T_box_map[:3, 3]
+        o = transform_points(T_box_map, origins_m)
         d = directions @ T_box_map[:3, :3].T
         half = np.asarray(self.size_m) / 2
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -103,8 +103,19 @@ BvhBuilder = Callable[[FloatArray, NDArray[np.int32]], TriangleBvh]
 class TriangleTarget(RayTarget):
     """Triangle meshes, whose triangles count through all meshes in their order."""
 
-    def __init__(self, meshes: Sequence[TriangleMesh], builder: BvhBuilder | None = None) -> None:
-        """Prepare a BVH of ``meshes``, by Open3D without a ``builder``; missing ids count as 0."""
+    def __init__(
+        self,
+        meshes: Sequence[TriangleMesh],
+        builder: BvhBuilder | None = None,
+        origin_m: FloatArray | None = None,
+    ) -> None:
+        """Prepare a BVH of meshes.
+
+        Args:
+            meshes: The meshes; missing ids count as 0.
+            builder: Builds the BVH; None: Open3D.
+            origin_m: (3,) where float32 is most precise; None: in the middle.
+        """
         meshes = [mesh for mesh in meshes if len(mesh.triangles)]
         self._instance_ids = _instance_ids(meshes)
         self._bvh: TriangleBvh | None = None
@@ -114,7 +125,7 @@ class TriangleTarget(RayTarget):
         soup = merge_meshes([TriangleMesh(m.vertices_m, m.triangles) for m in meshes])
         low_m, high_m = soup.vertices_m.min(axis=0), soup.vertices_m.max(axis=0)
         self.top_m = float(high_m[2])
-        self._origin_m: FloatArray = (low_m + high_m) / 2
+        self._origin_m: FloatArray = (low_m + high_m) / 2 if origin_m is None else origin_m
         self._local_m = soup.vertices_m - self._origin_m
         self._triangles = soup.triangles
         self._bvh = (builder or Open3DBvh)(self._local_m, self._triangles)

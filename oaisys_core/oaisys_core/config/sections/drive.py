@@ -99,6 +99,32 @@ AnyVehicle = Annotated[
 ]
 
 
+class OdometryDriftConfig(Section):
+    """Errors of ``odometry`` that grow with the way; by default none. Ground truth has none.
+
+    After a way of s metres, the errors of x, y, z and of the rotations about ``map``'s axes are
+    normal and independent. Their standard deviations are those below times the square root of s, as
+    those of random walks.
+
+    Attributes:
+        position_m_per_sqrt_m: Standard deviation of the position's error after 1 m, on each axis.
+        rotation_deg_per_sqrt_m: The same of the orientation, about each axis.
+        scale_error: Share by which distances from the start are too long, as with wheels that are
+            smaller than assumed; negative: too short.
+        seed: Seed of the errors, used together with that of the world.
+    """
+
+    position_m_per_sqrt_m: float = Field(default=0.0, ge=0, le=100)
+    rotation_deg_per_sqrt_m: float = Field(default=0.0, ge=0, le=90)
+    scale_error: float = Field(default=0.0, gt=-1, le=1)
+    seed: int = Field(default=0, ge=0, lt=2**63)
+
+    @property
+    def active(self) -> bool:
+        """Whether there is any error."""
+        return any((self.position_m_per_sqrt_m, self.rotation_deg_per_sqrt_m, self.scale_error))
+
+
 class DriveConfig(Section):
     """A timed drive, for ``oaisys drive``.
 
@@ -112,6 +138,7 @@ class DriveConfig(Section):
         gravity: ``earth``, ``moon``, ``mars``, or a number in m/s^2; IMUs measure it, and a drone
             tilts against it.
         odometry_rate_hz: Rate of ground truth and odometry.
+        odometry_drift: Errors of odometry.
     """
 
     vehicle: AnyVehicle = RoverConfig()
@@ -120,6 +147,7 @@ class DriveConfig(Section):
     duration_s: Positive | None = None
     gravity: Gravity = "earth"
     odometry_rate_hz: float = Field(default=50.0, gt=0, le=10_000)
+    odometry_drift: OdometryDriftConfig = OdometryDriftConfig()
 
     @property
     def gravity_m_s2(self) -> float:

@@ -1,4 +1,4 @@
-"""Configuration of sun, sky and air.
+"""Configuration of sun, sky, air and lamps.
 
 Lengths are in metres, angles in degrees. A range is ``[least, most]`` or a single number for both;
 its value is drawn for each batch, or every few samples.
@@ -21,6 +21,7 @@ from oaisys_core.config.section import (
     SemanticId,
     Within,
 )
+from oaisys_core.config.sections.lamps import MAX_LAMPS, LampConfig, LampName
 from oaisys_core.config.sections.materials import LabelImageConfig
 from oaisys_core.sky import SkyModel
 
@@ -129,7 +130,8 @@ class HazeConfig(Section):
     """Dust or haze between the camera and the scene; it changes colour only.
 
     Attributes:
-        visibility_m: Distance at which contrast falls to 2 % (Koschmieder's visual range).
+        visibility_m: Distance at which contrast falls to 2 % (Koschmieder's visual range). The
+            default is a clear day in the country; a city's haze is at 5 km.
         angstrom_exponent: Dependence of the extinction on the wavelength: 0 for coarse dust, 1.3
             for smoke and haze, 4 for clean air.
         thickness_m: Thickness of the layer below the sky overhead; None for a tenth of the
@@ -137,7 +139,7 @@ class HazeConfig(Section):
         color_srgb: Colour of the haze; it is as bright as the sky at the horizon.
     """
 
-    visibility_m: Annotated[Range, Within(1.0, 1e6)]
+    visibility_m: Annotated[Range, Within(1.0, 1e6)] = (23_000.0, 23_000.0)
     angstrom_exponent: Annotated[Range, Within(0.0, 4.0)] = (0.0, 0.0)
     thickness_m: NotNegative | None = None
     color_srgb: ColorSrgb = (1.0, 1.0, 1.0)
@@ -161,7 +163,7 @@ class EffectConfig(BaseModel):
 
 
 class EnvironmentConfig(Section):
-    """Sun, sky and air.
+    """Sun, sky, air and lamps.
 
     Attributes:
         sun_elevation_deg: Elevation of the sun's centre above the horizon.
@@ -174,16 +176,22 @@ class EnvironmentConfig(Section):
         sky_strength: Factor on the sky's radiance.
         air, dust, ozone: Densities of the atmosphere; 1 is a clear day on Earth.
         altitude_m: Height above sea level from which the atmosphere is seen.
+        optical_depth: Optical depth of dust under a plain sky, as on Mars, towards the zenith.
+            ``sun_strength_w_m2`` is then the irradiance above the dust, which lets a part of it
+            through and scatters the rest: the sky is as bright as a two-stream model says. 0.3 to
+            0.6 are clear days on Mars, 2 is a dust storm. None leaves sun and sky as they are.
         hdri: Images that replace the sky.
         haze: Dust or haze in the air.
+        lamps: Lamps in the world and on the rig, by name.
         sky_semantic_id: Id of pixels that hit nothing; 0 leaves them unlabelled.
         sky_label: Name of this label.
         sky_levels: Labels of the sky on the levels from 1 on.
         ground_beyond: Whether the ground continues beyond the stage to the horizon, in colour,
-            depth and labels; not with an HDRI. Meshes and height queries end at the stage.
-        ground_beyond_label: Label of the ground beyond the stage, and of pixels below the horizon
-            that hit nothing. None uses that of the ground's material, mirrored at the edges of the
-            stage, and that of the sky.
+            depth, labels and, if it is land, heights; not with an HDRI. Meshes end at the stage,
+            and cameras must stay on it. See ``stage.surroundings``.
+        ground_beyond_label: Label of the ground beyond the stage and, where that is not land, of
+            pixels below the horizon that hit nothing. None uses that of the ground's material,
+            mirrored at the edges of the stage, and that of the sky.
         effects: Effects of other packages, applied in this order.
         redraw: Whether values are drawn once per batch, or again for samples.
         step_interval: Samples between draws, with ``redraw: sample``.
@@ -201,8 +209,10 @@ class EnvironmentConfig(Section):
     dust: Density = (1.0, 1.0)
     ozone: Density = (1.0, 1.0)
     altitude_m: Annotated[Range, Within(0.0, 60000.0)] = (0.0, 0.0)
+    optical_depth: Density | None = None
     hdri: HdriConfig | None = None
     haze: HazeConfig | None = None
+    lamps: dict[LampName, LampConfig] = Field(default_factory=dict, max_length=MAX_LAMPS)
     sky_semantic_id: SemanticId = 0
     sky_label: str = Field(default="sky", min_length=1)
     sky_levels: tuple[LabelConfig, ...] = Field(default=(), max_length=MAX_LEVELS - 1)
@@ -211,6 +221,14 @@ class EnvironmentConfig(Section):
     effects: tuple[EffectConfig, ...] = ()
     redraw: Literal["batch", "sample"] = "batch"
     step_interval: int = Field(default=1, ge=1)
+
+    @model_validator(mode="after")
+    def _dust_has_a_plain_sky(self) -> EnvironmentConfig:
+        if self.optical_depth is not None and self.sky.model != "plain":
+            raise ValueError(
+                f"optical_depth: expected sky.model plain with it, received {self.sky.model}"
+            )
+        return self
 
     @property
     def sky_labels(self) -> Labelled:

@@ -99,6 +99,8 @@ class TrajectoryConfig(Section):
         closed: Whether the path returns to its start; otherwise the mover stops at the last point.
         smooth: Whether the path is a spline through the points instead of straight lines.
         step_m: Distance along the path from one sample to the next.
+        speed_m_s: Speed in timed drives, where it replaces ``step_m``; null moves by samples there,
+            too.
         start_m: Distance along the path at the start of the batch.
         csv: CSV file in the format of ``poses.csv``. The first row is the pose at the start of the
             batch, each sample uses the next one. After the last row the mover stops, or starts
@@ -109,6 +111,7 @@ class TrajectoryConfig(Section):
     closed: bool = False
     smooth: bool = False
     step_m: float = Field(default=0.5, ge=0)
+    speed_m_s: float | None = Field(default=None, ge=0, le=1000)
     start_m: float = Field(default=0.0, ge=0)
     csv: ConfigFile | None = None
 
@@ -118,6 +121,8 @@ class TrajectoryConfig(Section):
             raise ValueError("expected at least two waypoints_m, or a csv file")
         if self.csv is not None and self.waypoints_m:
             raise ValueError("expected either waypoints_m or a csv file, not both")
+        if self.csv is not None and self.speed_m_s is not None:
+            raise ValueError("speed_m_s needs waypoints_m: a csv file has a pose for each sample")
         points = [*self.waypoints_m, *(self.waypoints_m[:1] if self.closed else ())]
         if any(a == b for a, b in pairwise(points)):
             raise ValueError("two waypoints_m in a row are the same")

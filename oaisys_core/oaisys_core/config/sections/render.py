@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from oaisys_core.config.section import Positive, Section
 from oaisys_core.types import expected_modality, modality_spec
@@ -68,6 +68,35 @@ class EffectsConfig(Section):
     sensor_noise: SensorNoiseConfig | None = None
 
 
+class AutoExposureConfig(Section):
+    """Automatic exposure of colour images, where ``exposure_ev`` is None.
+
+    Each image is metered by itself: the mean luminance of ground and objects becomes ``target``.
+    The sky counts little, and only ``bright_share`` of the image may be brighter than white.
+
+    Attributes:
+        target: Linear value of the mean luminance before the view transform. The default is shown
+            as about 128 of 255, half a stop above mid-grey (0.18).
+        compensation_ev: Stops that are added to the metered exposure.
+        min_ev, max_ev: Limits in stops, as of ``exposure_ev``. At the default upper limit, a camera
+            that needs 0.5 ms at noon exposes for 33 ms with a gain of 12 dB; nights stay dark.
+        bright_share: Share of the image that may be brighter than white; it darkens an image by at
+            most 2 stops.
+    """
+
+    target: Annotated[float, Field(gt=0, le=1)] = 0.25
+    compensation_ev: float = Field(default=0.0, ge=-10, le=10)
+    min_ev: float = Field(default=-6.0, ge=-20, le=20)
+    max_ev: float = Field(default=8.0, ge=-20, le=20)
+    bright_share: Share = 0.02
+
+    @model_validator(mode="after")
+    def _limits_in_order(self) -> AutoExposureConfig:
+        if self.min_ev > self.max_ev:
+            raise ValueError(f"expected min_ev {self.min_ev:g} below max_ev {self.max_ev:g}")
+        return self
+
+
 class RenderConfig(Section):
     """Rendering of colour images; depth and labels are exact at every quality.
 
@@ -85,12 +114,25 @@ class RenderConfig(Section):
         device: Device on which Blender renders. ``auto`` uses a GPU if there is one. If a device is
             not available, the CPU is used and the log has a warning. The provenance of a sample
             names the device that was used. The analytic backend always uses the CPU.
-        exposure_ev: Exposure in stops.
+        exposure_ev: Fixed exposure in stops; None meters each colour image, see
+            ``auto_exposure``. The provenance of a sample has the exposure of each camera.
+        auto_exposure: How colour images are metered.
+        white_balance: ``daylight`` shows white sunlight as white, as a camera set to daylight:
+            close to neutral at noon on Earth, warm at a low sun, butterscotch on Mars.
+            ``illuminant`` is neutral under the world's own light: a grey card on level ground is
+            grey under its sun and sky, on Earth at any hour and on Mars; at night and under a sky
+            image, under its sky and lamps.
         view_transform: Conversion from radiance to pixel values. ``agx`` and ``filmic`` compress
             highlights like film; ``standard`` clips radiance at white and encodes it as sRGB, so
             that linear values are proportional to light; ``raw`` is the same without the encoding.
             The analytic backend always uses ``standard``.
         passes: Modalities to render, out of those of the sensors; None for all.
+        camera_look: Preset of ``effects``, each of which replaces that of the preset.
+            ``clean`` has none. ``machine_vision`` is an industrial camera with a small lens:
+            vignetting 0.6, chromatic aberration 0.0004, and the noise of a sensor with a full well
+            of 10,500 and a read noise of 2.5 electrons. ``mars_mastcam_like`` is a science camera
+            behind a dusty window: vignetting 0.3, bloom (threshold 0.85, radius 6 px, strength
+            0.15), 26,000 and 18 electrons (after Bell et al. 2017).
         effects: Effects of lens and sensor on colour.
     """
 
@@ -100,7 +142,10 @@ class RenderConfig(Section):
     max_bounces: Annotated[int, Field(ge=0, le=64)] | None = None
     time_budget_s: Positive | None = None
     device: Literal["auto", "cpu", "cuda", "optix", "hip", "oneapi", "metal"] = "auto"
-    exposure_ev: float = Field(default=0.0, ge=-20, le=20)
+    exposure_ev: float | None = Field(default=None, ge=-20, le=20)
+    auto_exposure: AutoExposureConfig = AutoExposureConfig()
     view_transform: Literal["agx", "filmic", "standard", "raw"] = "agx"
+    white_balance: Literal["daylight", "illuminant"] = "daylight"
     passes: tuple[Annotated[str, AfterValidator(_is_modality)], ...] | None = None
+    camera_look: Literal["clean", "machine_vision", "mars_mastcam_like"] = "clean"
     effects: EffectsConfig = EffectsConfig()

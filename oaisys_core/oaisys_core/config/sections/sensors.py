@@ -14,7 +14,16 @@ from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.motion import AnyMotion, GivenMotion
 from oaisys_core.errors import one_of
-from oaisys_core.types import MAX_IMAGE_PX, PinholeIntrinsics, expected_modality, modality_spec
+from oaisys_core.types import (
+    DISPARITY,
+    EQUIDISTANT,
+    FLOW,
+    MAX_IMAGE_PX,
+    PLUMB_BOB,
+    PinholeIntrinsics,
+    expected_modality,
+    modality_spec,
+)
 
 MAX_IMAGE_SIDE_PX = 16384
 
@@ -51,6 +60,22 @@ class DistortionConfig(Section):
     p1: Coefficient = 0.0
     p2: Coefficient = 0.0
     k3: Coefficient = 0.0
+
+
+class FisheyeConfig(Section):
+    """A fisheye lens as in OpenCV's ``fisheye`` and ROS's ``equidistant`` (Kannala-Brandt).
+
+    A direction at the angle a off the axis is imaged a * (1 + k1 a^2 + k2 a^4 + k3 a^6 + k4 a^8)
+    focal lengths from the principal point. Without coefficients, the lens is equidistant.
+
+    Attributes:
+        k1, k2, k3, k4: Coefficients.
+    """
+
+    k1: Coefficient = 0.0
+    k2: Coefficient = 0.0
+    k3: Coefficient = 0.0
+    k4: Coefficient = 0.0
 
 
 class LensConfig(Section):
@@ -108,18 +133,26 @@ class CameraConfig(OpticsConfig):
     Attributes:
         name: Name of the sensor, its folder and its topics.
         width_px, height_px: Image size.
+        fisheye: Lens of a fisheye camera, whose depth images have ranges along the rays; None for
+            a pinhole camera. Every pixel has a ray, at most 180 degrees off the axis.
         mount_position_m, mount_quat_xyzw: Pose of the camera's link (x forward) in ``base_link``.
-        modalities: Modalities that it renders.
+        modalities: Modalities that it renders; ``disparity`` is for stereo pairs.
         step_interval: Samples from one image to the next.
         step_offset: Samples before the first image.
         modality_intervals: For modalities that it renders less often, the number of its images
             from one to the next.
         rate_hz: Images per second of a timed drive.
+        readout_s: Time from the first row's exposure to the last row's (rolling shutter); each row
+            of depth, labels and colour is seen from the camera's pose at the row's own time. 0:
+            all rows at once (global shutter).
+        exposure_s: Time for which each row is exposed; colour is blurred by the camera's motion
+            meanwhile. 0: no motion blur by time.
     """
 
     name: FrameName = "camera"
     width_px: int = Field(default=640, ge=1, le=MAX_IMAGE_SIDE_PX)
     height_px: int = Field(default=480, ge=1, le=MAX_IMAGE_SIDE_PX)
+    fisheye: FisheyeConfig | None = None
     mount_position_m: Position = (0.0, 0.0, 0.0)
     mount_quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     modalities: tuple[Modality, ...] = Field(
@@ -129,11 +162,16 @@ class CameraConfig(OpticsConfig):
     step_offset: int = Field(default=0, ge=0)
     modality_intervals: dict[Modality, Annotated[int, Field(ge=1)]] = Field(default_factory=dict)
     rate_hz: float = Field(default=10.0, gt=0, le=10_000)
+    readout_s: float = Field(default=0.0, ge=0, le=10)
+    exposure_s: float = Field(default=0.0, ge=0, le=10)
 
     @property
     def intrinsics(self) -> PinholeIntrinsics:
         """The intrinsics of the camera."""
-        d = self.distortion
+        d, fisheye = self.distortion, self.fisheye
+        distortion: tuple[float, ...] = () if d is None else (d.k1, d.k2, d.p1, d.p2, d.k3)
+        if fisheye is not None:
+            distortion = (fisheye.k1, fisheye.k2, fisheye.k3, fisheye.k4)
         return PinholeIntrinsics(
             width_px=self.width_px,
             height_px=self.height_px,
@@ -141,7 +179,8 @@ class CameraConfig(OpticsConfig):
             fy_px=self.fy_px,
             cx_px=(self.width_px - 1) / 2 if self.cx_px is None else self.cx_px,
             cy_px=(self.height_px - 1) / 2 if self.cy_px is None else self.cy_px,
-            distortion=() if d is None else (d.k1, d.k2, d.p1, d.p2, d.k3),
+            distortion=distortion,
+            distortion_model=PLUMB_BOB if fisheye is None else EQUIDISTANT,
         )
 
     @model_validator(mode="after")
@@ -175,9 +214,39 @@ class CameraConfig(OpticsConfig):
     @model_validator(mode="after")
     def _invertible(self) -> CameraConfig:
         if not geometry.is_invertible(self.intrinsics):
+            name = "distortion" if self.fisheye is None else "fisheye"
             raise ValueError(
-                "distortion is not invertible: several directions, or none, map to one pixel"
+                f"{name} is not invertible: several directions, or none, map to one pixel"
             )
+        return self
+
+    @model_validator(mode="after")
+    def _of_one_model(self) -> CameraConfig:
+        if self.fisheye is None:
+            return self
+        for name in ("distortion", "lens"):
+            if getattr(self, name) is not None:
+                raise ValueError(f"{name} must be null with fisheye, which is a lens of its own")
+        camera = self.intrinsics
+        inside = 0 <= camera.cx_px < camera.width_px and 0 <= camera.cy_px < camera.height_px
+        if not inside:
+            raise ValueError("cx_px, cy_px must be inside the image of a fisheye")
+        return self
+
+    @model_validator(mode="after")
+    def _of_one_shutter(self) -> CameraConfig:
+        if self.shutter_share and (self.readout_s or self.exposure_s):
+            raise ValueError("shutter_share must be 0 with readout_s or exposure_s")
+        if self.readout_s and self.distortion is not None:
+            raise ValueError("readout_s must be 0 with distortion")
+        if self.readout_s and FLOW in self.modalities:
+            raise ValueError("readout_s must be 0 with flow, which is between two poses")
+        return self
+
+    @model_validator(mode="after")
+    def _rectified(self) -> CameraConfig:
+        if DISPARITY in self.modalities and not self.intrinsics.is_rectilinear:
+            raise ValueError("disparity needs a camera without distortion and without fisheye")
         return self
 
 
@@ -262,6 +331,9 @@ class SensorsConfig(Section):
         names = [camera.name for camera in self.all_cameras]
         if not names:
             raise ValueError("there must be a camera or a stereo pair")
+        for camera in self.cameras:
+            if DISPARITY in camera.modalities:
+                raise ValueError(f"{camera.name} renders disparity, which needs a pair in stereo")
         if len(set(names)) != len(names):
             raise ValueError("cameras and the cameras of stereo pairs must have different names")
         everything = [*names, *(lidar.name for lidar in self.lidars)]

@@ -13,6 +13,12 @@ from pydantic import Field, StringConstraints, model_validator
 from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import MOST_M, Positive, Section, Vector3
 
+Body = Literal["earth", "moon", "mars"] | Annotated[float, Field(ge=1e3, le=1e9)]
+"""A body, or its radius in metres."""
+
+RADIUS_M = {"earth": 6.371e6, "moon": 1.7374e6, "mars": 3.3895e6}
+"""Mean radii."""
+
 StageName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,127}$")]
 """A name that cannot be a path."""
 
@@ -104,6 +110,11 @@ class StageConfig(Section):
         roughness: Factor on the fine relief; 0 is smooth, 1 is the default of the preset.
         dem: Digital elevation model, instead of a preset.
         mesh: Mesh from a file, instead of a preset.
+        surroundings: What the ground beyond the stage is: ``land`` with relief as on the stage and
+            larger forms behind, up to the horizon, or ``plain``, to which the stage slopes down.
+            Exactly flat ground has a plain around it. See also ``environment.ground_beyond``.
+        body: Whose curvature the land beyond the stage has: ``earth``, ``moon``, ``mars``, or the
+            radius of another body in metres.
         detail: Finer ground around the cameras; None for no refinement.
         store: Folder in which the stage of each batch is stored by its hash, so that later runs can
             reuse it; relative to the working directory. None stores nothing.
@@ -118,10 +129,17 @@ class StageConfig(Section):
     roughness: float = Field(default=1.0, ge=0, le=10)
     dem: DemConfig | None = None
     mesh: StageMeshConfig | None = None
+    surroundings: Literal["land", "plain"] = "land"
+    body: Body = "earth"
     detail: DetailConfig | None = None
     store: Path | None = None
     save_as: StageName | None = None
     reuse: ReuseConfig | None = None
+
+    @property
+    def body_radius_m(self) -> float:
+        """Radius of the body."""
+        return RADIUS_M[self.body] if isinstance(self.body, str) else self.body
 
     @model_validator(mode="after")
     def _consistent(self) -> StageConfig:

@@ -86,6 +86,7 @@ def _facts(
         ("Cameras", _counted(statistics.sensors)),
         ("Image sizes", _counted(statistics.sizes)),
         ("Images", _counted(statistics.modalities)),
+        *([("Lidar scans", _counted(statistics.scans))] if statistics.scans else []),
         (
             "Rendering",
             (

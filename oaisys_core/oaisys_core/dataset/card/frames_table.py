@@ -50,16 +50,6 @@ def frames_table(dataset: Dataset) -> bytes:
     return text.getvalue().encode()
 
 
-def sun_elevation_deg(record: FrameRecord) -> float | None:
-    """Return the elevation of the sun in a frame, None if its record does not have it."""
-    return _sun(record, "sun_elevation_deg")
-
-
-def _sun(record: FrameRecord, name: str) -> float | None:
-    value = getattr(record, name)
-    return None if value is None else float(value)
-
-
 def _row(record: FrameRecord) -> dict[str, object]:
     camera = record.intrinsics
     pose = pose_from_matrix(record.T_map_camera)
@@ -73,5 +63,6 @@ def _row(record: FrameRecord) -> dict[str, object]:
         **{name: camera[name] for name in COLUMNS if name.endswith("_px")},
         **dict(zip(("x_m", "y_m", "z_m"), pose.position_m, strict=True)),
         **dict(zip(("qx", "qy", "qz", "qw"), pose.quat_xyzw, strict=True)),
-        **{name: _sun(record, name) for name in COLUMNS if name.startswith("sun_")},
+        "sun_elevation_deg": record.sun_elevation_deg,
+        "sun_azimuth_deg": record.sun_azimuth_deg,
     }

@@ -13,9 +13,11 @@ CONVENTIONS = FormatConventions(
 | `dataset.json` | configuration, seed, worlds, views, splits |
 | `shards/world_000012.tar` | images of a world, and its legend (`legend.json`) |
 | `shards/world_000012.jsonl` | a line for each frame: camera, pose, hashes, provenance |
+| `shards/world_000012.scans.jsonl` | with lidars: a line for each scan |
 | `failed/world_000013.json` | why a world could not be made |
 
-Images are lossless: PNG with 8 or 16 bits, EXR with 32-bit floats, TIFF for ids above 65535.""",
+Images are lossless: PNG with 8 or 16 bits, EXR with 32-bit floats, TIFF for ids above 65535. Points
+of lidars are PCD files, in the lidar's frame (x forward, y left, z up) at the time of each ray.""",
     reading="""\
 ```python
 from oaisys_core.dataset import open_dataset

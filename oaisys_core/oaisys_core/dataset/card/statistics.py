@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.dataset.card.frames_table import sun_elevation_deg
 from oaisys_core.dataset.formats.base import label_names
 from oaisys_core.types import DEPTH, INSTANCE, FloatArray
 
@@ -46,8 +45,9 @@ class DatasetStatistics:
         sensors: Number of frames by the sensor's name.
         sizes: Number of frames by image size, such as ``640x480``.
         modalities: Number of frames by modality.
+        scans: Number of lidar scans by the lidar's name.
         objects: Number of objects in all worlds by label.
-        seconds: Time that the workers took to render the frames.
+        seconds: Time that the workers took to render the frames and scans.
         workers: Number of workers.
         software: Versions of the programs that rendered the frames.
         class_shares: Share of all pixels by label, the largest first; "" is unlabelled.
@@ -63,6 +63,7 @@ class DatasetStatistics:
     sensors: Mapping[str, int]
     sizes: Mapping[str, int]
     modalities: Mapping[str, int]
+    scans: Mapping[str, int]
     objects: Mapping[str, int]
     seconds: float
     workers: int
@@ -92,10 +93,14 @@ def statistics_of(dataset: Dataset) -> DatasetStatistics:
         seconds += record.seconds
         workers.add(record.worker)
         software.update(record.software)
-        label_pixels.update({int(i): pixels for i, pixels in record.label_pixels.items()})
-        sun_deg = sun_elevation_deg(record)
-        if sun_deg is not None:
-            suns.append(sun_deg)
+        label_pixels.update(record.label_pixels)
+        if record.sun_elevation_deg is not None:
+            suns.append(record.sun_elevation_deg)
+    scans: Counter[str] = Counter()
+    for scan in dataset.scans:
+        scans[scan.sensor] += 1
+        seconds += scan.seconds
+        workers.add(scan.worker)
     names = label_names(dataset)
     objects = Counter(
         names.get(thing.semantic_id, "")
@@ -113,11 +118,12 @@ def statistics_of(dataset: Dataset) -> DatasetStatistics:
         sensors=sensors,
         sizes=sizes,
         modalities=modalities,
+        scans=scans,
         objects=dict(objects.most_common()),
         seconds=seconds,
         workers=len(workers),
         software=software,
-        class_shares=_class_shares(label_pixels, names),
+        class_shares=class_shares(label_pixels, names),
         sampled=len(chosen),
         objects_per_frame=pixels.objects_per_frame(),
         depth_m=pixels.depth_histogram(),
@@ -171,8 +177,8 @@ def _histogram(values: NDArray[np.float64], edges: FloatArray) -> Histogram:
     return Histogram(edges, np.histogram(values, edges)[0] / max(values.size, 1))
 
 
-def _class_shares(label_pixels: Counter[int], names: Mapping[int, str]) -> dict[str, float]:
-    """Return the share of pixels by label, the largest first."""
+def class_shares(label_pixels: Counter[int], names: Mapping[int, str]) -> dict[str, float]:
+    """Return the share of pixels by label, the largest first; "" is unlabelled."""
     total = label_pixels.total()
     return {
         names.get(label_id, f"label {label_id}" if label_id else ""): pixels / total

@@ -11,14 +11,22 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.config import config_from_mapping, config_sha256
-from oaisys_core.dataset.check.report import MOST_FINDINGS, CheckReport, Finding
-from oaisys_core.dataset.check.shard import ShardResult, check_shard
+from oaisys_core.dataset.check.manifests import DueViews, due_views
+from oaisys_core.dataset.check.report import MOST_FINDINGS, CheckReport, Finding, ShardResult
+from oaisys_core.dataset.check.shard import check_shard
 from oaisys_core.dataset.check.truth import TruthCheck, TruthResult
 from oaisys_core.dataset.manifest import DatasetInfo
 from oaisys_core.dataset.places import StoragePlace, open_place
 from oaisys_core.dataset.reader import Dataset, open_dataset
-from oaisys_core.dataset.shards import HEAD, SHARDS, failed_worlds, finished_worlds, tar_name
-from oaisys_core.errors import ConfigError, InvalidInputError, NotFoundError, OaisysError
+from oaisys_core.dataset.shards import (
+    HEAD,
+    SHARDS,
+    failed_worlds,
+    finished_worlds,
+    read_head,
+    tar_name,
+)
+from oaisys_core.errors import ConfigError, OaisysError
 from oaisys_core.verification.audit import sum_results
 
 
@@ -40,18 +48,14 @@ def check_dataset(
         InvalidInputError: There is no data set, or its head cannot be read.
     """
     place = open_place(where)
-    try:
-        info = DatasetInfo.from_json(place.read(HEAD), HEAD)
-    except NotFoundError as error:
-        expected = f"a data set, with its {HEAD}"
-        raise InvalidInputError("dataset", str(where), expected) from error
+    info = read_head(place)
     worlds = finished_worlds(place)
     rng = np.random.default_rng(seed)
     summary = _Summary(place, info)
-    summary.check_head()
+    due = summary.check_head()
     total = len(worlds) + min(worlds_rebuilt, len(worlds))
     with ThreadPoolExecutor(os.cpu_count()) as threads:
-        shards = threads.map(lambda world: check_shard(place, info, world), worlds)
+        shards = threads.map(lambda world: check_shard(place, info, due, world), worlds)
         for done, shard in enumerate(shards, start=1):
             summary.add(shard)
             on_world(done, total)
@@ -77,10 +81,16 @@ class _Summary:
         self._notes: list[str] = []
         self.sound_worlds: list[int] = []
 
-    def check_head(self) -> None:
-        """Check the head, and that each planned world is finished or has failed."""
+    def check_head(self) -> DueViews:
+        """Check the head, and that each planned world is finished or has failed.
+
+        Returns:
+            The views at which sensors are due; none if the configuration cannot be used.
+        """
+        due = DueViews({}, {})
         try:
             sha256 = config_sha256(config_from_mapping(self._info.config))
+            due = due_views(self._info)
         except ConfigError as error:
             self._found([Finding("head", HEAD, str(error))])
         else:
@@ -100,6 +110,7 @@ class _Summary:
             Finding("head", tar_name(w), "the data set has fewer worlds") for w in unexpected
         )
         self._found(Finding("shard", t, "it has no manifest") for t in tars if t not in whole)
+        return due
 
     def add(self, shard: ShardResult) -> None:
         """Add the result of a world."""
@@ -107,6 +118,7 @@ class _Summary:
         self._counts["worlds"] += 1
         self._counts["frames"] += shard.records
         self._counts["images"] += shard.images
+        self._counts["scans"] += shard.scans
         self._counts["image_bytes"] += shard.image_bytes
         if shard.splits:
             self._splits[shard.world] = min(shard.splits)
@@ -160,6 +172,8 @@ class _Summary:
             notes=tuple(self._notes),
             findings=tuple(self._findings),
             findings_total=self._findings_total,
+            scans=self._counts["scans"],
+            scan_points=self._truth.scan_points,
         )
 
     def _compare(self, truth: TruthCheck, dataset: Dataset, world: int) -> None:
@@ -172,6 +186,7 @@ class _Summary:
         self._rebuilt.append(world)
         self._found(found.findings)
         self._truth.points += found.points
+        self._truth.scan_points += found.scan_points
         self._truth.audited += found.audited
 
     def _check_seed(self, seed: int, world: int) -> None:

@@ -29,17 +29,46 @@ class Finding:
     text: str
 
 
+@dataclass
+class ShardResult:
+    """What was found in the files of a world.
+
+    Attributes:
+        splits: The splits that its frames name.
+        seeds: The seeds that its frames name.
+        prints: By frame id, a hash of all pixels of the frame.
+        records: Number of frames.
+        images, image_bytes: Number and size of their images.
+        scans: Number of lidar scans.
+    """
+
+    world: int
+    findings: list[Finding] = field(default_factory=list)
+    splits: set[str] = field(default_factory=set)
+    seeds: set[int] = field(default_factory=set)
+    prints: dict[str, bytes] = field(default_factory=dict)
+    records: int = 0
+    images: int = 0
+    image_bytes: int = 0
+    scans: int = 0
+
+    def found(self, check: str, subject: str, text: str) -> None:
+        """Add a finding."""
+        self.findings.append(Finding(check, subject, text))
+
+
 @dataclass(frozen=True)
 class CheckReport:
     """The result of a check.
 
     Attributes:
         place: The data set.
-        worlds, frames, images, image_bytes: What was checked.
+        worlds, frames, images, image_bytes, scans: What was checked.
         failed_worlds: Worlds that could not be made, which is no finding.
         splits: Number of worlds by split.
         rebuilt_worlds: Worlds that were made again to compare images with them.
         points: Random pixels that were compared with the surface of those worlds.
+        scan_points: Random points of lidar scans that were compared likewise.
         audited: Compared pixels by sensor and modality.
         notes: What could not be judged.
         findings: The first `MOST_FINDINGS` findings.
@@ -59,6 +88,8 @@ class CheckReport:
     notes: tuple[str, ...]
     findings: tuple[Finding, ...] = field(repr=False)
     findings_total: int = 0
+    scans: int = 0
+    scan_points: int = 0
 
     @property
     def passed(self) -> bool:

@@ -1,12 +1,13 @@
 """The check of images against the worlds that they show, which are made again from the manifest.
 
 The worlds are made without Blender. Depth, labels and objects are compared with the audit's
-reference; random pixels are carried to the map by depth, K and pose, and must be on the surface.
+reference; random pixels are carried to the map by depth, K and pose, and must be on the surface, as
+must random points of lidar scans.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,12 +16,16 @@ import numpy as np
 from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.config import config_from_mapping
 from oaisys_core.dataset.check.report import Finding
+from oaisys_core.dataset.check.scan_truth import ScanCheck
+from oaisys_core.dataset.check.true_surface import POSE_TOLERANCE, WorldSurface
 from oaisys_core.dataset.manifest import DatasetInfo, FrameRecord, WorldLegend
+from oaisys_core.dataset.manifest_lines import RecordT
 from oaisys_core.dataset.reader import Dataset, DatasetSample
-from oaisys_core.geometry import pixel_rays, pose_to_matrix
+from oaisys_core.dataset.scans import ScanRecord
+from oaisys_core.geometry import pixel_rays, pose_to_matrix, transform_points
 from oaisys_core.output.records import pose_from_record
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import DEPTH, FloatArray, Frame, SensorInfo, TriangleMesh
+from oaisys_core.types import DEPTH, Frame, SensorInfo, TriangleMesh
 from oaisys_core.verification.audit import AuditResult, audit_frames, sum_results
 from oaisys_core.verification.reference_scene import ReferenceScene
 from oaisys_core.world.batch import state_of
@@ -34,15 +39,6 @@ POINTS = 500
 LARGEST_WRONG_SHARE = 5e-4
 """Of audited pixels off edges, of one sensor and modality in one world."""
 
-LARGEST_STRAY_SHARE = 5e-3
-"""Of a frame's random pixels: those on tessellated solids are a little off their triangles."""
-
-POINT_TOLERANCE = 2e-4
-"""Distance of a point from the surface, relative to its distance from the camera."""
-
-POSE_TOLERANCE = 1e-6
-"""Largest difference of a number in ``T_map_camera``."""
-
 
 @dataclass
 class TruthResult:
@@ -51,6 +47,7 @@ class TruthResult:
     findings: list[Finding] = field(default_factory=list)
     audited: list[AuditResult] = field(default_factory=list)
     points: int = 0
+    scan_points: int = 0
 
 
 class TruthCheck:
@@ -70,8 +67,16 @@ class TruthCheck:
         self._simulation = Simulation(config, AnalyticBackend())
         self._rng = rng
         self._has_faults = config.sensors.faults.of_depth is not None
-        self._moves = bool(config.assets.movers)
-        self.notes = ("depth has sensor faults and is not judged",) if self._has_faults else ()
+        self._differs_by_view = bool(config.assets.movers) or config.stage.detail is not None
+        self._scans = ScanCheck(config, rng)
+        cameras = config.sensors.all_cameras
+        self._rolling = frozenset(camera.name for camera in cameras if camera.readout_s)
+        fisheyes = frozenset(camera.name for camera in cameras if camera.fisheye is not None)
+        self._unaudited = self._rolling | fisheyes
+        notes = ["depth has sensor faults and is not judged"] if self._has_faults else []
+        notes += [f"{name} has a rolling shutter: not judged" for name in sorted(self._rolling)]
+        notes += [f"{name} is a fisheye: labels are not judged" for name in sorted(fisheyes)]
+        self.notes = (*notes, *self._scans.notes)
 
     def close(self) -> None:
         """Release the simulation."""
@@ -81,22 +86,23 @@ class TruthCheck:
         """Compare the frames of a world with the world itself."""
         result = TruthResult()
         records = list(dataset.of_world(world))
+        scans = list(dataset.scans.of_world(world)) if dataset.scans.has_world(world) else []
         legend = dataset.legend(world)
         views = sorted({record.view for record in records})
         chosen = self._rng.choice(views, min(VIEWS, len(views)), replace=False)
-        mesh, geometry = None, ""
+        surface, geometry = None, ""
         for view in sorted(chosen.tolist()):
             of_view = [record for record in records if record.view == view]
             mesh = self._rebuilt(of_view[0])
-            geometry = of_view[0].provenance["metadata_json"]
+            surface, geometry = WorldSurface(mesh), of_view[0].provenance["metadata_json"]
             self._check_legend(world, legend, result)
-            self._audit_view(dataset, of_view, mesh, result)
-        rest = [r for r in records if r.view not in chosen and not self._moves]
-        same = [r for r in rest if r.provenance["metadata_json"] == geometry]
-        if mesh is not None and same:
-            surface = _Surface(mesh)
-            for record in same:
+            self._audit_view(dataset, of_view, mesh, surface, result)
+            self._check_scans(dataset, [s for s in scans if s.view == view], surface, result)
+        if surface is not None and not self._differs_by_view:
+            for record in _others(records, chosen, geometry):
                 self._check_points(dataset.sample(record, _only(record, DEPTH)), surface, result)
+            others = _others(scans, chosen, geometry)
+            self._check_scans(dataset, others, surface, result)
         self._judge(world, result)
         return result
 
@@ -110,11 +116,11 @@ class TruthCheck:
         dataset: Dataset,
         records: Sequence[FrameRecord],
         mesh: TriangleMesh,
+        surface: WorldSurface,
         result: TruthResult,
     ) -> None:
         reference = ReferenceScene(self._simulation.scene, mesh)
         sensors = {sensor.name: sensor for sensor in self._simulation.info().sensors}
-        surface = _Surface(mesh)
         for record in records:
             result.findings += _camera_faults(record, sensors)
             sample = dataset.sample(record)
@@ -123,27 +129,39 @@ class TruthCheck:
                 for modality, data in sample.arrays.items()
                 if modality != DEPTH or not self._has_faults
             ]
-            result.audited += audit_frames(frames, reference, self._rng)
+            if record.sensor not in self._unaudited:
+                result.audited += audit_frames(frames, reference, self._rng)
             self._check_points(sample, surface, result)
 
-    def _check_points(self, sample: DatasetSample, surface: _Surface, result: TruthResult) -> None:
+    def _check_points(
+        self, sample: DatasetSample, surface: WorldSurface, result: TruthResult
+    ) -> None:
         """Check that random pixels of a frame are on the surface."""
         depth_m = sample.arrays.get(DEPTH)
-        if depth_m is None or self._has_faults:
+        if depth_m is None or self._has_faults or sample.record.sensor in self._rolling:
             return
         rows, columns = np.nonzero(np.isfinite(depth_m))
         chosen = self._rng.permutation(len(rows))[:POINTS]
         rays = pixel_rays(sample.record.camera)[rows[chosen], columns[chosen]]
         in_camera_m = rays * depth_m[rows[chosen], columns[chosen], None]
-        T = sample.T_map_camera
-        away_m = surface.distance_m(in_camera_m @ T[:3, :3].T + T[:3, 3])
-        tolerance_m = POINT_TOLERANCE * np.linalg.norm(in_camera_m, axis=1)
-        judged = ~np.isnan(away_m)
-        stray = int((away_m > tolerance_m)[judged].sum())
-        result.points += int(judged.sum())
-        if stray > LARGEST_STRAY_SHARE * judged.sum():
-            text = f"{stray} of {judged.sum()} random pixels are not on the surface of the world"
+        points_m = transform_points(sample.T_map_camera, in_camera_m)
+        judged, stray = surface.stray(points_m, np.linalg.norm(in_camera_m, axis=1))
+        result.points += judged
+        if surface.is_wrong(judged, stray):
+            text = f"{stray} of {judged} random pixels are not on the surface of the world"
             result.findings.append(Finding("surface", sample.record.frame_id, text))
+
+    def _check_scans(
+        self,
+        dataset: Dataset,
+        scans: Sequence[ScanRecord],
+        surface: WorldSurface,
+        result: TruthResult,
+    ) -> None:
+        for scan in scans:
+            judged, findings = self._scans.check(dataset, scan, surface)
+            result.scan_points += judged
+            result.findings += findings
 
     def _check_legend(self, world: int, legend: WorldLegend, result: TruthResult) -> None:
         for label_id, label in self._simulation.info().semantic_labels.items():
@@ -164,25 +182,12 @@ class TruthCheck:
                 result.findings.append(Finding(check, subject, text))
 
 
-class _Surface:
-    """The surface of a world, on which points lie."""
-
-    def __init__(self, mesh: TriangleMesh) -> None:
-        import open3d as o3d
-
-        from oaisys_core.backend.raycast.triangles import open3d_scene
-
-        self._scene = open3d_scene(mesh.vertices_m, mesh.triangles)
-        self._tensor = o3d.core.Tensor
-        self._low_m, self._high_m = mesh.vertices_m.min(axis=0), mesh.vertices_m.max(axis=0)
-
-    def distance_m(self, points_m: FloatArray) -> FloatArray:
-        """Return (N,) distances of (N, 3) points; NaN beyond the stage, where no triangles are."""
-        query = self._tensor(points_m.astype(np.float32))
-        away_m = self._scene.compute_distance(query).numpy().astype(np.float64)
-        inside = (points_m[:, :2] > self._low_m[:2]) & (points_m[:, :2] < self._high_m[:2])
-        away_m[~inside.all(axis=1)] = np.nan
-        return np.asarray(away_m)
+def _others(
+    records: Sequence[RecordT], chosen: Collection[int], metadata_json: str
+) -> list[RecordT]:
+    """Return the records of other views than the chosen ones, in the same state of the world."""
+    others = [record for record in records if record.view not in chosen]
+    return [each for each in others if each.provenance["metadata_json"] == metadata_json]
 
 
 def _camera_faults(record: FrameRecord, sensors: dict[str, SensorInfo]) -> Iterator[Finding]:

@@ -19,6 +19,9 @@ from oaisys_core.errors import ConfigError, InvalidInputError, one_of
 if TYPE_CHECKING:
     from oaisys_core.dataset.reader import Dataset, DatasetSample
 
+LEFT_OUT_SCANS = "lidar scans, left out"
+"""Name of the count of scans that a format does not write."""
+
 
 @dataclass(frozen=True)
 class FormatConventions:
@@ -101,13 +104,18 @@ class DatasetFormat(ABC):
         name: Name of the format, that of its entry point.
         modalities: Images without which the format has no content.
         settings: What each setting means, by name.
+        writes_scans: Whether it writes lidar scans; otherwise README.md counts them as left out.
         conventions: What README.md says about an export.
+        has_fisheye: Whether it can describe fisheye cameras; data sets with them are refused
+            otherwise.
     """
 
     name: ClassVar[str]
     modalities: ClassVar[tuple[str, ...]] = ()
     settings: ClassVar[Mapping[str, str]] = {}
+    writes_scans: ClassVar[bool] = False
     conventions: ClassVar[FormatConventions]
+    has_fisheye: ClassVar[bool] = False
 
     @abstractmethod
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
@@ -148,19 +156,6 @@ def format_named(name: str) -> DatasetFormat:
 def modality_names(dataset: Dataset) -> list[str]:
     """Return the modalities that any frame has, sorted."""
     return sorted({modality for record in dataset.records for modality in record.images})
-
-
-def views(dataset: Dataset) -> Iterator[list[DatasetSample]]:
-    """Yield the samples of each view of each world together: one for each of its sensors."""
-    view: list[DatasetSample] = []
-    for sample in dataset.stream():
-        place = (sample.record.world, sample.record.view)
-        if view and place != (view[0].record.world, view[0].record.view):
-            yield view
-            view = []
-        view.append(sample)
-    if view:
-        yield view
 
 
 def complete_samples(

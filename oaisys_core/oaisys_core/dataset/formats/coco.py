@@ -69,6 +69,7 @@ class CocoFormat(DatasetFormat):
     name = "coco"
     modalities = (RGB, SEMANTIC_0, INSTANCE)
     conventions = CONVENTIONS
+    has_fisheye = True
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""

@@ -12,11 +12,10 @@ from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, Forma
 from oaisys_core.dataset.formats.colmap_model import ColmapImage, ColmapModel, write_model
 from oaisys_core.dataset.formats.depth_points import POINTS_PER_VIEW, world_points
 from oaisys_core.dataset.formats.sequences import (
-    camera_sequences,
-    colored_frames,
-    world_name,
+    colored_worlds,
     write_file,
 )
+from oaisys_core.dataset.manifest import world_name
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.types import DEPTH, RGB
 
@@ -34,7 +33,8 @@ CONVENTIONS = FormatConventions(
 | `sparse/0/cameras.bin`, `images.bin`, `points3D.bin` | the model; text files with \
 `model=text` |
 
-* Cameras are PINHOLE, OPENCV (`k1 k2 p1 p2`) or, with a third radial coefficient, FULL_OPENCV.
+* Cameras are PINHOLE, OPENCV (`k1 k2 p1 p2`) or, with a third radial coefficient, FULL_OPENCV; \
+fisheyes are OPENCV_FISHEYE (`k1 k2 k3 k4`).
 * Points are drawn from the depth of every view and observed in each view that sees them: they \
 are the true surface, not a reconstruction. Their error is 0.""",
     reading="""\
@@ -65,6 +65,7 @@ class ColmapFormat(DatasetFormat):
         }
     )
     conventions = CONVENTIONS
+    has_fisheye = True
 
     def write(self, dataset: Dataset, target: Path, options: ExportOptions) -> Mapping[str, int]:
         """See `DatasetFormat.write`."""
@@ -73,11 +74,8 @@ class ColmapFormat(DatasetFormat):
             raise InvalidInputError("settings.model", kind, "binary or text")
         points_per_view = int(options.number("points_per_view", POINTS_PER_VIEW, least=1))
         counts: Counter[str] = Counter()
-        for world, cameras in camera_sequences(dataset.records):
+        for world, frames in colored_worlds(dataset.records):
             folder = target / world_name(world)
-            frames = colored_frames(cameras)
-            if not frames:
-                continue
             for record in frames:
                 write_file(folder / "images" / _image_name(record), dataset.files(record)[RGB])
                 counts["frames"] += 1

@@ -24,7 +24,7 @@ from oaisys_core.types import FloatArray, PinholeIntrinsics
 PIXEL_CENTRE_PX = 0.5
 """Place of the first pixel's centre in COLMAP's (and nerfstudio's) images."""
 
-MODEL_IDS = {"PINHOLE": 1, "OPENCV": 4, "FULL_OPENCV": 6}
+MODEL_IDS = {"PINHOLE": 1, "OPENCV": 4, "OPENCV_FISHEYE": 5, "FULL_OPENCV": 6}
 ERROR_PX = 0.0
 """Reprojection error of every point: it is the true surface."""
 
@@ -52,7 +52,9 @@ def camera_model(intrinsics: PinholeIntrinsics) -> tuple[str, list[float]]:
     """Return name and parameters of COLMAP's model for a camera."""
     centre = (intrinsics.cx_px + PIXEL_CENTRE_PX, intrinsics.cy_px + PIXEL_CENTRE_PX)
     parameters = [intrinsics.fx_px, intrinsics.fy_px, *centre]
-    if not any(intrinsics.distortion):
+    if intrinsics.is_fisheye:
+        return "OPENCV_FISHEYE", [*parameters, *(intrinsics.distortion or (0.0,) * 4)]
+    if intrinsics.is_rectilinear:
         return "PINHOLE", parameters
     k1, k2, p1, p2, k3 = intrinsics.distortion
     if k3 == 0:

@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.geometry import invert, pixel_rays, project
+from oaisys_core.geometry import (
+    depth_along_ray_m,
+    invert,
+    pixel_rays,
+    project,
+    transform_points,
+)
 from oaisys_core.types import DEPTH, RGB, FloatArray, PinholeIntrinsics
 
 if TYPE_CHECKING:
@@ -37,7 +43,7 @@ class DepthView(NamedTuple):
     """One view of the world.
 
     Attributes:
-        depth_m: Returns the (H, W) planar depth, ``+inf`` where nothing was hit.
+        depth_m: Returns the (H, W) depth, ``+inf`` where nothing was hit.
         rgb: Returns the (H, W, 3) colours.
     """
 
@@ -117,16 +123,15 @@ def _drawn_points(view: DepthView, count: int, rng: np.random.Generator) -> _Dra
     rows, columns = np.unravel_index(chosen, depth_m.shape)
     z_m = depth_m[rows, columns].astype(np.float64)
     in_camera_m = pixel_rays(view.intrinsics)[rows, columns] * z_m[:, None]
-    rotation, position_m = view.T_map_camera[:3, :3], view.T_map_camera[:3, 3]
     pixels = np.column_stack((columns, rows)).astype(np.float64)
-    return _Drawn(in_camera_m @ rotation.T + position_m, view.rgb()[rows, columns], pixels)
+    points_m = transform_points(view.T_map_camera, in_camera_m)
+    return _Drawn(points_m, view.rgb()[rows, columns], pixels)
 
 
 def _visible(view: DepthView, points_m: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
     """Return the rows of points that a view sees, and their pixels."""
-    T_camera_map = invert(view.T_map_camera)
-    in_camera_m = points_m @ T_camera_map[:3, :3].T + T_camera_map[:3, 3]
-    rows = np.flatnonzero(in_camera_m[:, 2] > 0)
+    in_camera_m = transform_points(invert(view.T_map_camera), points_m)
+    rows = np.flatnonzero(depth_along_ray_m(in_camera_m, view.intrinsics) > 0)
     pixels = project(in_camera_m[rows], view.intrinsics)
     width, height = view.intrinsics.width_px, view.intrinsics.height_px
     inside = ((pixels >= 0) & (pixels <= (width - 1, height - 1))).all(axis=1)
@@ -142,10 +147,10 @@ def _agrees(view: DepthView, in_camera_m: FloatArray, pixels: FloatArray) -> NDA
     right = np.minimum(left + 1, depth_m.shape[1] - 1)
     down = np.minimum(up + 1, depth_m.shape[0] - 1)
     corners = np.stack([depth_m[v, u] for v in (up, down) for u in (left, right)])
-    z_m = in_camera_m[:, 2]
+    z_m = depth_along_ray_m(in_camera_m, view.intrinsics)
     near_m, far_m = corners.min(axis=0), corners.max(axis=0)
     on_surface = (z_m >= near_m * (1 - DEPTH_TOLERANCE)) & (z_m <= far_m * (1 + DEPTH_TOLERANCE))
     is_edge = far_m > near_m * EDGE_RATIO
-    rays = pixel_rays(view.intrinsics)[up, left, :2]
-    off_px = np.abs(in_camera_m[:, :2] / z_m[:, None] - rays) * view.intrinsics.fx_px
+    rays = pixel_rays(view.intrinsics)[up, left]
+    off_px = np.abs(in_camera_m / z_m[:, None] - rays) * view.intrinsics.fx_px
     return np.asarray(on_surface & ~is_edge & (off_px.max(axis=1) < RAY_TOLERANCE_PX))

@@ -16,10 +16,10 @@ from oaisys_core.dataset.formats.sequences import (
     camera_sequences,
     numbers,
     rate_hz,
-    world_name,
     write_file,
     write_lines,
 )
+from oaisys_core.dataset.manifest import world_name
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert, pose_from_matrix
 from oaisys_core.types import DEPTH, RGB, FloatArray

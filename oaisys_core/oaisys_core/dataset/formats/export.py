@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from oaisys_core.dataset.card.description import description_files
+from oaisys_core.dataset.card.description import README, description_files
 from oaisys_core.dataset.formats.base import (
+    LEFT_OUT_SCANS,
     DatasetFormat,
     ExportOptions,
     format_named,
     modality_names,
 )
+from oaisys_core.dataset.places import StoragePlace, open_place
 from oaisys_core.errors import ConfigError, InvalidInputError, RenderError, one_of
 
 if TYPE_CHECKING:
@@ -21,14 +25,16 @@ if TYPE_CHECKING:
 
 
 def export_dataset(
-    dataset: Dataset, name: str, target: Path, options: ExportOptions | None = None
+    dataset: Dataset, name: str, target: str | Path, options: ExportOptions | None = None
 ) -> Mapping[str, int]:
-    """Write a data set in a format; ``target`` appears when everything is written.
+    """Write a data set in a format.
+
+    A folder appears when everything is written. At a URL, README.md is written last.
 
     Args:
         dataset: What is written.
         name: Name of the format.
-        target: A folder that does not exist yet, or is empty.
+        target: A folder or URL with nothing in it.
         options: The caller's choices.
 
     Returns:
@@ -41,35 +47,74 @@ def export_dataset(
     """
     options = options or ExportOptions()
     chosen = format_named(name)
-    _check(chosen, dataset, target, options)
+    place = open_place(target)
+    _check(chosen, dataset, place, options)
+    try:
+        with _written_folder(place) as part:
+            counts = dict(chosen.write(dataset, part, options))
+            if len(dataset.scans) and not chosen.writes_scans:
+                counts[LEFT_OUT_SCANS] = len(dataset.scans)
+            described = description_files(dataset, name, chosen.conventions, counts, options)
+            for file, data in described.items():
+                (part / file).write_bytes(data)
+    except ImportError as error:
+        raise ConfigError(f"{name}: {error}; `oaisys_core[dataset]` has what it needs") from error
+    except OSError as error:
+        text = error.strerror or error
+        raise RenderError(f"{place.url}: could not be written: {text}") from error
+    return counts
+
+
+@contextmanager
+def _written_folder(place: StoragePlace) -> Iterator[Path]:
+    """Yield an empty folder whose content is put to a place if the block succeeds."""
+    target = place.folder
+    if target is None:
+        with tempfile.TemporaryDirectory(prefix="oaisys-export-") as folder:
+            yield Path(folder)
+            _upload(Path(folder), place)
+        return
     part = target.with_name(f".{target.name}.part")
     try:
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
-        counts = chosen.write(dataset, part, options)
-        described = description_files(dataset, name, chosen.conventions, counts, options)
-        for file, data in described.items():
-            (part / file).write_bytes(data)
+        yield part
         part.replace(target)
-    except ImportError as error:
-        raise ConfigError(f"{name}: {error}; `oaisys_core[dataset]` has what it needs") from error
-    except OSError as error:
-        raise RenderError(f"{target}: could not be written: {error.strerror or error}") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
-    return counts
 
 
-def _check(chosen: DatasetFormat, dataset: Dataset, target: Path, options: ExportOptions) -> None:
-    if target.exists() and (not target.is_dir() or any(target.iterdir())):
-        raise InvalidInputError("out", str(target), "a folder that does not exist or is empty")
+def _upload(folder: Path, place: StoragePlace) -> None:
+    """Write all files of a folder to a place, README.md last; nothing remains if that fails."""
+    names = [str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()]
+    written: list[str] = []
+    try:
+        for name in sorted(names, key=lambda each: (each == README, each)):
+            with place.writing(name) as path:
+                shutil.move(folder / name, path)
+            written.append(name)
+    except BaseException:
+        for name in written:
+            place.delete(name)
+        raise
+
+
+def _check(
+    chosen: DatasetFormat, dataset: Dataset, place: StoragePlace, options: ExportOptions
+) -> None:
+    if not place.is_empty():
+        raise InvalidInputError("out", place.url, "a folder that does not exist or is empty")
     if not len(dataset):
-        raise InvalidInputError("dataset", str(dataset), "at least one frame")
+        raise InvalidInputError("dataset", dataset.place.url, "at least one frame")
     for setting in options.settings:
         if setting not in chosen.settings:
             raise InvalidInputError(
                 f"settings.{setting}", setting, one_of(chosen.settings, setting)
             )
+    for record in dataset.records:
+        if record.camera.is_fisheye and not chosen.has_fisheye:
+            expected = f"null: {chosen.name} has no fisheye cameras; colmap and coco have"
+            raise InvalidInputError(f"{record.sensor}: fisheye", record.camera, expected)
     missing = sorted(set(chosen.modalities) - set(modality_names(dataset)))
     if missing:
         expected = f"also {', '.join(missing)}, without which {chosen.name} has no content"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
@@ -14,14 +14,27 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
+from oaisys_core.dataset.manifest import world_name
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import ALBEDO, DEPTH, FLOW, INSTANCE, NORMAL, RANGE, RGB, semantic_level
+from oaisys_core.types import (
+    ALBEDO,
+    DEPTH,
+    DISPARITY,
+    FLOW,
+    INSTANCE,
+    NORMAL,
+    RANGE,
+    RGB,
+    point_dtype,
+    semantic_level,
+)
 
 if TYPE_CHECKING:
     import h5py
 
     from oaisys_core.dataset.manifest import FrameRecord
     from oaisys_core.dataset.reader import Dataset, DatasetSample, WorldLegend
+    from oaisys_core.dataset.scans import ScanRecord
 
 COMPRESSION = 4
 """Level of gzip; higher levels take much longer and save a few percent."""
@@ -33,6 +46,7 @@ UNITS = {
     RANGE: "m",
     NORMAL: "1",
     FLOW: "px",
+    DISPARITY: "px",
     INSTANCE: "id",
 }
 MEANING = {
@@ -40,6 +54,7 @@ MEANING = {
     RANGE: "length of the ray through the pixel's centre; +inf: nothing was hit",
     NORMAL: "unit normal (x, y, z) in the camera's frame, towards the camera; 0: nothing was hit",
     FLOW: "motion (du, dv) since the sensor's previous view; NaN: not known",
+    DISPARITY: "distance between the images of a stereo pair; 0: nothing was hit",
     INSTANCE: "object id, 0: no object; names in /legend/instances",
 }
 CAMERA = {
@@ -51,6 +66,18 @@ CAMERA = {
     "frame_id": ("", "name of the frame in the manifest"),
 }
 
+LIDAR = {
+    "points": ("m", "x, y, z in the lidar's frame at the time of the ray; intensity 0 to 255, s"),
+    "first": ("1", "scan k is points[first[k]:first[k + 1]]"),
+    "T_map_lidar": ("m", "takes points from the lidar's frame (x forward, z up) to map"),
+    "stamp_s": ("s", "simulated time in the world at which the scan begins"),
+    "view": ("1", "index of the view in the world"),
+    "scan_id": ("", "name of the scan in the manifest"),
+}
+
+POINTS_CHUNK = 16384
+"""Points that are compressed together."""
+
 CONVENTIONS = FormatConventions(
     layout="""\
 `SPLIT/world_000012.h5` is one world. Its N views from each camera are stacked along the first axis.
@@ -58,7 +85,7 @@ CONVENTIONS = FormatConventions(
 | dataset | shape | unit |
 |---|---|---|
 | `/SENSOR/rgb`, `albedo` | (N, H, W, 3) uint8 | sRGB |
-| `/SENSOR/depth`, `range` | (N, H, W) float32 | m |
+| `/SENSOR/depth`, `range`, `disparity` | (N, H, W) float32 | m, m, px |
 | `/SENSOR/normal`, `flow` | (N, H, W, 3 or 2) float32 | 1, px |
 | `/SENSOR/semantic_0` ..., `instance` | (N, H, W) uint16, uint32 | id |
 | `/SENSOR/T_map_camera` | (N, 4, 4) float64 | m |
@@ -66,6 +93,10 @@ CONVENTIONS = FormatConventions(
 | `/SENSOR/distortion` | (N, 5) float64 | 1 (k1, k2, p1, p2, k3) |
 | `/SENSOR/stamp_s` | (N,) float64 | s |
 | `/SENSOR/view`, `frame_id` | (N,) int64, text | |
+| `/LIDAR/points` | (P,) | x, y, z, intensity, ring, time, ... |
+| `/LIDAR/first` | (M + 1,) int64 | scan k is `points[first[k]:first[k + 1]]` |
+| `/LIDAR/T_map_lidar` | (M, 4, 4) float64 | m |
+| `/LIDAR/stamp_s`, `view`, `scan_id` | (M,) float64, int64, text | s |
 | `/legend/labels` | (id, name) | |
 | `/legend/instances` | (id, name, semantic_id, label) | |
 
@@ -85,9 +116,10 @@ with h5py.File("train/world_000000.h5") as world:
 
 
 class Hdf5Format(DatasetFormat):
-    """Every modality of a world in one HDF5 file."""
+    """Every modality of a world in one HDF5 file, with its lidar scans."""
 
     name = "hdf5"
+    writes_scans = True
     settings = MappingProxyType({"compression": "level of gzip, 0 to 9; default 4"})
     conventions = CONVENTIONS
 
@@ -105,6 +137,8 @@ class Hdf5Format(DatasetFormat):
                     file.add(sample)
                     counts["frames"] += 1
                     options.progress(counts["frames"])
+                if dataset.scans.has_world(world):
+                    counts["lidar scans"] += file.add_scans(dataset, world)
             counts["worlds"] += 1
         return counts
 
@@ -145,10 +179,53 @@ class _WorldFile:
                 raise InvalidInputError(f"{record.frame_id}.{name}", np.shape(value), expected)
             place[row] = value
 
+    def add_scans(self, dataset: Dataset, world: int) -> int:
+        """Write the scans of all lidars, after the samples, and return their number."""
+        if self._file is None:
+            raise InvalidInputError("dataset", f"world {world}", "at least one frame in each world")
+        by_lidar: dict[str, list[ScanRecord]] = {}
+        for record in dataset.scans.of_world(world):
+            by_lidar.setdefault(record.sensor, []).append(record)
+        for lidar, records in by_lidar.items():
+            self._add_lidar(self._file.create_group(lidar), dataset, records)
+        return sum(map(len, by_lidar.values()))
+
+    def _add_lidar(
+        self, group: h5py.Group, dataset: Dataset, records: Sequence[ScanRecord]
+    ) -> None:
+        import h5py
+
+        first = np.cumsum([0, *(record.points.count for record in records)])
+        values = {
+            "first": first,
+            "T_map_lidar": np.array([record.pose for record in records]),
+            "stamp_s": np.array([record.stamp_s for record in records]),
+            "view": np.array([record.view for record in records]),
+            "scan_id": np.array([record.scan_id for record in records], h5py.string_dtype()),
+        }
+        for name, value in values.items():
+            group[name] = value
+            group[name].attrs["unit"], group[name].attrs["meaning"] = LIDAR[name]
+        names = records[0].points.fields
+        usual = point_dtype().names or ()
+        points = group.create_dataset(
+            "points",
+            (int(first[-1]),),
+            point_dtype([name for name in names if name not in usual]),
+            chunks=(POINTS_CHUNK,),
+            maxshape=(None,),
+            compression="gzip",
+            compression_opts=self._level,
+            shuffle=True,
+        )
+        points.attrs["unit"], points.attrs["meaning"] = LIDAR["points"]
+        for record, begin in zip(records, first.tolist(), strict=False):
+            points[begin : begin + record.points.count] = dataset.scan(record).data
+
     def _begin(self, record: FrameRecord) -> h5py.File:
         import h5py
 
-        path = self._target / record.split / f"world_{record.world:06d}.h5"
+        path = self._target / record.split / f"{world_name(record.world)}.h5"
         path.parent.mkdir(exist_ok=True)
         file = h5py.File(path, "w")
         file.attrs["world"], file.attrs["split"] = record.world, record.split

@@ -15,13 +15,11 @@ from oaisys_core.dataset.formats.colmap_model import PIXEL_CENTRE_PX
 from oaisys_core.dataset.formats.depth_points import POINTS_PER_VIEW, DepthPoints, world_points
 from oaisys_core.dataset.formats.sequences import (
     LOST_DEPTH,
-    camera_sequences,
-    colored_frames,
-    depth_png,
-    world_name,
+    colored_worlds,
+    write_depth_png,
     write_file,
 )
-from oaisys_core.dataset.shards import read_pixels
+from oaisys_core.dataset.manifest import world_name
 from oaisys_core.geometry import T_OPTICAL_BLENDER
 from oaisys_core.output.records import write_json
 from oaisys_core.types import DEPTH, RGB, PinholeIntrinsics
@@ -71,18 +69,14 @@ class NerfstudioFormat(DatasetFormat):
         """See `DatasetFormat.write`."""
         points_per_view = int(options.number("points_per_view", POINTS_PER_VIEW, least=1))
         counts: Counter[str] = Counter()
-        for world, cameras in camera_sequences(dataset.records):
+        for world, frames in colored_worlds(dataset.records):
             folder = target / world_name(world)
-            frames = colored_frames(cameras)
-            if not frames:
-                continue
             for record in frames:
                 files = dataset.files(record)
                 write_file(folder / _file("images", record), files[RGB])
                 if DEPTH in files:
-                    depth_m = read_pixels(files[DEPTH], DEPTH, record.images[DEPTH].file)
-                    png, lost = depth_png(depth_m, UNITS_PER_M)
-                    write_file(folder / _file("depth", record), png)
+                    path = folder / _file("depth", record)
+                    lost = write_depth_png(path, record, files[DEPTH], UNITS_PER_M)
                     counts[LOST_DEPTH] += lost
                 counts["frames"] += 1
                 options.progress(counts["frames"])

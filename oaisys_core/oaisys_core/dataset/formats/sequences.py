@@ -11,13 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.dataset.manifest import world_name
+from oaisys_core.dataset.shards import read_pixels
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.types import RGB, FloatArray, PinholeIntrinsics
+from oaisys_core.output.images import MOST_IN_PNG, encode_image
+from oaisys_core.types import DEPTH, RGB, FloatArray, PinholeIntrinsics
 
 if TYPE_CHECKING:
     from oaisys_core.dataset.manifest import FrameRecord
-
-MOST_IN_PNG = 65535
 
 LOST_DEPTH = "pixels whose depth is too large for 16 bits"
 """Name of their count."""
@@ -69,11 +70,6 @@ class CameraSequence:
         return cameras.pop()
 
 
-def world_name(world: int) -> str:
-    """Return the name of a world's folder."""
-    return f"world_{world:06d}"
-
-
 def camera_sequences(
     records: Iterable[FrameRecord],
 ) -> Iterator[tuple[int, list[CameraSequence]]]:
@@ -101,24 +97,43 @@ def _sequence(records: list[FrameRecord]) -> CameraSequence:
     return sequence
 
 
-def colored_frames(cameras: Iterable[CameraSequence]) -> list[FrameRecord]:
-    """Return the frames of a world that have colour."""
-    records = (record for camera in cameras for record in camera.records)
-    return [record for record in records if RGB in record.images]
+def colored_worlds(records: Iterable[FrameRecord]) -> Iterator[tuple[int, list[FrameRecord]]]:
+    """Yield each world that has colour images, with their frames, one camera after the other.
+
+    Raises:
+        InvalidInputError: See `camera_sequences`.
+    """
+    for world, cameras in camera_sequences(records):
+        frames = [record for camera in cameras for record in camera.records]
+        colored = [record for record in frames if RGB in record.images]
+        if colored:
+            yield world, colored
 
 
-def depth_png(depth_m: NDArray[Any], units_per_m: float) -> tuple[bytes, int]:
+def write_depth_png(path: Path, record: FrameRecord, file: bytes, units_per_m: float) -> int:
+    """Write a frame's depth as a 16-bit PNG; return the number of pixels that do not fit into it.
+
+    Args:
+        path: The PNG file.
+        record: Of the frame.
+        file: The frame's file of depth in its shard.
+        units_per_m: Units of the PNG file in a metre.
+    """
+    depth_m = read_pixels(file, DEPTH, record.images[DEPTH].file)
+    png, lost = _depth_png(depth_m, units_per_m)
+    write_file(path, png)
+    return lost
+
+
+def _depth_png(depth_m: NDArray[Any], units_per_m: float) -> tuple[bytes, int]:
     """Return a 16-bit PNG of depth, and the number of pixels whose depth does not fit.
 
     Those pixels are 0, like the pixels where nothing was hit.
     """
-    import cv2
-
     units = np.rint(depth_m.astype(np.float64) * units_per_m)
     fits = units <= MOST_IN_PNG
     lost = int(np.count_nonzero(np.isfinite(units) & ~fits))
-    _, png = cv2.imencode(".png", np.where(fits, units, 0).astype(np.uint16))
-    return png.tobytes(), lost
+    return encode_image(np.where(fits, units, 0).astype(np.uint16)), lost
 
 
 def numbers(values: Iterable[float], separator: str = " ") -> str:

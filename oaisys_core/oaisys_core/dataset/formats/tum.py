@@ -13,12 +13,11 @@ from oaisys_core.dataset.formats.sequences import (
     LOST_DEPTH,
     CameraSequence,
     camera_sequences,
-    depth_png,
     numbers,
+    write_depth_png,
     write_file,
     write_lines,
 )
-from oaisys_core.dataset.shards import read_pixels
 from oaisys_core.geometry import pose_from_matrix
 from oaisys_core.types import DEPTH, RGB
 
@@ -80,9 +79,8 @@ class TumFormat(DatasetFormat):
                     if RGB in files:
                         write_file(folder / _file(RGB, record), files[RGB])
                     if DEPTH in files:
-                        depth_m = read_pixels(files[DEPTH], DEPTH, record.images[DEPTH].file)
-                        png, lost = depth_png(depth_m, units_per_m)
-                        write_file(folder / _file(DEPTH, record), png)
+                        path = folder / _file(DEPTH, record)
+                        lost = write_depth_png(path, record, files[DEPTH], units_per_m)
                         counts[LOST_DEPTH] += lost
                     counts["frames"] += 1
                     options.progress(counts["frames"])

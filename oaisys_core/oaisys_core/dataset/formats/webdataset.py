@@ -22,6 +22,7 @@ from oaisys_core.dataset.formats.base import (
     FormatConventions,
     modality_names,
 )
+from oaisys_core.dataset.shards import appended, padded
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.output.images import encode_image
 from oaisys_core.types import ALBEDO, RGB
@@ -125,19 +126,17 @@ class _TarFiles:
         self, key: str, files: Mapping[str, bytes]
     ) -> tuple[str, dict[str, tuple[int, int]]]:
         """Append a frame; return its tar file, and the offset and size of each of its files."""
-        size = sum(BLOCK + -(-len(data) // BLOCK) * BLOCK for data in files.values())
+        size = sum(BLOCK + padded(len(data)) for data in files.values())
         if size + END_BYTES > self._most_bytes:
             expected = f"at least {size + END_BYTES}, which the frame {key} needs"
             raise InvalidInputError("settings.shard_bytes", self._most_bytes, expected)
         tar = self._tar
         if tar is None or tar.offset + size + END_BYTES > self._most_bytes:
             tar = self._begin()
-        places = {}
-        for ending, data in files.items():
-            places[ending] = (tar.offset + BLOCK, len(data))
-            member = tarfile.TarInfo(f"{key}.{ending}")
-            member.size = len(data)
-            tar.addfile(member, io.BytesIO(data))
+        places = {
+            ending: (appended(tar, f"{key}.{ending}", data), len(data))
+            for ending, data in files.items()
+        }
         return self._name, places
 
     def _begin(self) -> tarfile.TarFile:

@@ -56,9 +56,9 @@ class Mover:
     scale: float
     foot_m: float | None
 
-    def pose_at(self, sample_id: int, ground: Ground) -> FloatArray:
-        """Return the (4, 4) pose with scale at a sample."""
-        T = self.trajectory(sample_id)
+    def pose_at(self, sample_id: int, ground: Ground, time_s: float | None = None) -> FloatArray:
+        """Return the (4, 4) pose with scale at a sample, or at a time: `PoseAtSample`."""
+        T = self.trajectory(sample_id, time_s)
         if self.foot_m is not None:
             yaw_rad = float(np.arctan2(T[1, 0], T[0, 0]))
             T = pose_on_ground(ground, (T[0, 3], T[1, 3]), yaw_rad, self.foot_m)

@@ -141,7 +141,7 @@ class EditedAssets:
     def apply(self, metadata: AssetMetadata) -> None:
         """Apply the edits in metadata to the world at its current sample."""
         world = self._world
-        self._move(world.sample_id)
+        self._move(world.sample_id, metadata.time_s)
         edits = self._edits_by_placement(metadata)
         placements = [
             self._edited(index, each, metadata.group(each.group), edits.get(index, ()))
@@ -160,11 +160,11 @@ class EditedAssets:
     def _ground(self) -> Ground:
         return require(self._world.ground)
 
-    def _move(self, sample_id: int) -> None:
-        """Move the movers to their poses at a sample; resting ones stay the same objects."""
+    def _move(self, sample_id: int, time_s: float | None) -> None:
+        """Move the movers to their poses at a sample or a time; resting ones stay the same."""
         for mover in self._drawn.movers:
             each = self._cache.placements[mover.index]
-            T_map_object = mover.pose_at(sample_id, self._ground)[None]
+            T_map_object = mover.pose_at(sample_id, self._ground, time_s)[None]
             if not np.array_equal(T_map_object, each.placement.T_map_object):
                 moved = replace(each.placement, T_map_object=T_map_object)
                 self._cache.placements[mover.index] = replace(each, placement=moved)

@@ -80,12 +80,14 @@ class AssetMetadata(Section):
         groups: Edits by group name.
         objects: Edits by instance id.
         add: Added objects by a unique name, which determines the instance id.
+        time_s: Simulated time, at which movers are that have a speed; None moves them by samples.
     """
 
     count_factor: Factor = 1.0
     groups: dict[Name, GroupEdit | None] = Field(default_factory=dict)
     objects: dict[InstanceId, ObjectEdit | None] = Field(default_factory=dict)
     add: dict[Name, AddedConfig | None] = Field(default_factory=dict)
+    time_s: float | None = Field(default=None, ge=0, le=1e9)
 
     def group(self, name: str) -> GroupEdit:
         """Return the edit of a group."""

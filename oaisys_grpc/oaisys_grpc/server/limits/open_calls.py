@@ -49,6 +49,7 @@ LIMITS = {
     "GetHeightField": 8,
     "Watch": 32,
     "GetFrame": 32,
+    "Drive": 8,
 }
 """Calls at a time, by method; all stream but GetFrame, whose answer may be as large."""
 

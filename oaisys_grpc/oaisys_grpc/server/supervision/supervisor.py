@@ -35,8 +35,8 @@ _ENDING = "the server was told to end"
 
 START_METHOD = "start"
 
-SAMPLE_METHOD = "step_sample"
-"""The only call for which a worker that ignores a cancellation is killed before the deadline."""
+SAMPLE_METHODS = frozenset({"step_sample", "drive_sample"})
+"""The only calls for which a worker that ignores a cancellation is killed before the deadline."""
 
 
 class Supervisor:
@@ -111,7 +111,7 @@ class Supervisor:
             DeadlineExceededError: It took more than ``timeout_s``.
             BackendUnavailableError: Workers died too often.
         """
-        is_sample = method == SAMPLE_METHOD
+        is_sample = method in SAMPLE_METHODS
         limit = CallLimit(timeout_s, self._options.grace_s, cancelled, worth_a_worker=is_sample)
         self.ensure_worker()
         if limit.must_stop():
@@ -153,7 +153,7 @@ class Supervisor:
         except CancelledError as error:  # it would not stop
             self._drop(error)
             raise
-        if method == SAMPLE_METHOD:
+        if method in SAMPLE_METHODS:
             self._needed_bytes = self._needed_bytes or self._worker.resident_bytes()
         self._keep(message)
         yield message

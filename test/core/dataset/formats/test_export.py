@@ -143,6 +143,13 @@ def test_the_command_exports_in_a_format_of_another_package(
     assert json.loads((tmp_path / "out/croissant.json").read_text())["name"].endswith("npz")
 
 
+def test_the_command_lists_formats_without_a_data_set() -> None:
+    result = oaisys("dataset", "export", "--list")
+    assert result.returncode == 0, result.stderr
+    assert "kitti: Colour, depth, lidar and poses of each camera" in result.stdout
+    assert "    --set compression=...: level of gzip" in result.stdout
+
+
 def test_the_command_names_what_is_wrong(rendered: Dataset, tmp_path: Path) -> None:
     where, out = rendered.place.url, ("--out", str(tmp_path / "out"))
     result = oaisys("dataset", "export", where, "--format", "cocoa", *out)
@@ -152,9 +159,9 @@ def test_the_command_names_what_is_wrong(rendered: Dataset, tmp_path: Path) -> N
     with pytest.raises(InvalidInputError, match="--format with one of"):
         export(where)
     with pytest.raises(InvalidInputError, match="NAME=VALUE"):
-        export(where, ["coco"], tmp_path / "out", settings=["depth"])
+        export(where, ["coco"], str(tmp_path / "out"), settings=["depth"])
     with pytest.raises(InvalidInputError, match="one --format"):
-        export(where, ["coco", "hdf5"], tmp_path / "out")
+        export(where, ["coco", "hdf5"], str(tmp_path / "out"))
     with pytest.raises(InvalidInputError, match="one of train, val"):
-        export(where, ["coco"], tmp_path / "out", split="test")
+        export(where, ["coco"], str(tmp_path / "out"), split="test")
     assert not list(tmp_path.iterdir())

@@ -16,6 +16,7 @@ from rendered_datasets import rig_sensors, write_rendered_dataset
 from oaisys_core.dataset import Dataset, open_dataset
 from oaisys_core.dataset.formats.base import ExportOptions
 from oaisys_core.dataset.formats.colmap import ColmapFormat
+from oaisys_core.dataset.formats.export import export_dataset
 from oaisys_core.dataset.formats.nerfstudio import NerfstudioFormat
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import unproject
@@ -99,6 +100,34 @@ def test_points_seen_in_other_views_are_on_the_surface_there(rig: Dataset, tmp_p
     assert len(errors) > 0.5 * POINTS * len(rig)
     assert np.median(errors) < 0.02
     assert np.max(errors) < 0.11
+
+
+@pytest.fixture(scope="module")
+def fisheyes(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """A world seen by a fisheye."""
+    folder = tmp_path_factory.mktemp("fisheyes")
+    lens = {"k1": 0.03, "k2": -0.004, "k3": 0.001, "k4": -0.0001}
+    camera = {"width_px": 64, "height_px": 48, "fx_px": 30.0, "fy_px": 31.0, "fisheye": lens}
+    sensors = {"cameras": [{**camera, "modalities": ["rgb", "depth"]}]}
+    write_rendered_dataset(folder, {3: "train"}, VIEWS, sensors)
+    return open_dataset(folder)
+
+
+def test_points_of_a_fisheye_reproject_in_pycolmap(fisheyes: Dataset, tmp_path: Path) -> None:
+    model = exported_model(fisheyes, tmp_path, "binary")
+    assert {camera.model.name for camera in model.cameras.values()} == {"OPENCV_FISHEYE"}
+    observed = 0
+    for image in model.images.values():
+        for point in image.points2D:
+            pixel = image.project_point(model.points3D[point.point3D_id].xyz)
+            np.testing.assert_allclose(pixel, point.xy, atol=WITHIN_PX)
+            observed += 1
+    assert observed > 1.5 * POINTS * len(fisheyes)
+
+
+def test_formats_without_fisheyes_refuse_them(fisheyes: Dataset, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInputError, match=r"camera: fisheye.*nerfstudio has no fisheye"):
+        export_dataset(fisheyes, "nerfstudio", tmp_path / "out")
 
 
 def test_a_model_of_another_kind_is_refused(rig: Dataset, tmp_path: Path) -> None:

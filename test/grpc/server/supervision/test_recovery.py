@@ -20,7 +20,7 @@ from waiting import PATIENCE_S, SHUTDOWN_S, wait_until, within
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError, WorkerLostError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
-from oaisys_core.types import Progress, Sample
+from oaisys_core.types import ModuleMetadata, Progress, Sample
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_grpc.contract.faults import ServerUnavailableError
 from oaisys_grpc.server.supervision.worker_folder import PREFIX
@@ -39,10 +39,6 @@ POSES = [pose_looking_down(1, 1, 11, 0.4), pose_looking_at((-6, -5, 7), (2, 3, 0
 TEST_BUILD = {"OAISYS_TEST_BUILD": "1"}
 
 
-def labels_of(sample: Sample) -> list[bytes]:
-    return [f.data.tobytes() for f in sample.frames if f.modality != "rgb"]
-
-
 def render_until(client: SimulatorClient, begun: threading.Event) -> Sample:
     """Render a slow sample; set ``begun`` once the worker is at it."""
 
@@ -58,13 +54,17 @@ def test_a_worker_killed_while_idle_is_replaced_unasked(start_server: StartServe
     server = start_server(ROCKY_WORLD)
     with server.client() as client:
         client.step_batch()
-        before = client.render_sample(POSES[0])
+        lamps = {"left": {"frame": "base_link", "position_m": [0, 0, 1], "strength_w": 900}}
+        dark = client.render_sample(POSES[0])
+        lit = ModuleMetadata(environment={"lamps": lamps})
+        before = client.render_sample(metadata=lit)
         worker = server.worker()
         worker.kill()
         wait_until(lambda: not worker.is_running() and server.worker().pid != worker.pid)
         client.wait_ready(PATIENCE_S)
         after = client.render_sample()
-    assert labels_of(before) == labels_of(after)
+    images = [[f.data.tobytes() for f in sample.frames] for sample in (dark, before, after)]
+    assert images[0] != images[1] == images[2]
     assert after.sample_id == before.sample_id + 1
 
 

@@ -23,7 +23,14 @@ from oaisys_core.backend.blender.materials.ground_layer import (
 )
 from oaisys_core.backend.blender.materials.haze import through_haze
 from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, new_image
-from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket, in_group
+from oaisys_core.backend.blender.materials.land import land_place, land_share
+from oaisys_core.backend.blender.materials.nodes import (
+    NodeTree,
+    Socket,
+    in_group,
+    number_group,
+    surface_group,
+)
 from oaisys_core.backend.blender.materials.surfaces import (
     is_glossy,
     new_material,
@@ -32,6 +39,7 @@ from oaisys_core.backend.blender.materials.surfaces import (
 )
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.color import encoded
+from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.textures.levels import LEAST_PX
 from oaisys_core.world.terrain_material import TerrainLayer, TerrainMaterial
 from oaisys_core.world.tiling import PlainTiling, StochasticTiling, VoronoiTiling
@@ -59,29 +67,43 @@ NEGLIGIBLE = 1.5 / 255
 """Weights below it count as 0, and above 1 minus it as 1, so that Cycles evaluates one surface."""
 
 
-def level_surface(tree: NodeTree, level: MaterialLevel) -> Socket:
-    """Add the ground's surface at one level of its textures to a tree."""
-    geometry = tree.add("NewGeometry").outputs
-    position, material = geometry["Position"], level.material
-    shares = layer_shares(tree, material, level.tables.masks, position)
+def level_surface(
+    tree: NodeTree,
+    level: MaterialLevel,
+    layers: dict[tuple[Any, ...], Any],
+    shares_group: Any,
+) -> Socket:
+    """Add the ground's surface at one level of its textures to a tree.
+
+    Args:
+        tree: What to add it to.
+        level: The level.
+        layers: Node groups of layers that were made before, and that are made now.
+        shares_group: Node group of `layer_shares`; None with a single layer.
+    """
+    material = level.material
+    shares = () if shares_group is None else tree.add("Group", node_tree=shares_group).outputs
+
+    def of_layer(index: int, axes: tuple[int, int] | None) -> Socket:
+        key = (level.finer, index, axes)
+        if key not in layers:
+            layer = material.layers[index]
+            make = partial(_layer_surface, level=level, axes=axes, layer=layer)
+            layers[key] = surface_group("ground_layer", make)
+        return tree.add("Group", node_tree=layers[key]).outputs[0]
 
     def projected(axes: tuple[int, int] | None) -> Socket:
         """Return the surface of all layers, projected onto a plane."""
-        first, *others = (
-            in_group(
-                tree, "ground_layer", partial(_layer_surface, level=level, axes=axes, layer=layer)
-            )
-            for layer in material.layers
-        )
+        first, *others = (of_layer(index, axes) for index in range(len(material.layers)))
         for surface, share in zip(others, shares, strict=True):
             first = tree.mixed(share, first, surface)
         return first
 
     if not material.projects_sides:
         return projected(None)
+    normal = tree.add("NewGeometry").outputs["Normal"]
     nx, ny, nz = (
-        tree.math("ABSOLUTE", part)
-        for part in tree.add("SeparateXYZ", {0: geometry["Normal"]}).outputs
+        tree.math("ABSOLUTE", part) for part in tree.add("SeparateXYZ", {0: normal}).outputs
     )
     slope = 1 / (STEEP_COS[0] - STEEP_COS[1])
     steep = tree.clamped("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
@@ -97,31 +119,68 @@ def _layer_surface(
     return LayerNodes(tree, level, axes).surface(layer)
 
 
-def ground_material(material: TerrainMaterial, images: ImageStore) -> Any:
-    """Return the material of the ground, in which levels and layers are node groups."""
-    result = new_material("ground")
-    tree = NodeTree(node_tree_of(result))
-    tables = MaterialTables(
-        masks=mask_images(material),
-        tilings={},
-        glossy={id(layer.maps): is_glossy(layer.maps) for layer in material.layers},
-        varies=varies(material),
-    )
-    bounds_m = footprints_m(material)
-    levels = [
-        MaterialLevel(material, images, tables, finer, footprint_m)
-        for finer, footprint_m in enumerate(bounds_m)
-    ]
-    surfaces = [
-        in_group(tree, "ground_level", partial(level_surface, level=level)) for level in levels
-    ]
-    _, airlight = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
-    surface = tree.by_footprint(bounds_m[1:], surfaces)
-    # An image of the whole ground has no meaningful mean colour.
-    if not any(layer.label_image is not None for layer in material.layers):
-        surface = without_detail(tree, surface, _mean_surface(tree, material, images))
-    show(tree, surface, airlight)
-    return result
+class GroundMaterials:
+    """The materials of the ground on a stage and around it, in which levels and layers are groups.
+
+    Attributes:
+        stage: The material on the stage.
+    """
+
+    def __init__(self, material: TerrainMaterial, images: ImageStore) -> None:
+        self._material, self._images = material, images
+        self._masks = mask_images(material.masks, "masks")
+        tables = MaterialTables(
+            macro=None if material.macro is None else _macro_image(material.macro),
+            tilings={},
+            glossy={id(layer.maps): is_glossy(layer.maps) for layer in material.layers},
+            varies=varies(material),
+        )
+        self._bounds_m = footprints_m(material)
+        self._levels = [
+            MaterialLevel(material, images, tables, finer, footprint_m)
+            for finer, footprint_m in enumerate(self._bounds_m)
+        ]
+        self._layers: dict[tuple[Any, ...], Any] = {}
+        self.stage = self._made("ground", ())
+
+    def around_stage(self) -> Any:
+        """Return the material of the ground around the stage, made now if it is another one."""
+        land = self._material.land
+        if land is None:
+            return self.stage
+        return self._made("land", mask_images(land.weights, "land_masks"))
+
+    def _made(self, name: str, land_masks: Sequence[Any]) -> Any:
+        result = new_material(name)
+        tree = NodeTree(node_tree_of(result))
+        shares = None
+        if len(self._material.layers) > 1:
+            make = partial(
+                layer_shares, material=self._material, masks=self._masks, land_masks=land_masks
+            )
+            shares = number_group(f"{name}_shares", make)
+        surfaces = [
+            in_group(
+                tree,
+                f"{name}_level",
+                partial(level_surface, level=level, layers=self._layers, shares_group=shares),
+            )
+            for level in self._levels
+        ]
+        _, airlight = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
+        surface = tree.by_footprint(self._bounds_m[1:], surfaces)
+        # An image of the whole ground has no meaningful mean colour.
+        if not any(layer.label_image is not None for layer in self._material.layers):
+            mean = _mean_surface(tree, self._material, self._images)
+            surface = without_detail(tree, surface, mean)
+        show(tree, surface, airlight)
+        return result
+
+
+def _macro_image(macro: MacroVariation) -> Any:
+    pixels = np.ones((*macro.share.shape[:2], 4), np.float32)
+    np.multiply(macro.share, BYTE, out=pixels[..., :3])
+    return new_image("macro_variation", pixels, is_float=False, is_color=False)
 
 
 def _mean_surface(tree: NodeTree, material: TerrainMaterial, images: ImageStore) -> Socket:
@@ -176,9 +235,9 @@ def footprints_m(material: TerrainMaterial) -> list[float]:
     return [finest_m * 2**step for step in range(0, octaves + 1, stride)]
 
 
-def mask_images(material: TerrainMaterial) -> list[Any]:
-    """Return images of the weights of all layers but the first, `CHANNELS` to each."""
-    masks = material.masks[1:]
+def mask_images(weights: NDArray[np.float32], name: str) -> list[Any]:
+    """Return images of (L, R, C) weights of all layers but the first, `CHANNELS` to each."""
+    masks = weights[1:]
     images = []
     for first in range(0, len(masks), CHANNELS):
         part = masks[first : first + CHANNELS]
@@ -186,24 +245,31 @@ def mask_images(material: TerrainMaterial) -> list[Any]:
         # The first mask is in alpha, which needs no node to separate.
         pixels[..., -1] = part[0]
         pixels[..., : len(part) - 1] = np.moveaxis(part[1:], 0, -1)
-        images.append(new_image(f"masks_{first}", pixels, is_float=False, is_color=False))
+        images.append(new_image(f"{name}_{first}", pixels, is_float=False, is_color=False))
     return images
 
 
 def layer_shares(
-    tree: NodeTree, material: TerrainMaterial, masks: Sequence[Any], position: Socket
+    tree: NodeTree, material: TerrainMaterial, masks: Sequence[Any], land_masks: Sequence[Any]
 ) -> list[Socket]:
-    """Return the mix factor at ``position`` of each layer but the first over those before it."""
-    left = len(material.layers) - 1
-    weights: list[Socket] = []
-    for image in masks:
-        place = _mask_place(tree, material, position)
-        texel = tree.add("TexImage", {"Vector": place}, image=image, extension="MIRROR")
-        weights.append(texel.outputs["Alpha"])
-        if left > 1:
-            channels = tree.add("SeparateColor", {"Color": texel.outputs["Color"]})
-            weights.extend(channels.outputs[: min(left, CHANNELS) - 1])
-        left -= CHANNELS
+    """Return the mix factor of each layer but the first over those before it.
+
+    Args:
+        tree: What to add nodes to.
+        material: A material of several layers.
+        masks: Images of the weights on the stage.
+        land_masks: Images of those on the land around it; none for the stage's own material.
+    """
+    position = tree.add("NewGeometry").outputs["Position"]
+    count = len(material.layers) - 1
+    place = _mask_place(tree, material, position)
+    weights = _weights(tree, masks, place, count, "MIRROR")
+    if material.land is not None and land_masks:
+        place = land_place(tree, material.land, position)
+        share = land_share(tree, material.land, position)
+        for index, far in enumerate(_weights(tree, land_masks, place, count, "REPEAT")):
+            change = tree.math("SUBTRACT", far, weights[index])
+            weights[index] = tree.math("MULTIPLY_ADD", change, share, weights[index])
     shares: list[Socket] = []
     rest: Socket = 1.0
     for weight in reversed(weights):
@@ -212,6 +278,21 @@ def layer_shares(
         gain = 1 / (1 - 2 * NEGLIGIBLE)
         shares.append(tree.clamped("MULTIPLY_ADD", share, gain, -NEGLIGIBLE * gain))
     return shares[::-1]
+
+
+def _weights(
+    tree: NodeTree, masks: Sequence[Any], place: Socket, count: int, extension: str
+) -> list[Socket]:
+    """Return the weights of all layers but the first, ``count`` in number, in images of masks."""
+    weights: list[Socket] = []
+    for image in masks:
+        texel = tree.add("TexImage", {"Vector": place}, image=image, extension=extension)
+        left = count - len(weights)
+        weights.append(texel.outputs["Alpha"])
+        if left > 1:
+            channels = tree.add("SeparateColor", {"Color": texel.outputs["Color"]})
+            weights.extend(channels.outputs[: min(left, CHANNELS) - 1])
+    return weights
 
 
 def _mask_place(tree: NodeTree, material: TerrainMaterial, position: Socket) -> Socket:

@@ -29,6 +29,7 @@ from oaisys_core.backend.raycast.shading import in_haze
 from oaisys_core.backend.surface import View, bands
 from oaisys_core.color import linear
 from oaisys_core.sky import Sky
+from oaisys_core.terrain.macro_variation import LEAST, MOST
 from oaisys_core.textures.levels import level_at
 from oaisys_core.types import FloatArray
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial
@@ -64,6 +65,25 @@ class PixelAlbedo(NamedTuple):
     is_known: NDArray[np.bool_]
 
 
+class LandPlaces(NamedTuple):
+    """Where the points of (R, W) pixels are in the masks of the land around a stage.
+
+    Attributes:
+        weights: The masks, see `LandMasks`.
+        share: Their weight over the stage's masks.
+        columns, rows: Places in them.
+    """
+
+    weights: Image
+    share: Image
+    columns: FloatArray
+    rows: FloatArray
+
+    def weight(self, layer: int) -> Image:
+        """Return the (R, W) weight of a layer."""
+        return _bilinear(self.weights[layer], self.columns, self.rows, cv2.BORDER_WRAP)
+
+
 class GroundAlbedo:
     """Computes the albedo of the ground where its textures are laid plainly and without gloss."""
 
@@ -73,6 +93,10 @@ class GroundAlbedo:
         self._levels = {id(each.maps): images.levels(each.maps) for each in material.layers}
         self._footprints_m = np.array(footprints_m(material))
         self._varies = varies(material)
+        macro, self._macro = material.macro, None
+        if macro is not None:
+            self._macro = macro.share[::-1].astype(np.float32) / np.float32(255)
+            self._macro_period_m = macro.period_m
         self._is_plain = [
             isinstance(layer.tiling, PlainTiling) and not is_glossy(layer.maps)
             for layer in material.layers
@@ -133,6 +157,9 @@ class GroundAlbedo:
                 if share.any():
                     mixed += share[..., None] * self._color(layer, each, xy_m[rows], step_m[rows])
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
+        if self._macro is not None:
+            share = _texture(self._macro, xy_m / self._macro_period_m)
+            color *= share * np.float32(MOST - LEAST) + np.float32(LEAST)
         return color
 
     def _weights(self, xy_m: FloatArray) -> list[Image]:
@@ -145,8 +172,11 @@ class GroundAlbedo:
             x = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
             y = (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
             gain = 1 / (1 - 2 * NEGLIGIBLE)
-            for mask in self._material.masks[:0:-1]:
-                weight = _bilinear(mask, x, y, cv2.BORDER_REFLECT)
+            on_land = self._on_land(xy_m)
+            for layer in range(len(self._material.masks) - 1, 0, -1):
+                weight = _bilinear(self._material.masks[layer], x, y, cv2.BORDER_REFLECT)
+                if on_land is not None:
+                    weight += (on_land.weight(layer) - weight) * on_land.share
                 share = weight / np.maximum(rest, np.float32(1e-6))
                 rest = rest - weight
                 shares.append(np.clip((share - NEGLIGIBLE) * gain, 0, 1).astype(np.float32))
@@ -154,6 +184,14 @@ class GroundAlbedo:
         for share in shares[::-1]:
             weights = [*(each * (1 - share) for each in weights), share]
         return weights
+
+    def _on_land(self, xy_m: FloatArray) -> LandPlaces | None:
+        """Return the places of points in the masks of the land; None if all are on the stage."""
+        land = self._material.land
+        share = None if land is None else land.share_at(xy_m)
+        if land is None or share is None or not share.any():
+            return None
+        return LandPlaces(land.weights, share.astype(np.float32), *land.texels_at(xy_m))
 
     def _color(
         self, layer: TerrainLayer, level: int, xy_m: FloatArray, step_m: FloatArray

@@ -12,6 +12,7 @@ from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
 from oaisys_core.backend.blender.materials.surfaces import add_gloss, diffuse
 from oaisys_core.backend.blender.materials.tiling import TextureLookup, TilingNodes
 from oaisys_core.backend.raycast.shading import mean_color
+from oaisys_core.terrain.macro_variation import LEAST, MOST, MacroVariation
 from oaisys_core.textures.levels import level_at
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
 
@@ -46,16 +47,16 @@ class Texel(NamedTuple):
 
 
 class MaterialTables(NamedTuple):
-    """What all levels of a ground's material share.
+    """What all levels of a ground's materials share.
 
     Attributes:
-        masks: Images of the weights of all layers but the first.
+        macro: Image of `MacroVariation.share`; None if the colour does not vary so.
         tilings: Images of tiling tables, see `TilingNodes`.
         glossy: By identity of texture sets, whether they have glossy parts.
         varies: Whether the ground's colour varies beyond its textures.
     """
 
-    masks: list[Any]
+    macro: Any
     tilings: dict[int, Any]
     glossy: dict[int, bool]
     varies: bool
@@ -111,6 +112,8 @@ class LayerNodes:
         variation = self._variation(material.layers[0].maps, material.variation)
         if variation is not None:
             color = tree.vector("MULTIPLY", color, variation)
+        if material.macro is not None:
+            color = tree.vector("MULTIPLY", color, self._macro(material.macro))
         # Diffuse shaders normalise it.
         normal = tree.vector("ADD", self._normal, self._slope(texel.detail, self._plane))
         surface, _ = diffuse(tree, color, texel.roughness, normal)
@@ -183,6 +186,15 @@ class LayerNodes:
         ranges = np.array([1, 1, 1]) * variation.brightness + np.array([1, 0, -1]) * variation.tint
         least = tuple((1 - ranges / 2).tolist())
         return tree.vector("MULTIPLY_ADD", texel.outputs["Color"], tuple(ranges.tolist()), least)
+
+    def _macro(self, macro: MacroVariation) -> Socket:
+        """Return the colour factor that varies from metres to kilometres."""
+        tree = self._tree
+        texel = tree.add("TexImage", {"Vector": self._position}, image=self._level.tables.macro)
+        texel.texture_mapping.scale = (1.0 / macro.period_m,) * 3
+        texel.texture_mapping.translation = self._nudge
+        share = texel.outputs["Color"]
+        return tree.vector("MULTIPLY_ADD", share, MOST - LEAST, LEAST)
 
 
 def _contrast(tree: NodeTree, weights: list[Socket]) -> Socket:

@@ -104,7 +104,24 @@ class NodeTree:
 
 
 def in_group(tree: NodeTree, name: str, make: Callable[[NodeTree], Socket]) -> Socket:
-    """Return a surface that ``make`` adds to a new node group, which is added to ``tree``.
+    """Return a surface that ``make`` adds to a new node group, which is added to ``tree``."""
+    return tree.add("Group", node_tree=surface_group(name, make)).outputs[0]
+
+
+def number_group(name: str, make: Callable[[NodeTree], Sequence[Socket]]) -> Any:
+    """Return a new node group whose outputs are the numbers that ``make`` adds to it."""
+    group: Any = bpy.data.node_groups.new(name, "ShaderNodeTree")
+    numbers = make(NodeTree(group))
+    for _ in numbers:
+        group.interface.new_socket("Number", in_out="OUTPUT", socket_type="NodeSocketFloat")
+    end = group.nodes.new("NodeGroupOutput")
+    for index, number in enumerate(numbers):
+        group.links.new(number, end.inputs[index])
+    return group
+
+
+def surface_group(name: str, make: Callable[[NodeTree], Socket]) -> Any:
+    """Return a new node group whose output is a surface that ``make`` adds to it.
 
     Many small trees are faster to build, because Blender visits a whole tree for each new node.
     """
@@ -112,4 +129,4 @@ def in_group(tree: NodeTree, name: str, make: Callable[[NodeTree], Socket]) -> S
     group.interface.new_socket("Surface", in_out="OUTPUT", socket_type="NodeSocketShader")
     surface = make(NodeTree(group))
     group.links.new(surface, group.nodes.new("NodeGroupOutput").inputs[0])
-    return tree.add("Group", node_tree=group).outputs[0]
+    return group

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import encoded
+from oaisys_core.geometry import transform_points
 
 
 def read_blend(path: Path, object_name: str) -> dict[str, NDArray[Any]]:
@@ -57,7 +58,7 @@ def _arrays(thing: Any) -> dict[str, NDArray[Any]]:
     local = _filled(mesh.vertices, "co", 3)
     T = np.array(evaluated.matrix_world, np.float64)
     found: dict[str, NDArray[Any]] = {
-        "vertices_m": (local @ T[:3, :3].T + T[:3, 3]).astype(np.float32),
+        "vertices_m": transform_points(T, local).astype(np.float32),
         "triangles": _filled(mesh.loop_triangles, "vertices", 3, np.int32),
     }
     corners = _filled(mesh.loop_triangles, "loops", 3, np.int32)

@@ -1,4 +1,4 @@
-"""The ground, the far plain and the objects of a scene in Blender."""
+"""The ground, what lies beyond it, and the objects of a scene in Blender."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from oaisys_core.backend.blender.materials.ground import ground_material
+from oaisys_core.backend.blender.materials.ground import GroundMaterials
 from oaisys_core.backend.blender.materials.ground_albedo import GroundAlbedo
 from oaisys_core.backend.blender.materials.images import ImageStore
 from oaisys_core.backend.blender.objects.meshes import (
@@ -17,12 +17,12 @@ from oaisys_core.backend.blender.objects.meshes import (
     new_object,
 )
 from oaisys_core.backend.blender.objects.scene_objects import SceneObjects
-from oaisys_core.backend.raycast.far_plain import LEVEL, SLOPE, rings, stage_of
 from oaisys_core.scene import Scene, stands_on
+from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.types import TriangleMesh
 
-PLAIN = "plain"
-"""Name of the far plain's object and mesh."""
+FAR_GROUND = "far_ground"
+"""Name of the object and mesh of the ground beyond the stage."""
 
 
 class SceneGeometry:
@@ -33,12 +33,13 @@ class SceneGeometry:
     """
 
     ground_albedo: GroundAlbedo
+    _materials: GroundMaterials
 
     def __init__(self) -> None:
         self._images = ImageStore()
         self._ground: Any = None
         self._ground_meshes = GroundMeshes()
-        self._plain = FarPlainObject()
+        self._far_ground = FarGroundObject()
         self._scene: Scene | None = None
         self._objects = SceneObjects(self._images)
 
@@ -53,19 +54,15 @@ class SceneGeometry:
         return stays
 
     def build_ground(self, scene: Scene) -> None:
-        """Build the ground and the far plain, unless they were kept."""
+        """Build the ground and what lies beyond it, unless they were kept."""
         self._scene = scene
-        if self._ground is not None:
-            return
-        mesh = self._ground_meshes.make(scene.ground)
-        mesh.materials.append(ground_material(scene.material, self._images))
-        self.ground_albedo = GroundAlbedo(scene.material, self._images)
-        self._ground = new_object("ground", mesh, np.eye(4))
-        self._plain.build(scene, mesh.materials[0])
-
-    def show_plain(self, is_shown: bool) -> None:
-        """Show or hide the far plain."""
-        self._plain.show(is_shown)
+        if self._ground is None:
+            mesh = self._ground_meshes.make(scene.ground)
+            self._materials = GroundMaterials(scene.material, self._images)
+            mesh.materials.append(self._materials.stage)
+            self.ground_albedo = GroundAlbedo(scene.material, self._images)
+            self._ground = new_object("ground", mesh, np.eye(4))
+        self._far_ground.show(scene.far_ground, self._materials)
 
     def build_objects(self, scene: Scene) -> None:
         """Build the objects, then remove unused data."""
@@ -82,8 +79,7 @@ class SceneGeometry:
             self._reshape_ground(scene)
         elif scene.material is not before.material:
             self._remove_ground()
-            self.build_ground(scene)
-        self._scene = scene
+        self.build_ground(scene)
         self._objects.update(scene)
         parts = ("material", "prototypes", "primitives")
         if any(getattr(scene, part) is not getattr(before, part) for part in parts):
@@ -95,7 +91,7 @@ class SceneGeometry:
         return evaluated_mesh(self._ground)
 
     def _reshape_ground(self, scene: Scene) -> None:
-        """Replace the ground's mesh; its material and the far plain stay."""
+        """Replace the ground's mesh; its material and that of the land around it stay."""
         old = self._ground.data
         mesh = self._ground_meshes.make(scene.ground)
         mesh.materials.append(old.materials[0])
@@ -105,35 +101,35 @@ class SceneGeometry:
     def _remove_ground(self) -> None:
         bpy.data.batch_remove([self._ground])
         self._ground = None
-        self._plain.clear()
+        self._far_ground.clear()
 
     def _purge(self) -> None:
         bpy.data.orphans_purge(do_recursive=True)
         self._images.remove_unused()
 
 
-class FarPlainObject:
-    """The far plain, see `oaisys_core.backend.raycast.far_plain`, with the ground's material."""
+class FarGroundObject:
+    """The ground beyond the stage."""
 
     def __init__(self) -> None:
         self._thing: Any = None
+        self._shown: FarGround | None = None
 
     def clear(self) -> None:
-        """Remove the far plain, which also uses the ground's material."""
+        """Remove it; it may also use the stage's material."""
         if self._thing is not None:
             bpy.data.meshes.remove(self._thing.data)
-        self._thing = None
+        self._thing = self._shown = None
 
-    def build(self, scene: Scene, material: Any) -> None:
-        """Build the far plain around a scene's ground."""
-        self.clear()
-        triangles = rings(stage_of(scene.ground), (*SLOPE, *LEVEL))
-        mesh = new_mesh(PLAIN, *triangles, smooth=True)
-        mesh.materials.append(material)
-        self._thing = new_object(PLAIN, mesh, np.eye(4))
-
-    def show(self, is_shown: bool) -> None:
-        """Show or hide it in renders."""
+    def show(self, far_ground: FarGround | None, materials: GroundMaterials) -> None:
+        """Show it in renders; None hides it."""
+        if far_ground is not None and far_ground is not self._shown:
+            self.clear()
+            mesh = new_mesh(FAR_GROUND, far_ground.vertices_m, far_ground.triangles, smooth=True)
+            mesh.materials.append(materials.around_stage())
+            self._thing = new_object(FAR_GROUND, mesh, np.eye(4))
+            self._shown = far_ground
+        is_hidden = far_ground is None
         # Assigning even the same value marks the scene as changed.
-        if self._thing is not None and self._thing.hide_render == is_shown:
-            self._thing.hide_render = not is_shown
+        if self._thing is not None and self._thing.hide_render != is_hidden:
+            self._thing.hide_render = is_hidden

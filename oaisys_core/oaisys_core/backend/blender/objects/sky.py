@@ -37,7 +37,8 @@ class Background:
         # samples go to the lamp.
         self._world.cycles.sampling_method = "AUTOMATIC" if sky.hdri else "NONE"
         tree = NodeTree(node_tree_of(self._world))
-        ray = tree.add("TexCoord").outputs["Generated"]
+        direction = tree.add("TexCoord").outputs["Generated"]
+        ray = _not_below(tree, direction) if sky.shows_plain and sky.dips else direction
         if sky.hdri is not None:
             color = self._hdri_color(tree, sky.hdri, ray)
         else:
@@ -45,7 +46,7 @@ class Background:
         if sky.sun_disc > 0:
             color = tree.vector("ADD", color, _disc_color(tree, sky, ray))
         if sky.shows_plain:
-            color = _above_plain(tree, sky, ray, color)
+            color = _above_ground(tree, sky, direction, color)
         if sky.haze is not None:
             color = _behind_haze(tree, sky, sky.haze, ray, color)
         background = tree.add("Background", {"Color": color})
@@ -97,12 +98,21 @@ def _disc_color(tree: NodeTree, sky: Sky, ray: Socket) -> Socket:
     return tree.scaled(tuple(radiance * share for share in sun_color(sky)), is_seen)
 
 
-def _above_plain(tree: NodeTree, sky: Sky, ray: Socket, color: Socket) -> Socket:
-    """Return the sky's colour above the horizon and the far plain's below, for indirect light.
+def _not_below(tree: NodeTree, ray: Socket) -> Socket:
+    """Return a direction, made horizontal if it points down: there the sky is as at the horizon."""
+    x, y, z = tree.add("SeparateXYZ", {0: ray}).outputs
+    return tree.combined(x, y, tree.math("MAXIMUM", z, 0.0))
 
-    The camera sees the far plain's mesh instead.
+
+def _above_ground(tree: NodeTree, sky: Sky, ray: Socket, color: Socket) -> Socket:
+    """Return the sky's colour above the horizontal and the ground's below, for indirect light.
+
+    The camera sees the mesh beyond the stage instead and, where the horizon dips, sky above it.
     """
     is_below = tree.math("LESS_THAN", _up(tree, ray), 0.0)
+    if sky.dips:
+        is_seen = tree.add("LightPath").outputs["Is Camera Ray"]
+        is_below = tree.math("GREATER_THAN", is_below, is_seen)
     return tree.color_mix(is_below, color, (*plain_radiance(sky), 1.0)).outputs[MIX_RESULT]
 
 

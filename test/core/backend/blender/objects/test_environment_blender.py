@@ -12,6 +12,7 @@ from synthetic_worlds import SUNNY, camera, flat_world
 from oaisys_core.geometry import pixel_rays, pose_looking_at
 from oaisys_core.scene import PlacedCamera
 from oaisys_core.sky import Haze, Hdri, SkyImage
+from oaisys_core.terrain.surroundings.plain import plain_around
 from oaisys_core.types import FloatArray
 
 pytestmark = pytest.mark.blender
@@ -112,6 +113,7 @@ def test_the_ground_goes_on_to_the_horizon_but_not_above_it() -> None:
     """Beyond the stage it is as bright as on it, where without it one would see sky."""
     sky = replace(SUNNY, has_plain=True)
     scene = replace(flat_world(), primitives=())
+    scene = replace(scene, far_ground=plain_around(scene.ground))
     view = camera(pose_looking_at((15, 0, 2), (40, 0, 2)))
     with_plain, without = in_blender("environment.linear_views", scene, [view], [sky, SUNNY], 16)
     rays = rays_of(view)

@@ -1,0 +1,130 @@
+"""Automatic exposure: a meter that reads each picture by itself, as a camera's does.
+
+The exposure depends on the scene-linear picture alone, never on earlier ones, so that a view
+rendered again looks the same.
+
+* The mean luminance of what is seen is exposed to a target, as by reflected-light meters
+  (ISO 2720). A mean of linear values is hardly changed by noise, so pictures of few and of many
+  samples per pixel get the same exposure.
+* The sky counts little, so that neither a bright nor a black one decides how the ground looks.
+* Only a small share of the picture may be brighter than white, as in the automatic exposure of
+  rovers' engineering cameras (Maki et al. 2003, Mars Exploration Rover Engineering Cameras).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import log2
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.float32]
+
+LUMINANCE = (0.2126, 0.7152, 0.0722)
+"""Weights of linear red, green and blue (ITU-R BT.709)."""
+
+CELL_PX = 4
+"""Edge length of the squares whose means are metered."""
+
+SKY_WEIGHT = 0.02
+"""Weight of a pixel of the sky beside one of the ground; alone in the picture, the sky decides."""
+
+SATURATION_EV, PASSES = 4.0, 2
+"""Stops above the mean at which a lamp or a reflection of the sun counts no more, and how often the
+mean is taken again for that."""
+
+DARKEST_SKY_EV, DARKEST_GROUND_EV = -4.0, -12.0
+"""Least that sky and ground count for, in stops beside each other: a black sky says nothing."""
+
+MOST_DARKENING_EV = 2.0
+"""Stops by which bright parts may darken a picture."""
+
+DIGITS = 3
+"""Decimal digits of an exposure in stops: 0.001 changes no byte by more than one."""
+
+
+@dataclass(frozen=True)
+class AutoExposure:
+    """How pictures are metered; see `AutoExposureConfig`."""
+
+    target: float = 0.25
+    compensation_ev: float = 0.0
+    min_ev: float = -6.0
+    max_ev: float = 8.0
+    bright_share: float = 0.02
+
+
+STANDARD_METER = AutoExposure()
+
+
+def metered_ev(
+    radiance: Image,
+    is_surface: NDArray[np.bool_],
+    meter: AutoExposure,
+    white: float = 1.0,
+    base_ev: float = 0.0,
+) -> float:
+    """Return the exposure of a picture in stops, beyond ``base_ev`` and within the meter's limits.
+
+    Args:
+        radiance: (H, W, 3 or 4) scene-linear picture.
+        is_surface: (H, W) pixels that do not show the sky.
+        meter: Target and limits.
+        white: Linear value that is shown as white.
+        base_ev: Stops by which the picture is brightened in any case.
+    """
+    luminance = _luminance(radiance)
+    surface = is_surface.astype(np.float32)
+    mean = _mean_of_both(luminance, surface)
+    if mean <= 0.0:
+        return meter.max_ev
+    exposure_ev = log2(meter.target / mean)
+    bright = float(np.quantile(_of_cells(luminance), 1.0 - meter.bright_share))
+    if bright > 0.0:
+        highest_ev = max(log2(white / bright), exposure_ev - MOST_DARKENING_EV)
+        exposure_ev = min(exposure_ev, highest_ev)
+    exposure_ev += meter.compensation_ev - base_ev
+    return round(min(max(exposure_ev, meter.min_ev), meter.max_ev), DIGITS)
+
+
+def _luminance(radiance: Image) -> Image:
+    import cv2
+
+    rgb = np.ascontiguousarray(radiance[..., :3])
+    luminance = cv2.transform(rgb, np.array([LUMINANCE], np.float32)).reshape(rgb.shape[:2])
+    return np.asarray(np.maximum(luminance, 0.0), np.float32)
+
+
+def _of_cells(image: Image) -> Image:
+    """Return the means of squares of pixels."""
+    import cv2
+
+    height, width = image.shape
+    size = max(width // CELL_PX, 1), max(height // CELL_PX, 1)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _mean_of_both(luminance: Image, surface: Image) -> float:
+    """Return the geometric mean of the ground's and the sky's mean luminance, by their weights."""
+    area = float(surface.mean())
+    ground, sky = _mean(luminance, surface), _mean(luminance, 1 - surface)
+    ground = max(ground, sky * 2.0**DARKEST_GROUND_EV)
+    sky = max(sky, ground * 2.0**DARKEST_SKY_EV)
+    if ground <= 0.0:
+        return 0.0
+    share = area / (area + SKY_WEIGHT * (1 - area))
+    return float(ground**share * sky ** (1 - share))
+
+
+def _mean(luminance: Image, shown: Image) -> float:
+    """Return the mean where something is shown, in which very bright cells count as saturated."""
+    weights = _of_cells(shown)
+    if not weights.any():
+        return 0.0
+    cells = _of_cells(luminance * shown) / np.maximum(weights, np.float32(1e-6))
+    mean = float(np.average(cells, weights=weights))
+    for _ in range(PASSES):
+        saturated = np.minimum(cells, np.float32(mean * 2.0**SATURATION_EV))
+        mean = float(np.average(saturated, weights=weights))
+    return mean

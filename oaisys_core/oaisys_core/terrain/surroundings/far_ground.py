@@ -1,0 +1,65 @@
+"""The ground beyond a stage, which backends render and cast rays at: its triangles and heights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from oaisys_core.backend.raycast.triangles import TriangleTarget
+from oaisys_core.scene import Ground
+from oaisys_core.types import FloatArray, TriangleMesh
+
+
+@dataclass(frozen=True, eq=False)
+class FarGround:
+    """The ground from a stage's edge to the horizon; it depends on the world alone.
+
+    Attributes:
+        stage: The ground that it surrounds, without the detail near the cameras.
+        vertices_m: (V, 3) float32 in ``map``.
+        triangles: (T, 3) int32, as they are rendered.
+        inner_share: Distance of the innermost vertices from the stage's centre, in units of the
+            distance of its edge.
+        level_m: Height of an infinite level plane that rays meet instead of the last triangles;
+            None for land, which ends beyond the horizon.
+        cast_triangles: Number of triangles that rays meet.
+    """
+
+    stage: Ground
+    vertices_m: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    inner_share: float
+    level_m: float | None
+    cast_triangles: int
+
+    @property
+    def is_land(self) -> bool:
+        """Whether it is land, which has heights and is curved, rather than a level plain."""
+        return self.level_m is None
+
+    def height_at(self, xy_m: ArrayLike) -> FloatArray:
+        """Return (N,) heights of the land at (N, 2) points; NaN on the stage and without land."""
+        xy = np.asarray(xy_m, dtype=np.float64).reshape(-1, 2)
+        height_m = np.full(len(xy), np.nan)
+        x0, y0, x1, y1 = self.stage.extent_m
+        beyond = ((xy < (x0, y0)) | (xy > (x1, y1))).any(axis=1)
+        if self.is_land and beyond.any():
+            height_m[beyond] = self.target.surface_height_m(xy[beyond])
+        return height_m
+
+    @cached_property
+    def target(self) -> TriangleTarget:
+        """What rays meet, but for the level plane."""
+        triangles = self.triangles[: self.cast_triangles]
+        vertices_m = self.vertices_m[: triangles.max() + 1].astype(np.float64)
+        # Near the stage, where pixels are finest, float32 must be most precise.
+        origin_m = self._edge_centre_m if self.is_land else None
+        return TriangleTarget([TriangleMesh(vertices_m, triangles)], origin_m=origin_m)
+
+    @property
+    def _edge_centre_m(self) -> FloatArray:
+        x0, y0, x1, y1 = self.stage.extent_m
+        return np.array(((x0 + x1) / 2, (y0 + y1) / 2, float(self.vertices_m[0, 2])))

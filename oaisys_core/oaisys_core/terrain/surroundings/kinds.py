@@ -1,0 +1,42 @@
+"""Which kind of ground surrounds a stage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from oaisys_core.backend.raycast.solids import flat_ground
+from oaisys_core.scene import Ground
+from oaisys_core.terrain.surroundings.far_ground import FarGround
+from oaisys_core.terrain.surroundings.land import land_around
+from oaisys_core.terrain.surroundings.plain import plain_around
+
+EARTH_RADIUS_M = 6.371e6
+"""Mean radius."""
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What surrounds a stage.
+
+    Attributes:
+        kind: ``land`` or ``plain``; exactly flat ground is surrounded by a plain in any case.
+        seed: Seed of the land.
+        body_radius_m: Radius of the body whose curvature the land has.
+    """
+
+    kind: Literal["land", "plain"] = "plain"
+    seed: int = 0
+    body_radius_m: float = EARTH_RADIUS_M
+
+    def is_land(self, stage: Ground) -> bool:
+        """Return whether land surrounds a stage."""
+        return self.kind == "land" and flat_ground(stage) is None
+
+    def around(self, stage: Ground, before: FarGround | None) -> FarGround:
+        """Return the ground around a stage; ``before`` itself if it is around the same one."""
+        if before is not None and before.stage is stage:
+            return before
+        if self.is_land(stage):
+            return land_around(stage, self.seed, self.body_radius_m)
+        return plain_around(stage)

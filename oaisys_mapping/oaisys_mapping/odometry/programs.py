@@ -1,0 +1,62 @@
+"""Runs programs that are installed beside this Python, or on the path."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from oaisys_core.errors import OaisysError
+
+TIMEOUT_S = 1800.0
+"""For one program; KISS-ICP takes a tenth of that for 200 s of lidar."""
+
+
+class ProgramError(OaisysError):
+    """A program failed or took too long; the message ends with its last lines."""
+
+
+def program(name: str) -> Path | None:
+    """Return the path of a program; None if it is not installed."""
+    beside = Path(sys.executable).with_name(name)
+    if beside.is_file():
+        return beside
+    found = shutil.which(name)
+    return None if found is None else Path(found)
+
+
+def run_program(
+    command: Sequence[str | Path], home: Path, variables: Mapping[str, str] | None = None
+) -> str:
+    """Run a program and return its standard output.
+
+    Args:
+        command: Program and arguments.
+        home: Its working folder, and where it may keep settings.
+        variables: Additional environment variables.
+
+    Raises:
+        ProgramError: It failed, or took longer than `TIMEOUT_S`.
+    """
+    environment = {**os.environ, "HOME": str(home), "MPLBACKEND": "agg", **(variables or {})}
+    name = Path(command[0]).name
+    try:
+        done = subprocess.run(
+            [str(part) for part in command],
+            cwd=home,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise ProgramError(f"{name}: no end after {TIMEOUT_S:g} s") from error
+    if done.returncode:
+        lines = (done.stderr or done.stdout).strip().splitlines()[-3:]
+        raise ProgramError(f"{name} ended with exit code {done.returncode}: {' | '.join(lines)}")
+    return done.stdout

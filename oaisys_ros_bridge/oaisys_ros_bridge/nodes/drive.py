@@ -1,0 +1,145 @@
+"""Node ``oaisys_drive``: asks the bridge for one drive, and ends with an exit code."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+import sys
+import time
+from collections.abc import Sequence
+from functools import partial
+from typing import Any
+
+from action_msgs.msg import GoalStatus
+from rclpy.action import ActionClient
+from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
+from std_msgs.msg import Bool
+
+from oaisys_core.errors import DeadlineExceededError
+from oaisys_msgs.action import Drive
+from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of
+from oaisys_ros_bridge.qos import LATCHED_QOS
+
+READY, RECORDING, ACTION = "oaisys_bridge/ready", "oaisys_recorder/recording", "oaisys_bridge/drive"
+
+START_TIMEOUT_S = 300.0
+"""For simulator, bridge and recorder to become ready."""
+
+ANSWER_TIMEOUT_S = 30.0
+"""For the bridge to accept or to cancel a drive."""
+
+SAY_PERIOD_S = 2.0
+"""Between two lines about the progress."""
+
+
+class DriveClient(BackgroundNode):
+    """Asks for a drive and reports its progress; a context manager.
+
+    Args:
+        arguments: ROS arguments, beginning with ``--ros-args``.
+        wait_for_recorder: Whether to wait until this package's recorder records.
+    """
+
+    def __init__(self, arguments: Sequence[str], *, wait_for_recorder: bool) -> None:
+        super().__init__("oaisys_drive", arguments)
+        self._said_s = time.monotonic()
+        self._is_true = dict.fromkeys([READY, *([RECORDING] if wait_for_recorder else [])], False)
+        self._client = ActionClient(self.node, Drive, ACTION)
+        for topic in self._is_true:
+            self.subscribe(Bool, topic, partial(self._note, topic), LATCHED_QOS)
+        self.start()
+
+    def drive(self, goal: Drive.Goal) -> Drive.Result:
+        """Drive to the end and return the result; cancel the drive if it is interrupted.
+
+        Raises:
+            DeadlineExceededError: The bridge or the recorder did not become ready.
+        """
+        self.wait(", ".join(self._is_true), lambda: all(self._is_true.values()), START_TIMEOUT_S)
+        if not self._client.wait_for_server(START_TIMEOUT_S):
+            raise DeadlineExceededError(f"nobody offers {ACTION}")
+        handle = result_of(
+            self._client.send_goal_async(goal, self._on_feedback), ACTION, ANSWER_TIMEOUT_S
+        )
+        future: Future = handle.get_result_async()
+        future.add_done_callback(self._notify)
+        try:
+            self.wait("the end of the drive", future.done, float("inf"))
+        except KeyboardInterrupt:
+            handle.cancel_goal_async()
+            self.wait("the end of the cancelled drive", future.done, ANSWER_TIMEOUT_S)
+        answer = future.result()
+        if answer.status == GoalStatus.STATUS_CANCELED:
+            say("cancelled")
+        return answer.result
+
+    def _note(self, topic: str, message: Bool) -> None:
+        self._is_true[topic] = message.data
+
+    def _notify(self, _: Future) -> None:
+        with self.changed:
+            self.changed.notify_all()
+
+    def _on_feedback(self, message: Any) -> None:
+        now_s = time.monotonic()
+        if now_s >= self._said_s + SAY_PERIOD_S:
+            self._said_s = now_s
+            say(f"{message.feedback.elapsed:.1f} of {message.feedback.duration:.1f} s")
+
+
+def say(text: str) -> None:
+    """Write a line to standard output."""
+    sys.stdout.write(f"{text}\n")
+    sys.stdout.flush()
+
+
+def verdict(result: Drive.Result) -> int:
+    """Say what a drive has published; return 0, or 1 if it failed or something is missing."""
+    for each in result.sensors:
+        say(f"{each.sensor}: {each.made} of {each.due} measurements")
+    for each in result.topics:
+        say(f"{each.topic}: {each.count} messages")
+    if not result.success or result.message:
+        sys.stderr.write(f"drive: {result.message or 'failed'}\n")
+        return 1
+    return 0
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Drive once; return 0, or 1 if the drive failed or a measurement is missing.
+
+    ROS arguments come last.
+    """
+    arguments = list(sys.argv if arguments is None else arguments)
+    own = remove_ros_args(arguments)[1:]
+    parser = argparse.ArgumentParser(prog="drive", description=__doc__)
+    parser.add_argument(
+        "--drive-json", default="", help="keys of the section `drive` to replace, as a JSON object"
+    )
+    parser.add_argument(
+        "--sensors", nargs="*", default=(), help="sensors that measure; default: all"
+    )
+    parser.add_argument(
+        "--wait-for-recorder",
+        action="store_true",
+        help="wait until this package's recorder records",
+    )
+    options = parser.parse_args(own)
+    goal = Drive.Goal(drive_json=options.drive_json, sensors=[s for s in options.sensors if s])
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+    with DriveClient(
+        arguments[1 + len(own) :], wait_for_recorder=options.wait_for_recorder
+    ) as client:
+        try:
+            return verdict(client.drive(goal))
+        except DeadlineExceededError as error:
+            sys.stderr.write(f"drive: {error}\n")
+        except KeyboardInterrupt:
+            sys.stderr.write("drive: interrupted before it began\n")
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,164 @@
+"""Automatic exposure: what it meters, and that a view alone decides about it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from oaisys_core.config import config_from_mapping
+from oaisys_core.errors import ConfigError
+from oaisys_core.geometry import pose_looking_at, pose_looking_down
+from oaisys_core.sensing.exposure import AutoExposure, metered_ev
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import RGB, ModuleMetadata, Sample
+
+SIZE_PX = (48, 64)
+GROUND = np.indices(SIZE_PX)[0] >= SIZE_PX[0] // 2
+"""Pixels of the ground: the lower half."""
+METER = AutoExposure(target=0.18)
+SIMPLE: dict[str, Any] = {
+    "seed": 3,
+    "backend": "analytic",
+    "stage": {"preset": "mounds", "extent_m": 24.0, "resolution_px": 33},
+    "materials": {"texture_size_px": 32, "mask": {"size_px": 32}},
+    "assets": {"rocks": []},
+    "sensors": {"cameras": [{"width_px": 32, "height_px": 24, "modalities": ["rgb", "depth"]}]},
+}
+DOWN, LEVEL = pose_looking_down(0, 0, 9), pose_looking_at((-9, 0, 4), (9, 0, 3))
+
+
+def picture(ground: float, sky: float) -> NDArray[np.float32]:
+    """A grey picture of ground below and sky above."""
+    grey = np.where(GROUND, ground, sky)[..., None]
+    return np.asarray(np.repeat(grey, 3, axis=2), np.float32)
+
+
+def test_the_mean_of_the_ground_becomes_the_target() -> None:
+    assert metered_ev(picture(0.09, 0.09), GROUND, METER) == pytest.approx(1.0, abs=1e-3)
+    assert metered_ev(picture(0.36, 0.36), GROUND, METER) == pytest.approx(-1.0, abs=1e-3)
+    compensated = AutoExposure(target=0.18, compensation_ev=0.5)
+    assert metered_ev(picture(0.09, 0.09), GROUND, compensated) == pytest.approx(1.5, abs=1e-3)
+    assert metered_ev(picture(0.09, 0.09), GROUND, METER, base_ev=0.6) == pytest.approx(0.4)
+
+
+def test_neither_a_black_nor_a_bright_sky_decides_about_the_ground() -> None:
+    even = metered_ev(picture(0.09, 0.09), GROUND, METER)
+    for sky in (0.0, 0.25):
+        assert abs(metered_ev(picture(0.09, sky), GROUND, METER) - even) < 0.1
+
+
+def test_a_lamps_light_on_dark_ground_is_not_white() -> None:
+    night = picture(1e-4, 0.0)
+    night[30:36, 20:40] = 0.02
+    exposed = 0.02 * 2.0 ** metered_ev(night, GROUND, METER, white=4.0)
+    assert 0.3 < exposed < 4.0
+
+
+def test_bright_parts_darken_the_picture_until_they_are_white_or_by_two_stops() -> None:
+    even = metered_ev(picture(0.09, 0.09), GROUND, METER)
+    white = 2.0 ** metered_ev(picture(0.09, 0.8), GROUND, METER) * 0.8
+    assert white == pytest.approx(1.0, rel=1e-3)
+    assert even - metered_ev(picture(0.09, 50.0), GROUND, METER) == pytest.approx(2.0, abs=0.3)
+    brighter_white = metered_ev(picture(0.09, 0.8), GROUND, METER, white=4.0)
+    assert brighter_white == pytest.approx(even, abs=0.3)
+
+
+def test_the_sky_decides_where_there_is_nothing_else() -> None:
+    nothing = np.zeros(SIZE_PX, np.bool_)
+    assert metered_ev(picture(0.36, 0.36), nothing, METER) == pytest.approx(-1.0, abs=1e-3)
+
+
+def test_the_limits_hold_and_black_is_exposed_most() -> None:
+    assert metered_ev(picture(0.0, 0.0), GROUND, METER) == METER.max_ev
+    assert metered_ev(picture(1e-7, 1e-7), GROUND, METER) == METER.max_ev
+    assert metered_ev(picture(1e4, 1e4), GROUND, METER) == METER.min_ev
+
+
+def test_noise_resolution_and_the_suns_disc_hardly_matter() -> None:
+    rng = np.random.default_rng(5)
+    even = metered_ev(picture(0.09, 0.05), GROUND, METER)
+    noisy = picture(0.09, 0.05) * rng.gamma(4.0, 0.25, (*SIZE_PX, 1)).astype(np.float32)
+    assert metered_ev(noisy, GROUND, METER) == pytest.approx(even, abs=0.05)
+    with_sun = picture(0.09, 0.05)
+    with_sun[5:7, 30:32] = 5e4
+    assert metered_ev(with_sun, GROUND, METER) == pytest.approx(even, abs=0.25)
+    half = np.ascontiguousarray(picture(0.09, 0.05)[::2, ::2])
+    assert metered_ev(half, GROUND[::2, ::2], METER) == pytest.approx(even, abs=0.05)
+
+
+def simulation(**sections: Any) -> Simulation:
+    made = Simulation(config_from_mapping({**SIMPLE, **sections}), pose_cache_bytes=1 << 24)
+    made.step_batch()
+    return made
+
+
+def sample(sim: Simulation, pose: Any, **parts: Any) -> Sample:
+    return sim.step_sample(ModuleMetadata(sensor={"pose": pose}, **parts))
+
+
+def exposure_ev(found: Sample) -> float:
+    value = json.loads(found.provenance.exposures_json)["camera"]
+    assert isinstance(value, float)
+    return value
+
+
+def rgb(found: Sample) -> NDArray[np.uint8]:
+    return np.asarray(found.frame("camera", RGB).data)
+
+
+def test_a_view_has_the_same_exposure_whatever_came_before() -> None:
+    first = simulation()
+    noon = sample(first, DOWN)
+    dusk = sample(first, LEVEL, environment={"sun_elevation_deg": 2.0})
+    again = sample(first, DOWN, environment={"sun_elevation_deg": 38.0})
+    fresh = sample(simulation(), LEVEL, environment={"sun_elevation_deg": 2.0})
+    assert exposure_ev(dusk) > exposure_ev(noon) + 1
+    assert again.from_cache
+    assert exposure_ev(again) == exposure_ev(noon)
+    assert exposure_ev(fresh) == exposure_ev(dusk)
+    assert (rgb(fresh) == rgb(dusk)).all()
+    assert (rgb(again) == rgb(noon)).all()
+
+
+def test_a_recorded_sample_is_repeated_with_its_exposure() -> None:
+    sim = simulation()
+    sample(sim, DOWN)
+    outline = sample(sim, LEVEL)
+    assert simulation().repeat(outline.outline).provenance == outline.provenance
+
+
+def test_the_recorded_exposure_as_a_fixed_one_gives_the_same_picture() -> None:
+    metered = sample(simulation(), LEVEL)
+    fixed = sample(simulation(render={"exposure_ev": exposure_ev(metered)}), LEVEL)
+    assert (rgb(fixed) == rgb(metered)).all()
+    assert fixed.provenance.exposures_json == metered.provenance.exposures_json
+    darker = sample(simulation(render={"exposure_ev": exposure_ev(metered) - 1}), LEVEL)
+    assert rgb(darker).mean() < rgb(metered).mean() - 10
+    depth = [each.frame("camera", "depth").data.tobytes() for each in (metered, fixed, darker)]
+    assert depth[0] == depth[1] == depth[2]
+
+
+def test_pictures_of_a_weaker_sun_are_as_bright_until_night() -> None:
+    sim = simulation(environment={"sky": {"model": "none"}})
+    noon = sample(sim, DOWN)
+    weak = sample(sim, DOWN, environment={"sun_strength_w_m2": 1.0})
+    assert exposure_ev(weak) - exposure_ev(noon) == pytest.approx(2.0, abs=2e-3)
+    assert np.abs(rgb(weak).astype(int) - rgb(noon)).max() <= 1
+    night = sample(sim, DOWN, environment={"sun_strength_w_m2": 1e-4})
+    assert exposure_ev(night) == METER.max_ev
+    assert rgb(night).mean() < rgb(noon).mean() / 3
+
+
+def test_samples_without_colour_have_no_exposure() -> None:
+    sim = simulation()
+    found = sim.step_sample(ModuleMetadata(sensor={"pose": DOWN}), modalities=["depth"])
+    assert found.provenance.exposures_json == ""
+
+
+def test_limits_in_the_wrong_order_are_refused() -> None:
+    with pytest.raises(ConfigError, match="auto_exposure"):
+        simulation(render={"auto_exposure": {"min_ev": 2, "max_ev": 1}})
