@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 
 from tools.setup.checks import check_libraries
 from tools.setup.environment import (
@@ -31,6 +32,7 @@ from tools.setup.programs import Display, Programs
 from tools.setup.steps import SetupStep, digest, run_stages
 from tools.setup.three import THREE_VERSION, install_three
 
+_ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 _PROJECT_FILES = ("pyproject.toml", "setup.py", "setup.cfg", "package.xml")
 
 
@@ -90,14 +92,21 @@ def _alone(environment: Environment) -> Iterator[None]:
         yield
 
 
+def _interrupt_once(_number: int, _frame: FrameType | None) -> None:
+    """Raise `KeyboardInterrupt`; further signals must not interrupt the ending of what runs."""
+    for ending in _ENDINGS:
+        signal.signal(ending, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
 def main() -> int:
     """Run the steps that are not done yet; return the exit code."""
     parser = argparse.ArgumentParser(prog="python -m tools.setup", description=__doc__)
     parser.add_argument("--venv", type=Path, default=Path(".venv"))
     environment = Environment(parser.parse_args().venv.absolute())
-    for ending in (signal.SIGTERM, signal.SIGHUP):
+    for ending in _ENDINGS:
         if signal.getsignal(ending) is not signal.SIG_IGN:
-            signal.signal(ending, signal.default_int_handler)
+            signal.signal(ending, _interrupt_once)
     display = Display()
     programs = Programs(display)
     started_s = time.monotonic()

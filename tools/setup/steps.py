@@ -73,10 +73,10 @@ def run_stages(stages: Sequence[Sequence[SetupStep]], stamps: Path, programs: Pr
             continue
         worked = True
         with ThreadPoolExecutor(len(due)) as pool:
-            for step in due:
-                programs.display.say(f"{number} of {len(stages)}: {step.does} ...")
-            running = [pool.submit(_run, step, stamps, programs) for step in due]
             try:
+                for step in due:
+                    programs.display.say(f"{number} of {len(stages)}: {step.does} ...")
+                running = [pool.submit(_run, step, stamps, programs) for step in due]
                 finished, _ = wait(running, return_when=FIRST_EXCEPTION)
                 for future in finished:
                     future.result()

@@ -35,7 +35,7 @@ CROWDED_REQUESTS = 64
 CROWDED_PATIENCE_S = 0.5
 """For a request to arrive, or for a client to read a message, while others need the thread."""
 
-SLOT_PATIENCE_S = 5.0
+SLOT_PATIENCE_S = 15.0
 """For a slot among the calls of a method."""
 
 MOST_WAITING = 16
@@ -96,7 +96,7 @@ class OpenCall:
         self.peer: str = context.peer()
         self.name = name
         self.phase = Phase.REQUEST
-        self.since_s = time.monotonic()
+        self.begun_s = self.since_s = time.monotonic()
         self.ended = False
         self._context = context
         self._reader_s = 0.0
@@ -193,7 +193,7 @@ class Slots:
     """Limits the calls of a method, in total and by connection.
 
     If no slot is free, a call that its client does not read is ended for it: one of the same
-    connection if that has its share, else any.
+    connection if that has its share, else any. Calls that wait are served in their order.
     """
 
     def __init__(self, most: int, *, idle_make_room: bool = False) -> None:
@@ -202,12 +202,12 @@ class Slots:
         Args:
             most: Calls at a time.
             idle_make_room: Whether a call that waits for the simulator is ended for another one,
-                too: of the connection that has the most calls, the one that waits longest.
+                too: of the connection that has the most calls, the oldest one.
         """
         self._idle_make_room = idle_make_room
         self._most, self._most_of_peer = most, int(SHARE_OF_CONNECTION * most)
         self._calls: dict[OpenCall, None] = {}
-        self._waiting = 0
+        self._waiting: dict[OpenCall, None] = {}
         self._lock = threading.Condition()
 
     def take(self, call: OpenCall) -> None:
@@ -220,29 +220,37 @@ class Slots:
         """
         end_s = time.monotonic() + SLOT_PATIENCE_S
         with self._lock:
-            while (rivals := self._rivals(call)) is not None:
-                unread = [other for other in rivals if other.phase is Phase.READER]
-                stuck = max(unread, key=OpenCall.unread_s, default=None)
-                idle = self._longest_idle(rivals)
-                if stuck is not None and stuck.unread_s() > CROWDED_PATIENCE_S:
-                    self._end(stuck, "the answer was not read, and others need the room")
-                elif idle is not None and idle.stuck_s() > CROWDED_PATIENCE_S:
-                    self._end(idle, "others need the room; call again")
-                elif time.monotonic() > end_s or not self._is_worth_waiting(call, unread):
-                    message = f"too many calls of {call.name} at a time; try again later"
-                    raise QueueFullError(message)
-                else:
-                    self._waiting += 1
-                    self._lock.wait(CROWDED_PATIENCE_S / 10)
-                    self._waiting -= 1
+            try:
+                while (rivals := self._rivals(call)) is not None:
+                    self._wait_for_room(call, rivals, end_s)
+            finally:
+                self._waiting.pop(call, None)
+                self._lock.notify_all()
             self._calls[call] = None
+
+    def _wait_for_room(self, call: OpenCall, rivals: list[OpenCall], end_s: float) -> None:
+        """End one of the rivals, if that may be, or wait a moment."""
+        unread = [other for other in rivals if other.phase is Phase.READER]
+        first = self._earlier(call) == 0
+        stuck = max(unread, key=OpenCall.unread_s, default=None) if first else None
+        idle = self._oldest_idle(rivals) if first else None
+        if stuck is not None and stuck.unread_s() > CROWDED_PATIENCE_S:
+            self._end(stuck, "the answer was not read, and others need the room")
+        elif idle is not None and idle.stuck_s() > CROWDED_PATIENCE_S:
+            self._end(idle, "others need the room; call again")
+        elif time.monotonic() > end_s or not self._is_worth_waiting(call, unread):
+            message = f"too many calls of {call.name} at a time; try again later"
+            raise QueueFullError(message)
+        else:
+            self._waiting[call] = None
+            self._lock.wait(CROWDED_PATIENCE_S / 10)
 
     def _end(self, call: OpenCall, details: str) -> None:
         del self._calls[call]
         call.end(details)
 
     def _is_worth_waiting(self, call: OpenCall, unread: list[OpenCall]) -> bool:
-        if call.ended or self._waiting >= MOST_WAITING:
+        if call.ended or (call not in self._waiting and len(self._waiting) >= MOST_WAITING):
             return False
         return bool(unread) or len(self._own(call)) < self._most_of_peer
 
@@ -252,20 +260,30 @@ class Slots:
             self._calls.pop(call, None)
             self._lock.notify_all()
 
-    def _longest_idle(self, rivals: list[OpenCall]) -> OpenCall | None:
-        """Return the call that makes room: of the connection with the most, the longest idle."""
+    def _oldest_idle(self, rivals: list[OpenCall]) -> OpenCall | None:
+        """Return the call that makes room: of the connection with the most, the oldest idle one."""
         if not self._idle_make_room:
             return None
         by_peer = Counter(call.peer for call in rivals)
         idle = [call for call in rivals if call.phase is Phase.WORK]
-        return max(idle, key=lambda call: (by_peer[call.peer], call.stuck_s()), default=None)
+        return max(idle, key=lambda call: (by_peer[call.peer], -call.begun_s), default=None)
 
     def _rivals(self, call: OpenCall) -> list[OpenCall] | None:
         """Return the calls of which one would have to end; None if a slot is free."""
         own = self._own(call)
         if len(own) >= self._most_of_peer:
             return own
-        return list(self._calls) if len(self._calls) >= self._most else None
+        free = self._most - len(self._calls)
+        return None if free > self._earlier(call) else list(self._calls)
+
+    def _earlier(self, call: OpenCall) -> int:
+        """Return how many calls came before and could take a slot."""
+        earlier = 0
+        for other in self._waiting:
+            if other is call:
+                break
+            earlier += not other.ended and len(self._own(other)) < self._most_of_peer
+        return earlier
 
     def _own(self, call: OpenCall) -> list[OpenCall]:
         """Return the calls of the same connection."""
