@@ -27,6 +27,9 @@ from oaisys_core.trajectory.rover import Obstacle, plan_rover_drive
 from oaisys_core.trajectory.trajectory import Trajectory
 from oaisys_core.types import FloatArray
 
+LATEST_S = 2.0**31 - 1
+"""Last time of a drive: stamps have 31 bits for whole seconds, and no sign."""
+
 
 @dataclass(frozen=True)
 class DrivePlan:
@@ -81,7 +84,16 @@ def plan_drive(config: DriveConfig, heights: HeightLookup) -> DrivePlan:
 def plan_along(
     trajectory: Trajectory, config: DriveConfig, obstacle: Obstacle | None = None
 ) -> DrivePlan:
-    """Return the drive along a trajectory; duration, gravity and odometry are as configured."""
+    """Return the drive along a trajectory; duration, gravity and odometry are as configured.
+
+    Raises:
+        InvalidInputError: It begins before 0 s or ends after `LATEST_S`.
+    """
+    for index, time_s in ((0, trajectory.start_s), (-1, trajectory.end_s)):
+        if not 0 <= time_s <= LATEST_S:
+            number = index % len(trajectory.times_s)
+            expected = f"a time from 0 s to {LATEST_S:g} s, as stamps have"
+            raise InvalidInputError(f"trajectory.times_s.{number}", time_s, expected)
     end_s = trajectory.end_s
     if config.duration_s is not None:
         end_s = min(end_s, trajectory.start_s + config.duration_s)

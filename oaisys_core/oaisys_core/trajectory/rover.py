@@ -10,7 +10,7 @@ import scipy
 from oaisys_core.config.sections.drive import RoverConfig
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.modules.clearance import HeightLookup
-from oaisys_core.trajectory.speed_profile import distances_over_time
+from oaisys_core.trajectory.speed_profile import before_and_after, distances_over_time
 from oaisys_core.trajectory.trajectory import Trajectory
 from oaisys_core.trajectory.waypoint_curve import WaypointCurve
 from oaisys_core.types import FloatArray
@@ -28,6 +28,12 @@ ATTITUDE_STEPS = 4
 
 FOOTPRINT_STEP_M = 0.1
 """Distance between points of the footprint at which the surface is compared with the clearance."""
+
+BEND_POINTS = 16
+"""Points between two places at which the curvature of the way is evaluated."""
+
+LEAST_RADIUS_M = 0.02
+"""A way with a tighter curve is refused: the rover does not turn on the spot."""
 
 QUERY_POINTS = 500_000
 """Points of which the height is asked at once."""
@@ -109,12 +115,14 @@ def plan_rover_drive(
         heights: Looks up ground and topmost surface below (N, 3) points.
 
     Raises:
-        InvalidInputError: The way leaves the stage, or it is blocked and ``on_obstacle`` is
-            ``refuse``, or it is blocked where it begins.
+        InvalidInputError: The way leaves the stage or turns on the spot, or it is blocked and
+            ``on_obstacle`` is ``refuse``, or it is blocked where it begins.
     """
     curve = WaypointCurve(waypoints_m)
     count = int(np.clip(curve.length_m / STEP_M, 32, MOST_STEPS))
-    places = _on_wheels(config, curve, np.linspace(0.0, curve.length_m, count + 1), heights)
+    arc_m = np.linspace(0.0, curve.length_m, count + 1)
+    bends = _bends(curve, arc_m)
+    places = _on_wheels(config, curve, arc_m, heights)
     obstacle = _first_obstacle(config, places, heights)
     if obstacle is not None:
         free = int(np.searchsorted(places.arc_m, obstacle.distance_m)) - 1
@@ -122,7 +130,28 @@ def plan_rover_drive(
             expected = f"a way without obstacles ({obstacle})"
             raise InvalidInputError("drive.waypoints_m", waypoints_m.tolist(), expected)
         places = places.upto(free)
-    return RoverPlan(_driven(config, curve, places), obstacle)
+    return RoverPlan(_driven(config, curve, places, bends[: len(places.arc_m)]), obstacle)
+
+
+def _bends(curve: WaypointCurve, arc_m: FloatArray) -> FloatArray:
+    """Return the (N,) largest curvature between each place and its neighbours, 1/m.
+
+    Raises:
+        InvalidInputError: A curve is tighter than `LEAST_RADIUS_M`.
+    """
+    step_m = float(arc_m[1])
+    inside_m = arc_m[:-1, None] + step_m * (np.arange(BEND_POINTS) + 0.5) / BEND_POINTS
+    heading = curve.tangent(inside_m.ravel())
+    # Where the way reverses, the curvature is infinite at a single point; the turn is not.
+    turns = np.arccos(np.clip((heading[1:] * heading[:-1]).sum(axis=1), -1.0, 1.0))
+    turned = np.append(0.0, turns) * BEND_POINTS / step_m
+    bends = np.maximum(turned, curve.curvature(inside_m.ravel())).reshape(inside_m.shape)
+    tightest = bends.max(axis=1)
+    if not tightest.max() <= 1 / LEAST_RADIUS_M:
+        x, y = curve.position_m(inside_m[np.argmax(tightest)])[0].tolist()
+        expected = f"a way whose curves have radii of at least {LEAST_RADIUS_M:g} m"
+        raise InvalidInputError("drive.waypoints_m", (round(x, 3), round(y, 3)), expected)
+    return np.maximum(np.append(tightest, tightest[-1]), np.append(tightest[0], tightest))
 
 
 def _on_wheels(
@@ -238,7 +267,9 @@ def _spaced(low_m: float, high_m: float) -> FloatArray:
     return np.linspace(low_m, high_m, int(np.ceil((high_m - low_m) / FOOTPRINT_STEP_M)) + 1)
 
 
-def _driven(config: RoverConfig, curve: WaypointCurve, places: _Stance) -> Trajectory:
+def _driven(
+    config: RoverConfig, curve: WaypointCurve, places: _Stance, bends: FloatArray
+) -> Trajectory:
     """Return the drive along the places, as fast as slopes and curves allow."""
     from scipy.spatial.transform import Rotation
 
@@ -247,8 +278,12 @@ def _driven(config: RoverConfig, curve: WaypointCurve, places: _Stance) -> Traje
     way_m = np.append(0.0, np.cumsum(np.hypot(np.diff(arc_m), rise_m)))
     share = np.minimum(_tilts_rad(places) / np.radians(config.max_tilt_deg), 1.0)
     slow_m_s = config.speed_m_s * (1 - (1 - config.slowest_share) * share)
-    bend = np.maximum(curve.curvature(arc_m), 1e-9)
-    limits_m_s = np.minimum(slow_m_s, np.sqrt(config.acceleration_m_s2 / bend))
+    bends = np.maximum(bends, 1e-9)
+    turning_m_s = np.radians(config.turn_rate_deg_s) / bends
+    curved_m_s = np.minimum(turning_m_s, np.sqrt(config.acceleration_m_s2 / bends))
+    curved_m_s = np.minimum(curved_m_s, config.speed_m_s)
+    curved_m_s = before_and_after(curved_m_s, float(arc_m[1]), config.acceleration_m_s2)
+    limits_m_s = np.minimum(slow_m_s, curved_m_s)
     times_s, driven_m = distances_over_time(way_m, limits_m_s, config.acceleration_m_s2, {})
     at_m = np.clip(scipy.interpolate.CubicSpline(way_m, arc_m)(driven_m), 0.0, arc_m[-1])
     plane = scipy.interpolate.CubicSpline(arc_m, places.plane)(at_m)

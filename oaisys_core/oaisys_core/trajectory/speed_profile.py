@@ -61,6 +61,26 @@ def distances_over_time(
     return _smoothed(scipy.interpolate.CubicHermiteSpline(times_s, distances_m, speeds_m_s))
 
 
+def before_and_after(limits_m_s: FloatArray, step_m: float, acceleration_m_s2: float) -> FloatArray:
+    """Return limits on the speed that hold as far before and after each place as jerk is bounded.
+
+    Then `distances_over_time` keeps them at the places themselves, too.
+
+    Args:
+        limits_m_s: (N,) limits at places with equal distances.
+        step_m: Distance of two places.
+        acceleration_m_s2: Greatest acceleration along the way.
+    """
+    reach_m = JERK_TIME_S * (limits_m_s + 2 * JERK_TIME_S * acceleration_m_s2)
+    spread = limits_m_s.copy()
+    last = min(int(np.ceil(reach_m.max() / step_m)), len(spread) - 1)
+    for k in range(1, last + 1):
+        near = np.where(reach_m > (k - 1) * step_m, limits_m_s, np.inf)
+        spread[k:] = np.minimum(spread[k:], near[:-k])
+        spread[:-k] = np.minimum(spread[:-k], near[k:])
+    return spread
+
+
 def _reachable(
     way_m: FloatArray, limits_m_s: FloatArray, acceleration_m_s2: float, stops: Mapping[int, float]
 ) -> FloatArray:

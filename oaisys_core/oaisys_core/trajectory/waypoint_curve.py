@@ -13,6 +13,9 @@ from oaisys_core.types import FloatArray
 POINTS_PER_PIECE = 64
 """Points between two waypoints at which the arc length is tabulated."""
 
+LEAST_SPEED = 1e-6
+"""Arc length per unit of the spline's parameter, which is about 1, below which it stands still."""
+
 
 class WaypointCurve:
     """The natural cubic spline through waypoints in two or three dimensions.
@@ -26,7 +29,7 @@ class WaypointCurve:
         """Pass through (K, 2) or (K, 3) waypoints, of which successive ones differ.
 
         Raises:
-            InvalidInputError: Two successive waypoints are the same.
+            InvalidInputError: Two successive waypoints are the same, or the curve reverses at one.
         """
         chords_m = np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)
         if len(waypoints_m) < 2 or not (chords_m > 0).all():
@@ -37,7 +40,12 @@ class WaypointCurve:
         pieces = [np.linspace(a, b, POINTS_PER_PIECE, endpoint=False) for a, b in pairwise(knots)]
         at = np.append(np.concatenate(pieces), knots[-1])
         arc_m = np.append(0.0, np.cumsum(self._lengths_m(at)))
-        self._parameter = scipy.interpolate.CubicHermiteSpline(arc_m, at, 1 / self._speed(at))
+        speeds = self._speed(at)
+        if not speeds.min() > LEAST_SPEED:
+            place = tuple(self._curve(at[np.argmin(speeds)]).round(3).tolist())
+            expected = "a way that does not reverse on the spot"
+            raise InvalidInputError("drive.waypoints_m", place, expected)
+        self._parameter = scipy.interpolate.CubicHermiteSpline(arc_m, at, 1 / speeds)
         self.length_m = float(arc_m[-1])
         self.waypoint_arc_m: FloatArray = arc_m[::POINTS_PER_PIECE]
 

@@ -10,7 +10,7 @@ import pytest
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError, InvalidInputError
-from oaisys_core.trajectory.files import write_trajectory
+from oaisys_core.trajectory.files import write_poses, write_trajectory
 from oaisys_core.trajectory.planning import DrivePlan, plan_drive
 from oaisys_core.types import FloatArray, HeightQuery
 
@@ -53,6 +53,18 @@ def test_a_file_of_timed_poses_is_followed(tmp_path: Path) -> None:
     again = planned(vehicle={"kind": "file", "path": str(tmp_path / "way.tum")})
     assert (again.trajectory.positions_m == made.positions_m).all()
     assert again.end_s == made.end_s
+
+
+@pytest.mark.parametrize(
+    ("begin_s", "field"), [(-0.5, "trajectory.times_s.0"), (2.0**31, "trajectory.times_s.0")]
+)
+def test_times_that_stamps_cannot_have_are_refused(
+    tmp_path: Path, begin_s: float, field: str
+) -> None:
+    way = tmp_path / "way.csv"
+    write_poses(way, np.array([(begin_s + t, t, 0, 1, 0, 0, 0, 1) for t in (0.0, 1.0, 2.0)]))
+    with pytest.raises(InvalidInputError, match=f"{field}: received {begin_s}.*from 0 s"):
+        planned(vehicle={"kind": "file", "path": str(way)})
 
 
 @pytest.mark.parametrize(

@@ -169,3 +169,26 @@ def test_on_a_world_it_follows_the_surface_that_cameras_see() -> None:
     assert np.abs(gap_m.mean(axis=1)).max() < 0.06
     assert np.ptp(made.position_m(made.times_s)[:, 2]) > 0.1
     simulation.close()
+
+
+@pytest.mark.parametrize("rate_deg_s", [45.0, 10.0])
+def test_a_rover_turns_its_heading_no_faster_than_its_turn_rate(rate_deg_s: float) -> None:
+    corner = np.array([(0, 0), (3, 0), (3.2, 0.4), (2.9, 0.6), (0, 1)], float)
+    made = planned(level, corner, turn_rate_deg_s=rate_deg_s, speed_m_s=2.0).trajectory
+    times_s = np.linspace(made.start_s, made.end_s, 20_001)
+    rates_deg_s = np.degrees(np.abs(made.angular_rate_rad_s(times_s)[:, 2]))
+    assert rates_deg_s.max() <= 1.02 * rate_deg_s
+    if rate_deg_s == 10.0:  # here, that is what limits the speed
+        assert rates_deg_s.max() >= 0.8 * rate_deg_s
+    limit = np.radians(rate_deg_s) / 0.05
+    assert np.linalg.norm(made.acceleration_m_s2(times_s), axis=1).max() < limit
+
+
+@pytest.mark.parametrize(
+    ("end_m", "expected"), [(0.0, "does not reverse"), (1e-3, "radii of at least 0.02 m")]
+)
+def test_a_way_that_reverses_on_the_spot_is_refused(end_m: float, expected: str) -> None:
+    with pytest.raises(
+        InvalidInputError, match=rf"drive.waypoints_m: .*0.0\), expected.*{expected}"
+    ):
+        planned(level, np.array([(0, 0), (2, 0), (0, end_m)], float))

@@ -28,6 +28,7 @@ class RoverConfig(Section):
     Attributes:
         speed_m_s: Speed on level ground.
         acceleration_m_s2: Greatest acceleration along the way, and across it in curves.
+        turn_rate_deg_s: Greatest rate at which its heading turns; it slows down in tight curves.
         max_tilt_deg: Steepest attitude; the way is refused, or ends, where it is steeper.
         slowest_share: Share of the speed that is left at the steepest attitude; in between, the
             speed falls in proportion to the tilt.
@@ -44,6 +45,7 @@ class RoverConfig(Section):
     kind: Literal["rover"] = "rover"
     speed_m_s: float = Field(default=1.0, gt=0, le=100)
     acceleration_m_s2: float = Field(default=0.5, gt=0, le=100)
+    turn_rate_deg_s: float = Field(default=45.0, gt=0, le=360)
     max_tilt_deg: float = Field(default=30.0, gt=0, lt=80)
     slowest_share: float = Field(default=0.3, gt=0, le=1)
     axles_m: tuple[float, ...] = Field(default=(0.85, 0.02, -0.80), min_length=2, max_length=8)
