@@ -30,8 +30,12 @@ from oaisys_core.sky import Color, Gradient, Haze, Hdri, Sky
 LEAST_CONTRAST = 0.02
 """Contrast at the visual range, by definition of the term (Koschmieder 1924)."""
 
-THICKNESS = 0.1
-"""Default thickness of the haze layer as a share of the visual range; the sun stays visible."""
+THICKNESS, MOST_THICKNESS_M = 0.1, 60.0
+"""Default thickness of the haze layer below the sky: a share of the visual range, up to a limit.
+
+With the limit, haze of kilometres pales the sky within a few degrees of the horizon only. Models of
+the sky contain the air above it.
+"""
 
 WAVELENGTHS_NM = np.array((680.0, 550.0, 440.0))
 """Wavelengths of red, green and blue; the visual range refers to green."""
@@ -226,7 +230,7 @@ def _haze(config: HazeConfig | None, draws: NamedDraws) -> Haze | None:
     exponent = draws.number("haze.angstrom_exponent", config.angstrom_exponent)
     at_green = -log(LEAST_CONTRAST) / visibility_m
     red, green, blue = (at_green * (WAVELENGTHS_NM / WAVELENGTHS_NM[1]) ** -exponent).tolist()
-    thickness_m = visibility_m * THICKNESS
+    thickness_m = min(visibility_m * THICKNESS, MOST_THICKNESS_M)
     if config.thickness_m is not None:
         thickness_m = draws.number("haze.thickness_m", config.thickness_m)
     tint = linear(config.color_srgb)

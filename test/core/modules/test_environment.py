@@ -75,6 +75,14 @@ class TestRanges:
         both = skies({"air": [0, 10], "dust": [0, 10], "haze": {"visibility_m": [10, 100]}})[0]
         assert alone.air == both.air != both.dust
 
+    @pytest.mark.parametrize(("visibility_m", "veiled"), [(30_000, 0.01), (500, 0.33)])
+    def test_haze_of_kilometres_leaves_the_zenith_clear(
+        self, visibility_m: float, veiled: float
+    ) -> None:
+        haze = require(skies({"haze": {"visibility_m": visibility_m}})[0].haze)
+        share = 1 - np.exp(-haze.extinction_per_m[1] * haze.thickness_m)
+        assert share == pytest.approx(veiled, abs=0.01)
+
     def test_a_batch_keeps_its_draw(self) -> None:
         assert len({sky.air for sky in skies({"air": [0, 10]}, samples=5)}) == 1
 

@@ -134,8 +134,8 @@ class HazeConfig(Section):
             default is a clear day in the country; a city's haze is at 5 km.
         angstrom_exponent: Dependence of the extinction on the wavelength: 0 for coarse dust, 1.3
             for smoke and haze, 4 for clean air.
-        thickness_m: Thickness of the layer below the sky overhead; None for a tenth of the
-            visibility.
+        thickness_m: Thickness of the layer through which the sky is seen; None for a tenth of the
+            visibility, up to 60 m: the sky is pale near the horizon only.
         color_srgb: Colour of the haze; it is as bright as the sky at the horizon.
     """
 
