@@ -123,11 +123,13 @@ def test_an_effect_changes_colour_alone(samples: dict[str, Sample]) -> None:
     )
 
 
+@pytest.mark.long
 def test_a_stage_is_another_ground(samples: dict[str, Sample]) -> None:
     a, b = (samples[kind].frame("camera", "depth").data for kind in ("plain", "stage"))
     assert not np.array_equal(a, b)
 
 
+@pytest.mark.long
 def test_a_shape_is_scattered(samples: dict[str, Sample]) -> None:
     assert 30 in samples["scatterer"].frame("camera", "semantic_0").data
 

@@ -10,7 +10,7 @@ import pytest
 from blender_process import in_blender
 from numpy.typing import NDArray
 
-pytestmark = pytest.mark.blender
+pytestmark = [pytest.mark.blender, pytest.mark.long]
 
 LEAST_PSNR_DB = 41.0
 """Between devices, at 64 samples per pixel without a denoiser."""
@@ -34,7 +34,6 @@ def agree(one: NDArray[Any], other: NDArray[Any]) -> bool:
     return cv2.PSNR(one, other) >= LEAST_PSNR_DB and mean_difference(one, other) <= MEAN_LEVELS
 
 
-@pytest.mark.long
 def test_the_tolerance_allows_other_noise_and_no_other_exposure(pictures: dict[str, Any]) -> None:
     assert agree(pictures["another seed"], pictures["cpu"])
     assert not agree(pictures["brighter"], pictures["cpu"])
