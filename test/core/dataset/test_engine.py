@@ -1,13 +1,15 @@
 """Data sets rendered on Ray: whole, and the same on any workers, after kills and full disks."""
 
+import os
 import random
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import psutil
@@ -37,6 +39,19 @@ from oaisys_core.dataset.workers import written
 from oaisys_core.dataset.world_render import WorldRenderer
 
 SPLITS = "train=0.6,val=0.4"
+MORE = ("--splits", SPLITS, "--num-workers", 2)
+
+VICTIMS = ("driver", "node", "worker")
+CHAINS = int(os.environ.get("DATASET_KILL_CHAINS", "1"))
+"""How often the tests kill each of `VICTIMS`, at random moments."""
+
+BLENDER = CONFIG.replace(
+    "backend: analytic",
+    """backend: blender
+render: {quality: preview}
+materials: {texture_size_px: 64, mask: {size_px: 32}}""",
+)
+BLENDER_WORLDS = 3
 
 
 def render_here(config: Path, out: Path) -> None:
@@ -59,58 +74,108 @@ def temporary_folder(monkeypatch) -> Iterator[Path]:
         yield Path(folder)
 
 
+class UndisturbedRun(NamedTuple):
+    """A data set that two workers of Ray rendered without disturbance.
+
+    Attributes:
+        config: Its configuration.
+        folder: Where it is.
+        ended: How the command ended.
+        took_s: Its time in seconds.
+    """
+
+    config: Path
+    folder: Path
+    ended: subprocess.CompletedProcess[str]
+    took_s: float
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[UndisturbedRun]:
+    """Without Blender; not to be changed."""
+    yield from undisturbed_run(tmp_path_factory.mktemp("undisturbed"), CONFIG, WORLDS)
+
+
+@pytest.fixture(scope="module")
+def undisturbed_blender(tmp_path_factory: pytest.TempPathFactory) -> Iterator[UndisturbedRun]:
+    """With Blender; not to be changed."""
+    yield from undisturbed_run(tmp_path_factory.mktemp("blender"), BLENDER, BLENDER_WORLDS)
+
+
+def undisturbed_run(folder: Path, text: str, worlds: int) -> Iterator[UndisturbedRun]:
+    """Render, with a home and a folder of temporary files below which nothing may be left."""
+    config = write_config(folder, text)
+    with (
+        tempfile.TemporaryDirectory(prefix="oaisys_test_") as temporary,
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setenv("TMPDIR", temporary)
+        patch.setenv("HOME", temporary)
+        begun_s = time.monotonic()
+        ended = run(config, folder / "set", *MORE, "--worlds", worlds)
+        took_s = time.monotonic() - begun_s
+        assert ended.returncode == 0, ended.stderr
+        assert not list(Path(temporary).glob("oaisys_ray_*"))
+        assert not Path(temporary, ".ray").exists()
+    yield UndisturbedRun(config, folder / "set", ended, took_s)
+
+
 @pytest.mark.long
 def test_two_workers_make_the_data_set_that_one_process_makes(
-    tmp_path: Path, temporary_folder: Path, leaks, monkeypatch
+    tmp_path: Path, undisturbed: UndisturbedRun
 ):
-    monkeypatch.setenv("HOME", str(temporary_folder))
-    config = write_config(tmp_path)
-    more = ("--splits", SPLITS, "--num-workers", 2, "--formats", "coco,files")
-    ended = run(config, tmp_path / "set", *more)
-    assert ended.returncode == 0, ended.stderr
-    for name in ("coco", "files"):
-        assert (tmp_path / "set" / "exports" / name / "README.md").is_file()
-    shutil.rmtree(tmp_path / "set" / "exports")
-    assert f"{WORLDS} of {WORLDS} worlds are finished" in ended.stdout
-    assert "gravel" in ended.stdout  # the balance of the classes
-    render_here(config, tmp_path / "here")
-    assert contents(tmp_path / "set") == contents(tmp_path / "here")
-    assert not list(temporary_folder.glob("oaisys_ray_*"))
-    assert not (temporary_folder / ".ray").exists()
+    assert f"{WORLDS} of {WORLDS} worlds are finished" in undisturbed.ended.stdout
+    assert "gravel" in undisturbed.ended.stdout  # the balance of the classes
+    render_here(undisturbed.config, tmp_path / "here")
+    assert contents(undisturbed.folder) == contents(tmp_path / "here")
 
-    dataset = open_dataset(tmp_path / "set")
+    dataset = open_dataset(undisturbed.folder)
     assert {record.worker for record in dataset.records}.isdisjoint({"test"})
     assert dataset.splits == ("train", "val")
-    ((frame, comparisons),) = repeated(dataset, ["000004_0001_camera"], 40.0)
-    assert frame == "000004_0001_camera"
+    ((frame, comparisons),) = repeated(dataset, ["000002_0001_camera"], 40.0)
+    assert frame == "000002_0001_camera"
     assert {c.name.modality: c.different_px for c in comparisons} == dict.fromkeys(
         ("rgb", "depth", "semantic_0", "instance", "normal"), 0
     )
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("victim", ["worker", "driver", "node"])
-def test_a_killed_run_is_resumed_to_the_same_data_set(
-    tmp_path: Path, temporary_folder: Path, victim: str, leaks
+@pytest.mark.parametrize("chain", range(CHAINS))
+def test_a_run_that_is_killed_again_and_again_ends_in_the_same_data_set(
+    tmp_path: Path, temporary_folder: Path, undisturbed: UndisturbedRun, chain: int, leaks
 ):
-    config = write_config(tmp_path)
-    begun_s = time.monotonic()
-    undisturbed = run(config, tmp_path / "undisturbed", "--num-workers", 2)
-    assert undisturbed.returncode == 0, undisturbed.stderr
-    after_s = random.Random().uniform(0.2, 1.0) * (time.monotonic() - begun_s)
-    line = command(config, tmp_path / "set", "--num-workers", 2)
-    ended = run_with_kill(line, victim, after_s)
-    if victim == "worker":
-        assert ended.exit_code == 0, ended.errors  # Ray renders its world again
-    resumed = run(config, tmp_path / "set", "--num-workers", 2, "--resume")
-    assert resumed.returncode == 0, resumed.stderr
-    assert contents(tmp_path / "set") == contents(tmp_path / "undisturbed"), after_s
+    told = killed_and_resumed(undisturbed, tmp_path / "set", WORLDS, shuffled(VICTIMS))
+    assert contents(tmp_path / "set") == contents(undisturbed.folder), told
     wait_until(lambda: not list(temporary_folder.glob("oaisys_ray_*")))
 
 
+def killed_and_resumed(
+    undisturbed: UndisturbedRun, out: Path, worlds: int, victims: Sequence[str]
+) -> list[str]:
+    """Kill a part of each run at a random moment, resume, and return what was killed when."""
+    told = []
+    more = (*MORE, "--worlds", worlds, "--resume")
+    for victim in victims:
+        after_s = random.uniform(0.2, 1.0) * undisturbed.took_s
+        ended = run_with_kill(command(undisturbed.config, out, *more), victim, after_s)
+        told.append(f"{victim} after {after_s:.2f} s: {ended}")
+        if victim == "worker":
+            assert ended.exit_code == 0, told  # Ray renders its world again
+    if ended.exit_code:
+        resumed = run(undisturbed.config, out, *more)
+        assert resumed.returncode == 0, (told, resumed.stderr)
+    return told
+
+
+def shuffled(names: Sequence[str]) -> list[str]:
+    return random.sample(names, len(names))
+
+
 @pytest.mark.long
-def test_a_full_disk_ends_the_run_and_it_is_resumed(tmp_path: Path, leaks):
-    config = write_config(tmp_path)
+def test_a_full_disk_ends_the_run_and_it_is_resumed(
+    tmp_path: Path, undisturbed: UndisturbedRun, leaks
+):
+    config = undisturbed.config
     program = f"""
 import resource, sys
 from pathlib import Path
@@ -148,8 +213,7 @@ except RenderError as error:
     assert not [path for path in tmp_path.rglob("*") if ".part" in path.name]
     resumed = run(config, tmp_path / "set", "--splits", SPLITS, "--resume")
     assert resumed.returncode == 0, resumed.stderr
-    render_here(config, tmp_path / "here")
-    assert contents(tmp_path / "set") == contents(tmp_path / "here")
+    assert contents(tmp_path / "set") == contents(undisturbed.folder)
 
 
 @pytest.mark.long
@@ -172,9 +236,11 @@ def test_worlds_that_cannot_be_made_are_skipped_and_counted(tmp_path: Path, leak
 
 
 @pytest.mark.long
-def test_a_node_of_a_cluster_dies_and_nothing_is_lost(tmp_path: Path, leaks, monkeypatch):
+def test_a_node_of_a_cluster_dies_and_nothing_is_lost(
+    tmp_path: Path, undisturbed: UndisturbedRun, leaks, monkeypatch
+):
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    config = write_config(tmp_path)
+    config = undisturbed.config
     program = """
 import sys
 from ray.cluster_utils import Cluster
@@ -210,43 +276,34 @@ cluster.shutdown()
     finally:
         cluster.communicate(timeout=TIMEOUT_S)
         shutil.rmtree(folder)
-    render_here(config, tmp_path / "here")
-    assert contents(tmp_path / "set") == contents(tmp_path / "here")
+    assert contents(tmp_path / "set") == contents(undisturbed.folder)
 
 
 @pytest.mark.long
 @pytest.mark.blender
-def test_blender_lives_in_the_workers_of_ray(tmp_path: Path, leaks):
-    text = CONFIG.replace("backend: analytic", "backend: blender\nrender: {quality: preview}")
-    config = write_config(tmp_path, text)
-    ended = run(config, tmp_path / "set", "--splits", SPLITS, "--worlds", 3, "--num-workers", 2)
-    assert ended.returncode == 0, ended.stderr
-    dataset = open_dataset(tmp_path / "set")
-    assert dataset.worlds == (0, 1, 2)
+def test_blender_lives_in_the_workers_of_ray(undisturbed_blender: UndisturbedRun):
+    dataset = open_dataset(undisturbed_blender.folder)
+    assert dataset.worlds == tuple(range(BLENDER_WORLDS))
     assert len({record.worker for record in dataset.records}) == 2
-    frames = ["000000_0002_camera", "000002_0001_camera"]
+    frames = ["000000_0002_camera", f"{BLENDER_WORLDS - 1:06d}_0001_camera"]
     for _, comparisons in repeated(dataset, frames, 40.0):
         assert all(comparison.is_equal for comparison in comparisons)
 
 
 @pytest.mark.long
 @pytest.mark.blender
+@pytest.mark.parametrize("chain", range(CHAINS))
 def test_kills_of_blender_s_workers_and_driver_lose_and_change_no_frame(
-    tmp_path: Path, temporary_folder: Path, leaks
+    tmp_path: Path,
+    temporary_folder: Path,
+    undisturbed_blender: UndisturbedRun,
+    chain: int,
+    leaks,
 ):
-    text = CONFIG.replace("backend: analytic", "backend: blender\nrender: {quality: preview}")
-    config = write_config(tmp_path, text)
-    more = ("--splits", SPLITS, "--worlds", 4, "--num-workers", 2, "--resume")
-    begun_s = time.monotonic()
-    undisturbed = run(config, tmp_path / "undisturbed", *more)
-    assert undisturbed.returncode == 0, undisturbed.stderr
-    took_s = time.monotonic() - begun_s
-    for victim in ("driver", "node", "worker"):
-        after_s = random.Random().uniform(0.2, 0.9) * took_s
-        ended = run_with_kill(command(config, tmp_path / "set", *more), victim, after_s)
-    assert ended.exit_code == 0, ended.errors  # Ray renders a killed worker's world again
-    expected, found = open_dataset(tmp_path / "undisturbed"), open_dataset(tmp_path / "set")
-    assert len(found) == len(expected) == 4 * VIEWS
+    victims = [random.choice(VICTIMS)] if CHAINS == 1 else shuffled(VICTIMS)
+    told = killed_and_resumed(undisturbed_blender, tmp_path / "set", BLENDER_WORLDS, victims)
+    expected, found = open_dataset(undisturbed_blender.folder), open_dataset(tmp_path / "set")
+    assert len(found) == len(expected) == BLENDER_WORLDS * VIEWS, told
     for old, new in zip(expected, found, strict=True):
         assert new.record.frame_id == old.record.frame_id
         for name in ("T_map_camera", "intrinsics", "provenance", "label_pixels", "split"):
@@ -254,7 +311,7 @@ def test_kills_of_blender_s_workers_and_driver_lose_and_change_no_frame(
         for modality, pixels in old.arrays.items():
             if modality == "rgb":
                 error = np.mean((pixels.astype(float) - new.arrays["rgb"]) ** 2)
-                assert error <= 255**2 / 10 ** (LEAST_PSNR_DB / 10)
+                assert error <= 255**2 / 10 ** (LEAST_PSNR_DB / 10), told
             else:
-                assert np.array_equal(new.arrays[modality], pixels), modality
+                assert np.array_equal(new.arrays[modality], pixels), (modality, told)
     wait_until(lambda: not list(temporary_folder.glob("oaisys_ray_*")))
