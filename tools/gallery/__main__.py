@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated
 
@@ -14,11 +16,15 @@ import typer
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import OaisysError
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import ModuleMetadata
+from oaisys_core.types import RGB, ModuleMetadata
+from tools.gallery.look_book.__main__ import render_look_book
+from tools.gallery.look_book.figures import marks
+from tools.gallery.look_book.rendering import LookPicture
 from tools.gallery.page import Entry, ViewImages, write_page, write_view_images
 from tools.gallery.scenes import Picture, pictures
 
 EXAMPLES = Path(__file__).parents[2] / "config" / "examples"
+LOOK_BOOK = "look_book"
 OWN_VIEWS = 2
 """Number of views of a rig with its own motion."""
 
@@ -26,12 +32,15 @@ OWN_VIEWS = 2
 def main(
     out: Annotated[Path, typer.Option(help="Folder for the page and its images.")],
     only: Annotated[
-        str, typer.Option(help="Render only names that contain this, such as stage_.")
+        str, typer.Option(help="Render only names that contain this, such as stage_ or look_book.")
     ] = "",
     quality: Annotated[str, typer.Option(help="Quality of colour.")] = "high",
     backend: Annotated[str, typer.Option(help="blender or analytic.")] = "blender",
 ) -> None:
-    """Render all examples and texture sets, with their labels."""
+    """Render all examples and texture sets with their labels, and the look book.
+
+    The look book has `standard` quality.
+    """
     logging.basicConfig(level=logging.WARNING)
     out.mkdir(parents=True, exist_ok=True)
     with own_stdout():
@@ -56,6 +65,10 @@ def _render(out: Path, only: str, quality: str, backend: str) -> list[str]:
         finally:
             simulation.close()
         typer.echo(f"{chosen.group}/{chosen.name}: {time.perf_counter() - started_s:.1f} s")
+    if only in LOOK_BOOK:
+        book = render_look_book(out, backend=backend)
+        failures += [f"{each.world}: {each.error}" for each in book if each.error]
+        entries += _look_book_entries(book)
     page = write_page(out, entries, f"{backend} {version}, quality {quality}")
     typer.echo(f"{page}: {len(entries)} worlds")
     return failures
@@ -73,6 +86,19 @@ def _entry(simulation: Simulation, chosen: Picture, out: Path) -> Entry:
         labels = {0: "unlabelled", **simulation.info().semantic_labels}
         images += write_view_images(out, stem, title, sample, labels)
     return Entry(chosen.group, chosen.name, chosen.caption, images)
+
+
+def _look_book_entries(book: Sequence[LookPicture]) -> list[Entry]:
+    """Return one entry for each world; an asterisk marks figures out of the natural range."""
+    entries = []
+    for world, pictures_of_world in groupby(book, lambda picture: picture.world):
+        images = [
+            ViewImages(picture.view, {RGB: picture.file}, {}, marks(picture.figures))
+            for picture in pictures_of_world
+            if picture.file is not None
+        ]
+        entries.append(Entry(LOOK_BOOK, world, "", images))
+    return entries
 
 
 if __name__ == "__main__":

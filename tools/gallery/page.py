@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import jinja2
@@ -35,11 +35,13 @@ class ViewImages:
     Attributes:
         files: Image file by modality, relative to the page.
         legend: Colours of the visible labels by name.
+        figures: Figures of the picture as text by name.
     """
 
     title: str
     files: Mapping[str, str]
     legend: Mapping[str, str]
+    figures: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
