@@ -28,7 +28,7 @@ from oaisys_core.scene import (
 from oaisys_core.terrain.detail import Detail, DetailedGround
 from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.terrain.surroundings.kinds import Surroundings
-from oaisys_core.types import FloatArray, merged
+from oaisys_core.types import FloatArray, GroupCount, merged
 
 Metadata = Mapping[str, Any] | None
 """The part of a step's metadata that a module receives, or None."""
@@ -55,6 +55,7 @@ class World:
         T_map_base: (4, 4) pose of the rig.
         surroundings: What surrounds the stage.
         far_ground: The ground around the stage, once the sky has shown it.
+        group_counts: Of each group of objects, how many were asked for and how many stand.
     """
 
     ground: Ground | None = None
@@ -69,6 +70,7 @@ class World:
     prototypes: tuple[MeshPrototype, ...] = ()
     placements: tuple[Placement, ...] = ()
     primitives: tuple[Primitive, ...] = ()
+    group_counts: tuple[GroupCount, ...] = ()
     sky: Sky | None = None
     lamps: tuple[Lamp, ...] = ()
     T_map_base: FloatArray | None = None

@@ -152,6 +152,8 @@ class MeshPrototype(ShortRepr):
             ``color_image_srgb``: (0, 0) is its lower left corner, (1, 1) its upper right one. The
             image repeats outside.
         color_image_srgb: (H, W, 3) uint8, first row on top; used instead of vertex colours.
+        translucency: (V,) uint8, with ``vertex_colors_srgb``: by 255, the share of scattered light
+            that leaves on the other side, as through leaves; None for none.
     """
 
     name: str
@@ -162,6 +164,7 @@ class MeshPrototype(ShortRepr):
     vertex_colors_srgb: NDArray[np.uint8] | None = None
     uv: NDArray[np.float32] | None = None
     color_image_srgb: NDArray[np.uint8] | None = None
+    translucency: NDArray[np.uint8] | None = None
 
 
 @dataclass(frozen=True, repr=False)

@@ -282,6 +282,7 @@ class Simulation:
             sample_id=batch.sample_id if batch else 0,
             stage_extent_m=ground.extent_m if ground else None,
             device=self._backend.device,
+            group_counts=batch.world.group_counts if batch else (),
         )
 
     @property

@@ -526,6 +526,21 @@ class ImuInfo(ShortRepr):
 
 
 @dataclass(frozen=True)
+class GroupCount:
+    """How many objects of a group stand in a world.
+
+    Attributes:
+        name: Name of the group.
+        asked: Number drawn from its range of counts, times the factors of the metadata.
+        placed: Number for which there was room where its densities are not 0.
+    """
+
+    name: str
+    asked: int
+    placed: int
+
+
+@dataclass(frozen=True)
 class SimulatorInfo:
     """A running simulator: its version, its sensors, its current batch and sample.
 
@@ -537,6 +552,7 @@ class SimulatorInfo:
         stage_extent_m: (min_x, min_y, max_x, max_y) of the ground, or None before the first batch.
         worker_restarts: Number of times that a server has replaced a rendering process that died.
         device: Device that renders colour.
+        group_counts: The numbers of objects of each group of the current batch.
     """
 
     backend: str
@@ -553,6 +569,7 @@ class SimulatorInfo:
     device: str = "cpu"
     lidars: tuple[LidarInfo, ...] = ()
     imus: tuple[ImuInfo, ...] = ()
+    group_counts: tuple[GroupCount, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)

@@ -155,7 +155,13 @@ class _Run:
 
     def _build(self, batch_id: int, shown: RenderProgress) -> int:
         shown.begin(f"world {batch_id}")
-        return self._simulation.step_batch(self._steps.batch, progress=shown)
+        built = self._simulation.step_batch(self._steps.batch, progress=shown)
+        counts = self._simulation.info().group_counts
+        self._writer.write_counts(built, counts)
+        if counts:
+            placed = ", ".join(f"{c.placed} of {c.asked} {c.name}" for c in counts)
+            self._console.print(f"batch {built}: placed {placed}", soft_wrap=True, highlight=False)
+        return built
 
     def _render(self, view: SampleRequest, shown: RenderProgress) -> None:
         sample = self._simulation.step_sample(

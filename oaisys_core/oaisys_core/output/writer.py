@@ -7,6 +7,8 @@
     batch_0001/poses.csv                          the rig's pose at each sample
     batch_0001/odometry.csv                       estimated pose, if odometry drifts
     batch_0001/labels.json                        label names by semantic id
+    batch_0001/counts.json                        of each group of objects, the numbers asked for
+                                                  and placed
     batch_0001/camera/0001camera_rgb_00.png       images, see `oaisys_core.output.images`
     batch_0001/camera/intrinsics.json             of the sensor's first sample in the batch
     batch_0001/lidar/0001lidar_points_00.pcd      points, see `oaisys_core.output.points`
@@ -18,7 +20,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +34,11 @@ from oaisys_core.output.images import file_suffix, write_image
 from oaisys_core.output.points import POINTS_SUFFIX, write_points
 from oaisys_core.output.poses import append_pose, drop_poses_after
 from oaisys_core.output.records import intrinsics_record, read_json, sample_record, write_json
-from oaisys_core.types import Sample
+from oaisys_core.types import GroupCount, Sample
 
 CONFIG, STATE = "config.yaml", "state.json"
 POSES, LABELS, INTRINSICS = "poses.csv", "labels.json", "intrinsics.json"
+COUNTS = "counts.json"
 ODOMETRY = "odometry.csv"
 SENSOR_DATA, SAMPLE_DATA = Path("meta_data/sensor_data"), Path("meta_data/sample_data")
 
@@ -111,6 +114,12 @@ class SampleWriter:
         record = sample_record(sample, files)
         write_json(batch / SAMPLE_DATA / f"{sample.sample_id:04d}.json", record)
         return paths
+
+    def write_counts(self, batch_id: int, counts: Sequence[GroupCount]) -> None:
+        """Write how many objects of each group a batch has; nothing for a batch without groups."""
+        if counts:
+            record = {each.name: {"asked": each.asked, "placed": each.placed} for each in counts}
+            write_json(self.batch_folder(batch_id) / COUNTS, record)
 
     def write_state(self, state: Mapping[str, Any]) -> None:
         """Write the state of the simulation, after everything else."""

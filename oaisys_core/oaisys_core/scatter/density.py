@@ -1,4 +1,4 @@
-"""Densities of scattered objects: noise, Voronoi cells, slopes, heights and images."""
+"""Densities of scattered objects: noise, Voronoi cells, slopes, heights, moisture and images."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from oaisys_core.config.sections.density import (
     DensityConfig,
     HeightDensity,
     ImageDensity,
+    MoistureDensity,
     NoiseDensity,
     SlopeDensity,
     VoronoiDensity,
@@ -21,6 +22,7 @@ from oaisys_core.config.sections.density import (
 from oaisys_core.errors import ConfigError
 from oaisys_core.scatter.placement import slope_deg
 from oaisys_core.scene import Ground
+from oaisys_core.terrain.moisture import moisture
 from oaisys_core.terrain.noise import Field, spectral
 from oaisys_core.types import FloatArray
 
@@ -70,6 +72,12 @@ def _density(config: DensityConfig, ground: Ground, rng: np.random.Generator) ->
     if isinstance(config, HeightDensity):
         low, high = _height_range_m(config, ground)
         return lambda xy: band(ground.height_at(xy), low, high, config.fade_m)
+    if isinstance(config, MoistureDensity):
+        low, high = config.range_share
+        wet = moisture(ground)
+        # The wettest and the driest places are inside of bounds of 1 and 0.
+        low, high = (low if low > 0 else -np.inf), (high if high < 1 else np.inf)
+        return lambda xy: band(bilinear(wet, ground, xy), low, high, config.fade_share)
     return partial(bilinear, _image(config), ground)
 
 

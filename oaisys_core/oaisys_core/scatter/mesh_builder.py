@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -16,23 +18,43 @@ class MeshBuilder:
         self._vertices: list[FloatArray] = []
         self._triangles: list[NDArray[np.int32]] = []
         self._colors: list[FloatArray] = []
+        self._translucency: list[FloatArray] = []
         self._count = 0
 
-    def add(self, vertices_m: ArrayLike, triangles: ArrayLike, color_srgb: ArrayLike) -> None:
-        """Add (V, 3) vertices and (T, 3) triangles with a (3,) colour or (V, 3) colours, 0 to 1."""
+    def add(
+        self,
+        vertices_m: ArrayLike,
+        triangles: ArrayLike,
+        color_srgb: ArrayLike,
+        *,
+        translucency: float = 0.0,
+    ) -> None:
+        """Add (V, 3) vertices and (T, 3) triangles with a (3,) colour or (V, 3) colours, 0 to 1.
+
+        ``translucency`` is the share of scattered light that leaves on the other side, as through
+        leaves.
+        """
         vertices = np.asarray(vertices_m, dtype=np.float64)
         self._vertices.append(vertices)
         self._triangles.append(np.asarray(triangles, np.int32) + np.int32(self._count))
         self._colors.append(np.broadcast_to(np.asarray(color_srgb, np.float64), vertices.shape))
+        self._translucency.append(np.full(len(vertices), translucency))
         self._count += len(vertices)
 
     def strip(
-        self, left_m: FloatArray, right_m: FloatArray, colors: ArrayLike, *, pointed: bool = True
+        self,
+        left_m: FloatArray,
+        right_m: FloatArray,
+        colors: ArrayLike,
+        *,
+        pointed: bool = True,
+        translucency: float = 0.0,
     ) -> None:
         """Add a strip between two (K, 3) edges, with (3,) or (K, 3) colours from foot to tip.
 
         Args:
             pointed: Whether it ends in a point midway between the last two.
+            translucency: See `add`.
         """
         count = len(left_m)
         colors = np.broadcast_to(np.asarray(colors, np.float64), (count, 3))
@@ -49,7 +71,7 @@ class MeshBuilder:
         if pointed:
             last = [[count - 1, 2 * count - 1, 2 * count]]
             triangles = np.vstack((triangles, last))
-        self.add(vertices, triangles, colors)
+        self.add(vertices, triangles, colors, translucency=translucency)
 
     def tube(
         self, points_m: ArrayLike, radii_m: ArrayLike, colors: ArrayLike, sides: int = 3
@@ -126,12 +148,16 @@ class MeshBuilder:
         """Return the mesh of all parts."""
         colors = np.clip(np.vstack(self._colors), 0, 1)
         mean = colors.mean(axis=0)
+        translucency = np.concatenate(self._translucency)
         return MeshPrototype(
             name=name,
             vertices_m=np.vstack(self._vertices).astype(np.float32),
             triangles=np.vstack(self._triangles).astype(np.int32),
             color_srgb=(float(mean[0]), float(mean[1]), float(mean[2])),
             vertex_colors_srgb=np.rint(colors * 255).astype(np.uint8),
+            translucency=np.rint(translucency * 255).astype(np.uint8)
+            if translucency.any()
+            else None,
         )
 
     def mesh_of_size_1(self, name: str) -> MeshPrototype:
@@ -139,13 +165,7 @@ class MeshBuilder:
         mesh = self.mesh(name)
         vertices = mesh.vertices_m.astype(np.float64)
         vertices /= np.ptp(vertices, axis=0).max()
-        return MeshPrototype(
-            name=name,
-            vertices_m=vertices.astype(np.float32),
-            triangles=mesh.triangles,
-            color_srgb=mesh.color_srgb,
-            vertex_colors_srgb=mesh.vertex_colors_srgb,
-        )
+        return replace(mesh, vertices_m=vertices.astype(np.float32))
 
 
 def _across(along: FloatArray) -> FloatArray:

@@ -6,10 +6,14 @@ import numpy as np
 
 from oaisys_core import extensions
 from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.scatter.plants.species import SPECIES
 from oaisys_core.scatter.rocks import ROCK_KINDS, make_rock
-from oaisys_core.scatter.vegetation import PLANTS
+from oaisys_core.scatter.vegetation import LOW_PLANTS
 from oaisys_core.scatter.vehicles import VEHICLES
 from oaisys_core.scene import MeshPrototype
+
+PLANTS = {**LOW_PLANTS, **SPECIES}
+"""Generators of plants by name."""
 
 SHAPES = ROCK_KINDS | PLANTS.keys() | VEHICLES.keys()
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from oaisys_core.scatter.mesh_builder import MeshBuilder
+from oaisys_core.scatter.plants.organs import LEAF_TRANSLUCENCY
 from oaisys_core.scatter.rocks import icosphere
 from oaisys_core.scene import MeshPrototype
 from oaisys_core.types import FloatArray
@@ -63,7 +64,8 @@ def fern(rng: np.random.Generator) -> MeshPrototype:
                 middle = 0.55 * spine[k] + 0.45 * tip + 0.02 * reach * UP
                 left = np.array((spine[k] - 0.6 * broad, middle - broad, tip))
                 right = np.array((spine[k] + 0.6 * broad, middle + broad, tip))
-                parts.strip(left, right, _gradient(near, _mix(near, far, share), 3))
+                colors = _gradient(near, _mix(near, far, share), 3)
+                parts.strip(left, right, colors, translucency=LEAF_TRANSLUCENCY)
     return parts.mesh_of_size_1("fern")
 
 
@@ -188,7 +190,8 @@ def _leaf(
     side = np.cross(out, UP)
     side /= max(float(np.linalg.norm(side)), 1e-9)
     side = np.cos(twist) * side + np.sin(twist) * _unit(np.cross(side, out))
-    parts.strip(spine - width[:, None] * side, spine + width[:, None] * side, colors)
+    left, right = spine - width[:, None] * side, spine + width[:, None] * side
+    parts.strip(left, right, colors, translucency=LEAF_TRANSLUCENCY)
 
 
 def _blade(
@@ -205,7 +208,8 @@ def _blade(
     middle, tip = foot + 0.5 * length * way, foot + length * way
     broad = 0.28 * length * side
     corners = np.array((foot, middle - broad, tip, middle + broad))
-    parts.add(corners, [(0, 1, 2), (0, 2, 3)], color * rng.uniform(0.85, 1.15))
+    color = color * rng.uniform(0.85, 1.15)
+    parts.add(corners, [(0, 1, 2), (0, 2, 3)], color, translucency=LEAF_TRANSLUCENCY)
 
 
 def _way(azimuth: float) -> FloatArray:
@@ -231,7 +235,7 @@ def _shade(color: ArrayLike, rng: np.random.Generator) -> FloatArray:
     return np.asarray(np.asarray(color) * rng.uniform(0.82, 1.18) * tint)
 
 
-PLANTS = {
+LOW_PLANTS = {
     "grass_tuft": grass_tuft,
     "fern": fern,
     "rosette": rosette,

@@ -109,6 +109,13 @@ def slides(
     return z
 
 
+def receivers(
+    elevation_m: FloatArray, spacing_m: float, rng: np.random.Generator
+) -> NDArray[np.int64]:
+    """Return the (N,) receivers of all cells, see `drained_area`; ``rng`` perturbs them."""
+    return _steepest(elevation_m, spacing_m, rng)[0]
+
+
 def _steepest(
     z: FloatArray, spacing_m: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.int64], FloatArray]:

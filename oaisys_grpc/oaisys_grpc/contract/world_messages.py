@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import OaisysError
 from oaisys_core.types import (
+    GroupCount,
     HeightGrid,
     HeightQuery,
     ImuInfo,
@@ -67,6 +68,10 @@ def info_to_proto(info: SimulatorInfo) -> pb.GetSimulatorInfoResponse:
             for lidar in info.lidars
         ],
         imus=map(_imu_to_proto, info.imus),
+        group_counts=[
+            pb.GroupCount(name=count.name, asked=count.asked, placed=count.placed)
+            for count in info.group_counts
+        ],
     )
     if info.stage_extent_m is not None:
         message.stage_extent.CopyFrom(extent_to_proto(info.stage_extent_m))
@@ -99,6 +104,9 @@ def info_from_proto(message: pb.GetSimulatorInfoResponse) -> SimulatorInfo:
             for lidar in message.lidars
         ),
         imus=tuple(map(_imu_from_proto, message.imus)),
+        group_counts=tuple(
+            GroupCount(count.name, count.asked, count.placed) for count in message.group_counts
+        ),
     )
 
 

@@ -130,6 +130,7 @@ def _simulator_values(info: SimulatorInfo | None) -> dict[str, object]:
         "device": info.device,
         "batch_id": info.batch_id,
         "worker_restarts": info.worker_restarts,
+        **{f"placed {c.name}": f"{c.placed} of {c.asked}" for c in info.group_counts},
     }
 
 

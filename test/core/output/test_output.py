@@ -1,5 +1,6 @@
 """Files written are read back by an independent reader."""
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -20,6 +21,7 @@ from oaisys_core.output.reader import read_intrinsics, read_labels, read_sample,
 from oaisys_core.output.writer import SampleWriter
 from oaisys_core.types import (
     Frame,
+    GroupCount,
     PinholeIntrinsics,
     Pose,
     Provenance,
@@ -78,6 +80,15 @@ def test_poses_come_back_exactly(tmp_path: Path, sample: Sample) -> None:
     writer.write(sample)
     writer.write(sample)
     assert read_poses(tmp_path / "batch_0001" / "poses.csv") == [sample.rig_pose] * 2
+
+
+def test_counts_of_groups_are_written_once_per_batch(tmp_path: Path) -> None:
+    writer = SampleWriter(tmp_path)
+    writer.write_counts(1, ())
+    assert not (tmp_path / "batch_0001").exists()
+    writer.write_counts(2, (GroupCount("grass", 9, 7),))
+    written = json.loads((tmp_path / "batch_0002" / "counts.json").read_text(encoding="utf-8"))
+    assert written == {"grass": {"asked": 9, "placed": 7}}
 
 
 @pytest.mark.parametrize(

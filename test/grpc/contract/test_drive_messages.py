@@ -11,6 +11,7 @@ from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.types import (
     DriveInstant,
     DriveOutline,
+    GroupCount,
     ImuInfo,
     ImuReading,
     Odometry,
@@ -82,7 +83,9 @@ def test_outline_counts_and_imus_come_back_as_they_were() -> None:
         sent_counts(end)
     imu = ImuInfo("imu", np.arange(16.0).reshape(4, 4), 200.0, 0.5, 0.25)
     info = SimulatorInfo("analytic", "1", 0, "", "preview", (), {}, 1, 0, None, imus=(imu,))
+    info = replace(info, group_counts=(GroupCount("grass", 9, 7),))
     (back,) = info_from_proto(info_to_proto(info)).imus
+    assert info_from_proto(info_to_proto(info)).group_counts == info.group_counts
     np.testing.assert_array_equal(back.T_base_imu, imu.T_base_imu)
     assert replace(back, T_base_imu=imu.T_base_imu) == imu
 

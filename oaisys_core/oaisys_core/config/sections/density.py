@@ -83,6 +83,22 @@ class HeightDensity(Section):
     least: Share = 0.0
 
 
+class MoistureDensity(Section):
+    """Ground in a range of moistures, by how much water drains towards each place.
+
+    Attributes:
+        range_share: (least, most) moisture by rank: 0 is the driest place of the stage, 0.9 is
+            wetter than 90 % of it. Exactly flat ground has 0.5 everywhere.
+        fade_share: Width of the linear fade centred on each bound.
+        least: Density elsewhere.
+    """
+
+    kind: Literal["moisture"]
+    range_share: Range = (0.6, 1.0)
+    fade_share: NotNegative = 0.2
+    least: Share = 0.0
+
+
 class ImageDensity(Section):
     """A grey image over the whole ground, with its upper edge at the largest y.
 
@@ -99,6 +115,6 @@ class ImageDensity(Section):
 
 
 DensityConfig = Annotated[
-    NoiseDensity | VoronoiDensity | SlopeDensity | HeightDensity | ImageDensity,
+    NoiseDensity | VoronoiDensity | SlopeDensity | HeightDensity | MoistureDensity | ImageDensity,
     Field(discriminator="kind"),
 ]

@@ -22,7 +22,7 @@ from oaisys_core.scatter.rocks import make_rock
 from oaisys_core.scatter.stance import footprint_of, pose_on_ground
 from oaisys_core.scatter.trajectories import PoseAtSample, make_trajectory
 from oaisys_core.scene import Ground, MeshPrototype, PbrMaps, Placement, Primitive
-from oaisys_core.types import FloatArray, Pose
+from oaisys_core.types import FloatArray, GroupCount, Pose
 
 LARGE_ROCK_M = 1.3
 """Rocks of groups with larger sizes than this have four times as many triangles."""
@@ -71,6 +71,7 @@ class DrawnAssets:
 
     Attributes:
         first_prototype: By name of a group, object or mover, the index of its first prototype.
+        counts: Of each group, how many were asked for and how many stand.
     """
 
     prototypes: tuple[MeshPrototype, ...]
@@ -78,6 +79,7 @@ class DrawnAssets:
     primitives: tuple[Primitive, ...]
     movers: tuple[Mover, ...]
     first_prototype: dict[str, int]
+    counts: tuple[GroupCount, ...] = ()
 
     @cached_property
     def instances(self) -> dict[int, int]:
@@ -111,6 +113,7 @@ class AssetGenerator:
         self._placements: list[AssetPlacement] = []
         self._movers: list[Mover] = []
         self._first: dict[str, int] = {}
+        self._counts: list[GroupCount] = []
 
     def draw(self, metadata: AssetMetadata) -> DrawnAssets:
         """Return everything on the ground.
@@ -137,6 +140,7 @@ class AssetGenerator:
             primitives,
             tuple(self._movers),
             self._first,
+            tuple(self._counts),
         )
 
     def _draw_rocks(self, factor: float) -> int:
@@ -161,6 +165,7 @@ class AssetGenerator:
             count = min(round(factor * drawn), MOST_INSTANCES)
         T_map_object, shape_of = scatter_group(group, count, shapes, self._ground, rng)
         ids = block.ids(len(T_map_object))
+        self._counts.append(GroupCount(group.name, count, len(ids)))
         self._first[group.name] = len(self._prototypes)
         self._place(shapes, shape_of, group.semantic_ids, T_map_object, ids, group)
 

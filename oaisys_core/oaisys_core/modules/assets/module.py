@@ -82,6 +82,7 @@ class AssetsModule(Module):
         checked = asset_metadata({}, metadata)
         things = self._drawn(require(world.ground), checked, rng)
         world.primitives = things.primitives
+        world.group_counts = things.counts
         for thing in self._config.labelled:
             world.semantic_labels.update(thing.labels)
         self._metadata = merged({}, metadata)

@@ -17,7 +17,7 @@ from oaisys_core.modules.assets.module import AssetsModule
 from oaisys_core.scatter.ids import FAR, added_id, group_blocks, rock_block
 from oaisys_core.scene import HeightField, Placement
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import ModuleMetadata
+from oaisys_core.types import GroupCount, ModuleMetadata
 
 LABEL = {"label": "thing", "semantic_id": 30}
 GRASS = {"name": "grass", "shape": "grass_tuft", "count": [20, 40], "size_m": [0.3, 0.6]} | LABEL
@@ -116,6 +116,16 @@ def test_blocks_of_ids_never_meet() -> None:
     assert len(set().union(*ids)) == sum(len(each) for each in ids)
     assert all(b.holds(i) for b, each in zip(blocks, ids, strict=False) for i in each)
     assert max(max(each) for each in ids) < 8 * FAR
+
+
+def test_counts_say_how_many_were_asked_for_and_how_many_stand() -> None:
+    full = STONES | {"name": "full", "spacing_m": 8.0}
+    stand = Stand({"groups": [STONES, full]}, count_factor=2.0)
+    stones, crowded = stand.world.group_counts
+    assert stones == GroupCount("stones", 100, 100)
+    assert (crowded.name, crowded.asked) == ("full", 100)
+    assert 5 < crowded.placed < 30
+    assert len(stand.ids) == stones.placed + crowded.placed
 
 
 def test_a_group_is_there_as_often_as_its_probability_says() -> None:

@@ -25,6 +25,13 @@ ROCK_BUMP_M = 0.02
 ROCK_BRIGHTNESS = (0.85, 0.3)
 """Least brightness factor of a rock, and the range of its random part."""
 
+PLANT_BRIGHTNESS = (0.82, 0.36)
+"""Least brightness factor of a plant, and the range of its random part."""
+
+THROUGH_LEAF = (1.15, 1.1, 0.6)
+"""Colour of light that went through a leaf, relative to that of light that its surface reflects:
+chlorophyll and carotenes absorb blue on the longer way."""
+
 PAINT = "paint"
 """Name of a mesh's colour attribute or UV map."""
 
@@ -138,8 +145,23 @@ def painted_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
         color = _from_vertices(tree, prototype, mesh)
     else:
         return None
-    show(tree, *diffuse(tree, color, ROUGHNESS, None))
+    if prototype.translucency is None:
+        show(tree, *diffuse(tree, color, ROUGHNESS, None))
+    else:
+        _show_leaves(tree, color)
     return result
+
+
+def _show_leaves(tree: NodeTree, color: Socket) -> None:
+    """Let light through leaves; brightness differs from instance to instance."""
+    least, range_ = PLANT_BRIGHTNESS
+    random = tree.add("ObjectInfo").outputs["Random"]
+    color = tree.scaled(color, tree.math("MULTIPLY_ADD", random, range_, least))
+    surface, airlight = diffuse(tree, color, ROUGHNESS, None)
+    through, _ = through_haze(tree, tree.vector("MULTIPLY", color, THROUGH_LEAF))
+    behind = tree.add("BsdfTranslucent", {"Color": through}).outputs[0]
+    share = tree.add("Attribute", attribute_name=PAINT).outputs["Alpha"]
+    show(tree, tree.mixed(share, surface, behind), airlight)
 
 
 def _from_picture(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:
@@ -157,6 +179,8 @@ def _from_vertices(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socke
     rgb = np.asarray(prototype.vertex_colors_srgb)
     rgba = np.ones((len(rgb), 4), dtype=np.float32)
     np.multiply(rgb, BYTE, out=rgba[:, :3])
+    if prototype.translucency is not None:
+        np.multiply(prototype.translucency, BYTE, out=rgba[:, 3])
     layer = mesh.color_attributes.new(PAINT, "BYTE_COLOR", "POINT")
     layer.data.foreach_set("color_srgb", rgba.ravel())
     return tree.add("Attribute", attribute_name=PAINT).outputs["Color"]

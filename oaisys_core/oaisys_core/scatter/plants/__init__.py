@@ -1,0 +1,1 @@
+"""Plants that grow by rules: stems that branch, and leaves, needles and flowers on them."""
