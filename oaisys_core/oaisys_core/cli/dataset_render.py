@@ -17,6 +17,7 @@ from oaisys_core.dataset.ray_session import MEMORY_PER_WORKER_GB, RaySettings
 from oaisys_core.errors import OaisysError
 
 if TYPE_CHECKING:
+    from oaisys_core.config import SimulationConfig
     from oaisys_core.dataset.places import StoragePlace
     from oaisys_core.dataset.rendering import DatasetRendering, DatasetSummary
 
@@ -76,7 +77,7 @@ def render(
     shares = parsed_splits(splits)
     place = open_place(out)
     chosen = adjusted(load_config(config), seed=seed, backend=backend, quality=quality, size=size)
-    names = _format_names(formats)
+    names = _format_names(formats, chosen)
     settings = RaySettings(address, num_workers, memory_per_worker)
     rendering = DatasetRendering(place, chosen, dataset_info(chosen, worlds, views, shares))
     with rendering.begun(is_resumed=resume):
@@ -156,14 +157,19 @@ def _report(summary: DatasetSummary) -> None:
         typer.echo(f"  {label or 'unlabelled':<24} {share:8.3%}")
 
 
-def _format_names(formats: str) -> list[str]:
-    """Return the formats of a text such as ``coco,webdataset``."""
+def _format_names(formats: str, config: SimulationConfig) -> list[str]:
+    """Return the formats of a text such as ``coco,webdataset``, which suit what is rendered."""
     names = [name.strip() for name in formats.split(",") if name.strip()]
     if not names:
         return []
-    from oaisys_core.dataset.formats.base import format_named
+    from oaisys_core.dataset.formats.base import check_suits, format_named
 
-    return [format_named(name).name for name in names]
+    found = [format_named(name) for name in dict.fromkeys(names)]
+    cameras = config.sensors.all_cameras
+    modalities = {str(modality) for camera in cameras for modality in camera.modalities}
+    for each in found:
+        check_suits(each, modalities, {c.name for c in cameras if c.fisheye is not None})
+    return [each.name for each in found]
 
 
 def _export(place: StoragePlace, formats: Sequence[str]) -> None:

@@ -12,7 +12,7 @@ from collections.abc import Generator, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from oaisys_core.config import SimulationConfig, canonical_json
-from oaisys_core.dataset.manifest import WorldFailure
+from oaisys_core.dataset.manifest import WorldFailure, WorldLegend
 from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.dataset.plan import WorldTask
 from oaisys_core.dataset.ray_session import RaySession, RaySettings, ray_session
@@ -95,12 +95,15 @@ class _WorldQueue:
         self._render = session.ray.remote(render_world).options(
             num_cpus=1, memory=settings.memory_bytes, max_retries=settings.retries
         )
+        self._waiting: Iterator[WorldTask] = iter(())
+        self._rendering = 0
         self._parts: dict[Any, _Parts] = {}
         self._tasks: dict[Any, WorldTask] = {}
 
     def run(self, tasks: Iterator[WorldTask]) -> Iterator[DatasetEvent]:
         """Render all worlds."""
-        self._start_worlds(tasks)
+        self._waiting = tasks
+        self._start_worlds()
         while self._parts:
             ready, _ = self._ray.wait(
                 list(self._parts), num_returns=1, timeout=LOOK_S, fetch_local=False
@@ -109,7 +112,6 @@ class _WorldQueue:
                 yield Waiting(len(self._parts))
             for stream in ready:
                 yield from self._advanced(stream)
-                self._start_worlds(tasks)
 
     def abandon(self) -> None:
         """Give up the worlds that are not finished, and remove their unfinished shards."""
@@ -117,12 +119,13 @@ class _WorldQueue:
             _, parts = self._parts.popitem()
             parts.close()
 
-    def _start_worlds(self, tasks: Iterator[WorldTask]) -> None:
-        while len(self._parts) < self._session.workers:
-            task = next(tasks, None)
+    def _start_worlds(self) -> None:
+        while self._rendering < self._session.workers:
+            task = next(self._waiting, None)
             if task is None:
                 return
             stream = self._render.remote(self._config_json, task, self._url)
+            self._rendering += 1
             parts = self._received(stream, task)
             self._tasks[stream] = task
             self._parts[stream] = parts if self._url else written(self._place, task, parts)
@@ -143,15 +146,24 @@ class _WorldQueue:
             yield WorldFinished(task.index, part.labels)
 
     def _received(self, stream: Any, task: WorldTask) -> Generator[Any, None, None]:
-        """Yield the parts of a world as its task yields them, at last a legend or a failure."""
+        """Yield the parts of a world as its task yields them, at last a legend or a failure.
+
+        Before the last one, the worker gets its next world, which it makes while this one's shard
+        is completed.
+        """
         try:
             for reference in stream:
                 part: WorldPart = self._ray.get(reference)
                 if isinstance(part, SetupFailure):
                     raise ConfigError(part.reason)
+                if isinstance(part, WorldLegend | WorldFailure):
+                    break
                 yield part
         except self._ray.exceptions.RayError as error:
-            yield self._failure(task, error)
+            part = self._failure(task, error)
+        self._rendering -= 1
+        self._start_worlds()
+        yield part
 
     def _failure(self, task: WorldTask, error: Exception) -> WorldFailure:
         """Return why a world failed; what concerns all worlds is raised."""

@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from itertools import zip_longest
+from typing import Any
 
 from oaisys_core.config import SimulationConfig, canonical_json, config_sha256
 from oaisys_core.config.checking import name_faults
@@ -175,16 +177,36 @@ def check_same(earlier: DatasetInfo, now: DatasetInfo) -> None:
     Raises:
         InvalidInputError: They differ in more than software, or some worlds would be too many.
     """
+    path, before, wanted = first_difference(earlier.config, now.config) or ("", None, None)
+    if path:
+        raise InvalidInputError(path, wanted, f"{before!r}, as the data set was begun")
     for name in ("config_sha256", "seed", "views", "splits"):
         before, wanted = getattr(earlier, name), getattr(now, name)
         if before != wanted:
-            raise InvalidInputError(name, wanted, f"{before}, as the data set was begun")
+            raise InvalidInputError(name, wanted, f"{before!r}, as the data set was begun")
     if now.worlds < earlier.worlds:
         expected = f"at least {earlier.worlds}, as the data set was begun"
         raise InvalidInputError("worlds", now.worlds, expected)
     if earlier.software != now.software:
         text = "the data set was begun with %s, and continues with %s: images may differ"
         _log.warning(text, dict(earlier.software), dict(now.software))
+
+
+def first_difference(before: Any, now: Any, path: str = "") -> tuple[str, Any, Any] | None:
+    """Return the path of the first value that differs in JSON data, and both values, or None.
+
+    A key or item that is missing in one of them has the value None there.
+    """
+    if isinstance(before, dict) and isinstance(now, dict):
+        keys = [*before, *(key for key in now if key not in before)]
+        pairs = [(str(key), before.get(key), now.get(key)) for key in keys]
+    elif isinstance(before, list) and isinstance(now, list):
+        both = zip_longest(before, now)
+        pairs = [(str(index), *values) for index, values in enumerate(both)]
+    else:
+        return None if before == now else (path, before, now)
+    found = (first_difference(a, b, f"{path}.{key}".lstrip(".")) for key, a, b in pairs)
+    return next((each for each in found if each is not None), None)
 
 
 def _head(place: StoragePlace) -> DatasetInfo | None:

@@ -7,9 +7,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from oaisys_core.config import config_from_mapping, config_sha256
+from oaisys_core.dataset.manifest import FrameRecord
 from oaisys_core.dataset.reader import Dataset, DatasetSample
 from oaisys_core.dataset.scans import ScanRecord
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (
     POINTS,
@@ -28,10 +29,10 @@ def repeated(
     """Render frames and lidar scans again; yield each one's id and the comparisons of its data.
 
     Raises:
-        NotFoundError: There is no such frame or scan.
-        InvalidInputError: The configuration in the data set is not that of the frame.
+        InvalidInputError: There is no such frame or scan, or the configuration in the data set is
+            not that of the frame.
     """
-    records = [dataset.scan_record(each) or dataset.record(each) for each in ids]
+    records = [_record(dataset, each) for each in ids]
     config = config_from_mapping(dataset.info.config)
     found = config_sha256(config)
     for record in records:
@@ -49,6 +50,15 @@ def repeated(
                 yield each, compared(recorded, again, least_psnr_db)
     finally:
         simulation.close()
+
+
+def _record(dataset: Dataset, each: str) -> FrameRecord | ScanRecord:
+    try:
+        return dataset.scan_record(each) or dataset.record(each)
+    except NotFoundError as error:
+        example = f", such as {dataset.records[0].frame_id}" if len(dataset) else ""
+        expected = f"the id of a frame or lidar scan of {dataset.place.url}{example}"
+        raise InvalidInputError("frame", each, expected) from error
 
 
 def _compared_scan(old: LidarScan, new: LidarScan) -> Comparison:

@@ -28,8 +28,10 @@ _PAUSE_S = 0.1
 
 def guard(folder: Path) -> None:
     """Wait for the end of standard input, then end the session's processes; remove its folder."""
-    # Ctrl-C on a terminal reaches all its processes; the guard waits for the driver.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Ctrl-C and the end of a terminal, or of a service, reach all its processes; the guard waits
+    # for the driver, and then ends the others.
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
     with suppress(OSError):
         while sys.stdin.buffer.read(1):
             pass

@@ -1,7 +1,11 @@
 """How a data set is begun and continued, and what is counted."""
 
+import re
 from dataclasses import replace
+from functools import reduce
+from operator import getitem
 from pathlib import Path
+from typing import Any
 
 import pytest
 from synthetic_datasets import write_dataset
@@ -11,7 +15,12 @@ from oaisys_core.dataset.engine import WorldFinished
 from oaisys_core.dataset.manifest import DatasetInfo, WorldFailure
 from oaisys_core.dataset.places import open_place
 from oaisys_core.dataset.reader import open_dataset
-from oaisys_core.dataset.rendering import DatasetRendering, DatasetSummary, dataset_info
+from oaisys_core.dataset.rendering import (
+    DatasetRendering,
+    DatasetSummary,
+    dataset_info,
+    first_difference,
+)
 from oaisys_core.dataset.shards import HEAD
 from oaisys_core.dataset.workers import ViewCounts
 from oaisys_core.errors import InvalidInputError, NotReadyError
@@ -50,6 +59,33 @@ def test_another_data_set_is_not_continued(tmp_path: Path, changed) -> None:
     begin(tmp_path)
     with pytest.raises(InvalidInputError, match=next(iter(changed))):
         begin(tmp_path, replace(INFO, **changed), is_resumed=True)
+
+
+@pytest.mark.parametrize(
+    ("path", "before", "now"),
+    [("stage.extent_m", 30.0, 50.0), ("sensors.cameras.0.width_px", 64, 320), ("seed", 0, 5)],
+)
+def test_the_key_of_a_configuration_that_differs_is_named(
+    tmp_path: Path, path: str, before: float, now: float
+) -> None:
+    def info(value: float) -> DatasetInfo:
+        changed: Any = CONFIG.model_dump()
+        *parents, key = [int(part) if part.isdecimal() else part for part in path.split(".")]
+        reduce(getitem, parents, changed)[key] = value
+        return dataset_info(SimulationConfig.model_validate(changed), 4, 3, INFO.splits)
+
+    begin(tmp_path, info(before))
+    expected = f"{path}: received {now!r}, expected {before!r}, as the data set was begun"
+    with pytest.raises(InvalidInputError, match=re.escape(expected)):
+        begin(tmp_path, info(now), is_resumed=True)
+
+
+def test_the_first_difference_of_json_data_has_its_path() -> None:
+    before = {"a": [1, {"b": 2}], "c": None}
+    assert first_difference(before, {"a": [1, {"b": 2}], "c": None}) is None
+    assert first_difference(before, {"a": [1, {"b": 3}]}) == ("a.1.b", 2, 3)
+    assert first_difference(before, {"a": [1], "c": None}) == ("a.1", {"b": 2}, None)
+    assert first_difference(before, {**before, "d": 4}) == ("d", None, 4)
 
 
 def test_a_data_set_gets_more_worlds(tmp_path: Path) -> None:

@@ -90,13 +90,16 @@ class TruthCheck:
         legend = dataset.legend(world)
         views = sorted({record.view for record in records})
         chosen = self._rng.choice(views, min(VIEWS, len(views)), replace=False)
-        surface, geometry = None, ""
+        surface, reference, geometry = None, None, ""
         for view in sorted(chosen.tolist()):
             of_view = [record for record in records if record.view == view]
-            mesh = self._rebuilt(of_view[0])
-            surface, geometry = WorldSurface(mesh), of_view[0].provenance["metadata_json"]
+            changes = of_view[0].provenance["metadata_json"]
+            if surface is None or reference is None or self._differs_by_view or changes != geometry:
+                geometry, mesh = changes, self._rebuilt(of_view[0])
+                surface = WorldSurface(mesh)
+                reference = ReferenceScene(self._simulation.scene, mesh)
             self._check_legend(world, legend, result)
-            self._audit_view(dataset, of_view, mesh, surface, result)
+            self._audit_view(dataset, of_view, reference, surface, result)
             self._check_scans(dataset, [s for s in scans if s.view == view], surface, result)
         if surface is not None and not self._differs_by_view:
             for record in _others(records, chosen, geometry):
@@ -115,11 +118,10 @@ class TruthCheck:
         self,
         dataset: Dataset,
         records: Sequence[FrameRecord],
-        mesh: TriangleMesh,
+        reference: ReferenceScene,
         surface: WorldSurface,
         result: TruthResult,
     ) -> None:
-        reference = ReferenceScene(self._simulation.scene, mesh)
         sensors = {sensor.name: sensor for sensor in self._simulation.info().sensors}
         for record in records:
             result.findings += _camera_faults(record, sensors)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -151,6 +151,24 @@ def format_named(name: str) -> DatasetFormat:
         group = extensions.DATASET_FORMATS
         raise ConfigError(f"{group}: {name!r} is {found!r}, expected a subclass of DatasetFormat")
     return found()
+
+
+def check_suits(
+    chosen: DatasetFormat, modalities: Collection[str], fisheyes: Collection[str]
+) -> None:
+    """Raise if a data set with some modalities and fisheye cameras does not suit a format.
+
+    Raises:
+        InvalidInputError: The format would have no content, or cannot describe a camera.
+    """
+    if fisheyes and not chosen.has_fisheye:
+        able = [name for name in format_names() if format_named(name).has_fisheye]
+        expected = f"no fisheye cameras, which {chosen.name} cannot describe; {', '.join(able)} can"
+        raise InvalidInputError("sensors", ", ".join(sorted(fisheyes)), expected)
+    missing = sorted(set(chosen.modalities) - set(modalities))
+    if missing:
+        expected = f"also {', '.join(missing)}, without which {chosen.name} has no content"
+        raise InvalidInputError("modalities", ", ".join(sorted(modalities)), expected)
 
 
 def modality_names(dataset: Dataset) -> list[str]:

@@ -14,6 +14,7 @@ from oaisys_core.dataset.formats.base import (
     LEFT_OUT_SCANS,
     DatasetFormat,
     ExportOptions,
+    check_suits,
     format_named,
     modality_names,
 )
@@ -111,11 +112,5 @@ def _check(
             raise InvalidInputError(
                 f"settings.{setting}", setting, one_of(chosen.settings, setting)
             )
-    for record in dataset.records:
-        if record.camera.is_fisheye and not chosen.has_fisheye:
-            expected = f"null: {chosen.name} has no fisheye cameras; colmap and coco have"
-            raise InvalidInputError(f"{record.sensor}: fisheye", record.camera, expected)
-    missing = sorted(set(chosen.modalities) - set(modality_names(dataset)))
-    if missing:
-        expected = f"also {', '.join(missing)}, without which {chosen.name} has no content"
-        raise InvalidInputError("dataset", ", ".join(modality_names(dataset)), expected)
+    fisheyes = {record.sensor for record in dataset.records if record.camera.is_fisheye}
+    check_suits(chosen, modality_names(dataset), fisheyes)

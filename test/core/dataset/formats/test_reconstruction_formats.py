@@ -126,7 +126,7 @@ def test_points_of_a_fisheye_reproject_in_pycolmap(fisheyes: Dataset, tmp_path: 
 
 
 def test_formats_without_fisheyes_refuse_them(fisheyes: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(InvalidInputError, match=r"camera: fisheye.*nerfstudio has no fisheye"):
+    with pytest.raises(InvalidInputError, match=r"no fisheye cameras, which nerfstudio cannot"):
         export_dataset(fisheyes, "nerfstudio", tmp_path / "out")
 
 
