@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 
 import h5py
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
+import webdataset
 from small_datasets import SCANNED, render_dataset
 
 from oaisys_core.dataset import Dataset, open_dataset
@@ -94,7 +97,30 @@ def test_the_layout_of_render_has_the_scans(scanned: Dataset, tmp_path: Path) ->
                 assert np.array_equal(scan.T_map_lidar, expected[scan.sensor].T_map_lidar)
 
 
-@pytest.mark.parametrize("name", ["coco", "webdataset", "tum", "euroc", "colmap", "nerfstudio"])
+def test_webdataset_reads_all_scans(scanned: Dataset, tmp_path: Path) -> None:
+    counts = export_dataset(scanned, "webdataset", tmp_path / "out")
+    assert (counts["frames"], counts["lidar scans"], counts["tar files"]) == (6, 16, 4)
+    assert LEFT_OUT_SCANS not in counts
+    index = pq.read_table(tmp_path / "out/index_scans.parquet").to_pylist()
+    assert [row["scan_id"] for row in index] == [record.scan_id for record in scanned.scans]
+    for split in scanned.splits:
+        tar = str(tmp_path / f"out/scans-{split}-000000.tar")
+        found = list(webdataset.WebDataset(tar, shardshuffle=False).decode())
+        for group, record in zip(found, scanned.split(split).scans, strict=True):
+            scan, arrays = scanned.scan(record), group["points.npz"]
+            assert group["__key__"] == group["json"]["scan_id"] == record.scan_id
+            assert np.array_equal(group["json"]["T_map_lidar"], scan.T_map_lidar)
+            assert np.array_equal(arrays["points_m"], scan.points_m)
+            for name in set(scan.data.dtype.names or ()) - {"x", "y", "z"}:
+                assert arrays[name].tobytes() == scan.data[name].tobytes(), name
+    row = index[5]
+    with (tmp_path / "out" / row["tar"]).open("rb") as file:
+        file.seek(row["offset_points"])
+        points = np.load(io.BytesIO(file.read(row["size_points"])))["points_m"]
+    assert len(points) == row["count"] > 0
+
+
+@pytest.mark.parametrize("name", ["coco", "tum", "euroc", "colmap", "nerfstudio"])
 def test_other_formats_say_what_they_leave_out(scanned: Dataset, tmp_path: Path, name: str) -> None:
     counts = export_dataset(scanned.split("val"), name, tmp_path / "out")
     assert counts[LEFT_OUT_SCANS] == 8
