@@ -35,12 +35,20 @@ from oaisys_core.terrain.masks import (
     layered_masks,
     relief_of,
 )
-from oaisys_core.terrain.surroundings.land_masks import LandMasks
+from oaisys_core.terrain.surroundings.land_masks import LandMasks, farthest_m
+from oaisys_core.terrain.surroundings.land_relief import (
+    LandRelief,
+    land_relief,
+    preferences_of,
+)
 from oaisys_core.world.terrain_material import TerrainMaterial, Variation
 
 NO_SHARE = 1.0
 """Share of a layer without one, if another layer has a share."""
 
+
+RELIEF_PX = 256
+"""Grid size at which it is measured which layers lie on slopes and on ridges."""
 
 NOISE_SOFTNESS = 0.07
 """Width of the borders on the land around a stage whose layers lie by the method ``noise``."""
@@ -115,8 +123,9 @@ class MaterialsModule(Module):
         )
         if config.displacement == "geometry":
             _displace(world, material, layers)
-        if world.is_in_land and len(layers) > 1:
-            material = replace(material, land=_land_masks(config, material, rng))
+        if len(layers) > 1:
+            conditions = [layer.config.when for layer in layers]
+            material = replace(material, land=_land_masks(config, material, conditions, world, rng))
         world.material = material
         for layer in layers:
             world.semantic_labels.update(labels_of(layer.config))
@@ -198,9 +207,25 @@ def _macro_variation(config: MaterialsConfig, rng: np.random.Generator) -> Macro
 
 
 def _land_masks(
-    config: MaterialsConfig, material: TerrainMaterial, rng: np.random.Generator
-) -> LandMasks:
-    """Return masks of the land that have patches and shares as the stage's."""
+    config: MaterialsConfig,
+    material: TerrainMaterial,
+    conditions: Sequence[ConditionConfig | None],
+    world: World,
+    rng: np.random.Generator,
+) -> LandMasks | None:
+    """Return the masks of the ground around the stage; None if the stage's go on mirrored.
+
+    On land, layers have the same shares as on the stage. A plain around a stage whose layers have
+    conditions has those of them that lie on level ground.
+    """
+    shares = material.masks.mean(axis=(1, 2), dtype=np.float64)
+    relief = None
+    if world.is_in_land:
+        relief = _land_relief(material, world)
+    else:
+        shares *= [1.0 if when is None else _gate_of_level(when) for when in conditions]
+        if not any(conditions) or not shares.any():
+            return None
     mask = config.mask
     x0, y0, x1, y1 = material.extent_m
     patch_m, softness = mask.scale_m, border_softness(mask.sharpness)
@@ -209,11 +234,33 @@ def _land_masks(
         softness = NOISE_SOFTNESS
     return LandMasks(
         extent_m=material.extent_m,
-        shares=tuple(material.masks.mean(axis=(1, 2), dtype=np.float64).tolist()),
+        shares=tuple(shares.tolist()),
         patch_m=patch_m,
         softness=softness,
         seed=_seed(rng, "land"),
+        relief=relief,
     )
+
+
+def _land_relief(material: TerrainMaterial, world: World) -> LandRelief:
+    ground = require(world.ground)
+    world.far_ground = world.surroundings.around(ground, world.far_ground)
+    x0, y0, x1, y1 = material.extent_m
+    nearest_m = min(x1 - x0, y1 - y0) / 2
+    return land_relief(
+        world.far_ground,
+        ((x0 + x1) / 2, (y0 + y1) / 2),
+        nearest_m,
+        farthest_m(nearest_m),
+        preferences_of(relief_of(ground, RELIEF_PX), material.masks),
+    )
+
+
+def _gate_of_level(when: ConditionConfig) -> float:
+    """Return how well level ground meets a condition on the slope."""
+    least_deg, most_deg = when.slope_deg
+    bounds = (least_deg if least_deg > 0 else -np.inf, most_deg)
+    return float(gate(0.0, bounds, when.soft_deg))
 
 
 def _seed(rng: np.random.Generator, name: str) -> int:

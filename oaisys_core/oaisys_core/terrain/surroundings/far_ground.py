@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.backend.raycast.triangles import TriangleTarget
 from oaisys_core.scene import Ground
+from oaisys_core.terrain.surroundings.land_detail import LandDetail
 from oaisys_core.types import FloatArray, TriangleMesh
 
 
@@ -26,6 +27,7 @@ class FarGround:
         level_m: Height of an infinite level plane that rays meet instead of the last triangles;
             None for land, which ends beyond the horizon.
         cast_triangles: Number of triangles that rays meet.
+        detail: Relief below the triangles' size, which only light sees; None for none.
     """
 
     stage: Ground
@@ -34,6 +36,7 @@ class FarGround:
     inner_share: float
     level_m: float | None
     cast_triangles: int
+    detail: LandDetail | None = None
 
     @property
     def is_land(self) -> bool:

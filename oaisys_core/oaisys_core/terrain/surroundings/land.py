@@ -17,6 +17,7 @@ from oaisys_core.scene import Ground
 from oaisys_core.terrain.noise import gradient_noise
 from oaisys_core.terrain.surroundings.border import Border, BorderContinuation, border_of
 from oaisys_core.terrain.surroundings.far_ground import FarGround
+from oaisys_core.terrain.surroundings.land_detail import LandDetail
 from oaisys_core.terrain.surroundings.rings import Ring, rings_around, triangles_between
 from oaisys_core.terrain.surroundings.spectrum import Octave, relief_spectrum
 from oaisys_core.types import FloatArray
@@ -81,6 +82,7 @@ def land_around(stage: Ground, seed: int, body_radius_m: float) -> FarGround:
         inner_share=1.0 - 1e-6,
         level_m=None,
         cast_triangles=len(triangles) + len(wall_triangles),
+        detail=LandDetail(tuple(octaves), seed),
     )
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.terrain.noise import Field, balancing_offsets, filtered
+from oaisys_core.terrain.surroundings.land_relief import LandRelief
 from oaisys_core.types import FloatArray
 
 DIRECTIONS = 1280
@@ -56,6 +57,7 @@ class LandMasks:
         patch_m: Size of the stage's patches. On the land there are larger ones, too.
         softness: Width of the borders of patches, in standard deviations of the stage's patches.
         seed: Seed of the patches.
+        relief: Relief of the land, which the patches follow; None for patches of noise alone.
     """
 
     extent_m: tuple[float, float, float, float]
@@ -63,6 +65,7 @@ class LandMasks:
     patch_m: float
     softness: float
     seed: int
+    relief: LandRelief | None = None
 
     @property
     def centre_m(self) -> tuple[float, float]:
@@ -89,7 +92,7 @@ class LandMasks:
     @property
     def rows(self) -> int:
         """Number of rows."""
-        farthest = max(FARTHEST_M / self.nearest_m, FARTHEST_SHARE)
+        farthest = farthest_m(self.nearest_m) / self.nearest_m
         return ceil(log(farthest) * self.rows_per_e_fold) + 1
 
     def texels_at(self, xy_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -137,6 +140,9 @@ class LandMasks:
         scores = np.zeros((count, self.rows, DIRECTIONS), np.float32)
         for tiles in self._tiles():
             self._add(tiles, scores[1:])
+        if self.relief is not None:
+            for layer in range(count):
+                scores[layer] += self.relief.scores(layer, scores.shape[1:])
         shares = np.maximum(np.array(self.shares), LEAST_SHARE)
         scores += balancing_offsets(scores[:, ::STRIDE, ::STRIDE], shares)[:, None, None]
         scores[np.array(self.shares) < LEAST_SHARE] = -np.inf
@@ -195,6 +201,11 @@ class LandMasks:
             for noise, score in zip(tiles.noises, scores, strict=True):
                 smaller = np.asarray(cv2.resize(noise, (size, size), interpolation=cv2.INTER_AREA))
                 score[rows] += cv2.remap(smaller, x, y, way, borderMode=cv2.BORDER_WRAP)
+
+
+def farthest_m(nearest_m: float) -> float:
+    """Return the distance of the last row of masks whose first row is at a distance."""
+    return max(FARTHEST_M, FARTHEST_SHARE * nearest_m)
 
 
 class Tiles(NamedTuple):

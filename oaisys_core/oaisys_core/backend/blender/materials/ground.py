@@ -23,7 +23,7 @@ from oaisys_core.backend.blender.materials.ground_layer import (
 )
 from oaisys_core.backend.blender.materials.haze import through_haze
 from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, new_image
-from oaisys_core.backend.blender.materials.land import land_place, land_share
+from oaisys_core.backend.blender.materials.land import land_place, land_relief, land_share
 from oaisys_core.backend.blender.materials.nodes import (
     NodeTree,
     Socket,
@@ -40,6 +40,7 @@ from oaisys_core.backend.blender.materials.surfaces import (
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.color import encoded
 from oaisys_core.terrain.macro_variation import MacroVariation
+from oaisys_core.terrain.surroundings.land_detail import LandDetail
 from oaisys_core.textures.levels import LEAST_PX
 from oaisys_core.world.terrain_material import TerrainLayer, TerrainMaterial
 from oaisys_core.world.tiling import PlainTiling, StochasticTiling, VoronoiTiling
@@ -143,14 +144,15 @@ class GroundMaterials:
         self._layers: dict[tuple[Any, ...], Any] = {}
         self.stage = self._made("ground", ())
 
-    def around_stage(self) -> Any:
+    def around_stage(self, detail: LandDetail | None) -> Any:
         """Return the material of the ground around the stage, made now if it is another one."""
         land = self._material.land
-        if land is None:
+        if land is None and detail is None:
             return self.stage
-        return self._made("land", mask_images(land.weights, "land_masks"))
+        masks = () if land is None else mask_images(land.weights, "land_masks")
+        return self._made("land", masks, detail)
 
-    def _made(self, name: str, land_masks: Sequence[Any]) -> Any:
+    def _made(self, name: str, land_masks: Sequence[Any], detail: LandDetail | None = None) -> Any:
         result = new_material(name)
         tree = NodeTree(node_tree_of(result))
         shares = None
@@ -173,7 +175,10 @@ class GroundMaterials:
         if not any(layer.label_image is not None for layer in self._material.layers):
             mean = _mean_surface(tree, self._material, self._images)
             surface = without_detail(tree, surface, mean)
-        show(tree, surface, airlight)
+        height_m = None
+        if detail is not None:
+            height_m = land_relief(tree, detail, self._material.extent_m)
+        show(tree, surface, airlight, height_m)
         return result
 
 

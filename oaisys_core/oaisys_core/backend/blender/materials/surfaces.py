@@ -126,11 +126,19 @@ def diffuse(
     return tree.add("BsdfDiffuse", inputs).outputs[0], airlight
 
 
-def show(tree: NodeTree, surface: Socket, airlight: Socket) -> None:
-    """Make a surface, plus the airlight in front of it, the output of a material."""
+def show(tree: NodeTree, surface: Socket, airlight: Socket, height_m: Socket = None) -> None:
+    """Make a surface, plus the airlight in front of it, the output of a material.
+
+    With a height, light sees the surface's normals as if it were raised by so much.
+    """
     air = tree.add("Emission", {"Color": airlight}).outputs[0]
     both = tree.add("AddShader", {0: surface, 1: air}).outputs[0]
-    tree.add("OutputMaterial", {"Surface": both})
+    outputs: dict[str | int, Any] = {"Surface": both}
+    if height_m is not None:
+        # Materials displace no geometry unless they are told to.
+        inputs: dict[str | int, Any] = {"Height": height_m, "Midlevel": 0.0, "Scale": 1.0}
+        outputs["Displacement"] = tree.add("Displacement", inputs).outputs[0]
+    tree.add("OutputMaterial", outputs)
 
 
 def painted_material(prototype: MeshPrototype, mesh: Any) -> Any | None:

@@ -126,7 +126,7 @@ class FarGroundObject:
         if far_ground is not None and far_ground is not self._shown:
             self.clear()
             mesh = new_mesh(FAR_GROUND, far_ground.vertices_m, far_ground.triangles, smooth=True)
-            mesh.materials.append(materials.around_stage())
+            mesh.materials.append(materials.around_stage(far_ground.detail))
             self._thing = new_object(FAR_GROUND, mesh, np.eye(4))
             self._shown = far_ground
         is_hidden = far_ground is None

@@ -1,0 +1,124 @@
+"""How steep and how high the land is, by which the ground's layers lie where they would in nature.
+
+On the stage, conditions bind layers to slopes and heights. How strongly they do is measured there,
+and the land's patches follow its relief as strongly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.terrain.masks import Relief
+from oaisys_core.terrain.noise import Field
+from oaisys_core.terrain.surroundings.far_ground import FarGround
+from oaisys_core.types import FloatArray
+
+COLUMNS = 640
+"""Directions in which the land's heights are sampled."""
+
+AROUND = 12
+"""Standard deviation, in cells, of the ground around that a height is compared with. Cells grow
+with the distance, so that ridges and hollows count by how large they are seen from the stage."""
+
+ROWS_ALIKE = 24
+"""Standard deviation, in rows, of the rings over which slopes and heights are normalised."""
+
+STRENGTH = 3.0
+"""Change of a patch's score, in standard deviations of the stage's patches, where steepness differs
+by one standard deviation and the layer's mean steepness on the stage does, too."""
+
+LEAST_PREFERENCE = 0.3
+"""Preference for ridges, and for hollows, of layers that have none on the stage."""
+
+MOST = 3.0
+"""Largest deviation from the mean that counts."""
+
+
+@dataclass(frozen=True, eq=False)
+class LandRelief:
+    """What the patches of layers on the land follow.
+
+    Attributes:
+        steepness: (R, `COLUMNS`) slopes over distance and direction, with mean 0 and standard
+            deviation 1 at each distance.
+        prominence: The same of heights above the ground around.
+        preferences: (L, 2) mean steepness and prominence of each layer.
+    """
+
+    steepness: Field
+    prominence: Field
+    preferences: FloatArray
+
+    def scores(self, layer: int, shape: tuple[int, ...]) -> Field:
+        """Return by how much the relief favours a layer, on a grid of (rows, directions)."""
+        steep, high = (STRENGTH * self.preferences[layer]).astype(np.float32).tolist()
+        total = steep * self.steepness + high * self.prominence
+        return np.asarray(cv2.resize(total, shape[::-1], interpolation=cv2.INTER_LINEAR))
+
+
+def land_relief(
+    land: FarGround,
+    centre_m: tuple[float, float],
+    nearest_m: float,
+    farthest_m: float,
+    preferences: FloatArray,
+) -> LandRelief:
+    """Return the relief of land between two distances from a stage's centre."""
+    angle = (np.arange(COLUMNS) + 0.5) * (2 * np.pi / COLUMNS)
+    per_e_fold = COLUMNS / (2 * np.pi)
+    rows = int(np.ceil(np.log(farthest_m / nearest_m) * per_e_fold)) + 1
+    distance_m = np.geomspace(nearest_m, farthest_m, rows)[:, None]
+    x, y = centre_m[0] + distance_m * np.cos(angle), centre_m[1] + distance_m * np.sin(angle)
+    xy_m = np.stack((x, y), axis=-1).reshape(-1, 2)
+    height_m = land.height_at(xy_m)
+    on_stage = np.isnan(height_m)
+    height_m[on_stage] = land.stage.height_at(xy_m[on_stage])
+    height_m = np.nan_to_num(height_m, nan=float(np.nanmean(height_m))).reshape(rows, COLUMNS)
+    # Around the circle, the first column follows the last one.
+    wide = np.concatenate((height_m[:, -1:], height_m, height_m[:, :1]), axis=1) / distance_m
+    along, outward = np.gradient(wide)[1][:, 1:-1], np.gradient(height_m, axis=0) / distance_m
+    slope = np.hypot(along, outward) * per_e_fold
+    raised = (height_m - _blurred(height_m, AROUND)) / distance_m
+    return LandRelief(_normalised(slope), _normalised(raised), preferences)
+
+
+def preferences_of(relief: Relief, masks: NDArray[np.float32]) -> FloatArray:
+    """Return (L, 2) the mean steepness and prominence of the layers of a stage."""
+    size = len(relief.height_m)
+    slope = relief.slope_rad - relief.slope_rad.mean()
+    raised = relief.height_m - _blurred(relief.height_m, size / 16)
+    found = []
+    for index, mask in enumerate(masks):
+        weight = cv2.resize(mask, (size, size), interpolation=cv2.INTER_AREA)
+        total = max(float(weight.sum()), 1e-6)
+        steep, high = (
+            float((weight * values).sum()) / total / max(float(values.std()), 1e-9)
+            for values in (slope, raised)
+        )
+        if np.hypot(steep, high) < LEAST_PREFERENCE:
+            high = LEAST_PREFERENCE * (1 if index % 2 == 0 else -1)
+        found.append((steep, high))
+    return np.array(found)
+
+
+def _normalised(values: FloatArray) -> Field:
+    """Return (R, C) values relative to those at similar distances."""
+    mean = _over_rings(values.mean(axis=1))
+    deviation = np.sqrt(_over_rings(((values - mean[:, None]) ** 2).mean(axis=1)))
+    unit = (values - mean[:, None]) / np.maximum(deviation, 1e-9)[:, None]
+    return np.asarray(np.clip(unit, -MOST, MOST), np.float32)
+
+
+def _over_rings(values: FloatArray) -> FloatArray:
+    return _blurred(values[:, None], ROWS_ALIKE)[:, 0]
+
+
+def _blurred(values: FloatArray | Field, sigma: float) -> FloatArray:
+    blurred = cv2.GaussianBlur(
+        np.asarray(values, np.float64), (0, 0), sigma, borderType=cv2.BORDER_REFLECT
+    )
+    return np.asarray(blurred).reshape(values.shape)

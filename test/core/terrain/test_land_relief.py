@@ -1,0 +1,60 @@
+"""The land's patches follow its relief, and its bump map has the relief that the mesh lacks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from oaisys_core.scene import HeightField
+from oaisys_core.terrain.masks import Relief
+from oaisys_core.terrain.surroundings.far_ground import FarGround
+from oaisys_core.terrain.surroundings.kinds import EARTH_RADIUS_M
+from oaisys_core.terrain.surroundings.land import land_around
+from oaisys_core.terrain.surroundings.land_detail import SIZE_PX, TEXELS, LandDetail
+from oaisys_core.terrain.surroundings.land_masks import LandMasks, farthest_m
+from oaisys_core.terrain.surroundings.land_relief import land_relief, preferences_of
+from oaisys_core.terrain.surroundings.spectrum import Octave
+
+HALF_M = 20.0
+SHARES = (0.7, 0.3)
+
+
+@pytest.fixture(scope="module")
+def land() -> FarGround:
+    axis_m = np.linspace(-HALF_M, HALF_M, 65)
+    height_m = np.sin(axis_m)[:, None] * np.cos(0.7 * axis_m)
+    ground = HeightField(height_m.astype(np.float32), (-HALF_M, -HALF_M), axis_m[1] - axis_m[0])
+    return land_around(ground, 5, EARTH_RADIUS_M)
+
+
+def test_a_layer_of_steep_ground_lies_on_the_lands_slopes(land: FarGround) -> None:
+    preferences = np.array([(-0.5, 0.0), (1.2, 0.0)])
+    relief = land_relief(land, (0.0, 0.0), HALF_M, farthest_m(HALF_M), preferences)
+    extent_m = (-HALF_M, -HALF_M, HALF_M, HALF_M)
+    masks = LandMasks(extent_m, SHARES, 9.0, 0.08, seed=3, relief=relief)
+    on_rock = masks.weights[1][::2, ::2]
+    rows = np.linspace(0, len(relief.steepness) - 1, len(on_rock)).astype(int)
+    steep = relief.steepness[rows]
+    assert np.corrcoef(on_rock.ravel(), steep.ravel())[0, 1] > 0.5
+    assert masks.weights.mean(axis=(1, 2)) == pytest.approx(SHARES, abs=0.03)
+
+
+def test_preferences_are_those_that_the_stage_shows() -> None:
+    slope = np.tile(np.linspace(0, 1, 64, dtype=np.float32), (64, 1))
+    relief = Relief(np.zeros((64, 64), np.float32), slope)
+    steep = (slope > 0.7).astype(np.float32)
+    found = preferences_of(relief, np.stack((1 - steep, steep)))
+    assert found[0, 0] < -0.3
+    assert found[1, 0] > 1.0
+
+
+def test_the_bump_map_repeats_seamlessly_and_has_the_spectrums_heights() -> None:
+    octaves = tuple(Octave(0.5 * 2**index, 0.01 * 2**index) for index in range(14))
+    detail = LandDetail(octaves, seed=2)
+    spectrum = np.abs(np.fft.rfft2(detail.pattern))
+    assert detail.pattern.std() == pytest.approx(1)
+    assert spectrum[SIZE_PX // TEXELS + 1 : SIZE_PX // 2].max() < 1e-3 * spectrum.max()
+    for band in detail.bands:
+        shortest_m = band.period_m * TEXELS / SIZE_PX
+        # Four octaves, each with 2 % of its wavelength.
+        assert band.deviation_m == pytest.approx(0.02 * shortest_m * np.sqrt(85))
