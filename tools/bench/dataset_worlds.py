@@ -15,6 +15,10 @@ MODALITIES = [RGB, DEPTH, SEMANTIC_0, INSTANCE, NORMAL]
 
 SPLITS = {"train": 1.0}
 
+VIEWS_AHEAD = 2
+"""Views of the first world that are rendered when the driver gets the first one: a view is sent
+when the one after it is rendered. A data set and a plain loop are compared from there on."""
+
 MOTION = {
     "kind": "hover",
     "look": "forward",
