@@ -32,8 +32,13 @@ CLUSTER = "HOST:PORT of a Ray cluster to which this machine belongs, with the sa
 REACHED_S = 5.0
 """Longest time in which the head of a cluster must be reached."""
 
+STARTS = 3
+"""How often Ray's daemons are started, if they take too long; Ray's own limit cannot be set."""
+
 LONGEST_FOLDER = 40
 """Longest path of a temporary folder; the paths of Ray's sockets in it have at most 107 bytes."""
+
+_log = logging.getLogger(__name__)
 
 _SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
@@ -136,6 +141,20 @@ def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
     # Otherwise Ray writes a token to ~/.ray, with which `ray start` then protects clusters, too.
     os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
     with _guarded_folder() as folder:
+        _start(ray, folder, settings, address, workers)
+        try:
+            yield
+        finally:
+            ray.shutdown()
+
+
+def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers: int) -> None:
+    """Start Ray's daemons, again if they take too long: then their files are in memory.
+
+    Raises:
+        OaisysError: They could not be started.
+    """
+    for left in reversed(range(STARTS)):
         try:
             ray.init(
                 address=address,
@@ -146,13 +165,15 @@ def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
                 _memory=workers * settings.memory_bytes,
                 _temp_dir=str(folder),
             )
-        except (OSError, RuntimeError, ValueError) as error:
+        except Exception as error:  # which Ray raises if its daemons take 30 seconds
             ray.shutdown()
-            raise OaisysError(f"Ray could not be started: {error}") from error
-        try:
-            yield
-        finally:
-            ray.shutdown()
+            session_guard.clear(folder)
+            if not left or type(error) is not Exception:
+                raise OaisysError(f"Ray could not be started: {error}") from error
+            _log.warning("Ray's daemons did not start in time: another try")
+            folder.mkdir(exist_ok=True)
+        else:
+            return
 
 
 @contextmanager

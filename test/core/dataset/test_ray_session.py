@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -14,7 +15,7 @@ from waiting import PATIENCE_S, wait_until
 
 from oaisys_core.dataset import session_guard
 from oaisys_core.dataset.ray_session import RaySettings, embedded_workers, ray_session
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, OaisysError
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1", "no-such-machine.invalid"])
@@ -33,6 +34,39 @@ def test_an_address_without_a_cluster_is_wrong_input(host: str) -> None:
 def test_a_worker_that_does_not_fit_is_wrong_input() -> None:
     with pytest.raises(InvalidInputError, match=r"memory_per_worker.*100000"):
         embedded_workers(RaySettings(memory_gb=100_000.0))
+
+
+class SlowRay:
+    """Does not start in time, but for the last try."""
+
+    def __init__(self, slow_starts: int) -> None:
+        self.slow_starts = slow_starts
+        self.has_ended = False
+
+    def init(self, **options: Any) -> None:
+        Path(options["_temp_dir"], "log").touch(exist_ok=False)
+        self.slow_starts -= 1
+        if self.slow_starts >= 0:
+            raise Exception("timed out during startup")  # noqa: TRY002 - as Ray does
+
+    def shutdown(self) -> None:
+        self.has_ended = True
+
+
+def test_daemons_that_start_too_slowly_are_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ray", SlowRay(2))
+    with ray_session(RaySettings(workers=1, memory_gb=0.1)) as session:
+        assert session.workers == 1
+        assert session.ray.slow_starts == -1
+    never = SlowRay(9)
+    monkeypatch.setitem(sys.modules, "ray", never)
+    with (
+        pytest.raises(OaisysError, match="Ray could not be started: timed out"),
+        ray_session(RaySettings(workers=1, memory_gb=0.1)),
+    ):
+        pass
+    assert never.slow_starts == 6
+    assert never.has_ended
 
 
 def test_the_guard_outlives_the_signals_that_end_its_driver(tmp_path: Path) -> None:
