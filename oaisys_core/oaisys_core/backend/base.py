@@ -80,7 +80,7 @@ class FrameGroup:
         return FrameGroup(lambda: change(self.result()), self._done, self.scans)
 
 
-ViewTransform = Literal["agx", "filmic", "standard", "raw"]
+ViewTransform = Literal["agx_contrast", "agx", "filmic", "standard", "raw"]
 
 WhiteBalance = Literal["daylight", "illuminant"]
 

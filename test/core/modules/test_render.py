@@ -165,6 +165,7 @@ def pictures() -> dict[str, Any]:
         "budget": (sharp, replace(settings(64), time_budget_s=1e-3)),
         "raw": (sharp, replace(many, view_transform="raw")),
         "standard": (sharp, replace(many, view_transform="standard")),
+        "contrast": (sharp, replace(many, view_transform="agx_contrast")),
         "again": (sharp, many),
     }
     frames = in_blender("passes.pictures", BRIGHT, list(cases.values()))
@@ -211,6 +212,17 @@ def test_standard_is_the_srgb_encoding_of_raw(pictures: dict[str, Any]) -> None:
     encoded = np.where(raw <= 0.0031308, 12.92 * raw, 1.055 * raw ** (1 / 2.4) - 0.055)
     bright = pictures["raw"] > 20
     assert np.abs(encoded * 255 - pictures["standard"])[bright].max() < 4
+
+
+@pytest.mark.blender
+def test_the_default_has_more_contrast_than_agx_about_the_same_grey(
+    pictures: dict[str, Any],
+) -> None:
+    agx, contrast = (pictures[name].astype(float) for name in ("sharp", "contrast"))
+    dark, bright = agx < 70, agx > 150
+    assert (contrast[dark] <= agx[dark]).all()
+    assert (contrast[bright] >= agx[bright]).all()
+    assert contrast.std() > 1.05 * agx.std()
 
 
 @pytest.mark.blender

@@ -167,9 +167,9 @@ class Cycles:
     def _show_as(self, settings: RenderSettings) -> None:
         """Set Blender's view transform, so that a saved scene looks like the images."""
         view = bpy.context.scene.view_settings
-        view_transform = VIEW_TRANSFORMS[settings.view_transform]
-        if view.view_transform != view_transform:
-            view.view_transform = view_transform
+        view_transform, look = VIEW_TRANSFORMS[settings.view_transform]
+        if (view.view_transform, view.look) != (view_transform, look):
+            view.view_transform, view.look = view_transform, look
 
     def _render(self, settings: RenderSettings, seconds: float, denoise: bool) -> RenderResult:
         if settings.device != self._wanted:

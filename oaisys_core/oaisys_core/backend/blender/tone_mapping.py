@@ -19,10 +19,17 @@ from oaisys_core.sensing.exposure import metered_ev
 BASE_EXPOSURE_EV = 0.6
 """Added to the configured exposure, so that 0 EV shows dry ground in full sun as mid-grey."""
 
-VIEW_TRANSFORMS = {"agx": "AgX", "filmic": "Filmic", "standard": "Standard", "raw": "Raw"}
-"""Blender's names of the view transforms; all of them give sRGB, except raw, which is linear."""
+VIEW_TRANSFORMS = {
+    "agx_contrast": ("AgX", "AgX - Medium High Contrast"),
+    "agx": ("AgX", "None"),
+    "filmic": ("Filmic", "None"),
+    "standard": ("Standard", "None"),
+    "raw": ("Raw", "None"),
+}
+"""Blender's names of the view transforms and their looks; all of them give sRGB, except raw, which
+is linear."""
 
-WHITE = {"agx": 4.0, "filmic": 4.0, "standard": 1.0, "raw": 1.0}
+WHITE = {"agx_contrast": 4.0, "agx": 4.0, "filmic": 4.0, "standard": 1.0, "raw": 1.0}
 """Linear value that each view transform shows as white, or hardly darker."""
 
 
@@ -75,9 +82,14 @@ def _processor(view_transform: ViewTransform) -> Any:
     """Return OpenColorIO's processor of one of Blender's view transforms."""
     folder = bpy.utils.system_resource("DATAFILES", path="colormanagement")
     config = PyOpenColorIO.Config.CreateFromFile(str(Path(folder) / "config.ocio"))
-    transform = PyOpenColorIO.DisplayViewTransform(
-        src=PyOpenColorIO.ROLE_SCENE_LINEAR,
-        display=config.getDefaultDisplay(),
-        view=VIEW_TRANSFORMS[view_transform],
+    view, look = VIEW_TRANSFORMS[view_transform]
+    pipeline = PyOpenColorIO.LegacyViewingPipeline()
+    pipeline.setDisplayViewTransform(
+        PyOpenColorIO.DisplayViewTransform(
+            src=PyOpenColorIO.ROLE_SCENE_LINEAR, display=config.getDefaultDisplay(), view=view
+        )
     )
-    return config.getProcessor(transform).getDefaultCPUProcessor()
+    if look != "None":
+        pipeline.setLooksOverrideEnabled(True)
+        pipeline.setLooksOverride(look)
+    return pipeline.getProcessor(config, config.getCurrentContext()).getDefaultCPUProcessor()

@@ -123,7 +123,8 @@ class RenderConfig(Section):
             grey under its sun and sky, on Earth at any hour and on Mars; at night and under a sky
             image, under its sky and lamps.
         view_transform: Conversion from radiance to pixel values. ``agx`` and ``filmic`` compress
-            highlights like film; ``standard`` clips radiance at white and encodes it as sRGB, so
+            highlights like film; ``agx_contrast`` has the contrast of a camera's pictures beside;
+            ``standard`` clips radiance at white and encodes it as sRGB, so
             that linear values are proportional to light; ``raw`` is the same without the encoding.
             The analytic backend always uses ``standard``.
         passes: Modalities to render, out of those of the sensors; None for all.
@@ -144,7 +145,7 @@ class RenderConfig(Section):
     device: Literal["auto", "cpu", "cuda", "optix", "hip", "oneapi", "metal"] = "auto"
     exposure_ev: float | None = Field(default=None, ge=-20, le=20)
     auto_exposure: AutoExposureConfig = AutoExposureConfig()
-    view_transform: Literal["agx", "filmic", "standard", "raw"] = "agx"
+    view_transform: Literal["agx_contrast", "agx", "filmic", "standard", "raw"] = "agx_contrast"
     white_balance: Literal["daylight", "illuminant"] = "daylight"
     passes: tuple[Annotated[str, AfterValidator(_is_modality)], ...] | None = None
     camera_look: Literal["clean", "machine_vision", "mars_mastcam_like"] = "clean"
