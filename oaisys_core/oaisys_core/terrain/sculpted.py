@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.terrain.craters import crater_field
 from oaisys_core.terrain.erosion import REPOSE_DEG, slides
@@ -27,6 +28,10 @@ LEE_SHARE = 0.22
 RIPPLE_M = 0.32
 RIPPLE_HEIGHT_M = 0.012
 """Wind ripples, used if the grid has at least four points per ripple."""
+
+
+CLIFF_CELLS = 1.0
+"""Standard deviation in cells of the smoothing of cliffs, which stay as steep as 83 degrees."""
 
 
 def dunes(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
@@ -76,7 +81,7 @@ def mesa(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     up = (0.0, 0.030, 0.20, 0.46, 0.56, 0.76, 0.82, 0.975, 1.0)
     outline = np.interp(inside, at, up)
     rolling = 0.02 * fractal(2 * x, 2 * y, rng, octaves=3)
-    large_m = np.float32(height_m) * (outline + rolling).astype(np.float32)
+    large_m = np.float32(height_m) * _rounded(outline + rolling)
     return grounded(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
 
 
@@ -93,8 +98,20 @@ def canyon(spec: GroundSpec, rng: np.random.Generator) -> Elevation:
     upward = off_axis - 0.34 * side**2 * np.clip(off_axis, 0, 1) + 0.016 * flutes
     outline = np.interp(upward, *_strata(rng))
     rolling = 0.03 * fractal(5 * u, 5 * v, rng, octaves=3)
-    large_m = np.float32(depth_m) * (outline + rolling).astype(np.float32)
+    large_m = np.float32(depth_m) * _rounded(outline + rolling)
     return grounded(large_m + spec.roughness * 0.6 * unevenness(spec, rng))
+
+
+def _rounded(outline: FloatArray) -> NDArray[np.float32]:
+    """Return an outline whose cliffs are a few cells wide.
+
+    Within a single cell, a cliff follows the grid in steps: its triangles face to and fro, and in
+    sunlight along the wall every other one is black.
+    """
+    import cv2
+
+    rounded = cv2.GaussianBlur(outline.astype(np.float32), (0, 0), CLIFF_CELLS)
+    return np.asarray(rounded, np.float32)
 
 
 def _strata(rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

@@ -135,3 +135,16 @@ def test_one_crater_is_as_deep_as_its_profile_says() -> None:
     field = crater_field(257, 40.0, rng, largest_m=16.0, smallest_m=8.0, coverage=0.05)
     assert field.min() < -0.4
     assert 0.05 < field.max() < 1.5
+
+
+@pytest.mark.parametrize("preset", ["mesa", "canyon"])
+def test_cliffs_do_not_follow_the_grid_in_steps(preset: str) -> None:
+    """Neighbouring facets face alike; in steps, sunlight along a wall leaves every other black."""
+    ground = make_ground(preset, 64.0, 513, np.random.default_rng(3))
+    up_y, up_x = np.diff(ground.elevation_m, axis=0)[:, :-1], np.diff(ground.elevation_m)[:-1]
+    slope = np.hypot(up_x, up_y) / ground.spacing_m
+    facing = np.arctan2(up_y, up_x)
+    steep = slope > np.tan(np.radians(70))
+    turned = np.angle(np.exp(1j * np.diff(facing)))[steep[:, 1:] & steep[:, :-1]]
+    assert np.degrees(np.sqrt(np.mean(turned**2))) < 9
+    assert np.degrees(np.arctan(slope.max())) > 75
