@@ -29,6 +29,7 @@ from tools.bench.random_views import FREE_M, StageSurface, random_views, shows_s
 from tools.bench.references import top_octave_share
 from tools.bench.report import markdown
 from tools.bench.settings import Settings
+from tools.bench.topics import quality
 from tools.bench.topics.against import compare, comparison_figures
 from tools.bench.topics.cores import core_figures, expected_s, serial_share
 from tools.bench.topics.panel import chosen_worlds, panel_figures
@@ -50,6 +51,18 @@ def test_the_top_octave_is_the_energy_above_half_of_nyquist() -> None:
     assert top_octave_share(waves(0.375, 40.0), fine) == pytest.approx(0.25, abs=0.01)
     # An octave lower, nothing of it counts.
     assert top_octave_share(waves(0.19, 80.0), fine) < 0.01
+
+
+def test_smear_is_told_of_each_preset_and_view() -> None:
+    likeness = {"seconds": [1.0], "psnr_db": 40.0, "ssim": 0.9}
+    rows = [
+        {"view": view, "presets": {"geometry": {"seconds": [0.1]}, "standard": likeness | smear}}
+        for view, smear in (("nadir", {"top_octave": 0.9}), ("low_sun", {"top_octave": 1.0}))
+    ]
+    told = {each.name: each for each in (*quality.overall(rows), *quality.by_view(rows))}
+    assert told["standard_top_octave"].median == pytest.approx(0.95)
+    assert told["standard_low_sun_top_octave"].median == 1.0
+    assert "geometry_top_octave" not in told
 
 
 def test_smearing_lowers_the_top_octave_as_its_filter_does() -> None:

@@ -7,7 +7,15 @@ from typing import Any
 from oaisys_core.config import config_sha256
 from oaisys_core.types import RGB
 from tools.bench.jobs.world import Observer, simulation_of, world_config
-from tools.bench.references import Image, ReferenceImage, ReferenceImages, psnr_db, sha256, ssim
+from tools.bench.references import (
+    Image,
+    ReferenceImage,
+    ReferenceImages,
+    psnr_db,
+    sha256,
+    ssim,
+    top_octave_share,
+)
 from tools.bench.settings import Say, Settings
 from tools.bench.views import VIEWS, BenchView, PosedView
 
@@ -102,5 +110,9 @@ def _preset(
     result: dict[str, Any] = {"seconds": seconds[1:]}
     colors = [frame.data for frame in sample.frames if frame.modality == RGB]
     if colors:
-        result |= {"psnr_db": psnr_db(colors[0], reference), "ssim": ssim(colors[0], reference)}
+        result |= {
+            "psnr_db": psnr_db(colors[0], reference),
+            "ssim": ssim(colors[0], reference),
+            "top_octave": top_octave_share(colors[0], reference),
+        }
     return result

@@ -1,4 +1,4 @@
-"""Colour: seconds, PSNR and SSIM of each preset against converged pictures of six views."""
+"""Colour: seconds, PSNR, SSIM and smear of presets against converged pictures of six views."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WORST_DB = {"preview": 32.0, "standard": 36.0}
 def run(settings: Settings, say: Say) -> list[Figure]:
     """Return figures of each preset over all views, then of each view."""
     rows = run_job("quality.presets", settings, say, timeout_s=4 * 3600.0)
-    return [*_references(rows), *_overall(rows), *_by_view(rows)]
+    return [*_references(rows), *overall(rows), *by_view(rows)]
 
 
 def _references(rows: list[dict[str, Any]]) -> list[Figure]:
@@ -26,7 +26,8 @@ def _references(rows: list[dict[str, Any]]) -> list[Figure]:
     return [figure("reference_s", "s", [row["reference_s"] for row in rows], note=note)]
 
 
-def _overall(rows: list[dict[str, Any]]) -> list[Figure]:
+def overall(rows: list[dict[str, Any]]) -> list[Figure]:
+    """Return figures of each preset over all views."""
     figures = []
     for preset in rows[0]["presets"]:
         seconds = [s for row in rows for s in row["presets"][preset]["seconds"]]
@@ -45,11 +46,13 @@ def _overall(rows: list[dict[str, Any]]) -> list[Figure]:
             overall,
             figure(f"{preset}_psnr_worst_view", "dB", [psnr_db[worst]], goal, note),
             figure(f"{preset}_ssim", "", [each["ssim"] for each in found.values()]),
+            figure(f"{preset}_top_octave", "", [each["top_octave"] for each in found.values()]),
         ]
     return figures
 
 
-def _by_view(rows: list[dict[str, Any]]) -> list[Figure]:
+def by_view(rows: list[dict[str, Any]]) -> list[Figure]:
+    """Return figures of each view and preset."""
     figures = []
     for row in rows:
         for preset, found in row["presets"].items():
@@ -58,6 +61,7 @@ def _by_view(rows: list[dict[str, Any]]) -> list[Figure]:
             if "psnr_db" in found:
                 figures.append(figure(f"{stem}_psnr", "dB", [found["psnr_db"]]))
                 figures.append(figure(f"{stem}_ssim", "", [found["ssim"]]))
+                figures.append(figure(f"{stem}_top_octave", "", [found["top_octave"]]))
     return figures
 
 

@@ -97,7 +97,7 @@ WORLD_VIEWS: dict[str, tuple[Viewpoint, Viewpoint]] = {
         Viewpoint("30 m up", (-40.0, -40.0), 30.0, 45.0, -12.0),
     ),
     "world_mars": (
-        Viewpoint("at the rover", (-1.0, -7.0), 1.6, 82.0, -9.0),
+        Viewpoint("at the rover", (-1.5, -7.0), 1.6, 92.0, -9.0),
         Viewpoint("15 m up", (-18.0, -18.0), 15.0, 45.0, -18.0),
     ),
     "world_vegetation": (
