@@ -28,6 +28,7 @@ from oaisys_core.scene import (
 from oaisys_core.terrain.detail import Detail, DetailedGround
 from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.terrain.surroundings.kinds import Surroundings
+from oaisys_core.terrain.water import Water
 from oaisys_core.types import FloatArray, GroupCount, merged
 
 Metadata = Mapping[str, Any] | None
@@ -55,6 +56,7 @@ class World:
         T_map_base: (4, 4) pose of the rig.
         surroundings: What surrounds the stage.
         far_ground: The ground around the stage, once the sky has shown it.
+        water: Lakes and ponds on the stage.
         group_counts: Of each group of objects, how many were asked for and how many stand.
     """
 
@@ -66,6 +68,7 @@ class World:
     near_ground: DetailedGround | None = None
     surroundings: Surroundings = field(default_factory=Surroundings)
     far_ground: FarGround | None = None
+    water: Water | None = None
     material: TerrainMaterial | None = None
     prototypes: tuple[MeshPrototype, ...] = ()
     placements: tuple[Placement, ...] = ()
@@ -85,9 +88,10 @@ class World:
         self.drawn_ground, self.stage_notes = other.drawn_ground, other.stage_notes
         self.detail = other.detail
         self.surroundings, self.far_ground = other.surroundings, other.far_ground
-        self.material = other.material
+        self.material, self.water = other.material, other.water
         layers = require(other.material).layers
         ids = {semantic_id for layer in layers for semantic_id in layer.all_semantic_ids}
+        ids |= set(other.water.semantic_ids if other.water else ())
         labels = other.semantic_labels
         self.semantic_labels.update({i: labels[i] for i in ids if i in labels})
 
@@ -117,11 +121,14 @@ class World:
         sky = require(self.sky)
         if sky.shows_plain:
             self.far_ground = self.surroundings.around(require(self.ground), self.far_ground)
+        prototypes, placements = self.prototypes, self.placements
+        if self.water is not None:
+            prototypes, placements = self.water.joined(prototypes, placements)
         return Scene(
             ground=self.surface,
             material=require(self.material),
-            prototypes=self.prototypes,
-            placements=self.placements,
+            prototypes=prototypes,
+            placements=placements,
             primitives=self.primitives,
             sky=sky,
             semantic_labels=dict(sorted(self.semantic_labels.items())),

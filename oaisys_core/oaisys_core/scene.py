@@ -46,6 +46,7 @@ __all__ = [
     "Sky",
     "TerrainLayer",
     "TerrainMaterial",
+    "WaterSurface",
     "id_of_level",
     "merge_meshes",
 ]
@@ -139,6 +140,19 @@ class HeightField(ShortRepr):
 
 
 @dataclass(frozen=True, repr=False)
+class WaterSurface(ShortRepr):
+    """The optics of a level mesh that is a surface of water.
+
+    Attributes:
+        opacity: (V,) uint8, by 255: how much of the bottom is hidden, without reflections.
+        waves: Strength of ripples in reflections, 0 to 1.
+    """
+
+    opacity: NDArray[np.uint8]
+    waves: float
+
+
+@dataclass(frozen=True, repr=False)
 class MeshPrototype(ShortRepr):
     """A mesh of which the world may contain many instances.
 
@@ -154,6 +168,7 @@ class MeshPrototype(ShortRepr):
         color_image_srgb: (H, W, 3) uint8, first row on top; used instead of vertex colours.
         translucency: (V,) uint8, with ``vertex_colors_srgb``: by 255, the share of scattered light
             that leaves on the other side, as through leaves; None for none.
+        water: How it reflects and hides the bottom, if it is water.
     """
 
     name: str
@@ -165,6 +180,7 @@ class MeshPrototype(ShortRepr):
     uv: NDArray[np.float32] | None = None
     color_image_srgb: NDArray[np.uint8] | None = None
     translucency: NDArray[np.uint8] | None = None
+    water: WaterSurface | None = None
 
 
 @dataclass(frozen=True, repr=False)

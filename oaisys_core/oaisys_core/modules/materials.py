@@ -120,6 +120,9 @@ class MaterialsModule(Module):
             variation=Variation(**config.variation.model_dump()),
             projects_sides=_projects_sides(config, ground),
             macro=_macro_variation(config, rng),
+            wet_bank_m=None
+            if world.water is None
+            else (world.water.level_m, world.water.level_m + world.water.wet_bank_m),
         )
         if config.displacement == "geometry":
             _displace(world, material, layers)

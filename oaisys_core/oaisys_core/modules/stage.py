@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.config.sections.stage import ReuseConfig, StageConfig, StageMeshConfig
+from oaisys_core.config.sections.water import WaterConfig
 from oaisys_core.errors import ConfigError, InvalidInputError
 from oaisys_core.meshes.files import load_mesh
 from oaisys_core.module import Metadata, Module, World, overridden
@@ -17,6 +18,7 @@ from oaisys_core.terrain.detail import Detail
 from oaisys_core.terrain.mesh_ground import MeshGround, mesh_ground
 from oaisys_core.terrain.presets import check_preset, make_ground
 from oaisys_core.terrain.surroundings.kinds import Surroundings
+from oaisys_core.terrain.water import Water, WaterLook, level_from_share, water_on
 from oaisys_core.types import merged
 from oaisys_core.world.stage_store import SUFFIX, StageRecord, content_hash, load_stage, save_stage
 
@@ -72,6 +74,9 @@ class StageModule(Module):
         world.stage_notes["hash"] = self._hash = world.stage_hash
         world.drawn_ground = world.ground
         world.detail = _detail(config, rng)
+        world.water = _water(config.water, world.ground)
+        if config.water is not None:
+            world.semantic_labels.update(config.water.labels)
         world.surroundings = Surroundings(
             kind=config.surroundings, seed=_seed_of(rng), body_radius_m=config.body_radius_m
         )
@@ -141,6 +146,16 @@ def _new_ground(config: StageConfig, rng: np.random.Generator, notes: dict[str, 
 def _mesh_ground(config: StageMeshConfig) -> MeshGround:
     mesh = load_mesh(config.file, config.object, "stage.mesh.file")
     return mesh_ground(mesh, config.scale, config.up, config.position_m)
+
+
+def _water(config: WaterConfig | None, ground: Ground) -> Water | None:
+    if config is None:
+        return None
+    level_m = config.level_m
+    if level_m is None:
+        level_m = level_from_share(ground, config.level_share or 0.0)
+    look = WaterLook(config.clarity_m, config.color_srgb, config.waves)
+    return water_on(ground, level_m, config.semantic_ids, look, config.wet_bank_m)
 
 
 def _detail(config: StageConfig, rng: np.random.Generator) -> Detail | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,13 +43,14 @@ def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> P
         raise InvalidInputError("texture", name, one_of(TEXTURES, name))
     if cache_dir is None:
         return make_texture_set(name, size_px, seed)
+    subsurface = RECIPES[name].subsurface
     key = hashlib.sha256(repr((RECIPES[name].version, name, size_px, seed)).encode()).hexdigest()
     path = cache_dir / f"{name}-{key[:16]}.npz"
     cached = cache.read(path, name, size_px)
     if cached is None:
         cached = make_texture_set(name, size_px, seed)
         cache.write(path, cached)
-    return cached
+    return replace(cached, subsurface=subsurface) if subsurface else cached
 
 
 def make_texture_set(name: str, size_px: int, seed: int) -> PbrMaps:
@@ -65,4 +67,5 @@ def make_texture_set(name: str, size_px: int, seed: int) -> PbrMaps:
         normal_gl=normals_from_height(height, relief * recipe.tile_m, recipe.tile_m),
         roughness=np.rint(made.roughness * 255).astype(np.uint8),
         tile_m=recipe.tile_m,
+        subsurface=recipe.subsurface,
     )

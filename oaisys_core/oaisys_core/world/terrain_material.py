@@ -35,6 +35,8 @@ class PbrMaps:
         normal_gl: (N, N, 3) uint8, tangent-space normals in OpenGL's convention (green up).
         roughness: (N, N) uint8, linear.
         tile_m: Edge length of one tile in metres.
+        subsurface: Share of the light that comes out again some centimetres from where it went
+            in, and does not see the texture's relief, as in snow and ice.
     """
 
     name: str
@@ -43,6 +45,7 @@ class PbrMaps:
     normal_gl: NDArray[np.uint8]
     roughness: NDArray[np.uint8]
     tile_m: float
+    subsurface: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,8 @@ class TerrainMaterial:
             from above.
         macro: Variation of colour from metres to kilometres; None for none.
         land: Weights of the layers on the land around the extent; None if there is no land.
+        wet_bank_m: Heights up to which the stage is wet and from which it is dry; None without
+            water.
     """
 
     layers: tuple[TerrainLayer, ...]
@@ -137,6 +142,7 @@ class TerrainMaterial:
     projects_sides: bool = False
     macro: MacroVariation | None = None
     land: LandMasks | None = None
+    wet_bank_m: tuple[float, float] | None = None
 
     def weights_at(self, xy_m: ArrayLike) -> FloatArray:
         """Return (N, L) bilinearly interpolated weights at (N, 2) points.

@@ -12,6 +12,7 @@ from pydantic import Field, StringConstraints, model_validator
 
 from oaisys_core.config.paths import ConfigFile
 from oaisys_core.config.section import MOST_M, Positive, Section, Vector3
+from oaisys_core.config.sections.water import WaterConfig
 
 Body = Literal["earth", "moon", "mars"] | Annotated[float, Field(ge=1e3, le=1e9)]
 """A body, or its radius in metres."""
@@ -115,6 +116,7 @@ class StageConfig(Section):
             Exactly flat ground has a plain around it. See also ``environment.ground_beyond``.
         body: Whose curvature the land beyond the stage has: ``earth``, ``moon``, ``mars``, or the
             radius of another body in metres.
+        water: Lakes, ponds or a sea; None for none.
         detail: Finer ground around the cameras; None for no refinement.
         store: Folder in which the stage of each batch is stored by its hash, so that later runs can
             reuse it; relative to the working directory. None stores nothing.
@@ -131,6 +133,7 @@ class StageConfig(Section):
     mesh: StageMeshConfig | None = None
     surroundings: Literal["land", "plain"] = "land"
     body: Body = "earth"
+    water: WaterConfig | None = None
     detail: DetailConfig | None = None
     store: Path | None = None
     save_as: StageName | None = None

@@ -42,12 +42,14 @@ class Recipe(NamedTuple):
         tile_m: Edge length of a tile.
         version: Part of the cache key; it must change with the recipe.
         albedo: Natural range of the mean linear luminance of such ground.
+        subsurface: See `PbrMaps`.
     """
 
     make: Callable[[int, np.random.Generator], TextureMaps]
     tile_m: float
     version: int
     albedo: tuple[float, float]
+    subsurface: float = 0.0
 
 
 def encoded(linear: ArrayLike) -> NDArray[np.float32]:

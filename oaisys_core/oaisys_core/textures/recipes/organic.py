@@ -277,8 +277,53 @@ def _over(height: Field, width: float) -> Field:
     return height - fields.blurred(height, width * len(height))
 
 
+def turf(size_px: int, rng: np.random.Generator) -> TextureMaps:
+    """Short turf, grazed: a dense mat of fine blades, worn down to the earth in places."""
+    lush = fields.tile_noise(size_px, 5, rng, 1.7)
+    worn = fields.tile_noise(size_px, 7, rng, 1.6)
+    covered = smoothstep(-2.2, -0.9, worn + 0.4 * lush)
+    wind = 1.2 * fields.tile_noise(size_px, 6, rng, 1.8)
+    ribbon_layer = RibbonLayer(size_px, 0.03 * size_px)
+    thatch = _scattered(
+        size_px, rng, 15000, (0.010, 0.028), (0.0008, 0.0014), rise=(0, 0.003), density=covered
+    )
+    ribbon_layer.lay(thatch)
+    dry = ribbon_layer.count
+    for number, rise in ((42000, (0.002, 0.007)), (34000, (0.005, 0.012))):
+        blades = _scattered(
+            size_px,
+            rng,
+            number,
+            (0.008, 0.020),
+            (0.0009, 0.0017),
+            heading=wind,
+            turn=2.6,
+            bend=0.4,
+            rise=rise,
+            arch=strokes.arc,
+            density=0.25 + 0.75 * covered,
+        )
+        ribbon_layer.lay(blades)
+    tone = np.concatenate(
+        (_tones(STRAW, dry, rng, 0.2), _tones(GRASS, ribbon_layer.count - dry, rng, 0.16))
+    ).astype(np.float32)
+    withered = rng.uniform(size=ribbon_layer.count) < 0.12
+    tone[withered] = _tones(STRAW, int(withered.sum()), rng, 0.2)
+    ids, along = ribbon_layer.ids, ribbon_layer.along
+    color = blended(tone[ids], (0.26, 0.23, 0.12), 0.4 * smoothstep(0.3, 0.0, along))
+    earth = tinted(1 + 0.15 * fields.tile_noise(size_px, 50, rng, 1.3), EARTH)
+    color = np.where((ids >= 0)[..., None], color, earth)
+    color *= (1 + 0.08 * lush)[..., None] * (1 + lush[..., None] * np.array((-0.04, 0.02, -0.02)))
+    height = ribbon_layer.height_px / size_px
+    color *= (0.60 + 0.40 * smoothstep(-0.003, 0.003, _over(height, 0.008)))[..., None]
+    rough = np.where(ids >= 0, 0.74, 0.95).astype(np.float32)
+    relief = 0.12 * fields.blurred(height, 0.8) + 0.2 * fields.blurred(height, size_px / 170)
+    return finished(color, relief + 0.0015 * covered, rough, albedo=0.15, shade=0.2)
+
+
 RECIPES: dict[str, Recipe] = {
     "grass": Recipe(grass, tile_m=1.8, version=1, albedo=(0.12, 0.25)),
+    "turf": Recipe(turf, tile_m=1.6, version=1, albedo=(0.10, 0.25)),
     "moss": Recipe(moss, tile_m=1.4, version=1, albedo=(0.05, 0.15)),
     "leaf_litter": Recipe(leaf_litter, tile_m=1.6, version=1, albedo=(0.08, 0.2)),
 }

@@ -37,6 +37,7 @@ from oaisys_core.backend.blender.materials.surfaces import (
     show,
     without_detail,
 )
+from oaisys_core.backend.blender.materials.water import wet
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.color import encoded
 from oaisys_core.terrain.macro_variation import MacroVariation
@@ -175,6 +176,8 @@ class GroundMaterials:
         if not any(layer.label_image is not None for layer in self._material.layers):
             mean = _mean_surface(tree, self._material, self._images)
             surface = without_detail(tree, surface, mean)
+        if self._material.wet_bank_m is not None and not land_masks:
+            surface = wet(tree, surface, self._material.wet_bank_m)
         height_m = None
         if detail is not None:
             height_m = land_relief(tree, detail, self._material.extent_m)

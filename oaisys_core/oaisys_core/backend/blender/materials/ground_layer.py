@@ -38,6 +38,11 @@ class Plane(NamedTuple):
     axes: tuple[int, int] | None
 
 
+BELOW_SURFACE = (0.97, 1.0, 1.03)
+"""Colour of light that was scattered below the surface of snow or ice, relative to its albedo: ice
+absorbs red most."""
+
+
 class Texel(NamedTuple):
     """A texture set at a point: colour, encoded normal, roughness."""
 
@@ -117,6 +122,10 @@ class LayerNodes:
         # Diffuse shaders normalise it.
         normal = tree.vector("ADD", self._normal, self._slope(texel.detail, self._plane))
         surface, _ = diffuse(tree, color, texel.roughness, normal)
+        if layer.maps.subsurface:
+            below = tree.vector("MULTIPLY", color, BELOW_SURFACE)
+            inside, _ = diffuse(tree, below, texel.roughness, self._normal)
+            surface = tree.mixed(layer.maps.subsurface, surface, inside)
         if self._level.tables.glossy[id(layer.maps)]:
             unit = tree.vector("NORMALIZE", normal)
             surface = add_gloss(tree, surface, texel.roughness, unit)

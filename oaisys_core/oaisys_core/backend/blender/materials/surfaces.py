@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.compat import node_tree_of
 from oaisys_core.backend.blender.materials.haze import through_haze, without_light_sampling
@@ -184,14 +185,19 @@ def _from_picture(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket
 
 
 def _from_vertices(tree: NodeTree, prototype: MeshPrototype, mesh: Any) -> Socket:
+    paint_vertices(prototype, mesh, prototype.translucency)
+    return tree.add("Attribute", attribute_name=PAINT).outputs["Color"]
+
+
+def paint_vertices(prototype: MeshPrototype, mesh: Any, alpha: NDArray[np.uint8] | None) -> None:
+    """Store a prototype's vertex colours, with (V,) bytes of alpha, as the attribute `PAINT`."""
     rgb = np.asarray(prototype.vertex_colors_srgb)
     rgba = np.ones((len(rgb), 4), dtype=np.float32)
     np.multiply(rgb, BYTE, out=rgba[:, :3])
-    if prototype.translucency is not None:
-        np.multiply(prototype.translucency, BYTE, out=rgba[:, 3])
+    if alpha is not None:
+        np.multiply(alpha, BYTE, out=rgba[:, 3])
     layer = mesh.color_attributes.new(PAINT, "BYTE_COLOR", "POINT")
     layer.data.foreach_set("color_srgb", rgba.ravel())
-    return tree.add("Attribute", attribute_name=PAINT).outputs["Color"]
 
 
 def is_glossy(maps: PbrMaps) -> bool:

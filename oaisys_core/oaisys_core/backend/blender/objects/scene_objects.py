@@ -11,10 +11,12 @@ from mathutils import Matrix
 
 from oaisys_core.backend.blender.materials.images import ImageStore
 from oaisys_core.backend.blender.materials.surfaces import (
+    paint_vertices,
     painted_material,
     plain_material,
     rock_material,
 )
+from oaisys_core.backend.blender.materials.water import water_material
 from oaisys_core.backend.blender.objects.instances import ID, SIZE, InstancedMesh, ids_to_floats
 from oaisys_core.backend.blender.objects.meshes import new_mesh, new_object
 from oaisys_core.backend.raycast.solids import tessellated
@@ -162,6 +164,9 @@ class SceneObjects:
 
     def _material(self, prototype: MeshPrototype, mesh: Any) -> Any:
         maps = prototype.maps
+        if prototype.water is not None:
+            paint_vertices(prototype, mesh, prototype.water.opacity)
+            return water_material(prototype)
         if maps is None:
             painted = painted_material(prototype, mesh)
             return painted or plain_material(prototype.color_srgb)
