@@ -6,6 +6,7 @@ import contextlib
 import os
 import re
 import threading
+import time
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,7 +15,14 @@ import psutil
 MARK = "OAISYS_TEST_PROCESS"
 """Variable that marks the processes of a test."""
 
+PATIENCE_S = 5.0
+"""For processes to end, and for the system to close what they had open."""
+
 _LOOK_PERIOD_S = 0.3
+_PAUSE_S = 0.05
+_LISTENS = "0A"
+"""State of a listening socket in the kernel's tables."""
+_SOCKET = re.compile(r"socket:\[(\d+)\]")
 _SHARED = re.compile(r"/dev/shm/(?:fastrtps_[0-9a-f]{16}|.*oaisys.*)")
 """Of the middleware only what belongs to one process: ports are shared by all of the machine."""
 
@@ -32,7 +40,7 @@ class LeakCheck:
         self._processes: set[psutil.Process] = set()
         self._shared: set[str] = set()
         self._foreign: set[str] = set()
-        self._ports: set[int] = set()
+        self._sockets: set[int] = set()
         self._files: set[str] = set()
         self._ended = threading.Event()
         self._watcher = threading.Thread(target=self._watch, name="leak-check", daemon=True)
@@ -48,7 +56,9 @@ class LeakCheck:
     def left_behind(self) -> list[str]:
         """End every process that still runs, and return what should not be there."""
         self._processes.update(marked_processes(self._mark))
-        _, waited_for = psutil.wait_procs([p for p in self._processes if _runs(p)], timeout=5.0)
+        _, waited_for = psutil.wait_procs(
+            [p for p in self._processes if _runs(p)], timeout=PATIENCE_S
+        )
         running = [process for process in waited_for if _runs(process)]
         left = [f"process: {_command(process)}" for process in running]
         for process in running:
@@ -59,14 +69,27 @@ class LeakCheck:
             if Path(file).exists() and not _is_mapped_by_another_worker(file)
         ]
         left += [f"socket: {file}" for file in self._files if Path(file).exists()]
-        listening = _listening(psutil.net_connections("tcp"))
-        return left + [f"port: {port}" for port in sorted(self._ports & listening)]
+        return left + [f"port: {port}{_holders(inode)}" for inode, port in self._listen().items()]
+
+    def _listen(self) -> dict[int, int]:
+        """Return which ports the test still listens on, by inode; wait until there are none.
+
+        On a busy machine, a killed process is gone before the system has closed its sockets.
+        """
+        deadline_s = time.monotonic() + PATIENCE_S
+        while True:
+            left = {inode: port for inode, port in listening().items() if inode in self._sockets}
+            if not left or time.monotonic() > deadline_s:
+                return left
+            time.sleep(_PAUSE_S)
 
     def _watch(self) -> None:
         while not self._ended.wait(_LOOK_PERIOD_S):
+            listened = listening().keys()
             for process in marked_processes(self._mark):
                 self._processes.add(process)
                 with contextlib.suppress(psutil.Error, OSError):
+                    self._sockets |= _open_sockets(process) & listened
                     self._note(process)
             self.looks += 1
 
@@ -76,8 +99,7 @@ class LeakCheck:
             if found and found[0] not in self._shared | self._foreign:
                 foreign = self._is_foreign(found[0], process)
                 (self._foreign if foreign else self._shared).add(found[0])
-        connections: list[Any] = process.net_connections("all")
-        self._ports |= _listening(connections)
+        connections: list[Any] = process.net_connections("unix")
         addresses = {c.laddr for c in connections if isinstance(c.laddr, str)}
         self._files |= {address for address in addresses if address.startswith("/")}
 
@@ -104,8 +126,39 @@ def marked_processes(mark: str) -> list[psutil.Process]:
     return [p for p in psutil.process_iter() if _mark_of(p) == mark and p.pid != os.getpid()]
 
 
-def _listening(connections: list[Any]) -> set[int]:
-    return {c.laddr.port for c in connections if c.status == "LISTEN"}
+def listening() -> dict[int, int]:
+    """Return the ports on which anybody listens, by the inode of the socket.
+
+    The port itself may soon be another process's.
+    """
+    lines = [
+        line.split()
+        for table in ("tcp", "tcp6")
+        if (path := Path(f"/proc/net/{table}")).exists()
+        for line in path.read_text().splitlines()[1:]
+    ]
+    # Number, local address, remote address, state, ..., and the inode as the tenth.
+    return {int(of[9]): int(of[1].rpartition(":")[2], 16) for of in lines if of[3] == _LISTENS}
+
+
+def _open_sockets(process: psutil.Process) -> set[int]:
+    """Return the inodes of a process's sockets."""
+    found = set()
+    for descriptor in Path(f"/proc/{process.pid}/fd").iterdir():
+        with contextlib.suppress(OSError):
+            if match := _SOCKET.fullmatch(str(descriptor.readlink())):
+                found.add(int(match[1]))
+    return found
+
+
+def _holders(inode: int) -> str:
+    """Return who has a socket open."""
+    holders = []
+    for process in psutil.process_iter():
+        with contextlib.suppress(psutil.Error, OSError):
+            if inode in _open_sockets(process):
+                holders.append(f"{process.pid} {_command(process)[:200]}")
+    return f", held by {holders}" if holders else ""
 
 
 def _users(file: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import subprocess
 import sys
 import uuid
@@ -28,6 +29,15 @@ USER = """
 import mmap, sys, time
 with open(sys.argv[1], "r+b") as file:
     memory = mmap.mmap(file.fileno(), 4096)
+print("ready", flush=True)
+time.sleep(100)
+"""
+LISTENER = """
+import socket, subprocess, sys, time
+listener = socket.create_server(("127.0.0.1", int(sys.argv[1])))
+if "heir" in sys.argv:
+    sleep = [sys.executable, "-c", "import time; time.sleep(100)"]
+    heir = subprocess.Popen(sleep, env={}, pass_fds=[listener.fileno()], stdout=2)
 print("ready", flush=True)
 time.sleep(100)
 """
@@ -95,6 +105,12 @@ def segment() -> Iterator[str]:
         Path(file).unlink(missing_ok=True)
 
 
+@pytest.fixture
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
 def test_memory_of_a_killed_process_is_left_behind(processes: Processes, segment: str) -> None:
     with LeakCheck(processes.mark) as check:
         processes.start(OWNER, segment, mark=processes.mark, domain="1")
@@ -144,6 +160,37 @@ def test_memory_that_nobody_owns_is_left_behind(processes: Processes, segment: s
         user.kill()
 
     assert check.left_behind() == [f"shared memory: {segment}"]
+
+
+def test_a_port_that_another_process_has_taken_since_is_not(
+    processes: Processes, free_port: int
+) -> None:
+    with LeakCheck(processes.mark) as check:
+        first = processes.start(LISTENER, str(free_port), mark=processes.mark, domain="1")
+        look(check)
+        first.kill()
+        first.wait()
+        processes.start(LISTENER, str(free_port), mark=None, domain="1")
+
+    assert check.left_behind() == []
+
+
+@pytest.mark.long
+def test_a_port_that_an_unmarked_heir_has_open_is_left_behind(
+    processes: Processes, free_port: int
+) -> None:
+    with LeakCheck(processes.mark) as check:
+        first = processes.start(LISTENER, str(free_port), "heir", mark=processes.mark, domain="1")
+        look(check)
+        (heir,) = psutil.Process(first.pid).children()
+        first.kill()
+        first.wait()
+
+    try:
+        (left,) = check.left_behind()
+        assert left.startswith(f"port: {free_port}, held by ['{heir.pid} ")
+    finally:
+        heir.kill()
 
 
 @pytest.mark.long
