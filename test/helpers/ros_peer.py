@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -24,7 +25,7 @@ from rclpy.subscription import Subscription
 from rclpy.task import Future
 from served_simulator import Server
 from std_msgs.msg import Bool, Header
-from waiting import PATIENCE_S, wait_until
+from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 
 from oaisys_core.types import Pose
 from oaisys_msgs.srv import SetPose
@@ -106,14 +107,15 @@ class User:
         """Let another node of this context take its messages in, too."""
         self._executor.add_node(node)
 
-    def wait_until(self, condition: Callable[[], Any]) -> Any:
+    def wait_until(self, condition: Callable[[], Any], patience_s: float = PATIENCE_S) -> Any:
         """Take messages in until the condition holds, and return what it returned."""
-        return wait_until(condition, pause=lambda: self._executor.spin_once(timeout_sec=0.05))
+        pause = partial(self._executor.spin_once, timeout_sec=0.05)
+        return wait_until(condition, patience_s, pause=pause)
 
     def wait_until_ready(self, ready: bool = True) -> None:
         """Wait for the bridge to be (or not to be) ready, and to be heard on all topics."""
         states = self.received["oaisys_bridge/ready"]
-        self.wait_until(lambda: states and states[-1].data is ready)
+        self.wait_until(lambda: states and states[-1].data is ready, START_PATIENCE_S)
         self.wait_until(lambda: all(s.get_publisher_count() for s in self._subscriptions))
         if ready:
             self.wait_until(lambda: self._matched)

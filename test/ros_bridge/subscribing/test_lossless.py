@@ -9,6 +9,7 @@ import subprocess
 import time
 from collections import Counter
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -33,8 +34,13 @@ from tools.soak.counts import busy_loops, stamps_of
 
 pytestmark = pytest.mark.ros
 
-SWEPT, ASKED = 120, 30
+SWEPT, ASKED = 60, 30
 VIEWS = SWEPT + ASKED
+FIRST = 2
+"""Samples before a node is stopped. A recorder cannot tell whether messages of its first one were
+sent before it was there, and need not wait for them. It has taken them once it has the second."""
+PUBLISHED = FIRST + VIEWS + 1
+"""Samples of a test with a node that is stopped in the middle."""
 WAIT_S = 2.0
 """Of the bridge, for a reader that takes nothing."""
 MAPPER_INPUTS = ("/camera/depth/image_raw", "/camera/depth/camera_info", "/tf")
@@ -61,7 +67,7 @@ class Crew:
         options = [o for p in (f"address:={address}", *bridge_parameters) for o in ("-p", p)]
         self.bridge = stage.start_node("bridge", "--ros-args", *options)
         self.mapper = stage.start_node("mapper", "--ros-args", "-p", "mesh_period:=0.0")
-        self.user.wait_until(lambda: self.user.received["oaisys_mapper/metrics"])
+        self.user.wait_until(lambda: self.user.received["oaisys_mapper/metrics"], START_PATIENCE_S)
         topics = [*SAMPLE_TYPES, *LATCHED_TYPES]
         self.recorder = stage.start_node(
             "recorder", "--out", str(self.bag), "--all", "--topics", *topics
@@ -95,6 +101,9 @@ class Crew:
     def receipt_of(self, node: str) -> SampleReceipt:
         sent = self.user.received["oaisys_bridge/receipts"]
         return next((r for r in reversed(sent) if r.node == node), SampleReceipt())
+
+    def has_taken(self, node: str, samples: int) -> bool:
+        return self.receipt_of(node).samples == samples
 
     def end_recorder(self) -> BagLosses:
         """End the recorder and return what its bag says it lacks."""
@@ -149,7 +158,10 @@ def incomplete_samples(bag: Path) -> int:
 
 def stop_in_the_middle(crew: Crew, node: NodeProcess, views: int) -> Sweep.Result:
     """Stop a node while a sweep goes on, and let it go on afterwards."""
-    assert crew.user.set_pose(pose_looking_down(0.0, 0.0, 6.0)).success
+    for index in range(FIRST):
+        assert crew.user.set_pose(pose_looking_down(0.0, 0.01 * index, 6.0)).success
+    for reader in ("/oaisys_mapper", "/oaisys_recorder"):
+        crew.user.wait_until(partial(crew.has_taken, reader, FIRST))
     node.process.send_signal(signal.SIGSTOP)
     try:
         return crew.sweep(views)
@@ -164,30 +176,29 @@ def test_what_a_stopped_recorder_loses_is_reported_exactly(stage: Stage, tmp_pat
     result = stop_in_the_middle(crew, crew.recorder, VIEWS)
     assert "/oaisys_recorder has not taken" in result.message
     assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
-    crew.user.wait_until(lambda: crew.receipt_of("/oaisys_recorder").samples == VIEWS + 2)
+    crew.user.wait_until(lambda: crew.has_taken("/oaisys_recorder", PUBLISHED))
     receipt = crew.receipt_of("/oaisys_recorder")
     losses = crew.end_recorder()
 
-    published = VIEWS + 2
     missing = {
-        topic: published - count
+        topic: PUBLISHED - count
         for topic, count in messages_of_samples(crew.bag).items()
-        if count < published
+        if count < PUBLISHED
     }
     assert missing["/camera/depth/image_raw"] > VIEWS / 4, "it was stopped"
     assert losses.lost == missing
     assert {loss.what: loss.count for loss in receipt.lost} == missing
-    assert losses.announced == receipt.samples == published
+    assert losses.announced == receipt.samples == PUBLISHED
     # Not every topic lacks the same samples.
     assert losses.incomplete == incomplete_samples(crew.bag) >= max(missing.values())
     said = crew.recorder.log.read_text()
-    assert f"{losses.incomplete} of {published} samples are incomplete; lost:" in said
+    assert f"{losses.incomplete} of {PUBLISHED} samples are incomplete; lost:" in said
     told = subprocess.run(
         ["oaisys", "bag", "info", str(crew.bag)], capture_output=True, text=True, check=True
     )
     assert f"/camera/depth/image_raw {missing['/camera/depth/image_raw']}" in told.stdout
     crew.user.wait_until(
-        lambda: crew.map.frames_integrated + crew.map.samples_incomplete == published
+        lambda: crew.map.frames_integrated + crew.map.samples_incomplete == PUBLISHED
     )
 
 
@@ -200,18 +211,17 @@ def test_views_that_a_stopped_mapper_loses_are_told_with_its_mesh(
 
     stop_in_the_middle(crew, crew.mapper, VIEWS)
     assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
-    published = VIEWS + 2
-    crew.user.wait_until(lambda: crew.map.samples_announced == published)
+    crew.user.wait_until(lambda: crew.map.samples_announced == PUBLISHED)
     saved = crew.save_mesh(tmp_path / "mesh.ply")
     # The answer may overtake the metrics of the frame that was fused last.
     crew.user.wait_until(lambda: crew.map.frames_integrated == saved.frames)
 
     lost = Counter({loss.what: loss.count for loss in crew.map.lost})
     assert saved.success
-    assert 0 < saved.frames < published
-    assert crew.map.samples_incomplete == published - saved.frames
+    assert 0 < saved.frames < PUBLISHED
+    assert crew.map.samples_incomplete == PUBLISHED - saved.frames
     assert lost["/camera/depth/image_raw"] > VIEWS / 4
-    incomplete = f"{published - saved.frames} of {published} samples are incomplete"
+    incomplete = f"{PUBLISHED - saved.frames} of {PUBLISHED} samples are incomplete"
     assert incomplete in saved.message
     assert (tmp_path / "mesh.ply").stat().st_size > 0
     by_middleware = {loss.what: loss.count for loss in crew.map.lost_by_middleware}
@@ -249,7 +259,7 @@ def test_a_stopped_reader_holds_the_bridge_up_once_and_no_longer_than_it_may(
     assert crew.bridge.log.read_text().count("it is not waited for any more") == 1
     # It comes to itself again, and is waited for again.
     assert crew.user.set_pose(pose_looking_down(1.0, 0.0, 6.0)).success
-    crew.user.wait_until(lambda: crew.receipt_of("/oaisys_recorder").samples == VIEWS + 2)
+    crew.user.wait_until(lambda: crew.has_taken("/oaisys_recorder", PUBLISHED))
     crew.user.wait_until(lambda: "takes samples again" in crew.bridge.log.read_text())
     assert crew.sweep(20).message == ""
     assert crew.end_recorder().incomplete > 0
@@ -268,8 +278,11 @@ EXPERIMENTS = {
 def test_an_experiment_whose_recorder_loses_messages_says_so_and_fails(
     kind: str, tmp_path: Path, ros_domain_id: int, no_process_left: None
 ) -> None:
-    out, said = tmp_path / kind, tmp_path / "said"
+    out, said, parameters = tmp_path / kind, tmp_path / "said", tmp_path / "parameters.yaml"
+    bridge = {"ros__parameters": {"readers": {"timeout_s": 2 * WAIT_S}}}
+    parameters.write_text(yaml.safe_dump({"oaisys_bridge": bridge}))
     command = ["oaisys", kind, "--backend", "analytic", "--size", "64x48", *EXPERIMENTS[kind]]
+    command += ["--params-file", str(parameters)]
     with said.open("w") as output:
         experiment = subprocess.Popen(
             [*command, "--views", str(LOSING_VIEWS), "--out", str(out)],
@@ -290,7 +303,7 @@ def test_an_experiment_whose_recorder_loses_messages_says_so_and_fails(
         recorder = recorder_of(experiment)
         recorder.suspend()
         try:
-            # The bridge waits for it for 10 s, then goes on without. The middleware forgets a
+            # The bridge waits for it for a while, then goes on without. The middleware forgets a
             # process that is silent for 20 s, and the recorder could not learn what it lost.
             wait_for_views(LOSING_VIEWS - 4)
         finally:
