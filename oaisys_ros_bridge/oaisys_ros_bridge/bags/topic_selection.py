@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
@@ -43,7 +44,14 @@ class TopicSelection:
     exclude: re.Pattern[str]
     namespace: str
 
-    def includes(self, name: str, type_name: str) -> bool:
+    @classmethod
+    def of(cls, node: Node, values: Mapping[str, Any]) -> Self:
+        """Return the selection of a recorder beside a node, from the values of its parameters."""
+        requested = {node.resolve_topic_name(name) for name in values["topics"] if name}
+        everything = values["all"] or not requested
+        return cls(requested, everything, re.compile(values["exclude"]), node.get_namespace())
+
+    def includes(self, name: str, type_name: str = "") -> bool:
         """Return whether a topic is recorded."""
         if name in self.requested or not self.everything:
             return name in self.requested

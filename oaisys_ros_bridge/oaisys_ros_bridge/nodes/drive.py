@@ -7,7 +7,6 @@ import signal
 import sys
 import time
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 from action_msgs.msg import GoalStatus
@@ -18,10 +17,11 @@ from std_msgs.msg import Bool
 
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_msgs.action import Drive
+from oaisys_ros_bridge.bags.recorder_client import RecorderClient
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
-READY, RECORDING, ACTION = "oaisys_bridge/ready", "oaisys_recorder/recording", "oaisys_bridge/drive"
+READY, ACTION = "oaisys_bridge/ready", "oaisys_bridge/drive"
 
 START_TIMEOUT_S = 300.0
 """For simulator, bridge and recorder to become ready."""
@@ -38,16 +38,16 @@ class DriveClient(BackgroundNode):
 
     Args:
         arguments: ROS arguments, beginning with ``--ros-args``.
-        wait_for_recorder: Whether to wait until this package's recorder records.
+        wait_for_recorder: Whether to wait until this package's recorder hears the bridge.
     """
 
     def __init__(self, arguments: Sequence[str], *, wait_for_recorder: bool) -> None:
         super().__init__("oaisys_drive", arguments)
         self._said_s = time.monotonic()
-        self._is_true = dict.fromkeys([READY, *([RECORDING] if wait_for_recorder else [])], False)
+        self._is_ready = False
         self._client = ActionClient(self.node, Drive, ACTION)
-        for topic in self._is_true:
-            self.subscribe(Bool, topic, partial(self._note, topic), LATCHED_QOS)
+        self._recorder = RecorderClient(self) if wait_for_recorder else None
+        self.subscribe(Bool, READY, self._on_ready, LATCHED_QOS)
         self.start()
 
     def drive(self, goal: Drive.Goal) -> Drive.Result:
@@ -56,7 +56,9 @@ class DriveClient(BackgroundNode):
         Raises:
             DeadlineExceededError: The bridge or the recorder did not become ready.
         """
-        self.wait(", ".join(self._is_true), lambda: all(self._is_true.values()), START_TIMEOUT_S)
+        self.wait(READY, lambda: self._is_ready, START_TIMEOUT_S)
+        if self._recorder is not None:
+            self._recorder.wait(START_TIMEOUT_S)
         if not self._client.wait_for_server(START_TIMEOUT_S):
             raise DeadlineExceededError(f"nobody offers {ACTION}")
         handle = result_of(
@@ -74,8 +76,8 @@ class DriveClient(BackgroundNode):
             say("cancelled")
         return answer.result
 
-    def _note(self, topic: str, message: Bool) -> None:
-        self._is_true[topic] = message.data
+    def _on_ready(self, message: Bool) -> None:
+        self._is_ready = message.data
 
     def _notify(self, _: Future) -> None:
         with self.changed:
@@ -123,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--wait-for-recorder",
         action="store_true",
-        help="wait until this package's recorder records",
+        help="wait until this package's recorder records all that the bridge publishes",
     )
     options = parser.parse_args(own)
     goal = Drive.Goal(drive_json=options.drive_json, sensors=[s for s in options.sensors if s])

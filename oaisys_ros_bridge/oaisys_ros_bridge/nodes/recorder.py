@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import re
 import shutil
 import sys
 import threading
@@ -90,13 +89,7 @@ class RecorderNode(ParameterNode, Node):
         """
         super().__init__("oaisys_recorder")
         values = self.declare_table(RECORDER, **defaults)
-        requested = {self.resolve_topic_name(name) for name in values["topics"] if name}
-        self._selection = TopicSelection(
-            requested,
-            values["all"] or not requested,
-            re.compile(values["exclude"]),
-            self.get_namespace(),
-        )
+        self._selection = TopicSelection.of(self, values)
         self._folder = Path(values["path"] or time.strftime("bag_%Y_%m_%d-%H_%M_%S"))
         require_free_space(self._folder)
         self._bag = BagWriter(self._folder)

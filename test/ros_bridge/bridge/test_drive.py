@@ -22,7 +22,7 @@ from sensor_msgs.msg import Image, Imu, PointCloud2
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 from trajectory_msgs.msg import MultiDOFJointTrajectory, MultiDOFJointTrajectoryPoint
-from waiting import PATIENCE_S
+from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 
 from oaisys_core.geometry import pose_looking_down
 from oaisys_msgs.action import Drive
@@ -267,9 +267,11 @@ def test_the_program_that_drives_once_waits_for_the_recorder_and_tells_by_its_ex
     server = stage.start_world(DRIVEN_WORLD)
     program = stage.start_node("drive", "--wait-for-recorder", "--sensors", "lidar", "odometry")
     recorder = stage.start_node("recorder", "--out", str(tmp_path / "bag"))
+    # It records all that there is, which is nothing of the bridge.
+    wait_until(lambda: "recording: " in recorder.log.read_text(), START_PATIENCE_S)
     stage.start_bridge(server.address)
 
-    assert program.process.wait(PATIENCE_S) == 0, program.log.read_text()
+    assert program.process.wait(START_PATIENCE_S) == 0, program.log.read_text()
 
     assert "lidar: 5 of 5 measurements" in program.log.read_text()
     assert recorder.end() == 0
