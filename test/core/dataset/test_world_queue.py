@@ -71,7 +71,7 @@ class PretendedRay:
 class WatchedPlace(LocalPlace):
     """Calls a function before the file of a shard gets its name."""
 
-    def __init__(self, folder: Path, watch: Callable[[str], None]) -> None:
+    def __init__(self, folder: Path, watch: Callable[[str], object]) -> None:
         super().__init__(folder)
         self._watch = watch
 
