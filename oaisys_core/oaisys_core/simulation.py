@@ -20,13 +20,15 @@ from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError, NotReadyError
 from oaisys_core.module import World, drawn
 from oaisys_core.modules.sensors import DueSensors
-from oaisys_core.scene import PoseAtTime, Scene
+from oaisys_core.output.records import recorded_motion
+from oaisys_core.scene import Scene
 from oaisys_core.sensing.view_renderer import (
     FramesPlacement,
     SampleSteps,
     ViewRenderer,
     leave_frames,
 )
+from oaisys_core.trajectory import RigMotion
 from oaisys_core.types import (
     FloatArray,
     FrameName,
@@ -139,7 +141,7 @@ class Simulation:
         *,
         modalities: Sequence[str] = (),
         sensors: Sequence[str] = (),
-        T_map_base: PoseAtTime | None = None,
+        motion: RigMotion | None = None,
         progress: ProgressCallback = ignore_progress,
     ) -> Sample:
         """Move sensors and light as the metadata says, render, and return the frames.
@@ -150,9 +152,9 @@ class Simulation:
             modalities: Modalities to render; none: all of each sensor that is due.
             sensors: Sensors to render; none: all that are due. Named sensors and sensors with a
                 named modality render whether they are due or not.
-            T_map_base: Poses of the rig about the sample's own, from which lidars cast each ray at
-                its own time, whatever their ``sweep_share``, and cameras with ``readout_s`` see
-                each row. Provenance does not hold them, so `repeat` makes others.
+            motion: Motion of the rig about the sample's pose, from which lidars cast each ray at
+                its own time, whatever their ``sweep_share``, and cameras with ``readout_s`` or
+                ``exposure_s`` see each row. Provenance holds it.
             progress: Called with the progress; may raise `CancelledError`.
 
         Raises:
@@ -166,7 +168,7 @@ class Simulation:
                 metadata,
                 modalities=modalities,
                 sensors=sensors,
-                T_map_base=T_map_base,
+                motion=motion,
                 progress=progress,
             )
         )
@@ -177,7 +179,7 @@ class Simulation:
         *,
         modalities: Sequence[str] = (),
         sensors: Sequence[str] = (),
-        T_map_base: PoseAtTime | None = None,
+        motion: RigMotion | None = None,
         progress: ProgressCallback = ignore_progress,
     ) -> SampleSteps:
         """Do as `step_sample`, and yield the frames in groups as they are rendered.
@@ -198,22 +200,24 @@ class Simulation:
         with self._undone_on_failure(batch):
             self._apply(batch, metadata)
             due = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
-            if T_map_base is not None:
-                due = self._sensors.following(due, T_map_base)
             settings = drawn(batch.world.render)
             due = due._replace(cameras=settings.allowed(due.cameras))
-            return (yield from self._sample(batch, due, settings, progress, started_s))
+            return (yield from self._sample(batch, due, settings, motion, progress, started_s))
 
     def _sample(
         self,
         batch: Batch,
         due: DueSensors,
         settings: RenderSettings,
+        motion: RigMotion | None,
         progress: ProgressCallback,
         started_s: float,
     ) -> SampleSteps:
         """Render the world as it is, and count it as the next sample."""
-        outline = self._outline(batch, due, settings)
+        if motion is not None:
+            due = self._sensors.following(due, motion)
+            motion = motion if due.is_moving else None
+        outline = self._outline(batch, due, settings, motion)
         faults = self._sensors.depth_faults
         sample = yield from self._views.sample(
             outline, batch.world.scene(), *due, settings, progress, faults, started_s
@@ -247,9 +251,8 @@ class Simulation:
             # How many samples there was time for is known now.
             settings = replace(settings, time_budget_s=None, samples=how.render_samples)
         batch.sample_id = outline.sample_id - 1
-        return _returned(
-            self._sample(batch, due, settings, progress, started_s=time.perf_counter())
-        )
+        motion, started_s = recorded_motion(how), time.perf_counter()
+        return _returned(self._sample(batch, due, settings, motion, progress, started_s))
 
     def withdraw_sample(self) -> None:
         """Undo the last sample, because nobody received it; the next one takes its id.
@@ -470,7 +473,9 @@ class Simulation:
         if at_pose.differs_from(after):
             self._backend.update(at_pose)
 
-    def _outline(self, batch: Batch, due: DueSensors, settings: RenderSettings) -> SampleOutline:
+    def _outline(
+        self, batch: Batch, due: DueSensors, settings: RenderSettings, motion: RigMotion | None
+    ) -> SampleOutline:
         """Return the outline of the next sample."""
         return SampleOutline(
             batch_id=batch.id,
@@ -491,6 +496,7 @@ class Simulation:
                 asset_seed=batch.seeds.asset_seed,
                 metadata_json=metadata_text(batch.in_force),
                 previous_poses_json=previous_poses_text(due.all, batch.last_rig_poses),
+                motion_json="" if motion is None else motion.text(),
             ),
         )
 

@@ -191,6 +191,8 @@ class Provenance:
             depend on it (flow, motion blur), as JSON by the sensor's name; empty for none.
         exposures_json: Exposure of each colour image in stops, fixed or metered, as JSON by the
             camera's name; empty for none.
+        motion_json: The rig's motion during the sample in a timed drive, as JSON
+            (`oaisys_core.trajectory.RigMotion`); empty if nothing that was measured depends on it.
     """
 
     seed: int
@@ -206,6 +208,7 @@ class Provenance:
     metadata_json: str = ""
     previous_poses_json: str = ""
     exposures_json: str = ""
+    motion_json: str = ""
 
 
 @dataclass(frozen=True, repr=False)
@@ -450,11 +453,13 @@ class RecordedSample:
         outline: The sample without its images.
         frames: The recorded images, which may be fewer than were rendered.
         recorded: Returns a rendered frame as it would have been recorded, with sensor faults.
+        scans: The recorded scans.
     """
 
     outline: SampleOutline
     frames: tuple[Frame, ...]
     recorded: Callable[[Frame], Frame] = _as_rendered
+    scans: tuple[LidarScan, ...] = ()
 
 
 @dataclass(frozen=True, repr=False)

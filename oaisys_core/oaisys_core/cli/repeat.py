@@ -47,7 +47,8 @@ def repeat(
 ) -> None:
     """Render recorded samples again from their provenance, and compare with what was recorded.
 
-    Depth, labels, instance ids and normals must be equal byte by byte, colours within --least-psnr.
+    Depth, labels, instance ids, normals and scans must be equal byte by byte, colours within
+    --least-psnr.
     The configuration comes from the record or from --config; its hash must be the recorded one.
     Exit code 0: equal; 1: something differs; 2: the record cannot be used.
     """
@@ -123,10 +124,11 @@ def _notes(record: RecordedSample, again: Sample) -> list[str]:
     from oaisys_core.types import POINTS
 
     recorded = {(frame.sensor, frame.modality) for frame in record.frames}
+    recorded |= {(scan.sensor, scan.modality) for scan in record.scans}
     missing = [n for n in record.outline.frames if (n.sensor, n.modality) not in recorded]
     notes = [
         f"{name.sensor}/{name.modality}: "
-        + ("scans are not compared" if name.modality == POINTS else "not in the record")
+        + ("scans in bags are not compared" if name.modality == POINTS else "not in the record")
         for name in missing
     ]
     then, now = record.outline.provenance, again.provenance

@@ -13,14 +13,11 @@ from oaisys_core.dataset.scans import ScanRecord
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import (
-    POINTS,
     Frame,
-    FrameName,
-    LidarScan,
     RecordedSample,
     modality_spec,
 )
-from oaisys_core.verification.recorded_samples import Comparison, compared
+from oaisys_core.verification.recorded_samples import Comparison, compared, compared_scan
 
 
 def repeated(
@@ -44,7 +41,7 @@ def repeated(
         for each, record in zip(ids, records, strict=True):
             again = simulation.repeat(record.outline())
             if isinstance(record, ScanRecord):
-                yield each, [_compared_scan(dataset.scan(record), again.scan(record.sensor))]
+                yield each, [compared_scan(dataset.scan(record), again.scan(record.sensor))]
             else:
                 recorded = recorded_sample(dataset.sample(record))
                 yield each, compared(recorded, again, least_psnr_db)
@@ -59,15 +56,6 @@ def _record(dataset: Dataset, each: str) -> FrameRecord | ScanRecord:
         example = f", such as {dataset.records[0].frame_id}" if len(dataset) else ""
         expected = f"the id of a frame or lidar scan of {dataset.place.url}{example}"
         raise InvalidInputError("frame", each, expected) from error
-
-
-def _compared_scan(old: LidarScan, new: LidarScan) -> Comparison:
-    """Compare a recorded scan with the same scan made again, point by point."""
-    name = FrameName(old.sensor, POINTS)
-    if (old.data.shape, old.data.dtype) != (new.data.shape, new.data.dtype):
-        return Comparison(name, len(old.data), len(old.data), None, False)
-    different = int((old.data != new.data).sum())
-    return Comparison(name, len(old.data), different, None, not different)
 
 
 def recorded_sample(sample: DatasetSample) -> RecordedSample:

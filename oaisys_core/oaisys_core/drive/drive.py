@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from oaisys_core.backend.base import ProgressCallback
@@ -16,10 +15,9 @@ from oaisys_core.config.sections.drive import DriveConfig
 from oaisys_core.drive.odometry_drift import OdometryDrift
 from oaisys_core.drive.schedule import NANOSECONDS, SensorRate, SensorSchedule
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.scene import PoseAtTime
 from oaisys_core.sensing.imu import ImuMeasurements, measure
 from oaisys_core.simulation import Simulation
-from oaisys_core.trajectory import Trajectory
+from oaisys_core.trajectory import RigMotion, Trajectory
 from oaisys_core.trajectory.planning import DrivePlan, plan_drive
 from oaisys_core.types import (
     ODOMETRY,
@@ -103,6 +101,7 @@ class Drive:
         heights = partial(simulation.query_height, on_stage=True)
         self.plan = plan or plan_drive(drive_section(config), heights)
         self._imus = {imu.name: imu for imu in config.sensors.imus}
+        self._spans_s = _spans_s(config)
         rates = _chosen(_sensor_rates(config, self.plan), sensors)
         self.rates_hz = {rate.name: rate.rate_hz for rate in rates}
         self.imu_names = frozenset(self._imus).intersection(self.rates_hz)
@@ -140,8 +139,18 @@ class Drive:
         return self._simulation.step_sample(
             self.metadata_at(time_ns),
             sensors=sensors,
-            T_map_base=motion_from(self.plan.trajectory, time_ns),
+            motion=self.motion_about(time_ns, sensors),
             progress=progress,
+        )
+
+    def motion_about(self, time_ns: int, sensors: Sequence[str]) -> RigMotion | None:
+        """Return the motion while sensors measure; None if all of them do so in an instant."""
+        spans_s = [self._spans_s[name] for name in sensors if name in self._spans_s]
+        if not spans_s:
+            return None
+        first_s, last_s = np.array(spans_s).T
+        return self.plan.trajectory.motion_about(
+            time_ns / NANOSECONDS, float(first_s.min()), float(last_s.max())
         )
 
     def metadata_at(self, time_ns: int) -> ModuleMetadata:
@@ -194,11 +203,6 @@ def odometry_at(trajectory: Trajectory, times_s: FloatArray) -> OdometrySample:
     )
 
 
-def motion_from(trajectory: Trajectory, time_ns: int) -> PoseAtTime:
-    """Return the poses of the rig at times since a simulated time."""
-    return partial(_pose_after, trajectory, time_ns / NANOSECONDS)
-
-
 def _sensor_rates(config: SimulationConfig, plan: DrivePlan) -> list[SensorRate]:
     """Return the rates of cameras, lidars, IMUs and odometry."""
     sensors = config.sensors
@@ -226,22 +230,14 @@ def _chosen(rates: Sequence[SensorRate], names: Sequence[str]) -> Sequence[Senso
     return [rate for rate in rates if rate.name in names] if names else rates
 
 
-def _pose_after(trajectory: Trajectory, start_s: float, times_s: FloatArray) -> FloatArray:
-    """Return the (N, 4, 4) poses of the rig at times since a sample.
-
-    Before the trajectory, where the first exposure begins, and after it the rig keeps the velocity
-    and the angular rate that it has at the nearer end.
-    """
-    inside_s = np.clip(start_s + times_s, trajectory.start_s, trajectory.end_s)
-    outside_s = (start_s + times_s - inside_s)[:, None]
-    poses = trajectory.T_map_base(inside_s)
-    if outside_s.any():
-        poses[:, :3, 3] += outside_s * trajectory.velocity_m_s(inside_s)
-        turns = scipy.spatial.transform.Rotation.from_rotvec(
-            outside_s * trajectory.angular_rate_rad_s(inside_s)
-        )
-        poses[:, :3, :3] = poses[:, :3, :3] @ turns.as_matrix()
-    return poses
+def _spans_s(config: SimulationConfig) -> dict[str, tuple[float, float]]:
+    """Return when each sensor that moves while it measures begins and ends, since its stamp."""
+    spans = {lidar.name: (0.0, lidar.period_s) for lidar in config.sensors.lidars}
+    for camera in config.sensors.all_cameras:
+        if camera.readout_s or camera.exposure_s:
+            half_s = camera.exposure_s / 2
+            spans[camera.name] = (-half_s, camera.readout_s + half_s)
+    return spans
 
 
 def drive_section(config: SimulationConfig) -> DriveConfig:

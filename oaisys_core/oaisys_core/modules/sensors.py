@@ -51,6 +51,11 @@ class DueSensors(NamedTuple):
         """The cameras, then the lidars."""
         return (*self.cameras, *self.lidars)
 
+    @property
+    def is_moving(self) -> bool:
+        """Whether any of them moves while it measures."""
+        return any(sensor.pose_at is not None for sensor in self.all)
+
 
 class SensorsModule(Module):
     """Holds the sensors, the rig's pose and its motion.

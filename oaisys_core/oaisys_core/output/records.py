@@ -12,6 +12,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.output.files import write_text
+from oaisys_core.trajectory import RigMotion
 from oaisys_core.types import Odometry, PinholeIntrinsics, Pose, Provenance, Sample
 
 
@@ -71,8 +72,39 @@ def odometry_from_record(record: Mapping[str, Any] | None) -> Odometry | None:
 
 
 def provenance_from_record(record: Mapping[str, Any]) -> Provenance:
-    """Return the provenance of a record."""
-    return Provenance(**record)
+    """Return the provenance of a record.
+
+    Raises:
+        InvalidInputError: It has other fields.
+    """
+    try:
+        return Provenance(**record)
+    except TypeError as error:
+        expected = f"the fields of a sample's provenance ({error})"
+        raise InvalidInputError("provenance", sorted(record), expected) from error
+
+
+def previous_rig_poses(provenance: Provenance) -> dict[str, Pose]:
+    """Return the rig's pose at the previous sample of each sensor whose data depend on it.
+
+    Raises:
+        InvalidInputError: The record is damaged.
+    """
+    text = provenance.previous_poses_json or "{}"
+    try:
+        return {name: pose_from_record(pose) for name, pose in json.loads(text).items()}
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        expected = f"the JSON of poses by the sensor's name ({error!r})"
+        raise InvalidInputError("provenance.previous_poses_json", text[:80], expected) from error
+
+
+def recorded_motion(provenance: Provenance) -> RigMotion | None:
+    """Return the rig's motion during a sample; None if nothing measured depends on it.
+
+    Raises:
+        InvalidInputError: The record is damaged.
+    """
+    return RigMotion.from_text(provenance.motion_json) if provenance.motion_json else None
 
 
 def write_json(path: Path, record: object) -> None:

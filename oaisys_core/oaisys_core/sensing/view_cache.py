@@ -106,7 +106,14 @@ class ViewCache:
 
 def _without_history(provenance: Provenance) -> Provenance:
     """Return the provenance without the history of the world, whose content is in the key."""
-    return replace(provenance, stage_seed=0, asset_seed=0, metadata_json="", previous_poses_json="")
+    return replace(
+        provenance,
+        stage_seed=0,
+        asset_seed=0,
+        metadata_json="",
+        previous_poses_json="",
+        motion_json="",
+    )
 
 
 def _is_repeatable(cameras: Sequence[PlacedCamera], settings: RenderSettings) -> bool:

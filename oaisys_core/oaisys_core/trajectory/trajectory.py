@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import ArrayLike
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.trajectory.rig_motion import TIME_TOLERANCE_S, RigMotion
 from oaisys_core.types import FloatArray, Pose
 
 if TYPE_CHECKING:
@@ -17,9 +18,6 @@ if TYPE_CHECKING:
 
 TransformAt = Callable[[ArrayLike], FloatArray]
 """Returns the (N, 4, 4) poses of a frame in ``map`` at (N,) times in seconds."""
-
-TIME_TOLERANCE_S = 1e-6
-"""Times that lie outside of a trajectory by at most this are moved to its end."""
 
 
 class Trajectory:
@@ -129,6 +127,32 @@ class Trajectory:
         x, y, z = self.position_m([time_s])[0].tolist()
         qx, qy, qz, qw = self.rotation([time_s]).as_quat(canonical=True)[0].tolist()
         return Pose((x, y, z), (qx, qy, qz, qw))
+
+    def motion_about(self, time_s: float, first_s: float, last_s: float) -> RigMotion:
+        """Return the motion about a sample.
+
+        Args:
+            time_s: Time of the sample.
+            first_s, last_s: Times since the sample that it must cover. Before the trajectory, where
+                the first exposure begins, the rig has the velocity and the angular rate with which
+                the trajectory begins.
+
+        Raises:
+            InvalidInputError: The sample's time or the last one is outside of the trajectory.
+        """
+        begin_s, end_s = self._since_start([time_s, time_s + last_s]).tolist()
+        knots_s = np.asarray(self._positions.x)
+        low = max(int(np.searchsorted(knots_s, begin_s + first_s, side="right")) - 1, 0)
+        low = min(low, len(knots_s) - 2)
+        high = max(int(np.searchsorted(knots_s, end_s)), low + 1)
+        motion = RigMotion(
+            knots_s=knots_s[low : high + 1] - begin_s,
+            positions=np.asarray(self._positions.c[:, low:high]),
+            quats_xyzw=self._rotations.rotations[low:high].as_quat(),
+            turns=np.asarray(self._rotations.interpolator.c[:, low:high]),
+        )
+        earlier_s = -(begin_s + first_s)
+        return motion.begun_earlier(earlier_s) if earlier_s > 0 else motion
 
     def _since_start(self, times_s: ArrayLike) -> FloatArray:
         """Return times since the start.

@@ -14,7 +14,17 @@ from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.output.reader import read_sample
 from oaisys_core.output.records import read_json
 from oaisys_core.output.writer import CONFIG, SAMPLE_DATA
-from oaisys_core.types import ALBEDO, FLOW, RGB, Frame, FrameName, RecordedSample, Sample
+from oaisys_core.types import (
+    ALBEDO,
+    FLOW,
+    POINTS,
+    RGB,
+    Frame,
+    FrameName,
+    LidarScan,
+    RecordedSample,
+    Sample,
+)
 
 RECORDS = "oaisys.records"
 """Entry point group of functions ``(Path) -> RecordSource | None``; None for other files."""
@@ -91,7 +101,7 @@ class FolderRecords:
         for number in sorted(set(wanted) & self._files.keys()):
             path = self._files[number]
             sample = read_sample(path.parents[len(SAMPLE_DATA.parts)], int(path.stem))
-            yield RecordedSample(sample.outline, sample.frames)
+            yield RecordedSample(sample.outline, sample.frames, scans=sample.scans)
 
 
 def _folder_records(path: Path) -> FolderRecords | None:
@@ -139,10 +149,11 @@ def _parsed(name: str) -> SampleId:
 
 
 class Comparison(NamedTuple):
-    """The comparison of a frame that was rendered again with the recorded one.
+    """The comparison of a frame or scan that was rendered again with the recorded one.
 
     Attributes:
-        different_px: Pixels that differ in any bit.
+        pixels: Pixels of the frame, or points of the scan.
+        different_px: Those that differ in any bit.
         psnr_db: PSNR of colours, infinite if no pixel differs; None for other modalities.
         is_equal: Whether it is the same: byte by byte, or within the tolerance for colours. Always
             true for optical flow, which also depends on the unrecorded previous sample.
@@ -156,19 +167,20 @@ class Comparison(NamedTuple):
 
 
 def compared(record: RecordedSample, again: Sample, least_psnr_db: float) -> list[Comparison]:
-    """Compare the frames of a record with the same frames rendered again.
+    """Compare the frames and scans of a record with the same rendered again.
 
     Raises:
-        NotFoundError: The record contains no frames.
+        NotFoundError: The record contains neither.
     """
-    if not record.frames:
+    if not record.frames and not record.scans:
         outline = record.outline
         number = f"{outline.batch_id}/{outline.sample_id}"
-        raise NotFoundError(f"sample {number}: none of its images is in the record")
-    return [
+        raise NotFoundError(f"sample {number}: none of its images and scans is in the record")
+    images = [
         _compared(old, record.recorded(again.frame(old.sensor, old.modality)), least_psnr_db)
         for old in record.frames
     ]
+    return images + [compared_scan(old, again.scan(old.sensor)) for old in record.scans]
 
 
 def _compared(old: Frame, new: Frame, least_psnr_db: float) -> Comparison:
@@ -184,3 +196,12 @@ def _compared(old: Frame, new: Frame, least_psnr_db: float) -> Comparison:
         return Comparison(name, pixels, different_px, psnr_db, psnr_db >= least_psnr_db)
     is_equal = different_px == 0 or old.modality == FLOW
     return Comparison(name, pixels, different_px, None, is_equal)
+
+
+def compared_scan(old: LidarScan, new: LidarScan) -> Comparison:
+    """Compare a recorded scan with the same scan made again, point by point."""
+    name = FrameName(old.sensor, POINTS)
+    if (old.data.shape, old.data.dtype) != (new.data.shape, new.data.dtype):
+        return Comparison(name, len(old.data), len(old.data), None, False)
+    different = int((old.data != new.data).sum())
+    return Comparison(name, len(old.data), different, None, not different)

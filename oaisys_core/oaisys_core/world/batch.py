@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.module import World
+from oaisys_core.output.records import previous_rig_poses
 from oaisys_core.scene import PlacedCamera, PlacedLidar
 from oaisys_core.types import ModuleMetadata, Pose, SampleOutline
 
@@ -134,7 +135,6 @@ def state_of(outline: SampleOutline) -> dict[str, Any]:
         expected = "the metadata in force, which the version that wrote this record did not store"
         raise InvalidInputError("provenance.metadata_json", how.metadata_json, expected)
     metadata = _mapping("provenance.metadata_json", how.metadata_json)
-    previous = _mapping("provenance.previous_poses_json", how.previous_poses_json or "{}")
     batch = {
         "id": outline.batch_id,
         "seed": how.batch_seed,
@@ -142,7 +142,7 @@ def state_of(outline: SampleOutline) -> dict[str, Any]:
         "asset_seed": how.asset_seed,
         "sample_id": outline.sample_id,
         "pose": _pose_to_state(outline.rig_pose),
-        "last_rig_poses": previous,
+        "last_rig_poses": _poses_to_state(previous_rig_poses(how)),
         **{name: metadata.get(name, {}) for name in PARTS},
     }
     return {"last_batch_id": outline.batch_id, "batch": batch}

@@ -29,6 +29,7 @@ from oaisys_grpc.contract.faults import (
     Fault,
     OvertakenError,
     ServerUnavailableError,
+    UnknownTrajectoryError,
     error_from_fault,
     fault_from_error,
 )
@@ -41,6 +42,7 @@ STATUS_CODES: dict[type[OaisysError], grpc.StatusCode] = {
     ConfigError: grpc.StatusCode.INVALID_ARGUMENT,
     NotReadyError: grpc.StatusCode.FAILED_PRECONDITION,
     NotFoundError: grpc.StatusCode.NOT_FOUND,
+    UnknownTrajectoryError: grpc.StatusCode.NOT_FOUND,
     QueueFullError: grpc.StatusCode.RESOURCE_EXHAUSTED,
     BackendUnavailableError: grpc.StatusCode.FAILED_PRECONDITION,
     RenderError: grpc.StatusCode.INTERNAL,

@@ -17,6 +17,10 @@ class OvertakenError(CancelledError):
     """A newer batch was asked for while the sample waited or rendered."""
 
 
+class UnknownTrajectoryError(OaisysError):
+    """A worker was given the name of a trajectory that it does not know, for instance a new one."""
+
+
 class ServerUnavailableError(OaisysError):
     """No server answers at the address, or the connection broke."""
 
@@ -24,6 +28,7 @@ class ServerUnavailableError(OaisysError):
 ERROR_TYPES: dict[str, type[OaisysError]] = {
     "OvertakenError": OvertakenError,
     "ServerUnavailableError": ServerUnavailableError,
+    "UnknownTrajectoryError": UnknownTrajectoryError,
     **{
         name: value
         for name, value in vars(errors).items()

@@ -256,6 +256,7 @@ def complete_sample(
             provenance_from_proto(end.provenance),
             metadata_json=begun.metadata_json,
             previous_poses_json=begun.previous_poses_json,
+            motion_json=begun.motion_json,
         ),
         from_cache=outline.from_cache,
         finished_ns=end.finished_monotonic_ns,
@@ -289,7 +290,7 @@ def messages_from_bytes(content: bytes, images: Sequence[NDArray[np.uint8]]) -> 
 @functools.lru_cache(maxsize=8)
 def _brief(provenance: Provenance) -> Provenance:
     """Return it without the long texts, which only the sample's header has."""
-    return replace(provenance, metadata_json="", previous_poses_json="")
+    return replace(provenance, metadata_json="", previous_poses_json="", motion_json="")
 
 
 @functools.lru_cache(maxsize=64)

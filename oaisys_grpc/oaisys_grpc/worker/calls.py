@@ -190,7 +190,7 @@ class SimulationCalls:
         steps = self._ready().stream_sample(
             view.metadata,
             sensors=view.sensors,
-            T_map_base=view.T_map_base,
+            motion=view.motion,
             progress=context.progress,
         )
         return _sent(steps, context)

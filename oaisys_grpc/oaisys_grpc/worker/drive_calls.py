@@ -10,13 +10,12 @@ from typing import NamedTuple
 
 from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.drive import DriveConfig, OdometryDriftConfig
-from oaisys_core.drive.drive import Drive, motion_from
+from oaisys_core.drive.drive import Drive
 from oaisys_core.drive.instants import DriveTimes
 from oaisys_core.drive.schedule import NANOSECONDS
 from oaisys_core.errors import InvalidInputError
-from oaisys_core.scene import PoseAtTime
 from oaisys_core.simulation import Simulation
-from oaisys_core.trajectory import Trajectory
+from oaisys_core.trajectory import RigMotion, Trajectory
 from oaisys_core.trajectory.planning import (
     WAY_KEYS,
     DrivePlan,
@@ -32,7 +31,7 @@ from oaisys_grpc.contract.drive_messages import (
     poses_from_proto,
     trajectory_to_proto,
 )
-from oaisys_grpc.contract.faults import OvertakenError
+from oaisys_grpc.contract.faults import OvertakenError, UnknownTrajectoryError
 from oaisys_grpc.contract.metadata import metadata_from_proto, names, struct_from_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 
@@ -43,16 +42,16 @@ class TimedView(NamedTuple):
     Attributes:
         metadata: With the pose of the rig.
         sensors: The cameras and lidars that are due.
-        T_map_base: Poses of the rig after the sample's own, which lidars follow.
+        motion: Motion of the rig while they measure.
     """
 
     metadata: ModuleMetadata
     sensors: tuple[str, ...]
-    T_map_base: PoseAtTime
+    motion: RigMotion | None
 
 
 class _CurrentDrive(NamedTuple):
-    """The drive of the last call; the server sends the whole trajectory with each call."""
+    """The drive of the last call."""
 
     key: tuple[object, ...]
     drive: Drive
@@ -120,7 +119,7 @@ class DriveCalls:
         return TimedView(
             metadata,
             tuple(step.due),
-            motion_from(drive.plan.trajectory, step.time_ns),
+            drive.motion_about(step.time_ns, step.due),
         )
 
     def _drive(self, step: pb.DriveStep) -> tuple[Drive, DriveTimes]:
@@ -128,6 +127,7 @@ class DriveCalls:
 
         Raises:
             OvertakenError: Another world was built since the drive began.
+            UnknownTrajectoryError: It is another drive, and the trajectory came without its poses.
         """
         batch_id = self._simulation.info().batch_id
         if step.batch_id not in (0, batch_id):
@@ -135,6 +135,8 @@ class DriveCalls:
         key = (step.trajectory.name, tuple(step.sensors), batch_id)
         if self._current is None or self._current.key != key:
             self._current = None
+            if not step.trajectory.HasField("poses"):
+                raise UnknownTrajectoryError(f"{step.trajectory.name} came without its poses")
             chosen = names(step.sensors, "sensors")
             drive = Drive(self._simulation, self._config, _plan_from(step.trajectory), chosen)
             self._current = _CurrentDrive(key, drive, DriveTimes(drive))

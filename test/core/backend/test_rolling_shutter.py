@@ -13,10 +13,11 @@ from synthetic_worlds import CENTRED, SPHERE, camera, flat_world, rocky_world, s
 from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.config import config_from_mapping
 from oaisys_core.errors import ConfigError
-from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_to_matrix
+from oaisys_core.geometry import pixel_rays, pose_looking_at
 from oaisys_core.modules.lidars import ConstantVelocity
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.simulation import Simulation
+from oaisys_core.trajectory import Trajectory
 from oaisys_core.types import Frame, ModuleMetadata, PinholeIntrinsics, Pose
 
 READOUT_S = 0.03
@@ -132,14 +133,9 @@ def test_poses_of_the_rig_move_the_camera_on_its_mount() -> None:
     made.step_batch(seed=1)
     start = at(0.0, 5.0).sensor
     assert start is not None
-    T_start = pose_to_matrix(start["pose"])
-
-    def sinking(times_s: Any) -> Any:
-        poses = np.tile(T_start, (len(times_s), 1, 1))
-        poses[:, 2, 3] -= 10 * times_s
-        return poses
-
-    sample = made.step_sample(at(0.0, 5.0), T_map_base=sinking)
+    down = start["pose"].quat_xyzw
+    sinking = Trajectory([0.0, 1.0], [(0, 0, 7), (0, 0, -3)], [down, down])
+    sample = made.step_sample(at(0.0, 5.0), motion=sinking.motion_about(0.2, 0.0, 0.1))
     frame = sample.frames[0]
     rays = pixel_rays(frame.intrinsics) @ frame.T_map_camera[:3, :3].T
     heights_m = frame.T_map_camera[2, 3] - np.linspace(0.0, 1.0, 24)

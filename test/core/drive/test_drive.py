@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +17,11 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.config import config_from_mapping
-from oaisys_core.drive.drive import Drive, motion_from
+from oaisys_core.drive.drive import Drive
+from oaisys_core.output.writer import SampleWriter
 from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory.files import read_trajectory, write_poses
+from oaisys_core.verification.recorded_samples import compared, open_records
 
 OAISYS = Path(sys.executable).with_name("oaisys")
 
@@ -155,8 +158,34 @@ def test_each_row_of_a_rolling_shutter_is_seen_from_where_the_vehicle_is_at_its_
         np.testing.assert_allclose(depth_m, expected_m, rtol=1e-5)
     simulation.close()
     # The exposure of the first image begins before the way does.
-    beyond = motion_from(made.plan.trajectory, 0)(np.array((-0.005, 0.0, 1.0, 1.005)))
-    np.testing.assert_allclose(beyond[:, 2, 3], (1.99, 2.0, 4.0, 4.01), atol=1e-9)
+    motion = made.motion_about(0, ["front"])
+    assert motion is not None
+    heights_m = motion(np.array((-0.005, 0.0, 0.055)))[:, 2, 3]
+    np.testing.assert_allclose(heights_m, (1.99, 2.0, 2.11), atol=1e-9)
+
+
+@pytest.mark.long
+def test_the_samples_of_a_drive_repeat_to_the_byte_though_the_rig_moved(tmp_path: Path) -> None:
+    front = {**CONFIG["sensors"]["cameras"][0], "readout_s": 0.04, "exposure_s": 0.01}
+    sensors = {**CONFIG["sensors"], "cameras": [front]}
+    way = {"vehicle": {"kind": "rover", "speed_m_s": 3.0, "acceleration_m_s2": 5.0}}
+    way |= {"duration_s": 0.5, "waypoints_m": [[-6, -4], [-5.5, -3], [-4, -3]]}
+    drive = {**CONFIG["drive"], **way}
+    config = config_from_mapping({**CONFIG, "sensors": sensors, "drive": drive})
+    simulation = Simulation(config)
+    simulation.step_batch()
+    sample = list(Drive(simulation, config).samples())[-1].sample
+    SampleWriter(tmp_path).write(sample)
+    (record,) = open_records(tmp_path / "batch_0001").read([(1, sample.sample_id)])
+    again = simulation.repeat(record.outline)
+    assert [each.name.modality for each in compared(record, again, 40.0)] == ["depth", "points"]
+    assert all(each.is_equal for each in compared(record, again, 40.0))
+    # Without the motion, the same record gives other bytes.
+    how = record.outline.provenance
+    assert 500 < len(how.motion_json) < 6000
+    still = simulation.repeat(replace(record.outline, provenance=replace(how, motion_json="")))
+    assert not any(each.is_equal for each in compared(record, still, 40.0))
+    simulation.close()
 
 
 @pytest.mark.long

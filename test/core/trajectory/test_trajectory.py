@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import transform
-from oaisys_core.trajectory import Trajectory
+from oaisys_core.trajectory import RigMotion, Trajectory
 from oaisys_core.trajectory.files import read_trajectory, write_trajectory
 from oaisys_core.types import FloatArray
 
@@ -139,3 +139,43 @@ def test_a_time_outside_of_a_trajectory_is_refused() -> None:
         with pytest.raises(InvalidInputError, match="2 s to 12 s"):
             made.T_map_base([3.0, time_s])
     assert made.position_m(12.0 + 1e-9) == pytest.approx(made.position_m(12.0))
+
+
+def test_the_motion_about_a_sample_is_that_of_the_trajectory_and_survives_its_record() -> None:
+    made = wild()
+    sample_s = made.times_s[3] - 0.2
+    motion = made.motion_about(sample_s, -0.1, 1.0)
+    times_s = np.linspace(-0.1, 1.0, 50)
+    assert motion(times_s) == pytest.approx(made.T_map_base(sample_s + times_s), abs=1e-12)
+    again = RigMotion.from_text(motion.text())
+    assert again(times_s).tobytes() == motion(times_s).tobytes()
+    assert again.text() == motion.text()
+
+
+def test_a_motion_begins_with_the_velocity_of_the_trajectory_before_it() -> None:
+    made = wild()
+    motion = made.motion_about(made.start_s, -0.01, 0.0)
+    before, start = motion(np.array((-0.01, 0.0)))
+    velocity_m_s = made.velocity_m_s([made.start_s])[0]
+    assert before[:3, 3] == pytest.approx(start[:3, 3] - 0.01 * velocity_m_s, abs=1e-12)
+    turned = Rotation.from_matrix(before[:3, :3].T @ start[:3, :3]).as_rotvec()
+    assert turned == pytest.approx(0.01 * made.angular_rate_rad_s([made.start_s])[0], abs=1e-9)
+
+
+def test_motion_outside_of_its_time_is_refused() -> None:
+    made = screw()
+    for time_s in (1.9, 11.95, 12.1):
+        with pytest.raises(InvalidInputError, match=r"time_s: received .*, expected a time of the"):
+            made.motion_about(time_s, 0.0, 0.1)
+    motion = made.motion_about(3.0, 0.0, 0.1)
+    for beyond_s in (-0.2, 0.3, np.nan):
+        with pytest.raises(InvalidInputError, match=r"motion\.time_s"):
+            motion(np.array([0.0, beyond_s]))
+
+
+@pytest.mark.parametrize("change", ["", "}", ',"more":[]}', "null}"])
+def test_a_damaged_record_of_a_motion_is_refused(change: str) -> None:
+    text = screw().motion_about(3.0, 0.0, 0.1).text()
+    damaged = text[:-1] + change if change != "}" else text.replace("[[", "[[[", 1) + change
+    with pytest.raises(InvalidInputError, match=r"provenance.motion_json.*the JSON of a motion"):
+        RigMotion.from_text(damaged)

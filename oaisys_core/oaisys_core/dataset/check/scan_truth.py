@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,14 @@ from oaisys_core.dataset.check.true_surface import POSE_TOLERANCE, WorldSurface
 from oaisys_core.dataset.reader import Dataset
 from oaisys_core.dataset.scans import ScanRecord
 from oaisys_core.geometry import pose_to_matrix, transform_points
-from oaisys_core.modules.lidars import lidar_info, motion_during_scan
-from oaisys_core.output.records import pose_from_record
+from oaisys_core.modules.lidars import lidar_info, motion_during_scan, mounted
+from oaisys_core.output.records import (
+    pose_from_record,
+    previous_rig_poses,
+    provenance_from_record,
+    recorded_motion,
+)
+from oaisys_core.scene import PoseAtTime
 from oaisys_core.types import FloatArray, LidarScan, point_dtype
 
 POINTS = 500
@@ -83,13 +89,21 @@ class ScanCheck:
     ) -> FloatArray:
         """Return points in ``map``, each by the lidar's pose at the time of its ray."""
         points_m = scan.points_m[chosen]
-        config = self._configs[record.sensor]
-        previous = json.loads(record.provenance["previous_poses_json"] or "{}").get(record.sensor)
-        if previous is None or not config.sweep_share:
+        motion = self._motion(record, scan.T_map_lidar)
+        if motion is None:
             return transform_points(scan.T_map_lidar, points_m)
-        T_map_base = pose_to_matrix(pose_from_record(previous))
-        T_map_before = T_map_base @ self._infos[record.sensor].T_base_lidar
-        motion = motion_during_scan(config, T_map_before, scan.T_map_lidar)
         poses = motion(scan.data["time"][chosen].astype(np.float64))
         turned = np.einsum("nij,nj->ni", poses[:, :3, :3], points_m)
         return np.asarray(turned + poses[:, :3, 3])
+
+    def _motion(self, record: ScanRecord, T_map_lidar: FloatArray) -> PoseAtTime | None:
+        """Return the lidar's motion during a scan; None if it stands still."""
+        how, name = provenance_from_record(record.provenance), record.sensor
+        T_base_lidar = self._infos[name].T_base_lidar
+        motion = recorded_motion(how)
+        if motion is not None:
+            return partial(mounted, motion, T_base_lidar)
+        previous, config = previous_rig_poses(how).get(name), self._configs[name]
+        if previous is None or not config.sweep_share:
+            return None
+        return motion_during_scan(config, pose_to_matrix(previous) @ T_base_lidar, T_map_lidar)

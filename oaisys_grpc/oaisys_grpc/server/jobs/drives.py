@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from oaisys_core.errors import InvalidInputError, NotFoundError, NotReadyError, OaisysError
 from oaisys_core.types import ODOMETRY, Progress
 from oaisys_grpc.contract.drive_messages import counts_to_proto
+from oaisys_grpc.contract.faults import UnknownTrajectoryError
 from oaisys_grpc.contract.metadata import metadata_from_proto, names
 from oaisys_grpc.contract.operation import OperationStatus, progress_to_proto
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
@@ -95,7 +96,9 @@ class DriveJobs:
             raise InvalidInputError("metadata.sensor.pose", "a pose", "none: the trajectory has it")
         metadata_from_proto(request.metadata)
         self._metadata = request.metadata if request.HasField("metadata") else None
-        self._step = pb.DriveStep(trajectory=trajectory, sensors=request.sensors)
+        self._trajectory = trajectory
+        self._step = pb.DriveStep(sensors=request.sensors)
+        self._step.trajectory.name = trajectory.name
         self._work = work
         self._due: dict[str, int] = {}
         self._sent: dict[str, int] = {}
@@ -106,7 +109,7 @@ class DriveJobs:
         Raises:
             OaisysError: The drive failed.
         """
-        header = pb.DriveHeader.FromString(self._work.ask("drive_header", self._step))
+        header = pb.DriveHeader.FromString(self._asked("drive_header"))
         self._due = {count.sensor: count.due for count in header.counts}
         self._sent = dict.fromkeys(self._due, 0)
         self._step.batch_id = header.batch_id
@@ -121,7 +124,7 @@ class DriveJobs:
     def _measurements(self, total: int) -> Iterator[pb.DriveResponse]:
         for first in range(0, total, BLOCK):
             self._step.first, self._step.count = first, BLOCK
-            found = self._work.ask("drive_instants", self._step)
+            found = self._asked("drive_instants")
             group = pb.DriveInstants()
             for index, instant in enumerate(pb.DriveInstants.FromString(found).instants, first):
                 group.instants.append(instant)
@@ -152,7 +155,7 @@ class DriveJobs:
         step.due.extend(instant.sensors)
         if self._metadata is not None:
             step.metadata.CopyFrom(self._metadata)
-        for event in self._work.render(step):
+        for event in self._rendered(step):
             if isinstance(event, OperationStatus):
                 fraction = (index + event.progress.fraction) / total
                 progress = Progress(event.progress.stage, fraction)
@@ -162,6 +165,27 @@ class DriveJobs:
         self._metadata = None
         for name in instant.sensors:
             self._sent[name] += 1
+
+    def _asked(self, method: str) -> bytes:
+        """Ask the worker; a worker that does not know the trajectory is sent it."""
+        try:
+            return self._work.ask(method, self._step)
+        except UnknownTrajectoryError:
+            return self._work.ask(method, self._whole(self._step))
+
+    def _rendered(self, step: pb.DriveStep) -> Iterator[pb.SamplePart | OperationStatus]:
+        """Have the worker render; it refuses an unknown trajectory before it begins."""
+        try:
+            yield from self._work.render(step)
+        except UnknownTrajectoryError:
+            yield from self._work.render(self._whole(step))
+
+    def _whole(self, step: pb.DriveStep) -> pb.DriveStep:
+        """Return a step with the poses of its trajectory."""
+        whole = pb.DriveStep()
+        whole.CopyFrom(step)
+        whole.trajectory.CopyFrom(self._trajectory)
+        return whole
 
     def _end(self) -> pb.DriveResponse:
         return pb.DriveResponse(end=pb.DriveEnd(counts=counts_to_proto(self._due, self._sent)))
