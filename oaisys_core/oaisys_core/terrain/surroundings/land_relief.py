@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,6 +54,8 @@ class LandRelief:
 
     def scores(self, layer: int, shape: tuple[int, ...]) -> Field:
         """Return by how much the relief favours a layer, on a grid of (rows, directions)."""
+        import cv2
+
         steep, high = (STRENGTH * self.preferences[layer]).astype(np.float32).tolist()
         total = steep * self.steepness + high * self.prominence
         return np.asarray(cv2.resize(total, shape[::-1], interpolation=cv2.INTER_LINEAR))
@@ -88,6 +89,8 @@ def land_relief(
 
 def preferences_of(relief: Relief, masks: NDArray[np.float32]) -> FloatArray:
     """Return (L, 2) the mean steepness and prominence of the layers of a stage."""
+    import cv2
+
     size = len(relief.height_m)
     slope = relief.slope_rad - relief.slope_rad.mean()
     raised = relief.height_m - _blurred(relief.height_m, size / 16)
@@ -118,6 +121,8 @@ def _over_rings(values: FloatArray) -> FloatArray:
 
 
 def _blurred(values: FloatArray | Field, sigma: float) -> FloatArray:
+    import cv2
+
     blurred = cv2.GaussianBlur(
         np.asarray(values, np.float64), (0, 0), sigma, borderType=cv2.BORDER_REFLECT
     )
