@@ -168,7 +168,7 @@ def test_each_row_of_a_rolling_shutter_is_seen_from_where_the_vehicle_is_at_its_
 def test_the_samples_of_a_drive_repeat_to_the_byte_though_the_rig_moved(tmp_path: Path) -> None:
     front = {**CONFIG["sensors"]["cameras"][0], "readout_s": 0.04, "exposure_s": 0.01}
     sensors = {**CONFIG["sensors"], "cameras": [front]}
-    way = {"vehicle": {"kind": "rover", "speed_m_s": 3.0, "acceleration_m_s2": 5.0}}
+    way: dict[str, Any] = {"vehicle": {"kind": "rover", "speed_m_s": 3.0, "acceleration_m_s2": 5.0}}
     way |= {"duration_s": 0.5, "waypoints_m": [[-6, -4], [-5.5, -3], [-4, -3]]}
     drive = {**CONFIG["drive"], **way}
     config = config_from_mapping({**CONFIG, "sensors": sensors, "drive": drive})
