@@ -16,9 +16,9 @@ STRUCT, FIELDS, KEY, VALUE, LIST_VALUE, STRUCT_VALUE = 1, 1, 1, 2, 6, 5
 """Field numbers of google.protobuf.Struct and Value."""
 
 
-def own_channel(address: str) -> Any:
+def own_channel(address: str, *options: tuple[str, int]) -> Any:
     """A connection of its own; channels of one process share one otherwise."""
-    return grpc.insecure_channel(address, options=[("grpc.use_local_subchannel_pool", 1)])
+    return grpc.insecure_channel(address, options=[("grpc.use_local_subchannel_pool", 1), *options])
 
 
 def nested(number: int, content: bytes) -> bytes:
