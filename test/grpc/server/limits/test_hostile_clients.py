@@ -308,7 +308,7 @@ def hasty_server(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 def test_a_reader_that_reads_nothing_is_told_why_it_was_ended(
     hasty_server: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    # Otherwise gRPC's window grows with the connection's speed, and may take the whole answer unread.
+    # Otherwise gRPC's window grows with the connection's speed, and may take the whole answer.
     with own_channel(hasty_server, ("grpc.http2.bdp_probe", 0)) as channel:
         unread, read = (channel.unary_stream("/test/Flood")(b"") for _ in range(2))
         assert code_and_details(read)[0] == grpc.StatusCode.OK
