@@ -30,7 +30,7 @@ from oaisys_core.dataset.manifest import (
 from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.dataset.scans import EncodedScan, ScanRecord
 from oaisys_core.errors import InvalidInputError, NotFoundError, RenderError
-from oaisys_core.output.images import decode_image, encode_image, file_kind
+from oaisys_core.output.images import decode_image, encode_image, encode_tiff, file_kind
 from oaisys_core.types import INSTANCE, SEMANTIC_0, modality_spec
 
 SHARDS, FAILED = "shards", "failed"
@@ -130,9 +130,9 @@ def _encoded(frame: str, modality: str, data: NDArray[Any]) -> tuple[ImageRecord
     pixels = stored_pixels(modality, data)
     # Readers of images get core's types, whatever type stores the ids in memory.
     typed = pixels.view(modality_spec(modality).dtype)
-    file = encode_image(typed)
+    kind, file = encoded_image(typed)
     record = ImageRecord(
-        file=f"{frame}.{modality}{file_kind(typed)}",
+        file=f"{frame}.{modality}{kind}",
         offset=0,
         size=len(file),
         sha256=hashlib.sha256(file).hexdigest(),
@@ -217,6 +217,16 @@ def writing_shard(place: StoragePlace, world: int) -> Iterator[ShardWriter]:
     if scans := writer.scans():
         place.write(scans_name(world), scans)
     place.write(manifest_name(world), manifest)
+
+
+def encoded_image(pixels: NDArray[Any]) -> tuple[str, bytes]:
+    """Return the suffix and the bytes of the file that a shard has for pixels.
+
+    Inverse: `oaisys_core.output.images.decode_image`.
+    """
+    if pixels.dtype.kind == "f":
+        return ".tif", encode_tiff(pixels)
+    return file_kind(pixels), encode_image(pixels)
 
 
 def stored_pixels(modality: str, data: NDArray[Any]) -> NDArray[Any]:

@@ -1,5 +1,6 @@
 """Files written are read back by an independent reader."""
 
+import io
 import json
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from PIL import Image
 from oaisys_core.config import SimulationConfig, load_config
 from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.geometry import pose_to_matrix
-from oaisys_core.output.images import read_image, write_image
+from oaisys_core.output.images import decode_image, encode_tiff, read_image, write_image
 from oaisys_core.output.poses import read_poses
 from oaisys_core.output.reader import read_intrinsics, read_labels, read_sample, read_samples
 from oaisys_core.output.writer import SampleWriter
@@ -170,6 +171,26 @@ def test_large_instance_ids_are_read_by_others(tmp_path: Path) -> None:
     write_image(path, frame("instance", ids))
     assert np.array_equal(np.asarray(Image.open(path)).astype(np.uint32), ids)
     assert np.array_equal(read_image(path, "instance"), ids)
+
+
+@pytest.mark.parametrize("modality", ["depth", "flow", "normal"])
+def test_floats_in_a_tiff_file_keep_all_their_bits(modality: str) -> None:
+    channels = modality_spec(modality).channels
+    rng = np.random.default_rng(2)
+    bits = rng.integers(0, 2**32, (31, 17, channels), np.uint32)
+    data = bits.view(np.float32)
+    data[3:5, 2:8] = np.inf
+    data[6, 2:4] = -0.0
+    data = np.ascontiguousarray(data[..., 0] if channels == 1 else data)
+    file = encode_tiff(data)
+    assert file == encode_tiff(data)
+    assert decode_image(file, modality, "a.tif").tobytes() == data.tobytes()
+    if channels == 1:
+        assert np.asarray(Image.open(io.BytesIO(file))).tobytes() == data.tobytes()
+    with pytest.raises(InvalidInputError, match=r"a\.tif"):
+        decode_image(file, "disparity" if channels > 1 else "normal", "a.tif")
+    with pytest.raises(InvalidInputError, match=r"a\.tif"):
+        decode_image(file[: len(file) // 2], modality, "a.tif")
 
 
 def test_an_image_of_another_kind_is_refused(tmp_path: Path) -> None:

@@ -16,8 +16,9 @@ CONVENTIONS = FormatConventions(
 | `shards/world_000012.scans.jsonl` | with lidars: a line for each scan |
 | `failed/world_000013.json` | why a world could not be made |
 
-Images are lossless: PNG with 8 or 16 bits, EXR with 32-bit floats, TIFF for ids above 65535. Points
-of lidars are PCD files, in the lidar's frame (x forward, y left, z up) at the time of each ray.""",
+Images are lossless: PNG with 8 or 16 bits, TIFF with 32-bit floats, compressed with Zstandard, and
+for ids above 65535. Points of lidars are PCD files, in the lidar's frame (x forward, y left, z up)
+at the time of each ray.""",
     reading="""\
 ```python
 from oaisys_core.dataset import open_dataset

@@ -20,8 +20,10 @@ from oaisys_core.dataset.formats.sequences import (
     write_lines,
 )
 from oaisys_core.dataset.manifest import world_name
+from oaisys_core.dataset.shards import read_pixels
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import invert, pose_from_matrix
+from oaisys_core.output.images import encode_image
 from oaisys_core.types import DEPTH, RGB, FloatArray
 
 if TYPE_CHECKING:
@@ -79,6 +81,9 @@ class EurocFormat(DatasetFormat):
                 _write_sensors(folder, number, camera, mount)
                 for record in camera.records:
                     files = dataset.files(record)
+                    if DEPTH in files:
+                        depth_m = read_pixels(files[DEPTH], DEPTH, record.images[DEPTH].file)
+                        files[DEPTH] = encode_image(depth_m)
                     for modality in FOLDERS.keys() & files.keys():
                         write_file(folder / _file(modality, number, record), files[modality])
                     counts["frames"] += 1
@@ -172,5 +177,5 @@ def _stamp_ns(record: FrameRecord) -> int:
 
 
 def _file(modality: str, number: int, record: FrameRecord) -> str:
-    suffix = Path(record.images[modality].file).suffix
+    suffix = ".exr" if modality == DEPTH else Path(record.images[modality].file).suffix
     return f"{FOLDERS[modality]}{number}/data/{_stamp_ns(record)}{suffix}"

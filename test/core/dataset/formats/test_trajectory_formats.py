@@ -21,6 +21,7 @@ from oaisys_core.dataset.formats.sequences import LOST_DEPTH
 from oaisys_core.dataset.formats.tum import TumFormat
 from oaisys_core.dataset.manifest import FrameRecord
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.output.images import read_image
 from oaisys_core.types import FloatArray
 
 VIEWS = 4
@@ -150,7 +151,9 @@ def test_euroc_images_are_those_of_the_data_set(rig: Dataset, tmp_path: Path) ->
         assert int(stamp_ns) == round(record.stamp_s * 1e9)
         files = rig.files(record)
         assert (folder / f"cam{number}/data" / color).read_bytes() == files["rgb"]
-        assert (folder / f"depth{number}/data" / depth).read_bytes() == files["depth"]
+        image = read_image(folder / f"depth{number}/data" / depth, "depth")
+        assert depth.endswith(".exr")
+        assert np.array_equal(image, rig.sample(record, ["depth"]).arrays["depth"])
 
 
 def test_evo_reads_kitti_poses_relative_to_the_first(stereo: Dataset, tmp_path: Path) -> None:

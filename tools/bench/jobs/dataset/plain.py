@@ -11,9 +11,9 @@ from typing import Any
 import bpy  # noqa: F401
 
 from oaisys_core.dataset.manifest import WorldFailure
+from oaisys_core.dataset.shards import encoded_image
 from oaisys_core.dataset.world_render import WorldRenderer
 from oaisys_core.errors import RenderError
-from oaisys_core.output.images import encode_image
 from oaisys_core.textures.cache import LIMIT_VARIABLE
 from oaisys_core.types import Sample
 from tools.bench.dataset_worlds import VIEWS_AHEAD, dataset_config, dataset_tasks
@@ -75,7 +75,7 @@ def _encoding_cpu_s(samples: Sequence[Sample]) -> dict[str, list[float]]:
     for sample in samples:
         for frame in sample.frames:
             began_s = time.process_time()
-            encode_image(frame.data)
+            encoded_image(frame.data)
             found.setdefault(frame.modality, []).append(time.process_time() - began_s)
     return found
 
