@@ -206,11 +206,15 @@ class ShardWriter:
 def writing_shard(place: StoragePlace, world: int) -> Iterator[ShardWriter]:
     """Yield a writer; if the block succeeds, the shard and then its manifest are in place.
 
+    A shard at a URL is uploaded while the block adds frames to it.
+
     Raises:
         RenderError: They could not be written, or the shard is empty; there is no manifest.
     """
-    with place.writing(tar_name(world)) as path:
-        with tarfile.open(path, "w", format=tarfile.GNU_FORMAT) as tar:
+    # A process that seemed lost may have written one, for other bytes.
+    place.delete(manifest_name(world))
+    with place.streaming(tar_name(world)) as file:
+        with tarfile.open(fileobj=file, mode="w", format=tarfile.GNU_FORMAT) as tar:
             writer = ShardWriter(tar)
             yield writer
         manifest = writer.manifest()

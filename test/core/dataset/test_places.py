@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import threading
 from pathlib import Path
+from typing import Any, cast
 
 import pytest
 from small_datasets import render_dataset
 from synthetic_datasets import write_dataset
+from waiting import PATIENCE_S
 
 from oaisys_core.dataset import open_dataset
 from oaisys_core.dataset.check import check_dataset
 from oaisys_core.dataset.places import StoragePlace, open_place
+from oaisys_core.dataset.places.remote import PIECE_BYTES, RemotePlace
 from oaisys_core.errors import InvalidInputError, NotFoundError, RenderError
 
 
@@ -33,6 +37,12 @@ def exercise(place: StoragePlace) -> None:
     place.write("shards/b", b"0123456789")
     with place.writing("shards/a") as path:
         path.write_bytes(b"a" * 1000)
+    with place.streaming("shards/c") as file:
+        for byte in b"xyz":
+            file.write(bytes([byte]) * PIECE_BYTES)
+        assert file.tell() == 3 * PIECE_BYTES
+    assert place.read("shards/c", 2 * PIECE_BYTES - 1, 2) == b"yz"
+    place.delete("shards/c")
     assert place.names("shards") == ["shards/a", "shards/b"]
     assert place.exists("shards/a")
     assert place.read("dataset.json") == b"head"
@@ -68,6 +78,81 @@ def test_an_object_stays_as_it_was_if_writing_fails(place: StoragePlace) -> None
         interrupted()
     assert place.read("shards/a") == b"before"
     assert place.names("shards") == ["shards/a"]
+
+
+@pytest.mark.parametrize("kind", ["folder", "memory"])
+def test_an_object_that_is_streamed_is_whole_or_absent(tmp_path: Path, kind: str) -> None:
+    place = open_place(tmp_path if kind == "folder" else f"memory://{tmp_path.name}/streams")
+
+    def interrupted() -> None:
+        with place.streaming("shards/a") as file:
+            file.write(b"half" * PIECE_BYTES)
+            raise KeyError
+
+    with pytest.raises(KeyError):
+        interrupted()
+    assert place.names("shards") == []
+
+
+class Store:
+    """A file system with one file, which takes bytes when it is allowed to.
+
+    Attributes:
+        taken: The bytes.
+        is_allowed: Set when it may take bytes.
+        deleted: The files that were deleted.
+        error: What goes wrong when it takes bytes.
+    """
+
+    def __init__(self) -> None:
+        self.taken = b""
+        self.is_allowed = threading.Event()
+        self.deleted: list[str] = []
+        self.error: OSError | None = None
+
+    def makedirs(self, path: str, exist_ok: bool) -> None: ...
+
+    def open(self, path: str, mode: str) -> Store:
+        return self
+
+    def write(self, data: bytes) -> None:
+        assert self.is_allowed.wait(PATIENCE_S)
+        if self.error is not None:
+            raise self.error
+        self.taken += data
+
+    def close(self) -> None: ...
+
+    def rm_file(self, path: str) -> None:
+        self.deleted.append(path)
+
+
+def test_an_upload_goes_on_while_more_is_written() -> None:
+    store = Store()
+    first, rest = b"a" * PIECE_BYTES, b"b" * (PIECE_BYTES - 1)
+    with RemotePlace("store://", cast("Any", store), "root").streaming("a") as file:
+        file.write(first)  # returns, though the store takes nothing yet
+        file.write(rest)
+        assert store.taken == b""
+        store.is_allowed.set()
+    assert store.taken == first + rest
+
+
+@pytest.mark.parametrize("pieces", [0, 1, 2, 3])
+def test_an_upload_that_fails_is_an_error_wherever_it_is_noticed(pieces: int) -> None:
+    store = Store()
+    store.is_allowed.set()
+    store.error = OSError("the store is full")
+
+    def upload() -> None:
+        with RemotePlace("store://", cast("Any", store), "root").streaming("a") as file:
+            file.write(b"c")
+            for _ in range(pieces):
+                file.write(b"d" * PIECE_BYTES)
+
+    with pytest.raises(RenderError, match="store:///a: could not be written: the store is full"):
+        upload()
+    assert store.deleted == ["root/a"]
 
 
 def test_a_full_disk_is_an_error_and_leaves_the_object(tmp_path: Path) -> None:
