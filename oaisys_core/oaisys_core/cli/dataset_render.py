@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from oaisys_core.dataset.places import StoragePlace
     from oaisys_core.dataset.rendering import DatasetRendering, DatasetSummary
 
+OUT = "out/dataset"
+"""Folder of a data set, by default."""
+
 
 class IncompleteDatasetError(OaisysError):
     """Some worlds of a data set could not be made."""
@@ -30,7 +33,7 @@ def render(
     config: Annotated[
         Path, typer.Argument(help="YAML file: what worlds and views are drawn from.")
     ],
-    out: Annotated[str, typer.Option(help="Folder or URL of the data set.")],
+    out: Annotated[str, typer.Option(help="Folder or URL of the data set.")] = OUT,
     worlds: Annotated[int, typer.Option(help="Number of worlds.", min=1)] = 10,
     views: Annotated[int, typer.Option(help="Number of views of each world.", min=1)] = 30,
     splits: Annotated[

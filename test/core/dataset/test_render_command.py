@@ -49,6 +49,16 @@ def test_a_number_of_none_is_refused(tmp_path: Path, option: str) -> None:
     assert not (tmp_path / "set").exists()
 
 
+def test_a_data_set_is_in_a_folder_of_the_working_directory_by_default(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_dataset("out/dataset", {0: "train"}, views=1)
+    line = ["render", str(write_config(tmp_path))]
+    with pytest.raises(InvalidInputError, match="out: received 'out/dataset'"):
+        CliRunner().invoke(dataset_app, line, catch_exceptions=False)
+
+
 def test_a_place_with_another_set_is_refused(tmp_path: Path) -> None:
     write_dataset(tmp_path / "set", {0: "train"}, views=1)
     line = ["render", str(write_config(tmp_path)), "--out", str(tmp_path / "set")]
