@@ -9,7 +9,7 @@ import os
 import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from typing import Any
 
 import bpy
@@ -105,18 +105,22 @@ class Cycles:
         bpy.context.scene.cycles.use_light_tree = bool(kinds)
         self.free_persistent_data()
 
-    def render_radiance(self, settings: RenderSettings, seconds: float = 0.0) -> RenderResult:
+    def render_radiance(
+        self, settings: RenderSettings, seconds: float = 0.0, *, with_albedo: bool = False
+    ) -> RenderResult:
         """Render the radiance that the scene's camera sees.
 
         Args:
             settings: Quality, exposure and seed.
             seconds: Time limit of sampling, after at least one sample per pixel; 0: none.
+            with_albedo: Whether the result has what `albedo_of` needs, too.
 
         Raises:
             RenderError: Blender failed.
         """
         self._show_as(settings)
-        return self._render(settings, seconds, denoise=settings.denoise)
+        with _diffuse_color_pass() if with_albedo else nullcontext():
+            return self._render(settings, seconds, denoise=settings.denoise)
 
     def denoise_and_tonemap(
         self,
@@ -156,13 +160,8 @@ class Cycles:
         Raises:
             RenderError: See `render_radiance`.
         """
-        layer = bpy.context.view_layer
-        layer.use_pass_diffuse_color = True
-        try:
-            rendered = self._render(settings, seconds, denoise=False)
-        finally:
-            layer.use_pass_diffuse_color = False
-        return encoded(np.ascontiguousarray(pass_of(rendered, DIFFUSE_COLOR)))
+        with _diffuse_color_pass():
+            return albedo_of(self._render(settings, seconds, denoise=False))
 
     def _show_as(self, settings: RenderSettings) -> None:
         """Set Blender's view transform, so that a saved scene looks like the images."""
@@ -210,6 +209,22 @@ class Cycles:
     def _denoiser(self) -> Denoiser | None:
         """Return the denoiser that runs after Cycles; None on a GPU, where Cycles denoises."""
         return blenders_denoiser() if self.device == "cpu" else None
+
+
+def albedo_of(rendered: RenderResult) -> NDArray[np.uint8]:
+    """Return the (H, W, 3) sRGB-encoded albedo of a render that kept it."""
+    return encoded(np.ascontiguousarray(pass_of(rendered, DIFFUSE_COLOR)))
+
+
+@contextmanager
+def _diffuse_color_pass() -> Iterator[None]:
+    """Have renders keep the colour of diffuse surfaces."""
+    layer = bpy.context.view_layer
+    layer.use_pass_diffuse_color = True
+    try:
+        yield
+    finally:
+        layer.use_pass_diffuse_color = False
 
 
 def render_scene(settings: Mapping[str, Any]) -> RenderResult:

@@ -29,7 +29,7 @@ from oaisys_core.backend.blender.camera import (
     set_pixel_angle,
     shutter_motion,
 )
-from oaisys_core.backend.blender.cycles import Cycles
+from oaisys_core.backend.blender.cycles import Cycles, albedo_of
 from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.objects.lamps import LampObjects
 from oaisys_core.backend.blender.objects.scene_geometry import SceneGeometry
@@ -199,7 +199,7 @@ class BlenderBackend(Backend):
     ) -> Iterator[FrameGroup]:
         """Render colours on this thread while another one computes the geometry."""
         ends_s = time.perf_counter() + (settings.time_budget_s or inf)
-        colors = [(c, m) for c in cameras for m in (RGB, ALBEDO) if m in c.modalities]
+        colors = [each for camera in cameras for each in self._color_renders(camera, settings)]
         views: dict[str, View] = {}
         with BackgroundGeometry(partial(self._geometry, cameras, views=views)) as geometry:
             ground = {
@@ -209,16 +209,33 @@ class BlenderBackend(Backend):
             }
             if any(set(camera.modalities) - {RGB, ALBEDO} for camera in cameras):
                 yield geometry.group
-            for index, (camera, modality) in enumerate(colors):
+            for index, (camera, modalities) in enumerate(colors):
                 progress(Progress("color", index / len(colors)))
                 left_s = (ends_s - time.perf_counter()) / (len(colors) - index)
-                if modality == RGB:
+                if RGB in modalities:
                     beside = None if index else geometry
-                    image = self._color(camera, settings, left_s, beside, ground.get(camera.name))
+                    images = self._color(
+                        camera, modalities, settings, left_s, beside, ground.get(camera.name)
+                    )
                 else:
-                    image = self._albedo(camera, settings, left_s)
+                    images = [self._albedo(camera, settings, left_s)]
                 geometry.group.result()
-                yield FrameGroup.of([frame_of(camera, modality, image)])
+                yield FrameGroup.of(
+                    [frame_of(camera, *each) for each in zip(modalities, images, strict=True)]
+                )
+
+    def _color_renders(
+        self, camera: PlacedCamera, settings: RenderSettings
+    ) -> list[tuple[PlacedCamera, tuple[str, ...]]]:
+        """Return which of a camera's colour modalities come from which of its renders.
+
+        Albedo comes with colour where nothing blurs this or veils it, and time is not short.
+        """
+        wanted = tuple(each for each in (RGB, ALBEDO) if each in camera.modalities)
+        is_clear = _is_sharp(camera) and self._built().scene.sky.haze is None
+        if is_clear and settings.time_budget_s is None:
+            return [(camera, wanted)] if wanted else []
+        return [(camera, (each,)) for each in wanted]
 
     def _geometry(
         self,
@@ -244,11 +261,10 @@ class BlenderBackend(Backend):
 
     def _has_use_of_albedo(self, camera: PlacedCamera, settings: RenderSettings) -> bool:
         """Return whether colour becomes better by the ground's albedo without noise."""
-        is_sharp = camera.lens is None and not (camera.shutter_share or camera.exposure_s)
         is_direct = camera.intrinsics.is_rectilinear
         least, most = NOISY_SAMPLES
         is_noisy = settings.denoise and least <= settings.samples <= most
-        return is_sharp and is_direct and is_noisy and self.device == "cpu"
+        return _is_sharp(camera) and is_direct and is_noisy and self.device == "cpu"
 
     def _ground_albedo(self, camera: PlacedCamera, views: dict[str, View]) -> PixelAlbedo | None:
         """Return the ground's albedo without noise; nothing of Blender's is touched."""
@@ -261,14 +277,16 @@ class BlenderBackend(Backend):
     def _color(
         self,
         camera: PlacedCamera,
+        modalities: tuple[str, ...],
         settings: RenderSettings,
         seconds: float,
         geometry: BackgroundGeometry | None,
         ground: Future[PixelAlbedo | None] | None,
-    ) -> NDArray[np.uint8]:
+    ) -> list[NDArray[np.uint8]]:
         """Return the colour image of a camera, in the seconds that are left for it.
 
-        ``geometry`` is what another thread computes meanwhile, and ``ground`` the ground's albedo.
+        Its albedo follows if that is one of the ``modalities``. ``geometry`` is what another thread
+        computes meanwhile, and ``ground`` the ground's albedo.
         """
         began_s = time.perf_counter()
         pinhole = rendered_pinhole(camera.intrinsics)
@@ -277,7 +295,9 @@ class BlenderBackend(Backend):
         self._aim(camera, rendered, camera.lens)
         started_s = time.perf_counter()
         with moving(self._camera, shutter_motion(camera, pinhole, rendered)):
-            light = self._cycles.render_radiance(settings, plan.sampling_s)
+            light = self._cycles.render_radiance(
+                settings, plan.sampling_s, with_albedo=ALBEDO in modalities
+            )
         denoising = denoising_quality_for(settings.samples)
         if settings.time_budget_s is not None:
             left_s = began_s + seconds - time.perf_counter()
@@ -297,7 +317,10 @@ class BlenderBackend(Backend):
         self._learn(rendered, light, started_s, denoising, geometry)
         image = camera_image(picture.pixels, pinhole, camera.intrinsics)
         rng = randomness.stream(settings.noise_seed, camera.name)
-        return with_effects(image, settings.effects, camera.intrinsics, rng)
+        images = [with_effects(image, settings.effects, camera.intrinsics, rng)]
+        if ALBEDO in modalities:
+            images.append(camera_image(albedo_of(light), pinhole, camera.intrinsics))
+        return images
 
     def _albedo(
         self, camera: PlacedCamera, settings: RenderSettings, seconds: float
@@ -360,6 +383,11 @@ class BlenderBackend(Backend):
         if self._surface is None:
             raise NotReadyError("Blender has no scene: build one first")
         return self._surface
+
+
+def _is_sharp(camera: PlacedCamera) -> bool:
+    """Return whether a camera has neither depth of field nor motion blur."""
+    return camera.lens is None and not (camera.shutter_share or camera.exposure_s)
 
 
 def _sharp(camera: PlacedCamera) -> PlacedCamera:

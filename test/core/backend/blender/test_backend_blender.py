@@ -16,7 +16,7 @@ from oaisys_core.backend import make_backend
 from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.errors import BackendUnavailableError
 from oaisys_core.geometry import pose_looking_at, pose_looking_down, project, transform
-from oaisys_core.types import DEPTH, INSTANCE, RGB, PinholeIntrinsics
+from oaisys_core.types import ALBEDO, DEPTH, INSTANCE, RGB, PinholeIntrinsics
 
 pytestmark = pytest.mark.blender
 
@@ -144,3 +144,12 @@ def test_the_sky_glows_on_the_side_of_the_sun() -> None:
     ]
     glowing, away = in_blender("backend.views", replace(rocky_world(), sky=low), cameras)
     assert glowing.data.mean() > away.data.mean() + 10
+
+
+def test_albedo_beside_colour_is_that_of_a_render_of_its_own() -> None:
+    pose = pose_looking_at((-6.0, -4.0, 5.25), (0.5, 0.0, 0.25))
+    cameras = [camera(pose, modalities=each) for each in ((RGB,), (ALBEDO,), (RGB, ALBEDO))]
+    rgb, albedo, *both = in_blender("backend.views", rocky_world(), cameras)
+    assert [each.modality for each in both] == [RGB, ALBEDO]
+    np.testing.assert_array_equal(both[0].data, rgb.data)
+    np.testing.assert_array_equal(both[1].data, albedo.data)
