@@ -14,7 +14,10 @@ the processor time of EXR files, and half of their size.
 
 from __future__ import annotations
 
+import threading
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +45,8 @@ NO_PREDICTOR, FLOATING_POINT = 1, 3
 
 NAMES = {DEPTH: "pinhole_depth", RANGE: "euclidean_depth", INSTANCE: "instance_label"}
 """File names that differ from the modality's name, as in the original simulator."""
+
+_opening = threading.Lock()
 
 
 def file_stem(modality: str) -> str:
@@ -170,19 +175,32 @@ def _encoded_tiff(data: NDArray[Any], **options: Any) -> bytes:
     planes = np.moveaxis(data, -1, 0) if data.ndim == 3 else data[None]
     count, height, width = planes.shape
     shape = {"height": height, "width": width, "count": count, "dtype": data.dtype}
-    with warnings.catch_warnings(), MemoryFile() as memory:
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        with memory.open(driver="GTiff", **shape, **options) as file:
+    with MemoryFile() as memory:
+        with _ungeoreferenced():
+            file = memory.open(driver="GTiff", **shape, **options)
+        with file:
             file.write(planes)
         return bytes(memory.getbuffer())
 
 
 def _decoded_tiff(file: bytes, name: str) -> NDArray[Any]:
     try:
-        with warnings.catch_warnings(), MemoryFile(file) as memory:
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with memory.open() as image:
+        with MemoryFile(file) as memory:
+            with _ungeoreferenced():
+                image = memory.open()
+            with image:
                 planes: NDArray[Any] = image.read()
     except RasterioError as error:
         raise InvalidInputError("image", name, f"a readable image ({error})") from error
     return planes[0] if len(planes) == 1 else np.moveaxis(planes, 0, -1)
+
+
+@contextmanager
+def _ungeoreferenced() -> Iterator[None]:
+    """Let images be opened that are no maps, without a warning, by one thread at a time.
+
+    Filters of warnings belong to all threads.
+    """
+    with _opening, warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        yield
