@@ -95,3 +95,21 @@ class BagLosses:
         complete = f"{self.announced} samples, none of them incomplete"
         found = [samples_shortfall(state) or complete, middleware_shortfall(state)]
         return list(filter(None, found))
+
+
+class MissingNumbers:
+    """Counts messages that did not come, by the gaps in the numbers that publishers give them.
+
+    The middleware does not say what a full queue of the subscriber drops.
+    """
+
+    def __init__(self) -> None:
+        self._newest: dict[str, int] = {}
+
+    def before(self, topic: str, number: int) -> int:
+        """Take the number of the next message; return how many are missing before it.
+
+        Numbers that begin again are those of another publisher.
+        """
+        newest, self._newest[topic] = self._newest.get(topic), number
+        return 0 if newest is None else max(number - newest - 1, 0)

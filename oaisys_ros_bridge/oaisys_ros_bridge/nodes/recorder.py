@@ -21,8 +21,8 @@ from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_msgs.msg import SampleInfo
-from oaisys_ros_bridge.bags.info import SAMPLE_INFO_TYPE
-from oaisys_ros_bridge.bags.losses import BagLosses
+from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE
+from oaisys_ros_bridge.bags.losses import BagLosses, MissingNumbers
 from oaisys_ros_bridge.bags.message_definition import message_class
 from oaisys_ros_bridge.bags.serialized_stamps import StampReader, stamp_reader
 from oaisys_ros_bridge.bags.topic_selection import (
@@ -103,6 +103,7 @@ class RecorderNode(ParameterNode, Node):
         self._last_message_s = 0.0
         self._losses = BagLosses()
         self._lost_by_middleware: Counter[str] = Counter()
+        self._missing_numbers = MissingNumbers()
         self._watches: dict[str, SampleWatch] = {}
         self._stamp_readers: dict[str, StampReader] = {}
         self._counted: set[str] = set()
@@ -229,18 +230,24 @@ class RecorderNode(ParameterNode, Node):
         if (read_stamp := stamp_reader(message_type)) is not None:
             self._stamp_readers[name] = read_stamp
         qos = subscription_qos(type_name, publishers)
+        # Of motion, no sample announces the messages: each of them counts.
+        is_motion = type_name in MOTION_TYPES
         self._subscribed[name] = self.create_subscription(
             message_type,
             name,
-            partial(self._record, name),
+            partial(self._record, name, is_motion),
             qos,
             raw=True,
             # In a common group the executor would serve one topic and starve the others.
             callback_group=MutuallyExclusiveCallbackGroup(),
-            event_callbacks=counting_losses(self._lost_by_middleware, name, qos),
+            event_callbacks=None
+            if is_motion
+            else counting_losses(self._lost_by_middleware, name, qos),
         )
 
-    def _record(self, name: str, data: bytes, info: dict[str, int]) -> None:
+    def _record(self, name: str, is_motion: bool, data: bytes, info: dict[str, int]) -> None:
+        if is_motion:
+            self._count_missing(name, info["publication_sequence_number"])
         with self._bag_lock:
             if self._has_ended:
                 return
@@ -256,6 +263,12 @@ class RecorderNode(ParameterNode, Node):
             self._counted.add(name)
             for watch in self._watches.values():
                 watch.ledger.arrive(name, stamp_ns)
+
+    def _count_missing(self, name: str, number: int) -> None:
+        """Count the messages before this one that did not come; several publishers hide them."""
+        missing = self._missing_numbers.before(name, number)
+        if missing and self.count_publishers(name) == 1:
+            self._lost_by_middleware[name] += missing
 
     def _end(self) -> None:
         """Count what has not been received as lost, and close the bag."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage, messages_of_samples
@@ -16,13 +17,15 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, TopicInfo
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
-from sensor_msgs.msg import Image
+from sensor_msgs.msg import Image, Imu
 from served_simulator import FLAT_WORLD
+from std_msgs.msg import Header
 
 from oaisys_core.geometry import pose_looking_down
+from oaisys_ros_bridge.bags.losses import BagLosses
 from oaisys_ros_bridge.bags.message_definition import message_definition, nested_types, type_hash
 from oaisys_ros_bridge.conversions import image_from_msg
-from oaisys_ros_bridge.qos import SENSOR_QOS
+from oaisys_ros_bridge.qos import MOTION_QOS, SENSOR_QOS
 
 VIEWS = 3
 
@@ -120,6 +123,37 @@ def test_a_killed_recorder_leaves_what_it_had_taken(stage: Stage, tmp_path: Path
         assert {name: t.msgcount for name, t in reader.topics.items()} == dict.fromkeys(
             wanted, VIEWS
         )
+
+
+@pytest.mark.long
+@pytest.mark.ros
+def test_what_a_full_queue_drops_of_an_imu_is_counted(stage: Stage, tmp_path: Path) -> None:
+    folder, imu = tmp_path / "bag", Imu()
+    publisher = stage.user.node.create_publisher(Imu, "imu/data_raw", MOTION_QOS)
+    recorder = stage.start_node("recorder", "--out", str(folder), "--topics", "imu/data_raw")
+    wait_for_line(stage, recorder, f"recording: {folder}")
+    stage.user.wait_until(lambda: publisher.get_subscription_count() == 1)
+    file = folder / "bag_0.mcap"
+    before = file.stat().st_size
+    publisher.publish(imu)
+    stage.user.wait_until(lambda: file.stat().st_size > before)
+
+    recorder.process.send_signal(signal.SIGSTOP)
+    sent = MOTION_QOS.depth + 1000
+    for _ in range(sent):
+        publisher.publish(imu)
+    recorder.process.send_signal(signal.SIGCONT)
+    publisher.publish(Imu(header=Header(frame_id="the_last")))
+    stage.user.wait_until(lambda: b"the_last" in file.read_bytes()[-4096:])
+    assert recorder.end() == 0
+
+    metadata = yaml.safe_load((folder / "metadata.yaml").read_text())
+    losses = BagLosses.read(metadata["rosbag2_bagfile_information"]["custom_data"])
+    with Reader(folder) as reader:
+        written = reader.topics["/imu/data_raw"].msgcount
+    assert written < 2 + sent, "it was stopped"
+    assert losses.lost_by_middleware == {"/imu/data_raw": 2 + sent - written}
+    assert "the middleware lost messages of /imu/data_raw" in recorder.log.read_text()
 
 
 @pytest.mark.ros

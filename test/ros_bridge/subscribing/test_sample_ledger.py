@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import pytest
 
-from oaisys_ros_bridge.bags.losses import BagLosses
+from oaisys_ros_bridge.bags.losses import BagLosses, MissingNumbers
 from oaisys_ros_bridge.subscribing.sample_ledger import (
     LOST_AFTER_S,
     LedgerState,
@@ -258,3 +258,10 @@ def test_a_bag_keeps_what_it_lacks_as_text():
         f"the middleware lost messages of {POSE} 5",
     ]
     assert not BagLosses(300).any
+
+
+def test_gaps_in_the_numbers_of_a_topic_are_counted():
+    numbers = MissingNumbers()
+    assert [numbers.before(DEPTH, number) for number in (7, 8, 12, 13)] == [0, 0, 3, 0]
+    assert numbers.before(POSE, 40) == 0
+    assert [numbers.before(DEPTH, number) for number in (1, 2, 4)] == [0, 0, 1]
