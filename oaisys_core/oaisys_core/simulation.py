@@ -249,7 +249,8 @@ class Simulation:
         settings = drawn(batch.world.render)
         if settings.time_budget_s is not None and how.render_samples:
             # How many samples there was time for is known now.
-            settings = replace(settings, time_budget_s=None, samples=how.render_samples)
+            counted = how.render_samples
+            settings = replace(settings, time_budget_s=None, samples=counted, max_samples=counted)
         batch.sample_id = outline.sample_id - 1
         motion, started_s = recorded_motion(how), time.perf_counter()
         return _returned(self._sample(batch, due, settings, motion, progress, started_s))

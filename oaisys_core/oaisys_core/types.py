@@ -181,7 +181,7 @@ class Provenance:
         backend: ``blender`` or ``analytic``.
         backend_version: Version of Blender, or of this package for ``analytic``.
         quality: Name of the quality preset.
-        render_samples: Samples per pixel of the RGB pass (0: none).
+        render_samples: Samples per pixel of the RGB pass, the fewest of all cameras (0: none).
         device: Device that rendered colour, such as ``cpu``.
         stage_seed: Seed of ground and materials; another one on a reused stage.
         asset_seed: Seed of the objects; another one if they were kept from an earlier batch.

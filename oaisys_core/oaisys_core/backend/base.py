@@ -107,6 +107,9 @@ class RenderSettings:
         device: Device to render on.
         auto_exposure: How images without a fixed exposure are metered.
         white_balance: See `RenderConfig`.
+        max_samples: Samples per pixel of views full of plants; others have between ``samples`` and
+            so many. No more than ``samples``: all have ``samples``.
+        clutter: Set by the backend for each view: how full it is of fine things, from 0 to 1.
     """
 
     quality: str
@@ -123,6 +126,8 @@ class RenderSettings:
     device: Device = "auto"
     auto_exposure: AutoExposure = STANDARD_METER
     white_balance: WhiteBalance = "daylight"
+    max_samples: int = 0
+    clutter: float = 0.0
 
     def allowed(self, cameras: Sequence[PlacedCamera]) -> tuple[PlacedCamera, ...]:
         """Return the cameras with the modalities that may be rendered; those without any go."""
@@ -149,7 +154,7 @@ class Backend(ABC):
     """Device that colour is rendered on, for provenance."""
 
     samples_per_pixel: int | None = None
-    """Samples per pixel of the last colour images, where a time budget chose them."""
+    """Samples per pixel of the last colour images, the fewest of all cameras; None: as set."""
 
     exposures_ev: Mapping[str, float] = MappingProxyType({})
     """Exposures of the last sample's colour images in stops, by the camera's name."""

@@ -27,7 +27,8 @@ def adjusted(
         config: The configuration before the changes.
         seed: Root seed.
         backend: ``blender`` or ``analytic``.
-        quality: Quality preset; it also resets ``samples`` and ``max_bounces``.
+        quality: Quality preset; it also resets ``samples``, ``max_samples`` and
+            ``max_bounces``.
         size: Image size of all cameras as ``WIDTHxHEIGHT``; K is scaled, so that the field of view
             stays the same.
 
@@ -40,7 +41,7 @@ def adjusted(
     if backend is not None:
         data["backend"] = backend
     if quality is not None:
-        data["render"].update(quality=quality, samples=None, max_bounces=None)
+        data["render"].update(quality=quality, samples=None, max_samples=None, max_bounces=None)
     if size is not None:
         size_px = _parsed(size)
         for kind in ("cameras", "stereo"):

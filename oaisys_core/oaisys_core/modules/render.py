@@ -31,12 +31,13 @@ class QualityPreset(NamedTuple):
     samples: int
     max_bounces: int
     passes: frozenset[str] = ALL_PASSES
+    max_samples: int = 1
 
 
 PRESETS = {
     "geometry": QualityPreset(samples=1, max_bounces=0, passes=GEOMETRY),
     "preview": QualityPreset(samples=1, max_bounces=2),
-    "standard": QualityPreset(samples=3, max_bounces=2),
+    "standard": QualityPreset(samples=3, max_bounces=2, max_samples=6),
     "high": QualityPreset(samples=8, max_bounces=3),
     "final": QualityPreset(samples=128, max_bounces=4),
 }
@@ -74,9 +75,12 @@ class RenderModule(SectionModule[RenderConfig]):
 def _settings(config: RenderConfig) -> RenderSettings:
     preset = PRESETS[config.quality]
     passes = preset.passes if config.passes is None else preset.passes & set(config.passes)
+    most = config.max_samples or (preset.max_samples if config.samples is None else 1)
+    samples = config.samples or min(preset.samples, config.max_samples or preset.samples)
     return RenderSettings(
         quality=config.quality,
-        samples=preset.samples if config.samples is None else config.samples,
+        samples=samples,
+        max_samples=max(samples, most),
         max_bounces=preset.max_bounces if config.max_bounces is None else config.max_bounces,
         denoise=config.denoise,
         exposure_ev=config.exposure_ev,

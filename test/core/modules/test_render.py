@@ -64,6 +64,25 @@ def test_presets_may_be_overridden_field_by_field() -> None:
     assert (backend.settings.samples, backend.settings.max_bounces) == (8, 3)
 
 
+@pytest.mark.parametrize(
+    ("render", "bounds"),
+    [
+        ({}, (3, 6)),
+        ({"samples": 5}, (5, 5)),
+        ({"samples": 2, "max_samples": 4}, (2, 4)),
+        ({"max_samples": 9}, (3, 9)),
+        ({"max_samples": 2}, (2, 2)),
+        ({"quality": "preview"}, (1, 1)),
+        ({"quality": "preview", "max_samples": 2}, (1, 2)),
+        ({"quality": "high"}, (8, 8)),
+    ],
+)
+def test_samples_are_a_range(render: dict[str, Any], bounds: tuple[int, int]) -> None:
+    sim, backend = simulation(**render)
+    of_sample(sim)
+    assert (backend.settings.samples, backend.settings.max_samples) == bounds
+
+
 def test_quality_geometry_renders_no_colour() -> None:
     sim, _ = simulation()
     assert of_sample(sim, quality="geometry") == {"depth", "normal"}
@@ -83,6 +102,7 @@ def test_passes_hold_until_they_are_changed() -> None:
     ("metadata", "path"),
     [
         ({"samples": 0}, "metadata.render.samples"),
+        ({"samples": 4, "max_samples": 3}, "metadata.render.*max_samples: received 3, expected 4"),
         ({"passes": ["colour"]}, "metadata.render.passes"),
         ({"effects": {"bloom": {"radius_px": -1}}}, "metadata.render.effects.bloom.radius_px"),
         ({"view_transform": "film"}, "metadata.render.view_transform"),

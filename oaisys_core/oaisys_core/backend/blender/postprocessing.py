@@ -87,12 +87,16 @@ twice as wide."""
 SAMPLED_WIDTH_PX = 0.75
 """Filter width of Cycles for images that are denoised."""
 
-MANY_SHARE = 0.065
-"""Weight of each neighbour in the convolution, for many samples per pixel: the two steps together
-are then as wide as Cycles' own filter."""
+SHARE = 0.065
+"""Weight of each neighbour in the convolution: the two steps together are then as wide as Cycles'
+own filter."""
 
-FEW_SHARE, FEW_SAMPLES = 0.095, 8
-"""The same weight for up to so many samples per pixel."""
+NOISY_SHARE = 0.095
+"""The same weight for a single sample per pixel."""
+
+CLUTTER_LESS, FEW_SAMPLES = 0.04, 8
+"""By how much the weight is less in views full of plants, whose finest detail denoising smears, and
+up to how many samples per pixel it is; of more, there is less to make up for."""
 
 NORMAL_SHARE = 0.08
 """The same weight for the normals that guide the denoiser."""
@@ -176,7 +180,7 @@ def denoised(
             divisor = np.where(is_clean, seen + LEAST_ALBEDO, divisor)
             albedo = np.where(is_clean, ground.linear + LEAST_ALBEDO, albedo)
         radiance = albedo * denoiser.denoise(radiance / divisor, normal, denoising)
-    return filter_denoised(radiance, rendered.samples or settings.samples)
+    return filter_denoised(radiance, rendered.samples or settings.samples, settings.clutter)
 
 
 def _divisor(albedo: Image, normal: Image) -> Image:
@@ -344,13 +348,19 @@ def blenders_denoiser() -> Denoiser | None:
         return None
 
 
-def filter_denoised(radiance: NDArray[np.float32], samples: int) -> NDArray[np.float32]:
+def filter_denoised(
+    radiance: NDArray[np.float32], samples: int, clutter: float = 0.0
+) -> NDArray[np.float32]:
     """Return a denoised (H, W, 3) image after the second step of the pixel filter.
 
-    ``samples`` are those per pixel that it was rendered with.
+    Args:
+        radiance: The image.
+        samples: Samples per pixel that it was rendered with.
+        clutter: See `RenderSettings`.
     """
-    few = min(1.0, FEW_SAMPLES / max(samples, 1))
-    return _convolved(radiance, MANY_SHARE + (FEW_SHARE - MANY_SHARE) * few)
+    if samples <= 1:
+        return _convolved(radiance, NOISY_SHARE)
+    return _convolved(radiance, SHARE - CLUTTER_LESS * clutter * min(1.0, FEW_SAMPLES / samples))
 
 
 def filter_normal(normal: NDArray[np.float32]) -> NDArray[np.float32]:

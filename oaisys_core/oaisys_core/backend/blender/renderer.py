@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
+from oaisys_core.backend.blender.adaptive_samples import adapted
 from oaisys_core.backend.blender.camera import (
     camera_image,
     moving,
@@ -204,21 +205,21 @@ class BlenderBackend(Backend):
         with BackgroundGeometry(partial(self._geometry, cameras, views=views)) as geometry:
             ground = {
                 camera.name: geometry.then(partial(self._ground_albedo, camera, views))
-                for camera in cameras
-                if RGB in camera.modalities and self._has_use_of_albedo(camera, settings)
+                for camera, modalities, chosen in colors
+                if RGB in modalities and self._has_use_of_albedo(camera, chosen)
             }
             if any(set(camera.modalities) - {RGB, ALBEDO} for camera in cameras):
                 yield geometry.group
-            for index, (camera, modalities) in enumerate(colors):
+            for index, (camera, modalities, chosen) in enumerate(colors):
                 progress(Progress("color", index / len(colors)))
                 left_s = (ends_s - time.perf_counter()) / (len(colors) - index)
                 if RGB in modalities:
                     beside = None if index else geometry
                     images = self._color(
-                        camera, modalities, settings, left_s, beside, ground.get(camera.name)
+                        camera, modalities, chosen, left_s, beside, ground.get(camera.name)
                     )
                 else:
-                    images = [self._albedo(camera, settings, left_s)]
+                    images = [self._albedo(camera, chosen, left_s)]
                 geometry.group.result()
                 yield FrameGroup.of(
                     [frame_of(camera, *each) for each in zip(modalities, images, strict=True)]
@@ -226,16 +227,19 @@ class BlenderBackend(Backend):
 
     def _color_renders(
         self, camera: PlacedCamera, settings: RenderSettings
-    ) -> list[tuple[PlacedCamera, tuple[str, ...]]]:
-        """Return which of a camera's colour modalities come from which of its renders.
+    ) -> list[tuple[PlacedCamera, tuple[str, ...], RenderSettings]]:
+        """Return which of a camera's colour modalities come from which of its renders, and how.
 
         Albedo comes with colour where nothing blurs this or veils it, and time is not short.
         """
-        wanted = tuple(each for each in (RGB, ALBEDO) if each in camera.modalities)
+        wanted = tuple((each,) for each in (RGB, ALBEDO) if each in camera.modalities)
         is_clear = _is_sharp(camera) and self._built().scene.sky.haze is None
-        if is_clear and settings.time_budget_s is None:
-            return [(camera, wanted)] if wanted else []
-        return [(camera, (each,)) for each in wanted]
+        if is_clear and settings.time_budget_s is None and len(wanted) > 1:
+            wanted = ((RGB, ALBEDO),)
+        return [
+            (camera, each, self._adapted(camera, settings) if RGB in each else settings)
+            for each in wanted
+        ]
 
     def _geometry(
         self,
@@ -258,6 +262,13 @@ class BlenderBackend(Backend):
             if views is not None:
                 views[camera.name] = view
         return tuple(frames)
+
+    def _adapted(self, camera: PlacedCamera, settings: RenderSettings) -> RenderSettings:
+        """Return the settings for one camera's colour."""
+        settings = adapted(self._built(), camera, settings)
+        least = self.samples_per_pixel or settings.samples
+        self.samples_per_pixel = min(least, settings.samples)
+        return settings
 
     def _has_use_of_albedo(self, camera: PlacedCamera, settings: RenderSettings) -> bool:
         """Return whether colour becomes better by the ground's albedo without noise."""

@@ -103,14 +103,19 @@ class RenderConfig(Section):
     Attributes:
         quality: Preset of samples per pixel and bounces; ``geometry`` renders no colour.
         samples: Samples per pixel; None for those of the preset.
+        max_samples: Samples per pixel of views full of plants. Views have between ``samples`` and
+            so many, by how much of them shows fine things such as leaves, or is in shade. None for
+            that of the preset (6 in ``standard``, whose open ground has 3), or for ``samples`` if
+            that is set. The provenance of a sample has the number.
         denoise: Whether the colour image is denoised.
         max_bounces: Largest number of light bounces; None for that of the preset.
         time_budget_s: Seconds that all cameras of a sample may take together; None for no limit.
-            Sampling stops when the time is over, or at the samples per pixel of ``quality`` or
-            ``samples``. The quality of the denoising depends on the remaining time. If a single
-            sample per pixel takes too long, colour is rendered at a lower resolution and enlarged.
-            The time of all other work is estimated from recent views; the first view has one sample
-            per pixel. With a time budget colour depends on the machine; depth and labels never do.
+            Sampling stops when the time is over, or at the samples per pixel that the view would
+            have without a limit. The quality of the denoising depends on the remaining time. If a
+            single sample per pixel takes too long, colour is rendered at a lower resolution and
+            enlarged. The time of all other work is estimated from recent views; the first view has
+            one sample per pixel. With a time budget colour depends on the machine; depth and labels
+            never do.
         device: Device on which Blender renders. ``auto`` uses a GPU if there is one. If a device is
             not available, the CPU is used and the log has a warning. The provenance of a sample
             names the device that was used. The analytic backend always uses the CPU.
@@ -139,6 +144,7 @@ class RenderConfig(Section):
 
     quality: Literal["geometry", "preview", "standard", "high", "final"] = "standard"
     samples: Annotated[int, Field(ge=1, le=65536)] | None = None
+    max_samples: Annotated[int, Field(ge=1, le=65536)] | None = None
     denoise: bool = True
     max_bounces: Annotated[int, Field(ge=0, le=64)] | None = None
     time_budget_s: Positive | None = None
@@ -150,3 +156,10 @@ class RenderConfig(Section):
     passes: tuple[Annotated[str, AfterValidator(_is_modality)], ...] | None = None
     camera_look: Literal["clean", "machine_vision", "mars_mastcam_like"] = "clean"
     effects: EffectsConfig = EffectsConfig()
+
+    @model_validator(mode="after")
+    def _samples_in_order(self) -> RenderConfig:
+        if self.samples and self.max_samples and self.samples > self.max_samples:
+            received = f"max_samples: received {self.max_samples}"
+            raise ValueError(f"{received}, expected {self.samples} or more, as samples says")
+        return self

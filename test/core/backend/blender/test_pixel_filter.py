@@ -44,11 +44,19 @@ def test_light_is_shared_and_none_is_lost(samples: int) -> None:
     np.testing.assert_array_equal(image, image[::-1])
 
 
-def test_the_fewer_samples_the_more_is_shared() -> None:
-    kept = [filter_denoised(point(), samples)[MIDDLE, MIDDLE, 0] for samples in (1, 4, 8, 16, 128)]
+def test_a_single_sample_is_shared_more() -> None:
+    once, *kept = (filter_denoised(point(), n)[MIDDLE, MIDDLE, 0] for n in (1, 2, 8, 128))
+    assert once < 0.7
+    assert kept == [pytest.approx((1 - 2 * 0.065) ** 2)] * 3
+
+
+def test_less_is_shared_in_clutter_and_the_same_as_ever_of_many_samples() -> None:
+    kept = [filter_denoised(point(), 3, clutter)[MIDDLE, MIDDLE, 0] for clutter in (0, 0.5, 1)]
     assert kept == sorted(kept)
-    assert kept[0] < 0.7
-    assert kept[-1] > 0.72
+    assert kept[-1] == pytest.approx(0.95**2)
+    np.testing.assert_allclose(
+        filter_denoised(point(), MANY, 1.0), filter_denoised(point(), MANY), atol=1e-5
+    )
 
 
 def test_of_many_samples_the_two_steps_filter_as_widely_as_cycles_alone() -> None:

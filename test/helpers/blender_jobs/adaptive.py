@@ -1,0 +1,30 @@
+"""What tests of adaptive samples have done in Blender's own process."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from synthetic_worlds import settings
+
+from oaisys_core.backend.blender import BlenderBackend
+from oaisys_core.scene import PlacedCamera, Scene
+from oaisys_core.types import RGB
+
+
+def pictures(scenes: Sequence[Scene], view: PlacedCamera) -> list[dict[str, Any]]:
+    """Worlds with two to four samples per pixel, and the last one with four."""
+    view = replace(view, modalities=(RGB,))
+    range_ = replace(settings(2), denoise=True, max_samples=4)
+    backend = BlenderBackend()
+    found = []
+    for scene in scenes:
+        backend.build(scene, lambda _: None)
+        found.append(_picture(backend, view, range_))
+    return [*found, _picture(backend, view, replace(range_, samples=4))]
+
+
+def _picture(backend: BlenderBackend, view: PlacedCamera, how: Any) -> dict[str, Any]:
+    (frame,) = backend.render_all([view], how, lambda _: None)
+    return {"samples": backend.samples_per_pixel, "picture": frame.data}
