@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from statistics import median
 from typing import Any
 
 from tools.bench.child import run_job
@@ -23,6 +24,8 @@ LIKENESS = {"psnr_db": ("psnr", "dB"), "ssim": ("ssim", ""), "top_octave": ("top
 
 PSNR_DB = {"preview": 38.0, "standard": 40.0}
 WORST_DB = {"preview": 35.0, "standard": 37.0}
+TOP_OCTAVE = 0.9, 1.1
+"""Least and largest share of the finest texture that `standard` may keep in any world."""
 DEMOS = 1.2
 """Most that a sample of `COMPARED` may take, in those of the demo's world."""
 COMPARED = ("stage_canyon", "assets_vegetation")
@@ -70,7 +73,7 @@ def _measured(settings: Settings, say: Say, world: str) -> dict[str, Any]:
 def panel_figures(found: Mapping[str, Found]) -> list[Figure]:
     """Return the figures of all worlds, then those of each."""
     panel = {world: each for world, each in found.items() if world != SIX_VIEWS}
-    figures = [*_of(ALL, list(panel.values())), *_worst(panel)] if panel else []
+    figures = [*_of(ALL, list(panel.values())), *_worst(panel), *_octaves(panel)] if panel else []
     figures += _beside_the_demo(panel)
     for world, each in found.items():
         figures += _of(world, [each])
@@ -134,6 +137,21 @@ def _worst(panel: Mapping[str, Found]) -> list[Figure]:
         goal = Goal(WORST_DB[quality], at_least=True)
         name = f"panel_{ALL}_{quality}_psnr_worst_view"
         figures.append(figure(name, "dB", [by_view[worst]], goal, f"the view {worst}"))
+    return figures
+
+
+def _octaves(panel: Mapping[str, Found]) -> list[Figure]:
+    """Return the least and the largest of the worlds' medians of `standard`'s top octave."""
+    kept = {
+        world: median(view["top_octave"] for view in each["standard"]["views"])
+        for world, each in panel.items()
+    }
+    figures = []
+    for name, pick, limit in zip(("least", "most"), (min, max), TOP_OCTAVE, strict=True):
+        world = pick(kept, key=lambda world: kept[world])
+        goal = Goal(limit, at_least=name == "least")
+        stem = f"panel_{ALL}_standard_top_octave_{name}"
+        figures.append(figure(stem, "", [kept[world]], goal, f"the world {world}"))
     return figures
 
 

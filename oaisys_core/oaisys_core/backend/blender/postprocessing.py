@@ -94,9 +94,9 @@ own filter."""
 NOISY_SHARE = 0.095
 """The same weight for a single sample per pixel."""
 
-CLUTTER_LESS, FEW_SAMPLES = 0.04, 8
-"""By how much the weight is less in views full of plants, whose finest detail denoising smears, and
-up to how many samples per pixel it is; of more, there is less to make up for."""
+SMEARED, FEW_SAMPLES = (0.005, 0.04), 8
+"""By how much the weight is less on open ground and in views full of plants, because denoising has
+smeared their finest detail, and up to how many samples per pixel; of more, it smears less."""
 
 NORMAL_SHARE = 0.08
 """The same weight for the normals that guide the denoiser."""
@@ -360,7 +360,9 @@ def filter_denoised(
     """
     if samples <= 1:
         return _convolved(radiance, NOISY_SHARE)
-    return _convolved(radiance, SHARE - CLUTTER_LESS * clutter * min(1.0, FEW_SAMPLES / samples))
+    open_ground, plants = SMEARED
+    less = (open_ground + clutter * (plants - open_ground)) * min(1.0, FEW_SAMPLES / samples)
+    return _convolved(radiance, SHARE - less)
 
 
 def filter_normal(normal: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -232,13 +232,13 @@ class BlenderBackend(Backend):
 
         Albedo comes with colour where nothing blurs this or veils it, and time is not short.
         """
-        wanted = tuple((each,) for each in (RGB, ALBEDO) if each in camera.modalities)
+        wanted = tuple(each for each in (RGB, ALBEDO) if each in camera.modalities)
         is_clear = _is_sharp(camera) and self._built().scene.sky.haze is None
-        if is_clear and settings.time_budget_s is None and len(wanted) > 1:
-            wanted = ((RGB, ALBEDO),)
+        is_together = is_clear and settings.time_budget_s is None
+        renders = [wanted] if is_together and wanted else [(each,) for each in wanted]
         return [
             (camera, each, self._adapted(camera, settings) if RGB in each else settings)
-            for each in wanted
+            for each in renders
         ]
 
     def _geometry(
