@@ -169,6 +169,7 @@ class MeshPrototype(ShortRepr):
         translucency: (V,) uint8, with ``vertex_colors_srgb``: by 255, the share of scattered light
             that leaves on the other side, as through leaves; None for none.
         water: How it reflects and hides the bottom, if it is water.
+        dust_m: Height above the ground up to which the ground's dust lies on it, at a scale of 1.
     """
 
     name: str
@@ -181,6 +182,7 @@ class MeshPrototype(ShortRepr):
     color_image_srgb: NDArray[np.uint8] | None = None
     translucency: NDArray[np.uint8] | None = None
     water: WaterSurface | None = None
+    dust_m: float = 0.0
 
 
 @dataclass(frozen=True, repr=False)

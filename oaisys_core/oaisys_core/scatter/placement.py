@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,8 +18,19 @@ if TYPE_CHECKING:
 ROUNDS = 16
 """Rounds of drawing positions before fewer objects are accepted."""
 
+SPARE = 3
+"""Places drawn for each that is missing, if some are preferred."""
+
 MOST_BURIED = 0.8
 """Largest share of an object's height below the ground, so that every object is visible."""
+
+TILT_SIZE_M, TILT_FACTORS = 0.5, (0.5, 1.6)
+"""Size at which things tilt as much as they may, and least and largest factor of other sizes: large
+ones come to rest on a wide side, small ones anyhow."""
+
+ALIGNED_SLOPE, ALIGNED = (0.1, 0.55), 0.3
+"""Slopes from which things begin to lie along the slope, and from which their bearings spread by
+this share of a half turn only: what slides turns its long side downhill."""
 
 PATCH_M = 6.0
 PATCHES_PX = 128
@@ -52,6 +64,7 @@ def scatter_on(
     max_tilt_deg: float = 18.0,
     clumping: float = 0.7,
     height_share: float = 0.6,
+    preference: Callable[[FloatArray], FloatArray] | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the poses of up to ``count`` objects on the ground.
 
@@ -65,9 +78,11 @@ def scatter_on(
         sink: Range of the share of an object's height below the ground; more if the ground is
             hollow or the object leans.
         max_slope_deg: Steepest ground that is used.
-        max_tilt_deg: Largest tilt away from the ground's normal, about either axis.
+        max_tilt_deg: Largest tilt away from the ground's normal, about either axis, at
+            `TILT_SIZE_M`.
         clumping: 0 for an even spread; with 1 some patches are almost empty.
         height_share: Height of the objects relative to their longest axis.
+        preference: Density at (N, 2) points, 0 to 1; None is 1 everywhere.
 
     Returns:
         (N, 4, 4) rotation times uniform scale with translation, and (N,) sizes in metres, largest
@@ -80,9 +95,13 @@ def scatter_on(
         missing = count - len(xy)
         if missing == 0:
             break
-        drawn = random_places(ground, missing, sizes_m[0], rng)
-        drawn = drawn[rng.uniform(size=missing) < _nearest(density, ground, drawn)]
-        drawn = drawn[slope_deg(ground, drawn) <= max_slope_deg]
+        number = missing if preference is None else SPARE * missing
+        drawn = random_places(ground, number, sizes_m[0], rng)
+        likely = _nearest(density, ground, drawn)
+        if preference is not None:
+            likely = likely * preference(drawn)
+        drawn = drawn[rng.uniform(size=number) < likely]
+        drawn = drawn[slope_deg(ground, drawn) <= max_slope_deg][:missing]
         xy = _spaced(np.vstack((xy, drawn)), sizes_m, min_spacing)
     sizes_m = sizes_m[: len(xy)]
     return _poses(ground, xy, sizes_m, rng, sink, max_tilt_deg, height_share), sizes_m
@@ -141,7 +160,8 @@ def _poses(
 
     count = len(xy)
     yaw_rad = rng.uniform(-np.pi, np.pi, count)
-    tilt_rad = np.radians(max_tilt_deg) * rng.uniform(-1, 1, (count, 2))
+    factor = np.clip(np.sqrt(TILT_SIZE_M / np.maximum(sizes_m, 1e-6)), *TILT_FACTORS)
+    tilt_rad = np.radians(max_tilt_deg) * factor[:, None] * rng.uniform(-1, 1, (count, 2))
     # Leaning lifts one side of the foot, so sink it deeper.
     depth_m = sizes_m * (
         height_share * rng.uniform(*sink, count) + 0.3 * np.linalg.norm(tilt_rad, axis=1)
@@ -149,6 +169,7 @@ def _poses(
     T_map_object = np.tile(np.eye(4), (count, 1, 1))
     if count:
         slope, hollow_m = bedding(ground, xy, sizes_m / 2)
+        yaw_rad = _along_slope(yaw_rad, slope)
         rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
         rotation = leaning(slope) * rotation
         T_map_object[:, :3, :3] = rotation.as_matrix() * sizes_m[:, None, None]
@@ -156,6 +177,14 @@ def _poses(
         depth_m = np.minimum(depth_m + hollow_m, MOST_BURIED * height_share * sizes_m)
         T_map_object[:, 2, 3] = ground.height_at(xy) - depth_m
     return T_map_object
+
+
+def _along_slope(yaw_rad: FloatArray, slope: FloatArray) -> FloatArray:
+    """Return (N,) random bearings, those on steep ground closer to the direction of the slope."""
+    low, high = ALIGNED_SLOPE
+    steep = np.clip((np.linalg.norm(slope, axis=1) - low) / (high - low), 0, 1)
+    downhill_rad = np.arctan2(-slope[:, 1], -slope[:, 0])
+    return np.asarray(yaw_rad * (1 - (1 - ALIGNED) * steep) + downhill_rad * steep)
 
 
 def bedding(ground: Ground, xy: FloatArray, radius_m: FloatArray) -> tuple[FloatArray, FloatArray]:

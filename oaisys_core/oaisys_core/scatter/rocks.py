@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,9 @@ STYLES = {
     "pebble": RockStyle(5, (0.78, 0.95), 0.16, ((0.7, 0.95), (0.45, 0.75)), 0.06, 0.0, 0.0),
 }
 
+DUST_M = 0.15
+"""Height of the dust and fines on a rock, at a size of 1 m."""
+
 MOST_SUBDIVISIONS = {"pebble": 1}
 """Limits for kinds that are scattered by the thousand."""
 
@@ -73,9 +77,10 @@ def make_rock(kind: str, rng: np.random.Generator, subdivisions: int) -> MeshPro
     low, high = points.min(axis=0), points.max(axis=0)
     points -= ((low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2])
     points /= (high - low).max()
-    return MeshPrototype(kind, points.astype(np.float32), triangles)
+    return MeshPrototype(kind, points.astype(np.float32), triangles, dust_m=DUST_M)
 
 
+@cache
 def icosphere(subdivisions: int) -> tuple[FloatArray, NDArray[np.int32]]:
     """Return unit vectors and outward triangles of an icosahedron subdivided n times."""
     g = (1 + 5**0.5) / 2
@@ -88,6 +93,8 @@ def icosphere(subdivisions: int) -> tuple[FloatArray, NDArray[np.int32]]:
     triangles = np.array([[int(c, 16) for c in face] for face in faces.split()], np.int32)
     for _ in range(subdivisions):
         points, triangles = _subdivided(points, triangles)
+    for array in (points, triangles):
+        array.flags.writeable = False
     return points, triangles
 
 

@@ -5,9 +5,12 @@ import pytest
 from scipy.spatial import cKDTree
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.scatter.density import bilinear
 from oaisys_core.scatter.placement import power_law_sizes, scatter_on
+from oaisys_core.scatter.rock_families import family_density
 from oaisys_core.scatter.rocks import ROCK_KINDS, icosphere, make_rock
 from oaisys_core.scene import HeightField
+from oaisys_core.terrain.moisture import moisture
 from oaisys_core.terrain.presets import make_ground
 
 
@@ -101,6 +104,40 @@ def test_things_lie_flat_on_a_slope() -> None:
     assert np.allclose(
         T_map_object[:, 2, 3], np.tan(np.radians(30)) * T_map_object[:, 0, 3], atol=1e-4
     )
+
+
+def test_large_things_lie_flatter_and_slid_ones_point_downhill() -> None:
+    x = np.linspace(-20, 20, 129)
+    for steepness in (0.0, 0.6):
+        field = np.tile(steepness * x, (129, 1)).astype(np.float32)
+        ground = HeightField(field, (-20.0, -20.0), 40 / 128)
+        rng = np.random.default_rng(8)
+        T, sizes_m = scatter_on(ground, 300, (0.2, 2.0), rng, min_spacing=0.0)
+        R = T[:, :3, :3] / sizes_m[:, None, None]
+        normal = np.array((-steepness, 0.0, 1.0)) / np.hypot(steepness, 1.0)
+        lean_rad = np.arccos(R[:, :, 2] @ normal)
+        large = sizes_m > 0.6
+        assert lean_rad[large].mean() < 0.7 * lean_rad[~large].mean()
+        downhill = np.abs(R[:, 0, 0]) > 0.6
+        assert downhill.mean() > 0.75 if steepness else downhill.mean() < 0.65
+
+
+def test_rounded_rocks_lie_where_water_runs_and_angular_ones_near_scarps() -> None:
+    x = np.linspace(-20, 20, 129)
+    step = 6 / (1 + np.exp(-(x + 8) / 0.8)) + 0.05 * np.abs(x)
+    field = np.tile(step, (129, 1)) + 0.02 * np.abs(x)[:, None]
+    ground = HeightField(field.astype(np.float32), (-20.0, -20.0), 40 / 128)
+    at: dict[str, np.ndarray] = {}
+    for kind in ("angular", "rounded"):
+        liked = family_density(kind, ground)
+        rng = np.random.default_rng(9)
+        T, _ = scatter_on(ground, 400, (0.1, 0.2), rng, clumping=0.0, preference=liked)
+        assert len(T) == 400
+        at[kind] = T[:, :2, 3]
+    near = {kind: (np.abs(xy[:, 0] + 8) < 5).mean() for kind, xy in at.items()}
+    assert near["angular"] > 1.3 * near["rounded"]
+    wet = {kind: bilinear(moisture(ground), ground, xy).mean() for kind, xy in at.items()}
+    assert wet["rounded"] > wet["angular"] + 0.1
 
 
 def test_no_rock_stands_on_steep_ground() -> None:

@@ -28,6 +28,8 @@ MOST_GROUPS, MOST_OBJECTS = 1000, 2500
 class RockGroupConfig(Labelled):
     """Randomly scattered rocks of one kind.
 
+    Rounded rocks and pebbles prefer places where water runs, others lie near steep ground.
+
     Attributes:
         kind: Shape, see ``oaisys_core.scatter.rocks``.
         count: (least, most) number of rocks.
@@ -43,7 +45,7 @@ class RockGroupConfig(Labelled):
     count: tuple[Count, Count] = (120, 120)
     size_m: tuple[float, float] = (0.15, 1.2)
     size_exponent: Positive = 1.8
-    variants: int = Field(default=3, ge=1, le=64)
+    variants: int = Field(default=24, ge=1, le=64)
     sink: tuple[float, float] = (0.15, 0.4)
     max_slope_deg: float = Field(default=40.0, ge=0, le=90)
     label: str = "rock"
@@ -131,7 +133,7 @@ class AssetsConfig(Section):
         RockGroupConfig(kind="angular", count=(650, 650), size_m=(0.15, 1.2)),
         RockGroupConfig(kind="rounded", count=(400, 400), size_m=(0.15, 0.9)),
         RockGroupConfig(kind="slab", count=(160, 160), size_m=(0.3, 1.4)),
-        RockGroupConfig(kind="boulder", count=(60, 60), size_m=(0.8, 2.4), variants=4),
+        RockGroupConfig(kind="boulder", count=(60, 60), size_m=(0.8, 2.4)),
     )
     primitives: tuple[PrimitiveConfig, ...] = ()
     groups: tuple[GroupConfig, ...] = Field(default=(), max_length=MOST_GROUPS)

@@ -27,7 +27,8 @@ class GroupConfig(ShapedConfig):
         count: (least, most) number of instances; fewer are placed if there is no room.
         probability: Probability that a batch has any of them.
         hidden: Whether they are invisible; they keep their instance ids.
-        variants: Number of different meshes of a built-in shape.
+        variants: Number of different meshes of a built-in shape; None has 24 of a rock, and 3 of
+            others.
         detail: A rock has 20 * 4**detail triangles; None derives it from the size.
         size_m: (smallest, largest) size along the longest axis.
         size_distribution: ``power_law`` (the number above size D goes as D**-size_exponent),
@@ -50,7 +51,7 @@ class GroupConfig(ShapedConfig):
     count: tuple[Count, Count]
     probability: Fraction = 1.0
     hidden: bool = False
-    variants: int = Field(default=3, ge=1, le=64)
+    variants: int | None = Field(default=None, ge=1, le=64)
     detail: int | None = Field(default=None, ge=0, le=5)
     size_m: PositiveRange = (0.15, 1.2)
     size_distribution: Literal["power_law", "uniform", "normal"] = "power_law"

@@ -18,13 +18,14 @@ from oaisys_core.modules.assets.prototypes import PrototypeLibrary
 from oaisys_core.scatter.groups import scatter_group
 from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, IdBlock, InstanceIdPlan
 from oaisys_core.scatter.placement import scatter_on
+from oaisys_core.scatter.rock_families import family_density
 from oaisys_core.scatter.rocks import make_rock
 from oaisys_core.scatter.stance import footprint_of, pose_on_ground
 from oaisys_core.scatter.trajectories import PoseAtSample, make_trajectory
 from oaisys_core.scene import Ground, MeshPrototype, PbrMaps, Placement, Primitive
 from oaisys_core.types import FloatArray, GroupCount, Pose
 
-LARGE_ROCK_M = 1.3
+LARGE_ROCK_M = 1.5
 """Rocks of groups with larger sizes than this have four times as many triangles."""
 
 
@@ -288,6 +289,7 @@ def _rock_poses(
         size_exponent=group.size_exponent,
         sink=group.sink,
         max_slope_deg=group.max_slope_deg,
+        preference=family_density(group.kind, ground),
         height_share=float(np.mean([shape.vertices_m[:, 2].max() for shape in shapes])),
     )
     return T_map_object

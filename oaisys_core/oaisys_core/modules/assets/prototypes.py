@@ -17,6 +17,9 @@ from oaisys_core.scatter.shapes import check_shape, make_shape
 from oaisys_core.scene import MeshPrototype, PbrMaps
 from oaisys_core.textures import TEXTURES, default_cache_dir, texture_set
 
+ROCK_VARIANTS, OTHER_VARIANTS = 24, 3
+"""Number of meshes of a group that says nothing else."""
+
 
 class PrototypeLibrary:
     """Makes prototypes, and reads each file and texture only once.
@@ -73,7 +76,8 @@ class PrototypeLibrary:
 
     def group_prototypes(self, group: GroupConfig, rng: np.random.Generator) -> list[MeshPrototype]:
         """Return the variants of a group, each 1 m along its longest axis."""
-        count = group.variants if group.shape is not None else 1
+        usual = ROCK_VARIANTS if group.shape in ROCK_KINDS else OTHER_VARIANTS
+        count = 1 if group.shape is None else group.variants or usual
         looks = [self.prototype(group, rng, group.size_m[1], group.detail) for _ in range(count)]
         return [_of_size_1(look) for look in looks]
 

@@ -7,15 +7,17 @@ those surfaces of a mixture whose weight is not 0: nearly everywhere, that is a 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
+from functools import cached_property, partial
 from math import log2
 from typing import Any
 
+import bpy
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.materials.contact import contact_image, with_rims
 from oaisys_core.backend.blender.materials.ground_layer import (
     LayerNodes,
     MaterialLevel,
@@ -43,6 +45,7 @@ from oaisys_core.color import encoded
 from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.terrain.surroundings.land_detail import LandDetail
 from oaisys_core.textures.levels import LEAST_PX
+from oaisys_core.world.contact_map import ContactMap
 from oaisys_core.world.terrain_material import TerrainLayer, TerrainMaterial
 from oaisys_core.world.tiling import PlainTiling, StochasticTiling, VoronoiTiling
 
@@ -64,6 +67,9 @@ CHANNELS = 4
 
 MEAN_PX = 256
 """Edge length of the image of the ground that indirect light sees."""
+
+NUDGE_M = 1e-6
+"""See `NUDGE_TILES`, for the colour of fines."""
 
 NEGLIGIBLE = 1.5 / 255
 """Weights below it count as 0, and above 1 minus it as 1, so that Cycles evaluates one surface."""
@@ -130,6 +136,7 @@ class GroundMaterials:
 
     def __init__(self, material: TerrainMaterial, images: ImageStore) -> None:
         self._material, self._images = material, images
+        self._rims: Any = None
         self._masks = mask_images(material.masks, "masks")
         tables = MaterialTables(
             macro=None if material.macro is None else _macro_image(material.macro),
@@ -144,6 +151,13 @@ class GroundMaterials:
         ]
         self._layers: dict[tuple[Any, ...], Any] = {}
         self.stage = self._made("ground", ())
+
+    def show_contact(self, contact: ContactMap | None) -> None:
+        """Show the fines at the feet of things; None shows none."""
+        old = self._rims.image
+        self._rims.image = contact_image(contact)
+        if old is not None:
+            bpy.data.images.remove(old)
 
     def around_stage(self, detail: LandDetail | None) -> Any:
         """Return the material of the ground around the stage, made now if it is another one."""
@@ -173,8 +187,18 @@ class GroundMaterials:
         _, airlight = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
         surface = tree.by_footprint(self._bounds_m[1:], surfaces)
         # An image of the whole ground has no meaningful mean colour.
-        if not any(layer.label_image is not None for layer in self._material.layers):
-            mean = _mean_surface(tree, self._material, self._images)
+        has_mean = not any(layer.label_image is not None for layer in self._material.layers)
+        if self._rims is None:
+            fines = self._mean_color(tree, NUDGE_M) if has_mean else None
+            surface, self._rims = with_rims(tree, surface, fines, self._material.extent_m)
+        if has_mean:
+            layers = self._material.layers
+            roughness = float(np.mean([each.maps.roughness.mean() for each in layers])) / 255
+            inputs: dict[str | int, Any] = {
+                "Color": self._mean_color(tree),
+                "Roughness": roughness,
+            }
+            mean = tree.add("BsdfDiffuse", inputs).outputs[0]
             surface = without_detail(tree, surface, mean)
         if self._material.wet_bank_m is not None and not land_masks:
             surface = wet(tree, surface, self._material.wet_bank_m)
@@ -184,26 +208,28 @@ class GroundMaterials:
         show(tree, surface, airlight, height_m)
         return result
 
+    def _mean_color(self, tree: NodeTree, nudge_m: float = 0.0) -> Socket:
+        """Return the mean colour of the layers, at a place that may be nudged: `NUDGE_TILES`."""
+        if len(self._material.layers) == 1:
+            return (*_mean_colors(self._material, self._images)[0], 1.0)
+        position = tree.add("NewGeometry").outputs["Position"]
+        if nudge_m:
+            position = tree.vector("ADD", position, (nudge_m, 0.0, 0.0))
+        inputs: dict[str | int, Any] = {"Vector": _mask_place(tree, self._material, position)}
+        texel = tree.add(
+            "TexImage", inputs, image=self._mean, extension="MIRROR", interpolation="Closest"
+        )
+        return texel.outputs["Color"]
+
+    @cached_property
+    def _mean(self) -> Any:
+        return mean_image(self._material, self._images)
+
 
 def _macro_image(macro: MacroVariation) -> Any:
     pixels = np.ones((*macro.share.shape[:2], 4), np.float32)
     np.multiply(macro.share, BYTE, out=pixels[..., :3])
     return new_image("macro_variation", pixels, is_float=False, is_color=False)
-
-
-def _mean_surface(tree: NodeTree, material: TerrainMaterial, images: ImageStore) -> Socket:
-    """Add the ground's surface with the mean colour of its layers."""
-    color: Any = (*_mean_colors(material, images)[0], 1.0)
-    if len(material.layers) > 1:
-        position = tree.add("NewGeometry").outputs["Position"]
-        inputs: dict[str | int, Any] = {"Vector": _mask_place(tree, material, position)}
-        image = mean_image(material, images)
-        texel = tree.add(
-            "TexImage", inputs, image=image, extension="MIRROR", interpolation="Closest"
-        )
-        color = texel.outputs["Color"]
-    roughness = float(np.mean([each.maps.roughness.mean() for each in material.layers])) / 255
-    return tree.add("BsdfDiffuse", {"Color": color, "Roughness": roughness}).outputs[0]
 
 
 def _mean_colors(material: TerrainMaterial, images: ImageStore) -> NDArray[np.float64]:

@@ -32,6 +32,7 @@ from oaisys_core.sky import Sky
 from oaisys_core.terrain.macro_variation import LEAST, MOST
 from oaisys_core.textures.levels import level_at
 from oaisys_core.types import FloatArray
+from oaisys_core.world.contact_map import ContactMap
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial
 from oaisys_core.world.tiling import PlainTiling
 
@@ -85,7 +86,13 @@ class LandPlaces(NamedTuple):
 
 
 class GroundAlbedo:
-    """Computes the albedo of the ground where its textures are laid plainly and without gloss."""
+    """Computes the albedo of the ground where its textures are laid plainly and without gloss.
+
+    Attributes:
+        contact: Where fines lie on the ground, whose albedo is not computed; None: nowhere.
+    """
+
+    contact: ContactMap | None = None
 
     def __init__(self, material: TerrainMaterial, images: ImageStore) -> None:
         """Take over a material whose nodes were made with ``images``."""
@@ -134,6 +141,8 @@ class GroundAlbedo:
             is_known &= _upward(points_m) > GENTLE_COS
         for weight, is_plain in zip(weights, self._is_plain, strict=True):
             is_known &= is_plain | (weight == 0)
+        if self.contact is not None:
+            is_known &= ~self.contact.is_near(xy_m)
         level = np.searchsorted(self._footprints_m[1:], distance_m * pixel_rad)
         albedo = self._mixed(xy_m, weights, np.where(is_known, level, UNKNOWN))
         if sky.haze is not None:

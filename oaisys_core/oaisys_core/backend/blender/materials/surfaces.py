@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.materials.contact import with_dust
 from oaisys_core.backend.blender.materials.haze import through_haze, without_light_sampling
 from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, new_image
 from oaisys_core.backend.blender.materials.nodes import NodeTree, Socket
@@ -48,11 +49,11 @@ SHINY_SHARE = 0.01
 """Ground is rendered with gloss if a larger share of its texture is smoother than `DULL`."""
 
 
-def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
+def rock_material(maps: PbrMaps, images: ImageStore, dust_m: float) -> Any:
     """Return a material that projects a texture from three sides (box projection).
 
     Texels have the same size on rocks of all scales. A rock's position shifts the texture, so that
-    no two rocks look alike.
+    no two rocks look alike. ``dust_m`` is that of the prototype.
     """
     result = new_material(maps.name)
     tree = NodeTree(node_tree_of(result))
@@ -72,6 +73,8 @@ def rock_material(maps: PbrMaps, images: ImageStore) -> Any:
     for level in levels:
         color = tree.scaled(_box(tree, images.color(level), place).outputs["Color"], brightness)
         height = _box(tree, images.height(level), place).outputs["Color"]
+        if dust_m:
+            color = with_dust(tree, color, height, dust_m)
         bump = tree.add("Bump", {"Height": height, "Distance": ROCK_BUMP_M, "Strength": 1.0})
         roughness = float(level.roughness.mean()) / 255
         surface, airlight = diffuse(tree, color, roughness, bump.outputs[0])
@@ -154,10 +157,12 @@ def painted_material(prototype: MeshPrototype, mesh: Any) -> Any | None:
         color = _from_vertices(tree, prototype, mesh)
     else:
         return None
-    if prototype.translucency is None:
-        show(tree, *diffuse(tree, color, ROUGHNESS, None))
-    else:
+    if prototype.translucency is not None:
         _show_leaves(tree, color)
+        return result
+    if prototype.dust_m:
+        color = with_dust(tree, color, 0.5, prototype.dust_m)
+    show(tree, *diffuse(tree, color, ROUGHNESS, None))
     return result
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from oaisys_core.backend.blender.objects.contact import BED, DUST, GroundContact
 from oaisys_core.scene import Placement
 from oaisys_core.types import FloatArray
 
@@ -31,14 +32,19 @@ NODES = "instances"
 class InstancedMesh:
     """One mesh at many poses."""
 
-    def __init__(self, name: str, mesh: Any, placement: Placement) -> None:
-        """Show a Blender mesh at a placement's poses."""
+    def __init__(
+        self, name: str, mesh: Any, placement: Placement, contact: GroundContact | None
+    ) -> None:
+        """Show a Blender mesh at a placement's poses; see `place` for ``contact``."""
         # Not linked to the scene: only its instances are visible.
         self._original = bpy.data.objects.new(f"{name}_original", mesh)
         points = bpy.data.meshes.new(f"{name}_points")
         points.vertices.add(len(placement.instance_ids))
         points.attributes.new(ROTATION, "QUATERNION", "POINT")
         points.attributes.new(SIZE, "FLOAT", "POINT")
+        if contact is not None:
+            points.attributes.new(BED, "FLOAT_VECTOR", "POINT")
+            points.attributes.new(DUST, "FLOAT_VECTOR", "POINT")
         halves = ids_to_floats(placement.instance_ids)
         numbers = points.attributes.new(ID, "FLOAT_VECTOR", "POINT")
         numbers.data.foreach_set("vector", halves.ravel())
@@ -48,10 +54,10 @@ class InstancedMesh:
         modifier = self.thing.modifiers.new(NODES, "NODES")
         modifier.node_group = self._nodes
         bpy.context.scene.collection.objects.link(self.thing)
-        self.place(placement.T_map_object)
+        self.place(placement.T_map_object, contact)
 
-    def place(self, T_map_object: FloatArray) -> None:
-        """Move the instances to (N, 4, 4) poses."""
+    def place(self, T_map_object: FloatArray, contact: GroundContact | None) -> None:
+        """Move the instances to (N, 4, 4) poses, with their contact if dust lies on them."""
         size = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
         rotation = Rotation.from_matrix(T_map_object[:, :3, :3] / size[:, None, None])
         wxyz = rotation.as_quat(canonical=True)[:, (3, 0, 1, 2)]
@@ -61,6 +67,9 @@ class InstancedMesh:
         attributes = points.attributes
         attributes[ROTATION].data.foreach_set("value", wxyz.astype(np.float32).ravel())
         attributes[SIZE].data.foreach_set("value", size.astype(np.float32))
+        if contact is not None:
+            attributes[BED].data.foreach_set("vector", contact.bed.ravel())
+            attributes[DUST].data.foreach_set("vector", contact.dust.ravel())
         points.update()
         self.thing.update_tag()
 

@@ -20,6 +20,7 @@ from oaisys_core.backend.blender.objects.scene_objects import SceneObjects
 from oaisys_core.scene import Scene, stands_on
 from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.types import TriangleMesh
+from oaisys_core.world.contact_map import contact_map, has_rim, stage_ground
 
 FAR_GROUND = "far_ground"
 """Name of the object and mesh of the ground beyond the stage."""
@@ -42,6 +43,7 @@ class SceneGeometry:
         self._far_ground = FarGroundObject()
         self._scene: Scene | None = None
         self._objects = SceneObjects(self._images)
+        self._rims_of: tuple[object, ...] | None = None
 
     def clear(self, scene: Scene) -> bool:
         """Remove all objects, and the ground unless ``scene`` has the same; return if it stays."""
@@ -62,6 +64,8 @@ class SceneGeometry:
             mesh.materials.append(self._materials.stage)
             self.ground_albedo = GroundAlbedo(scene.material, self._images)
             self._ground = new_object("ground", mesh, np.eye(4))
+            self._rims_of = None
+        self._show_contact(scene)
         self._far_ground.show(scene.far_ground, self._materials)
 
     def build_objects(self, scene: Scene) -> None:
@@ -89,6 +93,18 @@ class SceneGeometry:
     def ground_mesh(self) -> TriangleMesh:
         """Return the ground as rendered, without ids."""
         return evaluated_mesh(self._ground)
+
+    def _show_contact(self, scene: Scene) -> None:
+        """Show fines around the scene's things, if these are others than before."""
+        placed = [(scene.prototypes[p.prototype], p) for p in scene.placements]
+        ground = stage_ground(scene)
+        rims_of = (ground, *(part for each in placed if has_rim(*each) for part in each))
+        before = self._rims_of
+        if before is None or [*map(id, rims_of)] != [*map(id, before)]:
+            contact = contact_map(scene)
+            self._materials.show_contact(contact)
+            self.ground_albedo.contact = contact
+            self._rims_of = rims_of
 
     def _reshape_ground(self, scene: Scene) -> None:
         """Replace the ground's mesh; its material and that of the land around it stay."""

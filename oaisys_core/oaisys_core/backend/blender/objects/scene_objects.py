@@ -17,13 +17,19 @@ from oaisys_core.backend.blender.materials.surfaces import (
     rock_material,
 )
 from oaisys_core.backend.blender.materials.water import water_material
+from oaisys_core.backend.blender.objects.contact import (
+    BED,
+    DUST,
+    ContactGround,
+    GroundContact,
+)
 from oaisys_core.backend.blender.objects.instances import ID, SIZE, InstancedMesh, ids_to_floats
 from oaisys_core.backend.blender.objects.meshes import new_mesh, new_object
 from oaisys_core.backend.raycast.solids import tessellated
 from oaisys_core.scene import MeshPrototype, Placement, Primitive, Scene
 from oaisys_core.types import FloatArray
 
-INSTANCED_FROM = 256
+INSTANCED_FROM = 64
 """A placement with so many instances is one object with geometry nodes, which is faster to build
 and to render than an object for each instance."""
 
@@ -31,8 +37,8 @@ and to render than an object for each instance."""
 class BlenderInstances(Protocol):
     """The instances of one placement in Blender."""
 
-    def place(self, T_map_object: FloatArray) -> None:
-        """Move the instances to (N, 4, 4) poses."""
+    def place(self, T_map_object: FloatArray, contact: GroundContact | None) -> None:
+        """Move the instances to (N, 4, 4) poses, with their contact if dust lies on them."""
 
     def remove(self) -> None:
         """Remove the instances from Blender; the mesh stays."""
@@ -41,7 +47,7 @@ class BlenderInstances(Protocol):
 class SeparateObjects:
     """One object for each instance."""
 
-    def __init__(self, mesh: Any, placement: Placement) -> None:
+    def __init__(self, mesh: Any, placement: Placement, contact: GroundContact | None) -> None:
         self._things = [
             new_object(f"instance_{instance_id}", mesh, np.eye(4))
             for instance_id in placement.instance_ids.tolist()
@@ -49,14 +55,17 @@ class SeparateObjects:
         halves = ids_to_floats(placement.instance_ids).tolist()
         for thing, half in zip(self._things, halves, strict=True):
             thing[ID] = half
-        self.place(placement.T_map_object)
+        self.place(placement.T_map_object, contact)
 
-    def place(self, T_map_object: FloatArray) -> None:
+    def place(self, T_map_object: FloatArray, contact: GroundContact | None) -> None:
         """See `BlenderInstances`."""
         sizes = np.linalg.norm(T_map_object[:, :3, 0], axis=1).tolist()
         for thing, size, T in zip(self._things, sizes, T_map_object, strict=True):
             thing.matrix_world = Matrix(T)
             thing[SIZE] = size
+        if contact is not None:
+            for thing, bed, dust in zip(self._things, contact.bed, contact.dust, strict=True):
+                thing[BED], thing[DUST] = bed.tolist(), dust.tolist()
 
     def remove(self) -> None:
         """See `BlenderInstances`."""
@@ -83,7 +92,8 @@ class SceneObjects:
     def __init__(self, images: ImageStore) -> None:
         self._images = images
         self._meshes: dict[int, tuple[MeshPrototype, Any]] = {}
-        self._rock_materials: dict[int, Any] = {}
+        self._rock_materials: dict[tuple[int, float], Any] = {}
+        self._ground: ContactGround
         self._groups: list[ShownPlacement] = []
         self._solids: list[tuple[Primitive, Any]] = []
 
@@ -102,6 +112,7 @@ class SceneObjects:
         self._update_solids(scene)
 
     def _update_groups(self, scene: Scene) -> None:
+        self._ground = ContactGround(scene, self._images)
         placed = [(scene.prototypes[p.prototype], p) for p in scene.placements]
         left = {id(group.placement): group for group in self._groups}
         kept = {id(p): left.pop(id(p)) for _, p in placed if id(p) in left}
@@ -124,15 +135,16 @@ class SceneObjects:
     def _moved_or_new(
         self, prototype: MeshPrototype, placement: Placement, left: dict[int, ShownPlacement]
     ) -> ShownPlacement:
+        contact = self._ground(placement.T_map_object) if prototype.dust_m else None
         for key, group in left.items():
             if group.can_become(prototype, placement):
-                group.shown.place(placement.T_map_object)
+                group.shown.place(placement.T_map_object, contact)
                 group.placement = placement
                 return left.pop(key)
         mesh = self._mesh(prototype)
         if len(placement.instance_ids) < INSTANCED_FROM:
-            return ShownPlacement(prototype, placement, SeparateObjects(mesh, placement))
-        shown = InstancedMesh(f"instances_of_{prototype.name}", mesh, placement)
+            return ShownPlacement(prototype, placement, SeparateObjects(mesh, placement, contact))
+        shown = InstancedMesh(f"instances_of_{prototype.name}", mesh, placement, contact)
         return ShownPlacement(prototype, placement, shown)
 
     def _update_solids(self, scene: Scene) -> None:
@@ -170,9 +182,10 @@ class SceneObjects:
         if maps is None:
             painted = painted_material(prototype, mesh)
             return painted or plain_material(prototype.color_srgb)
-        if id(maps) not in self._rock_materials:
-            self._rock_materials[id(maps)] = rock_material(maps, self._images)
-        return self._rock_materials[id(maps)]
+        key = (id(maps), prototype.dust_m)
+        if key not in self._rock_materials:
+            self._rock_materials[key] = rock_material(maps, self._images, prototype.dust_m)
+        return self._rock_materials[key]
 
 
 def _looks_like(before: Primitive, now: Primitive) -> bool:

@@ -12,15 +12,25 @@ from scipy.ndimage import maximum_filter, minimum_filter
 from synthetic_worlds import SUNNY, camera, flat_world
 
 from oaisys_core.geometry import pose_looking_at, pose_looking_down
+from oaisys_core.scatter.rocks import DUST_M, make_rock
 from oaisys_core.scene import (
     HeightField,
     PbrMaps,
     PlacedCamera,
+    Placement,
     Scene,
     TerrainLayer,
     TerrainMaterial,
 )
-from oaisys_core.types import DEPTH, RGB, SEMANTIC_0, FloatArray, PinholeIntrinsics
+from oaisys_core.types import (
+    ALBEDO,
+    DEPTH,
+    INSTANCE,
+    RGB,
+    SEMANTIC_0,
+    FloatArray,
+    PinholeIntrinsics,
+)
 from oaisys_core.world.terrain_material import LabelImage, Variation
 from oaisys_core.world.tiling import PlainTiling, Tiling, stochastic_tiling, voronoi_tiling
 
@@ -94,6 +104,17 @@ def cases() -> dict[str, tuple[Scene, PlacedCamera]]:
         )
         high = camera(pose_looking_down(1.0, 2.0, 30.0), VIEW, (RGB,))
         found[name] = (world(level(), (TerrainLayer("a", (9,), maps),)), high)
+    T = np.diag((2.0, 2.0, 2.0, 1.0))
+    T[:2, 3] = (0.2, 0.9)
+    # So deep that its rim is seen from above.
+    T[2, 3] = -0.7
+    placed = Placement(0, (10,), T[None], np.array([1], np.uint32))
+    near = camera(pose_looking_down(0.0, 0.0, 6.0), VIEW, (ALBEDO, INSTANCE))
+    for name, dust_m in {"rock": DUST_M, "clean rock": 0.0}.items():
+        rock = make_rock("boulder", np.random.default_rng(0), 2)
+        rock = replace(rock, dust_m=dust_m)
+        scene = replace(found["even"][0], prototypes=(rock,), placements=(placed,))
+        found[name] = (scene, near)
     return found
 
 
@@ -144,6 +165,18 @@ def test_texels_smaller_than_a_pixel_are_seen_as_their_mean(seen: dict[str, Any]
     assert fine.mean() == pytest.approx(even.mean(), abs=1.5)
     # A few light samples would hit white or black texels by chance.
     assert np.abs(fine - even).max() < 8
+
+
+def test_fines_and_a_dark_contact_are_around_rocks_only(seen: dict[str, Any]) -> None:
+    (albedo, instance), (clean, _) = ([f.data for f in seen[n]] for n in ("rock", "clean rock"))
+    is_rock = instance > 0
+    beside = maximum_filter(is_rock, 3) & ~is_rock
+    near = maximum_filter(is_rock, 5) & ~maximum_filter(is_rock, 3)
+    far = ~maximum_filter(is_rock, 25)
+    light, of_clean = albedo.mean(axis=-1), clean.mean(axis=-1)
+    assert light[beside].mean() < 0.93 * of_clean[beside].mean()
+    assert light[near].mean() > 1.05 * light[beside].mean()
+    assert np.abs(light - of_clean)[far].max() <= 1
 
 
 def test_another_material_leaves_nothing_of_the_old_one() -> None:
