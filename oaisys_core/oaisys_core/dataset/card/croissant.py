@@ -7,6 +7,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.dataset.card.frames_table import COLUMNS, FRAMES
+from oaisys_core.dataset.card.statistics import number_of
 
 if TYPE_CHECKING:
     import mlcroissant
@@ -79,7 +80,7 @@ def _field(column: str, meaning: str) -> mlcroissant.Field:
 
 def _description(statistics: DatasetStatistics) -> str:
     splits = ", ".join(
-        f"{split}: {count} frames of {statistics.worlds[split]} worlds"
+        f"{split}: {number_of(count, 'frame')} of {number_of(statistics.worlds[split], 'world')}"
         for split, count in statistics.frames.items()
     )
     images = ", ".join(statistics.modalities)

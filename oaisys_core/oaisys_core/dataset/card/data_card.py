@@ -8,6 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from oaisys_core.dataset.card.pictures import UNLABELLED, label_color, sheet
+from oaisys_core.dataset.card.statistics import number_of
 
 if TYPE_CHECKING:
     from oaisys_core.dataset.card.statistics import DatasetStatistics, Histogram
@@ -78,9 +79,12 @@ def _facts(
     hours = statistics.seconds / 3600
     facts = [
         ("Licence", license_name or "none given"),
-        ("Frames", f"{total} from {sum(statistics.worlds.values())} worlds"),
+        ("Frames", f"{total} from {number_of(sum(statistics.worlds.values()), 'world')}"),
         *(
-            (f"Split {split}", f"{count} frames from {statistics.worlds[split]} worlds")
+            (
+                f"Split {split}",
+                f"{number_of(count, 'frame')} from {number_of(statistics.worlds[split], 'world')}",
+            )
             for split, count in statistics.frames.items()
         ),
         ("Cameras", _counted(statistics.sensors)),

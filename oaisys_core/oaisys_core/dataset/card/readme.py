@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING
 
+from oaisys_core.dataset.card.statistics import number_of
 from oaisys_core.dataset.formats.base import FormatConventions
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def readme_text(
         license_name: Licence of the data set; empty if the owner gave none.
     """
     splits = ", ".join(
-        f"{split}: {statistics.worlds[split]} worlds, {frames} frames"
+        f"{split}: {number_of(statistics.worlds[split], 'world')}, {number_of(frames, 'frame')}"
         for split, frames in statistics.frames.items()
     )
     told = [

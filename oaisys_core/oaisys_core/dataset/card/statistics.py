@@ -177,6 +177,11 @@ def _histogram(values: NDArray[np.float64], edges: FloatArray) -> Histogram:
     return Histogram(edges, np.histogram(values, edges)[0] / max(values.size, 1))
 
 
+def number_of(count: int, noun: str) -> str:
+    """Return a count and its noun, such as ``1 world`` or ``12 worlds``."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+
+
 def class_shares(label_pixels: Counter[int], names: Mapping[int, str]) -> dict[str, float]:
     """Return the share of pixels by label, the largest first; "" is unlabelled."""
     total = label_pixels.total()
