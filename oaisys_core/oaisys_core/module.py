@@ -24,6 +24,7 @@ from oaisys_core.scene import (
     Scene,
     Sky,
     TerrainMaterial,
+    WheelTracks,
 )
 from oaisys_core.terrain.detail import Detail, DetailedGround
 from oaisys_core.terrain.surroundings.far_ground import FarGround
@@ -55,6 +56,7 @@ class World:
         lamps: The lamps that are on, in their own frames.
         T_map_base: (4, 4) pose of the rig.
         surroundings: What surrounds the stage.
+        tracks: Tracks of rovers.
         far_ground: The ground around the stage, once the sky has shown it.
         water: Lakes and ponds on the stage.
         group_counts: Of each group of objects, how many were asked for and how many stand.
@@ -73,6 +75,7 @@ class World:
     prototypes: tuple[MeshPrototype, ...] = ()
     placements: tuple[Placement, ...] = ()
     primitives: tuple[Primitive, ...] = ()
+    tracks: tuple[WheelTracks, ...] = ()
     group_counts: tuple[GroupCount, ...] = ()
     sky: Sky | None = None
     lamps: tuple[Lamp, ...] = ()
@@ -130,6 +133,7 @@ class World:
             prototypes=prototypes,
             placements=placements,
             primitives=self.primitives,
+            tracks=self.tracks,
             sky=sky,
             semantic_labels=dict(sorted(self.semantic_labels.items())),
             stage_hash=self.stage_hash + (self.near_ground.tag if self.near_ground else ""),

@@ -47,6 +47,7 @@ __all__ = [
     "TerrainLayer",
     "TerrainMaterial",
     "WaterSurface",
+    "WheelTracks",
     "id_of_level",
     "merge_meshes",
 ]
@@ -221,6 +222,23 @@ class Primitive(ShortRepr):
     color_srgb: tuple[float, float, float]
 
 
+@dataclass(frozen=True, repr=False)
+class WheelTracks(ShortRepr):
+    """The tracks that a rover leaves on its way; colour only.
+
+    Attributes:
+        way_m: (K, 2) points of its whole way in ``map``.
+        wheel_y_m: Distance of its wheels' middle from the way.
+        width_m: Width of a wheel.
+        driven_share: How much of the way has tracks by now, 0 to 1.
+    """
+
+    way_m: FloatArray
+    wheel_y_m: float
+    width_m: float
+    driven_share: float
+
+
 @dataclass(frozen=True)
 class Scene:
     """The world of a batch.
@@ -229,6 +247,7 @@ class Scene:
         stage_hash: Content hash of the ground, by which a backend sees that it did not change.
         semantic_labels: The name of each semantic id in the scene.
         lamps: The lamps that are on, in ``map``.
+        tracks: Of rovers that drive on the ground.
         far_ground: The ground beyond the stage, if the sky shows it; it is no part of the ground
             truth mesh.
     """
@@ -244,6 +263,7 @@ class Scene:
     custom: Mapping[str, Any] = field(default_factory=dict)
     lamps: tuple[Lamp, ...] = ()
     far_ground: FarGround | None = None
+    tracks: tuple[WheelTracks, ...] = ()
 
     def differs_from(self, other: Scene) -> bool:
         """Return whether a part is a different object, or the light or a label differs."""
@@ -254,6 +274,7 @@ class Scene:
             and self.prototypes is other.prototypes
             and self.placements is other.placements
             and self.primitives is other.primitives
+            and [*map(id, self.tracks)] == [*map(id, other.tracks)]
         )
         same_light = self.sky == other.sky and self.lamps == other.lamps
         return not (kept and same_light and self.semantic_labels == other.semantic_labels)

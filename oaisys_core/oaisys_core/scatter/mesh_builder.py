@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from oaisys_core.scene import MeshPrototype
 from oaisys_core.types import FloatArray
+
+CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+"""Corners of a cube with edges of length 2."""
 
 
 class MeshBuilder:
@@ -105,9 +109,16 @@ class MeshBuilder:
         size_m: ArrayLike,
         color_srgb: ArrayLike,
         R: ArrayLike | None = None,
+        bevel_m: float = 0.0,
     ) -> None:
-        """Add a box with (3,) edge lengths, rotated by a (3, 3) matrix about its centre."""
-        corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / 2
+        """Add a box with (3,) edge lengths, rotated by a (3, 3) matrix about its centre.
+
+        Its edges are cut by ``bevel_m`` along both faces.
+        """
+        if bevel_m:
+            self._bevelled_box(centre_m, size_m, color_srgb, R, bevel_m)
+            return
+        corners = CORNERS / 2
         faces = "0132 4675 0451 2376 0264 1573"
         vertices = np.array([corners[int(i)] for face in faces.split() for i in face])
         vertices = vertices * np.asarray(size_m, dtype=np.float64)
@@ -116,6 +127,22 @@ class MeshBuilder:
         corner = np.arange(24).reshape(6, 4)
         triangles = np.vstack((corner[:, [0, 1, 2]], corner[:, [0, 2, 3]]))
         self.add(vertices + np.asarray(centre_m), triangles, color_srgb)
+
+    def _bevelled_box(
+        self,
+        centre_m: ArrayLike,
+        size_m: ArrayLike,
+        color_srgb: ArrayLike,
+        R: ArrayLike | None,
+        bevel_m: float,
+    ) -> None:
+        half_m = np.asarray(size_m, np.float64) / 2
+        inner_m = half_m - min(bevel_m, 0.9 * half_m.min())
+        # A vertex of each corner on each of its three faces.
+        on_face = CORNERS[:, None] * np.where(np.eye(3, dtype=bool), half_m, inner_m)
+        corner, axis, triangles = _bevelled_template()
+        turn = np.eye(3) if R is None else np.asarray(R, np.float64)
+        self.add(on_face[corner, axis] @ turn.T + np.asarray(centre_m), triangles, color_srgb)
 
     def rod(
         self,
@@ -144,8 +171,8 @@ class MeshBuilder:
         self.add(low, fan[:, ::-1], color_srgb)
         self.add(high, fan, color_srgb)
 
-    def mesh(self, name: str) -> MeshPrototype:
-        """Return the mesh of all parts."""
+    def mesh(self, name: str, dust_m: float = 0.0) -> MeshPrototype:
+        """Return the mesh of all parts; see `MeshPrototype` for ``dust_m``."""
         colors = np.clip(np.vstack(self._colors), 0, 1)
         mean = colors.mean(axis=0)
         translucency = np.concatenate(self._translucency)
@@ -158,6 +185,7 @@ class MeshBuilder:
             translucency=np.rint(translucency * 255).astype(np.uint8)
             if translucency.any()
             else None,
+            dust_m=dust_m,
         )
 
     def mesh_of_size_1(self, name: str) -> MeshPrototype:
@@ -166,6 +194,46 @@ class MeshBuilder:
         vertices = mesh.vertices_m.astype(np.float64)
         vertices /= np.ptp(vertices, axis=0).max()
         return replace(mesh, vertices_m=vertices.astype(np.float32))
+
+
+@cache
+def _bevelled_template() -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int32]]:
+    """Return the (V,) corners of a bevelled box's vertices, the axes of their faces, and triangles.
+
+    Its faces, edges and corners share no vertices.
+    """
+    on_face = CORNERS[:, None] * np.where(np.eye(3, dtype=bool), 1.0, 0.5)
+    places: list[tuple[int, int]] = []
+    triangles: list[tuple[int, int, int]] = []
+    for polygon in _bevelled_polygons():
+        a, b, c = (on_face[place] for place in polygon[:3])
+        ordered = polygon if np.cross(b - a, c - a) @ a > 0 else polygon[::-1]
+        first = len(places)
+        triangles += [(first, first + i, first + i + 1) for i in range(1, len(ordered) - 1)]
+        places += ordered
+    corner, axis = np.array(places).T
+    return corner, axis, np.array(triangles, np.int32)
+
+
+def _bevelled_polygons() -> list[list[tuple[int, int]]]:
+    """Return the corners, faces and edges of a bevelled box, as (corner, face's axis) each."""
+    polygons = [[(corner, axis) for axis in range(3)] for corner in range(len(CORNERS))]
+    for axis in range(3):
+        first, second = (each for each in range(3) if each != axis)
+        for sign in (-1, 1):
+            ring = [(-1, -1), (-1, 1), (1, 1), (1, -1)]
+            polygons.append(
+                [(_corner({axis: sign, first: one, second: two}), axis) for one, two in ring]
+            )
+        for one, two in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
+            low, high = (_corner({first: one, second: two, axis: end}) for end in (-1, 1))
+            polygons.append([(low, first), (high, first), (high, second), (low, second)])
+    return polygons
+
+
+def _corner(signs: dict[int, int]) -> int:
+    """Return the index of a corner by its sign along each axis."""
+    return int(np.flatnonzero(np.equal(CORNERS, [signs[axis] for axis in range(3)]).all(axis=1))[0])
 
 
 def _across(along: FloatArray) -> FloatArray:

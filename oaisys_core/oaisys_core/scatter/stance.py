@@ -15,6 +15,11 @@ FOOT = 0.1
 """Share of an object's height up to which its vertices belong to its foot."""
 
 
+SETTLED, DEEPEST = 0.8, 0.06
+"""Share of the ground below a foot's edge that it touches or presses down, and how deep it sinks at
+most for that, as a share of the foot's radius."""
+
+
 class Footprint(NamedTuple):
     """The dimensions of a shape that matter for placing it on the ground.
 
@@ -40,8 +45,9 @@ def pose_on_ground(
 ) -> FloatArray:
     """Return the (4, 4) rigid pose of an object on the ground, with its z axis along the normal.
 
-    It stands on the plane that best fits the ground below its foot. A position outside the ground
-    is moved to its rim.
+    It stands on the plane that best fits the ground below its foot, or a little lower, so that the
+    foot touches an uneven ground nearly everywhere. A position outside the ground is moved to its
+    rim.
     """
     from scipy.spatial.transform import Rotation
 
@@ -51,6 +57,9 @@ def pose_on_ground(
     slope, _ = bedding(ground, centre, radius_m)
     angle = np.linspace(0, 2 * np.pi, 16, endpoint=False)
     ring = centre + radius_m * np.column_stack((np.cos(angle), np.sin(angle)))
-    height_m = float(np.nanmean(ground.height_at(np.vstack((centre, ring)))))
+    below_m = ground.height_at(np.vstack((centre, ring)))
+    height_m = float(np.nanmean(below_m))
+    gap_m = height_m + (ring - centre) @ slope[0] - below_m[1:]
+    height_m -= float(np.clip(np.nanquantile(gap_m, SETTLED), 0, DEEPEST * radius_m[0]))
     rotation = leaning(slope)[0] * Rotation.from_euler("z", yaw_rad)
     return transform(rotation.as_matrix(), (*centre[0], height_m))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy
@@ -16,12 +16,26 @@ from oaisys_core.types import FloatArray
 SMOOTH_STEPS = 64
 """Number of straight pieces of a spline between two waypoints."""
 
-PoseAtSample = Callable[[int, float | None], FloatArray]
-"""Returns the (4, 4) pose at a sample id, 0 at the start of the batch; with a simulated time in
-seconds, which is None outside of timed drives, the pose at that time if the mover has a speed."""
+
+class Trajectory(Protocol):
+    """Where a mover is at each sample."""
+
+    def __call__(self, sample_id: int, time_s: float | None) -> FloatArray:
+        """Return the (4, 4) pose at a sample id, 0 at the start of the batch.
+
+        With a simulated time in seconds, which is None outside of timed drives, it is the pose at
+        that time if the mover has a speed.
+        """
+
+    @property
+    def way_m(self) -> FloatArray:
+        """(K, 3) points of the whole way, once around if it is closed."""
+
+    def driven_m(self, sample_id: int, time_s: float | None) -> float:
+        """Return how much of the way, from its start, lies behind the mover, as for the pose."""
 
 
-def make_trajectory(config: TrajectoryConfig) -> PoseAtSample:
+def make_trajectory(config: TrajectoryConfig) -> Trajectory:
     """Return the trajectory of a configuration.
 
     Raises:
@@ -45,7 +59,18 @@ class _PoseList:
     T_map_body: FloatArray
     closed: bool
 
-    def __call__(self, sample_id: int, _time_s: float | None) -> FloatArray:
+    @property
+    def way_m(self) -> FloatArray:
+        """See `Trajectory`."""
+        return np.asarray(self.T_map_body[:, :3, 3])
+
+    def driven_m(self, sample_id: int, time_s: float | None) -> float:
+        """See `Trajectory`."""
+        steps_m = np.linalg.norm(np.diff(self.way_m[:, :2], axis=0), axis=1)
+        return float(steps_m[:sample_id].sum())
+
+    def __call__(self, sample_id: int, time_s: float | None) -> FloatArray:
+        """See `Trajectory`."""
         count = len(self.T_map_body)
         row = sample_id % count if self.closed else min(sample_id, count - 1)
         return np.asarray(self.T_map_body[row])
@@ -61,16 +86,26 @@ class _Path:
     step_m: float
     speed_m_s: float | None
 
+    @property
+    def way_m(self) -> FloatArray:
+        """See `Trajectory`."""
+        return self.points_m
+
+    def driven_m(self, sample_id: int, time_s: float | None) -> float:
+        """See `Trajectory`."""
+        moved_m = sample_id * self.step_m
+        if time_s is not None and self.speed_m_s is not None:
+            moved_m = time_s * self.speed_m_s
+        return self.start_m + moved_m
+
     def __call__(self, sample_id: int, time_s: float | None) -> FloatArray:
+        """See `Trajectory`."""
         from scipy.spatial.transform import Rotation
 
         pieces = np.diff(self.points_m, axis=0)
         lengths_m = np.linalg.norm(pieces, axis=1)
         ends_m = np.cumsum(lengths_m)
-        moved_m = sample_id * self.step_m
-        if time_s is not None and self.speed_m_s is not None:
-            moved_m = time_s * self.speed_m_s
-        path_m = self.start_m + moved_m
+        path_m = self.driven_m(sample_id, time_s)
         path_m = path_m % ends_m[-1] if self.closed else min(path_m, ends_m[-1])
         piece = min(int(np.searchsorted(ends_m, path_m, side="right")), len(pieces) - 1)
         share = (path_m - (ends_m[piece] - lengths_m[piece])) / lengths_m[piece]

@@ -11,8 +11,10 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from oaisys_core.scene import Ground, MeshPrototype, Placement, Scene
+from oaisys_core.scene import Ground, MeshPrototype, Placement, Scene, WheelTracks
 from oaisys_core.terrain.detail import DetailedGround
 from oaisys_core.terrain.noise import spectral
 from oaisys_core.types import FloatArray
@@ -38,8 +40,15 @@ UPHILL = 1.2
 SECTORS, LEVELS = 20, 8
 """Corners of an outline, and heights of a mesh that have one."""
 
+MOST_TRACKS, TRACK_STEP_M, MOST_STEPS = 3, 0.1, 20_000
+"""Rovers whose tracks are shown, and distance and number of the steps in which they are drawn."""
+
 _SECTOR_RAD = (np.arange(SECTORS) + 0.5) * (2 * np.pi / SECTORS)
 """Direction of each corner."""
+
+FOOT, FOOT_GAP_M, FOOT_STEP_M = 0.035, 0.35, 0.02
+"""Share of a vehicle's height that belongs to its feet, least distance between two of them, and
+resolution of their shapes."""
 
 SLAB = 0.14
 """Half the height of the slab whose vertices make an outline, as a share of the mesh's height."""
@@ -57,11 +66,14 @@ class ContactMap:
 
     Attributes:
         share: (M, M) uint8, 255 at and below things, 0 away from them; row 0 at min_y.
+        passed: (M, M, 3) uint8 of up to three rovers: 0 where there is no track, else 1 at the
+            start of its way to 255 at the end; None without rovers.
         extent_m: (min_x, min_y, max_x, max_y) that it covers.
     """
 
     share: NDArray[np.uint8]
     extent_m: tuple[float, float, float, float]
+    passed: NDArray[np.uint8] | None = None
 
     def is_near(self, xy_m: FloatArray) -> NDArray[np.bool_]:
         """Return which of (H, W, 2) points are near a thing."""
@@ -70,7 +82,10 @@ class ContactMap:
         x = (xy_m[..., 0] - x0) * (columns / (x1 - x0)) - 0.5
         y = (xy_m[..., 1] - y0) * (rows / (y1 - y0)) - 0.5
         places = x.astype(np.float32), y.astype(np.float32)
-        return np.asarray(cv2.remap(self.share, *places, cv2.INTER_LINEAR) > 0)
+        near = cv2.remap(self.share, *places, cv2.INTER_LINEAR) > 0
+        if self.passed is not None:
+            near |= (cv2.remap(self.passed, *places, cv2.INTER_LINEAR) > 0).any(axis=-1)
+        return np.asarray(near)
 
 
 def contact_map(scene: Scene) -> ContactMap | None:
@@ -81,8 +96,13 @@ def contact_map(scene: Scene) -> ContactMap | None:
     size_px = int(np.clip(2 ** np.ceil(np.log2(edge_m / TEXEL_M)), NOISE_PX, MOST_PX))
     least_m = LEAST_TEXELS * edge_m / size_px
     placed = [(scene.prototypes[p.prototype], p) for p in scene.placements]
-    outlines = [_outlines(*each, ground, least_m) for each in placed if has_rim(*each)]
-    if not sum(len(each.centre_m) for each in outlines):
+    outlines = [
+        _outlines(foot, placement.T_map_object, ground, least_m)
+        for prototype, placement in placed
+        if has_rim(prototype, placement)
+        for foot in _feet(prototype)
+    ]
+    if not (sum(len(each.centre_m) for each in outlines) or scene.tracks):
         return None
     share = np.zeros((size_px, size_px), np.uint8)
     scale = np.array((size_px / (x1 - x0), size_px / (y1 - y0)))
@@ -91,7 +111,38 @@ def contact_map(scene: Scene) -> ContactMap | None:
             corners = (each.widened_m(width) - (x0, y0)) * scale - 0.5
             for polygon in np.round(corners * 2**FIXED_POINT_BITS).astype(np.int32):
                 cv2.fillPoly(share, [polygon], value, cv2.LINE_8, FIXED_POINT_BITS)
-    return ContactMap(_frayed(share), (x0, y0, x1, y1))
+    tracks = scene.tracks[:MOST_TRACKS]
+    passed = np.zeros((*share.shape, MOST_TRACKS), np.uint8) if tracks else None
+    for index, track in enumerate(tracks):
+        drawn = np.zeros_like(share)
+        for quad, value in zip(*_track_quads(track), strict=True):
+            corners = (quad - (x0, y0)) * scale - 0.5
+            polygon = np.round(corners * 2**FIXED_POINT_BITS).astype(np.int32)
+            cv2.fillConvexPoly(drawn, polygon, int(value), cv2.LINE_8, FIXED_POINT_BITS)
+        if passed is not None:
+            passed[..., index] = drawn
+    return ContactMap(_frayed(share), (x0, y0, x1, y1), passed)
+
+
+def _track_quads(track: WheelTracks) -> tuple[FloatArray, FloatArray]:
+    """Return (Q, 4, 2) quads in ``map`` of which tracks consist, and their values, last first."""
+    pieces = np.diff(track.way_m, axis=0)
+    ends_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(pieces, axis=1))))
+    count = int(np.clip(ends_m[-1] / TRACK_STEP_M, 2, MOST_STEPS))
+    at_m = np.linspace(0, ends_m[-1], count)
+    way_m = np.column_stack([np.interp(at_m, ends_m, axis) for axis in track.way_m.T])
+    ahead = np.gradient(way_m, axis=0)
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-9)
+    left = ahead[:, ::-1] * (-1, 1)
+    quads = []
+    for side in (-1, 1):
+        inner_m, outer_m = (
+            way_m + side * (track.wheel_y_m + half * track.width_m) * left for half in (-0.5, 0.5)
+        )
+        quads.append(np.stack((inner_m[:-1], inner_m[1:], outer_m[1:], outer_m[:-1]), axis=1))
+    values = np.repeat(1 + 254 * (at_m[1:] / max(ends_m[-1], 1e-9)), 2)
+    # Where it passes again, the first tracks count.
+    return np.stack(quads, axis=1).reshape(-1, 4, 2)[::-1], values[::-1]
 
 
 def stage_ground(scene: Scene) -> Ground:
@@ -128,20 +179,33 @@ class Outlines(NamedTuple):
         return np.asarray(middle_m[:, None] + factor * self.corners_m)
 
 
-def _outlines(
-    prototype: MeshPrototype, placement: Placement, ground: Ground, least_m: float
-) -> Outlines:
-    """Return the outlines of a placement's instances that are large enough."""
-    T = placement.T_map_object
-    size_m = np.linalg.norm(T[:, :3, 0], axis=1)
-    is_large = size_m >= least_m
-    T, size_m = T[is_large], size_m[is_large]
-    centre_m = T[:, :2, 3]
+class Foot(NamedTuple):
+    """A part of a mesh that stands in the ground.
+
+    Attributes:
+        centre_m: (3,) origin of its outlines, in the mesh's frame.
+        size_m: Its width.
+        top_m: Height of the highest outline.
+        outlines_m: (LEVELS, SECTORS, 3) outlines at equal steps of height, from the origin.
+    """
+
+    centre_m: FloatArray
+    size_m: float
+    top_m: float
+    outlines_m: FloatArray
+
+
+def _outlines(foot: Foot, T_map_object: FloatArray, ground: Ground, least_m: float) -> Outlines:
+    """Return the outlines of a foot of (N, 4, 4) instances, where it is large enough."""
+    scale = np.linalg.norm(T_map_object[:, :3, 0], axis=1)
+    is_large = scale * foot.size_m >= least_m
+    T, scale = T_map_object[is_large], scale[is_large]
+    size_m = scale * foot.size_m
+    origin_m = T[:, :3, :3] @ foot.centre_m + T[:, :3, 3]
+    centre_m = origin_m[:, :2]
     slope, height_m = ground_plane(ground, centre_m, size_m / 2)
-    profile = _profile(prototype)
-    top = float(prototype.vertices_m[:, 2].max())
-    level = (height_m - T[:, 2, 3]) / size_m / max(top, 1e-6) * (LEVELS - 1)
-    corners = profile[np.clip(np.round(level), 0, LEVELS - 1).astype(np.intp)]
+    level = (height_m - origin_m[:, 2]) / scale / max(foot.top_m, 1e-6) * (LEVELS - 1)
+    corners = foot.outlines_m[np.clip(np.round(level), 0, LEVELS - 1).astype(np.intp)]
     corners_m = np.einsum("nij,nkj->nki", T[:, :2, :3], corners)
     # More fines lie on one side, and around some things.
     phase, amount = np.modf(np.abs(centre_m @ ((127.1, 269.5), (311.7, 183.3))))[0].T
@@ -165,9 +229,33 @@ def ground_plane(
     return np.nan_to_num(slope), np.nan_to_num(middle_m)
 
 
-def _profile(prototype: MeshPrototype) -> FloatArray:
-    """Return the (LEVELS, SECTORS, 3) outline of a mesh at each of some heights."""
+def _feet(prototype: MeshPrototype) -> list[Foot]:
+    """Return where a mesh may meet the ground: a rock all around, a vehicle with its wheels."""
     vertices_m = prototype.vertices_m.astype(np.float64)
+    if prototype.vertex_colors_srgb is None:
+        return [_foot(vertices_m, np.zeros(3))]
+    low = vertices_m[vertices_m[:, 2] <= FOOT * vertices_m[:, 2].max()]
+    low = np.unique(np.round(low / FOOT_STEP_M), axis=0) * FOOT_STEP_M
+    tree = cKDTree(low[:, :2])
+    near = tree.sparse_distance_matrix(tree, FOOT_GAP_M)
+    count, foot_of = connected_components(near, directed=False)
+    feet = []
+    for index in range(count):
+        part = low[foot_of == index]
+        centre_m = np.append((part[:, :2].min(axis=0) + part[:, :2].max(axis=0)) / 2, 0.0)
+        feet.append(_foot(part - centre_m, centre_m))
+    return feet
+
+
+def _foot(vertices_m: FloatArray, centre_m: FloatArray) -> Foot:
+    """Return the foot of (V, 3) vertices relative to its centre."""
+    top_m = vertices_m[:, 2].max()
+    size_m = float(np.ptp(vertices_m, axis=0).max())
+    return Foot(centre_m, size_m, float(top_m), _profile(vertices_m))
+
+
+def _profile(vertices_m: FloatArray) -> FloatArray:
+    """Return the (LEVELS, SECTORS, 3) outlines of (V, 3) vertices at some heights."""
     top_m = vertices_m[:, 2].max()
     heights_m = np.linspace(0, top_m, LEVELS)
     radius_m = np.hypot(vertices_m[:, 0], vertices_m[:, 1])

@@ -6,7 +6,8 @@ import numpy as np
 from synthetic_worlds import flat_world
 
 from oaisys_core.scatter.rocks import make_rock
-from oaisys_core.scene import MeshPrototype, Placement, Scene
+from oaisys_core.scatter.vehicles import VEHICLES
+from oaisys_core.scene import MeshPrototype, Placement, Scene, WheelTracks
 from oaisys_core.world.contact_map import ContactMap, contact_map
 
 ROCK = make_rock("boulder", np.random.default_rng(0), 2)
@@ -53,3 +54,35 @@ def test_what_moves_or_is_clean_has_no_fines() -> None:
     assert contact_map(world(is_moving=True)) is None
     assert contact_map(world(replace(ROCK, dust_m=0.0))) is None
     assert contact_map(flat_world()) is None
+
+
+def test_tracks_lie_where_wheels_pass_with_the_share_of_the_way() -> None:
+    out = np.array([(-8.0, 2.0), (8.0, 2.0)])
+    there_and_back = np.vstack((out, [(8.0, 8.0), (0.0, 8.0), (0.0, -8.0)]))
+    tracks = (WheelTracks(out, 0.7, 0.3, 0.2), WheelTracks(there_and_back, 0.7, 0.3, 0.2))
+    contact = contact_map(replace(flat_world(), tracks=tracks))
+    assert contact is not None
+    assert contact.passed is not None
+    shares = contact.passed
+
+    def passed(x_m: float, y_m: float) -> list[int]:
+        texel_m = 40 / len(shares)
+        return shares[int((y_m + 20) / texel_m), int((x_m + 20) / texel_m)].tolist()
+
+    for side in (-0.7, 0.7):
+        assert abs(passed(0.0, 2.0 + side)[0] - 128) <= 2, "half of the way"
+        assert passed(-7.5, 2.0 + side)[0] < 12
+    assert passed(0.0, 2.0) == [0, 0, 0], "between the wheels"
+    first = 255 * 8.0 / 46.0
+    assert abs(passed(0.7, 2.0 + 0.7)[1] - first) < 8, "crossed again later"
+    assert passed(0.0, -19.0) == [0, 0, 0]
+
+
+def test_a_lander_has_fines_at_its_pads_only() -> None:
+    lander = VEHICLES["lander"]()
+    placement = Placement(0, (10,), np.eye(4)[None] + 0.0, np.array([1], np.uint32))
+    placement.T_map_object[0, 2, 3] = 0.25
+    contact = contact_map(replace(flat_world(), prototypes=(lander,), placements=(placement,)))
+    assert contact is not None
+    assert values(contact, 1.31, 1.31) == 255
+    assert values(contact, 0.0, 0.0) == 0

@@ -21,8 +21,16 @@ from oaisys_core.scatter.placement import scatter_on
 from oaisys_core.scatter.rock_families import family_density
 from oaisys_core.scatter.rocks import make_rock
 from oaisys_core.scatter.stance import footprint_of, pose_on_ground
-from oaisys_core.scatter.trajectories import PoseAtSample, make_trajectory
-from oaisys_core.scene import Ground, MeshPrototype, PbrMaps, Placement, Primitive
+from oaisys_core.scatter.trajectories import Trajectory, make_trajectory
+from oaisys_core.scatter.vehicles import WHEEL_WIDTH, WHEEL_Y
+from oaisys_core.scene import (
+    Ground,
+    MeshPrototype,
+    PbrMaps,
+    Placement,
+    Primitive,
+    WheelTracks,
+)
 from oaisys_core.types import FloatArray, GroupCount, Pose
 
 LARGE_ROCK_M = 1.5
@@ -50,20 +58,33 @@ class Mover:
     Attributes:
         index: Index into `DrawnAssets.placements`.
         foot_m: Radius of its foot if it stands on the ground; None otherwise.
+        leaves_tracks: Whether it is a rover on the ground.
     """
 
     index: int
-    trajectory: PoseAtSample
+    trajectory: Trajectory
     scale: float
     foot_m: float | None
+    leaves_tracks: bool = False
 
     def pose_at(self, sample_id: int, ground: Ground, time_s: float | None = None) -> FloatArray:
-        """Return the (4, 4) pose with scale at a sample, or at a time: `PoseAtSample`."""
+        """Return the (4, 4) pose with scale at a sample, or at a time: `Trajectory`."""
         T = self.trajectory(sample_id, time_s)
         if self.foot_m is not None:
             yaw_rad = float(np.arctan2(T[1, 0], T[0, 0]))
             T = pose_on_ground(ground, (T[0, 3], T[1, 3]), yaw_rad, self.foot_m)
         return scaled(T, self.scale)
+
+    @cached_property
+    def _way_m(self) -> FloatArray:
+        return np.asarray(self.trajectory.way_m[:, :2])
+
+    def tracks_at(self, sample_id: int, time_s: float | None = None) -> WheelTracks:
+        """Return the tracks at a sample, or at a time; the points are always the same array."""
+        length_m = np.linalg.norm(np.diff(self._way_m, axis=0), axis=1).sum()
+        share = self.trajectory.driven_m(sample_id, time_s) / max(length_m, 1e-9)
+        wheel_y_m, width_m = self.scale * WHEEL_Y, self.scale * WHEEL_WIDTH
+        return WheelTracks(self._way_m, wheel_y_m, width_m, min(float(share), 1.0))
 
 
 @dataclass(frozen=True)
@@ -198,7 +219,13 @@ class AssetGenerator:
         rng = randomness.child(self._rng, f"mover/{mover.name}")
         look = self._library.prototype(mover, rng)
         foot_m = footprint_of(look).foot_m * mover.scale if mover.on_ground else None
-        moves = Mover(len(self._placements), make_trajectory(mover.trajectory), mover.scale, foot_m)
+        moves = Mover(
+            index=len(self._placements),
+            trajectory=make_trajectory(mover.trajectory),
+            scale=mover.scale,
+            foot_m=foot_m,
+            leaves_tracks=mover.on_ground and mover.shape == "rover" and not mover.hidden,
+        )
         self._movers.append(moves)
         T_map_object = moves.pose_at(0, self._ground)
         self._add_single(look, mover, T_map_object, instance_id, is_moving=True)

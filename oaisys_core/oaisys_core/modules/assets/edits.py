@@ -162,6 +162,12 @@ class EditedAssets:
 
     def _move(self, sample_id: int, time_s: float | None) -> None:
         """Move the movers to their poses at a sample or a time; resting ones stay the same."""
+        movers = [each for each in self._drawn.movers if each.leaves_tracks]
+        tracks = tuple(each.tracks_at(sample_id, time_s) for each in movers)
+        if [each.driven_share for each in tracks] != [
+            each.driven_share for each in self._world.tracks
+        ]:
+            self._world.tracks = tracks
         for mover in self._drawn.movers:
             each = self._cache.placements[mover.index]
             T_map_object = mover.pose_at(sample_id, self._ground, time_s)[None]

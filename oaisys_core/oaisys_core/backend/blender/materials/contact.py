@@ -28,6 +28,12 @@ they are damp and in the shade of pores, and light from the sky comes from one s
 
 FINES_ROUGHNESS = 0.9
 
+TRACK_DARKENING = 0.4
+"""Share of the light that soil under wheels reflects less: it is pressed, and rough with cleats."""
+
+DRIVEN = "driven"
+"""Property of the ground with `driven_shares`."""
+
 
 def with_dust(tree: NodeTree, color: Socket, roughness: Any, dust_m: float) -> Socket:
     """Return a colour under the ground's dust: all of it at the ground, on top a thin layer.
@@ -63,7 +69,11 @@ def with_dust(tree: NodeTree, color: Socket, roughness: Any, dust_m: float) -> S
 
 
 def with_rims(
-    tree: NodeTree, surface: Socket, fines: Any, extent_m: tuple[float, float, float, float]
+    tree: NodeTree,
+    surface: Socket,
+    fines: Any,
+    extent_m: tuple[float, float, float, float],
+    has_tracks: bool,
 ) -> tuple[Socket, Any]:
     """Return the ground's surface with fines around things, and the node of the map's image.
 
@@ -72,6 +82,8 @@ def with_rims(
         surface: The ground's own.
         fines: Their colour; None only darkens the contact.
         extent_m: What the map covers.
+        has_tracks: Whether the map has tracks, which are shown as far as the object's property
+            `DRIVEN` says.
     """
     x0, y0, x1, y1 = extent_m
     position = tree.add("NewGeometry").outputs["Position"]
@@ -79,6 +91,8 @@ def with_rims(
     start = (-x0 / (x1 - x0), -y0 / (y1 - y0), 0.0)
     place = tree.vector("MULTIPLY_ADD", position, size_inverse, start)
     texel = tree.add("TexImage", {"Vector": place}, extension="CLIP")
+    if has_tracks:
+        surface = _with_tracks(tree, surface, texel.outputs["Color"])
     near = texel.outputs["Alpha"]
     gain = 1 / (1 - DARK_FROM)
     dark = tree.clamped("MULTIPLY_ADD", near, gain, -DARK_FROM * gain)
@@ -96,9 +110,24 @@ def with_rims(
     return tree.mixed(share, surface, tree.add("BsdfDiffuse", inputs).outputs[0]), texel
 
 
+def _with_tracks(tree: NodeTree, surface: Socket, passed: Socket) -> Socket:
+    driven = tree.add("Attribute", attribute_type="OBJECT", attribute_name=DRIVEN).outputs["Vector"]
+    ends = tree.add("SeparateXYZ", {0: driven}).outputs
+    track: Socket = 0.0
+    for end, value in zip(ends, tree.add("SeparateXYZ", {0: passed}).outputs, strict=True):
+        is_passed = tree.math("LESS_THAN", value, end)
+        # Sharp, but not stepped: from one texel to the next, values rise from 0.
+        is_track = tree.clamped("MULTIPLY", value, 255.0)
+        track = tree.math("MAXIMUM", track, tree.math("MULTIPLY", is_passed, is_track))
+    black = tree.add("BsdfDiffuse", {"Color": (0.0, 0.0, 0.0, 1.0)}).outputs[0]
+    return tree.mixed(tree.math("MULTIPLY", track, TRACK_DARKENING), surface, black)
+
+
 def contact_image(contact: ContactMap | None) -> Any:
     """Return the image of a contact map, whose values are in alpha, which needs no conversion."""
     share = np.zeros((2, 2), np.uint8) if contact is None else contact.share
     pixels = np.zeros((*share.shape, 4), np.float32)
     np.multiply(share, BYTE, out=pixels[..., 3])
+    if contact is not None and contact.passed is not None:
+        np.multiply(contact.passed, BYTE, out=pixels[..., :3])
     return new_image("contact", pixels, is_float=False, is_color=False)

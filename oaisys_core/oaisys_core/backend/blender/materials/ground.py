@@ -134,8 +134,12 @@ class GroundMaterials:
         stage: The material on the stage.
     """
 
-    def __init__(self, material: TerrainMaterial, images: ImageStore) -> None:
+    def __init__(
+        self, material: TerrainMaterial, images: ImageStore, has_tracks: bool = False
+    ) -> None:
+        """Make the stage's material, which shows tracks if ``has_tracks``."""
         self._material, self._images = material, images
+        self._has_tracks = has_tracks
         self._rims: Any = None
         self._masks = mask_images(material.masks, "masks")
         tables = MaterialTables(
@@ -190,7 +194,9 @@ class GroundMaterials:
         has_mean = not any(layer.label_image is not None for layer in self._material.layers)
         if self._rims is None:
             fines = self._mean_color(tree, NUDGE_M) if has_mean else None
-            surface, self._rims = with_rims(tree, surface, fines, self._material.extent_m)
+            surface, self._rims = with_rims(
+                tree, surface, fines, self._material.extent_m, self._has_tracks
+            )
         if has_mean:
             layers = self._material.layers
             roughness = float(np.mean([each.maps.roughness.mean() for each in layers])) / 255

@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from oaisys_core.backend.blender.materials.contact import DRIVEN
 from oaisys_core.backend.blender.materials.ground import GroundMaterials
 from oaisys_core.backend.blender.materials.ground_albedo import GroundAlbedo
 from oaisys_core.backend.blender.materials.images import ImageStore
@@ -20,7 +21,7 @@ from oaisys_core.backend.blender.objects.scene_objects import SceneObjects
 from oaisys_core.scene import Scene, stands_on
 from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.types import TriangleMesh
-from oaisys_core.world.contact_map import contact_map, has_rim, stage_ground
+from oaisys_core.world.contact_map import MOST_TRACKS, contact_map, has_rim, stage_ground
 
 FAR_GROUND = "far_ground"
 """Name of the object and mesh of the ground beyond the stage."""
@@ -44,6 +45,7 @@ class SceneGeometry:
         self._scene: Scene | None = None
         self._objects = SceneObjects(self._images)
         self._rims_of: tuple[object, ...] | None = None
+        self._driven: list[float] = []
 
     def clear(self, scene: Scene) -> bool:
         """Remove all objects, and the ground unless ``scene`` has the same; return if it stays."""
@@ -60,11 +62,11 @@ class SceneGeometry:
         self._scene = scene
         if self._ground is None:
             mesh = self._ground_meshes.make(scene.ground)
-            self._materials = GroundMaterials(scene.material, self._images)
+            self._materials = GroundMaterials(scene.material, self._images, bool(scene.tracks))
             mesh.materials.append(self._materials.stage)
             self.ground_albedo = GroundAlbedo(scene.material, self._images)
             self._ground = new_object("ground", mesh, np.eye(4))
-            self._rims_of = None
+            self._rims_of, self._driven = None, []
         self._show_contact(scene)
         self._far_ground.show(scene.far_ground, self._materials)
 
@@ -98,13 +100,21 @@ class SceneGeometry:
         """Show fines around the scene's things, if these are others than before."""
         placed = [(scene.prototypes[p.prototype], p) for p in scene.placements]
         ground = stage_ground(scene)
-        rims_of = (ground, *(part for each in placed if has_rim(*each) for part in each))
+        things = [part for each in placed if has_rim(*each) for part in each]
+        rims_of = (ground, *things, *(track.way_m for track in scene.tracks))
         before = self._rims_of
         if before is None or [*map(id, rims_of)] != [*map(id, before)]:
             contact = contact_map(scene)
             self._materials.show_contact(contact)
             self.ground_albedo.contact = contact
             self._rims_of = rims_of
+        if scene.tracks:
+            driven = [0.0] * MOST_TRACKS
+            for index, track in enumerate(scene.tracks[:MOST_TRACKS]):
+                driven[index] = track.driven_share
+            if self._driven != driven:
+                self._ground[DRIVEN] = self._driven = driven
+                self._ground.update_tag()
 
     def _reshape_ground(self, scene: Scene) -> None:
         """Replace the ground's mesh; its material and that of the land around it stay."""
