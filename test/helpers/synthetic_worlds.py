@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -66,6 +68,23 @@ def rocky_world() -> Scene:
     hills = 1.5 * np.sin(9 * t)[None, :] * np.cos(7 * t)[:, None]
     elevation_m = hills + 0.04 * rng.normal(size=hills.shape)
     return _scene(elevation_m, rocks=80, primitives=(), stage_hash="rocky")
+
+
+def with_separate_rocks(scene: Scene) -> Scene:
+    """Return the scene with placements so small that each instance is an object in Blender."""
+    few = 40
+    return replace(
+        scene,
+        placements=tuple(
+            replace(
+                each,
+                T_map_object=each.T_map_object[first : first + few],
+                instance_ids=each.instance_ids[first : first + few],
+            )
+            for each in scene.placements
+            for first in range(0, len(each.instance_ids), few)
+        ),
+    )
 
 
 def camera(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from oaisys_core.scatter.density import Density, bilinear
@@ -46,6 +45,8 @@ def family_density(kind: str, ground: Ground) -> Density:
 
 def _near_scarps(ground: Ground) -> Field:
     """Return (CELLS, CELLS) nearness to steep ground, 0 to 1, row 0 at the smallest y."""
+    import cv2
+
     x0, y0, x1, y1 = ground.extent_m
     index = (np.arange(CELLS) + 0.5) / CELLS
     x, y = np.meshgrid(x0 + (x1 - x0) * index, y0 + (y1 - y0) * index)

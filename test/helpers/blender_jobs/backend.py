@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from cycles import CyclesRender
 from numpy.typing import NDArray
-from synthetic_worlds import BOX, SUNNY, camera, rocky_world, settings
+from synthetic_worlds import BOX, SUNNY, camera, rocky_world, settings, with_separate_rocks
 
 from oaisys_core.backend.blender import BlenderBackend, cycles
 from oaisys_core.backend.blender.reference import FILTER_WIDTH_PX
@@ -60,7 +60,7 @@ def passes(
 
 def life() -> dict[str, Any]:
     """What a backend holds and shows through builds, cancelling and changes of light."""
-    scene = rocky_world()
+    scene = with_separate_rocks(rocky_world())
     view = [camera(pose_looking_down(0, 0, 9), modalities=(RGB,))]
     backend = BlenderBackend()
     found: dict[str, Any] = {"version": backend.version}

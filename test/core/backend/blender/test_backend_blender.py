@@ -10,7 +10,15 @@ import pytest
 from blender_process import in_blender
 from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter, minimum_filter
-from synthetic_worlds import BOX, CENTRED, SKEWED, SUNNY, camera, rocky_world
+from synthetic_worlds import (
+    BOX,
+    CENTRED,
+    SKEWED,
+    SUNNY,
+    camera,
+    rocky_world,
+    with_separate_rocks,
+)
 
 from oaisys_core.backend import make_backend
 from oaisys_core.backend.analytic import AnalyticBackend
@@ -40,7 +48,7 @@ def test_depth_and_ids_are_those_that_cycles_renders_beside_the_colour() -> None
     )
     cameras = [camera(pose, k, (RGB, DEPTH, INSTANCE)) for pose, k in poses]
     for (_, depth, instance), cycles_depth_m, cycles_ids in in_blender(
-        "backend.passes", rocky_world(), cameras
+        "backend.passes", with_separate_rocks(rocky_world()), cameras
     ):
         hit = np.isfinite(depth.data)
         inner = hit & ~edges(depth.data, instance.data)

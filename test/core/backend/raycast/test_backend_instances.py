@@ -268,6 +268,8 @@ def rocky_scene(count: int) -> Scene:
 def test_blender_stands_instances_and_objects_where_they_were_placed() -> None:
     scene = rocky_scene(400)
     many, few = scene.placements
+    few = replace(few, T_map_object=few.T_map_object[:60], instance_ids=few.instance_ids[:60])
+    scene = replace(scene, placements=(many, few))
     other = replace(many, T_map_object=many.T_map_object[::-1].copy())
     fewer = replace(few, T_map_object=few.T_map_object[:50], instance_ids=few.instance_ids[:50])
     scenes = [
