@@ -274,7 +274,7 @@ class Scene:
             and self.prototypes is other.prototypes
             and self.placements is other.placements
             and self.primitives is other.primitives
-            and [*map(id, self.tracks)] == [*map(id, other.tracks)]
+            and self.tracks is other.tracks
         )
         same_light = self.sky == other.sky and self.lamps == other.lamps
         return not (kept and same_light and self.semantic_labels == other.semantic_labels)

@@ -104,23 +104,24 @@ def contact_map(scene: Scene) -> ContactMap | None:
     ]
     if not (sum(len(each.centre_m) for each in outlines) or scene.tracks):
         return None
-    share = np.zeros((size_px, size_px), np.uint8)
     scale = np.array((size_px / (x1 - x0), size_px / (y1 - y0)))
+
+    def pixels(points_m: FloatArray) -> NDArray[np.int32]:
+        """Return (..., 2) points on the map in fixed point, as OpenCV draws them."""
+        at_px = (points_m - (x0, y0)) * scale - 0.5
+        return np.asarray(np.round(at_px * 2**FIXED_POINT_BITS), np.int32)
+
+    share = np.zeros((size_px, size_px), np.uint8)
     for width, value in RIMS:
         for each in outlines:
-            corners = (each.widened_m(width) - (x0, y0)) * scale - 0.5
-            for polygon in np.round(corners * 2**FIXED_POINT_BITS).astype(np.int32):
+            for polygon in pixels(each.widened_m(width)):
                 cv2.fillPoly(share, [polygon], value, cv2.LINE_8, FIXED_POINT_BITS)
-    tracks = scene.tracks[:MOST_TRACKS]
-    passed = np.zeros((*share.shape, MOST_TRACKS), np.uint8) if tracks else None
-    for index, track in enumerate(tracks):
-        drawn = np.zeros_like(share)
-        for quad, value in zip(*_track_quads(track), strict=True):
-            corners = (quad - (x0, y0)) * scale - 0.5
-            polygon = np.round(corners * 2**FIXED_POINT_BITS).astype(np.int32)
-            cv2.fillConvexPoly(drawn, polygon, int(value), cv2.LINE_8, FIXED_POINT_BITS)
-        if passed is not None:
-            passed[..., index] = drawn
+    drawn = [np.zeros_like(share) for _ in range(MOST_TRACKS if scene.tracks else 0)]
+    for canvas, track in zip(drawn, scene.tracks, strict=False):
+        quads_m, values = _track_quads(track)
+        for polygon, value in zip(pixels(quads_m), values, strict=True):
+            cv2.fillConvexPoly(canvas, polygon, int(value), cv2.LINE_8, FIXED_POINT_BITS)
+    passed = np.stack(drawn, axis=-1) if drawn else None
     return ContactMap(_frayed(share), (x0, y0, x1, y1), passed)
 
 

@@ -10,7 +10,7 @@ from synthetic_worlds import settings
 
 from oaisys_core.backend.blender import BlenderBackend
 from oaisys_core.scene import PlacedCamera, Scene
-from oaisys_core.types import RGB
+from oaisys_core.types import ALBEDO, RGB
 
 
 def pictures(scenes: Sequence[Scene], view: PlacedCamera) -> list[dict[str, Any]]:
@@ -23,6 +23,15 @@ def pictures(scenes: Sequence[Scene], view: PlacedCamera) -> list[dict[str, Any]
         backend.build(scene, lambda _: None)
         found.append(_picture(backend, view, range_))
     return [*found, _picture(backend, view, replace(range_, samples=4))]
+
+
+def albedos(scene: Scene, view: PlacedCamera) -> list[Any]:
+    """The albedo of a world beside colour, and alone, with two to four samples per pixel."""
+    how = replace(settings(2), denoise=True, max_samples=4)
+    backend = BlenderBackend()
+    backend.build(scene, lambda _: None)
+    wanted = [replace(view, modalities=each) for each in ((RGB, ALBEDO), (ALBEDO,))]
+    return [backend.render_all([each], how, lambda _: None)[-1].data for each in wanted]
 
 
 def _picture(backend: BlenderBackend, view: PlacedCamera, how: Any) -> dict[str, Any]:

@@ -233,13 +233,15 @@ class BlenderBackend(Backend):
         Albedo comes with colour where nothing blurs this or veils it, and time is not short.
         """
         wanted = tuple(each for each in (RGB, ALBEDO) if each in camera.modalities)
-        is_clear = _is_sharp(camera) and self._built().scene.sky.haze is None
-        is_together = is_clear and settings.time_budget_s is None
-        renders = [wanted] if is_together and wanted else [(each,) for each in wanted]
-        return [
-            (camera, each, self._adapted(camera, settings) if RGB in each else settings)
-            for each in renders
-        ]
+        if not wanted:
+            return []
+        surface = self._built()
+        # For albedo alone, too, so that it does not depend on what is rendered beside it.
+        chosen = adapted(surface, camera, settings)
+        is_clear = _is_sharp(camera) and surface.scene.sky.haze is None
+        if is_clear and settings.time_budget_s is None:
+            return [(camera, wanted, chosen)]
+        return [(camera, (each,), chosen) for each in wanted]
 
     def _geometry(
         self,
@@ -262,13 +264,6 @@ class BlenderBackend(Backend):
             if views is not None:
                 views[camera.name] = view
         return tuple(frames)
-
-    def _adapted(self, camera: PlacedCamera, settings: RenderSettings) -> RenderSettings:
-        """Return the settings for one camera's colour."""
-        settings = adapted(self._built(), camera, settings)
-        least = self.samples_per_pixel or settings.samples
-        self.samples_per_pixel = min(least, settings.samples)
-        return settings
 
     def _has_use_of_albedo(self, camera: PlacedCamera, settings: RenderSettings) -> bool:
         """Return whether colour becomes better by the ground's albedo without noise."""
@@ -310,13 +305,14 @@ class BlenderBackend(Backend):
                 settings, plan.sampling_s, with_albedo=ALBEDO in modalities
             )
         denoising = denoising_quality_for(settings.samples)
+        samples = settings.samples if settings.time_budget_s is None else light.samples
+        self.samples_per_pixel = min(samples, self.samples_per_pixel or samples)
         if settings.time_budget_s is not None:
             left_s = began_s + seconds - time.perf_counter()
             spare = self._budget.denoising_quality(
                 _pixels(rendered), light.samples, left_s, seconds
             )
             denoising = lowest_quality(denoising, spare)
-            self.samples_per_pixel = min(light.samples, self.samples_per_pixel or light.samples)
         # An image of fewer pixels, which a short time budget asks for, has no albedo of its own.
         albedo = ground.result() if ground is not None and rendered is pinhole else None
         gains = None

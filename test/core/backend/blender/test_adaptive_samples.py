@@ -96,3 +96,8 @@ def test_a_picture_has_the_samples_that_its_view_needs() -> None:
     few, many, fixed = in_blender("adaptive.pictures", [flat_world(), reeds(0.5)], DOWN)
     assert (few["samples"], many["samples"]) == (2, 4)
     np.testing.assert_array_equal(many["picture"], fixed["picture"])
+
+
+def test_albedo_has_the_samples_of_colour_whether_or_not_that_is_rendered() -> None:
+    beside, alone = in_blender("adaptive.albedos", reeds(0.5), DOWN)
+    np.testing.assert_array_equal(alone, beside)

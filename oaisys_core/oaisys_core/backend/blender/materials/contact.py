@@ -98,8 +98,7 @@ def with_rims(
     dark = tree.clamped("MULTIPLY_ADD", near, gain, -DARK_FROM * gain)
     if fines is None:
         share = tree.math("MULTIPLY", dark, 1 - DARKEST)
-        black = tree.add("BsdfDiffuse", {"Color": (0.0, 0.0, 0.0, 1.0)}).outputs[0]
-        return tree.mixed(share, surface, black), texel
+        return _darkened(tree, surface, share), texel
     share = tree.clamped("MULTIPLY", near, 1 / FINES_FROM)
     share = tree.math("MULTIPLY", share, MOST_FINES)
     brightness = tree.math("MULTIPLY_ADD", dark, DARKEST - FINES_BRIGHTNESS, FINES_BRIGHTNESS)
@@ -119,8 +118,13 @@ def _with_tracks(tree: NodeTree, surface: Socket, passed: Socket) -> Socket:
         # Sharp, but not stepped: from one texel to the next, values rise from 0.
         is_track = tree.clamped("MULTIPLY", value, 255.0)
         track = tree.math("MAXIMUM", track, tree.math("MULTIPLY", is_passed, is_track))
+    return _darkened(tree, surface, tree.math("MULTIPLY", track, TRACK_DARKENING))
+
+
+def _darkened(tree: NodeTree, surface: Socket, share: Socket) -> Socket:
+    """Return a surface that reflects a share of its light less."""
     black = tree.add("BsdfDiffuse", {"Color": (0.0, 0.0, 0.0, 1.0)}).outputs[0]
-    return tree.mixed(tree.math("MULTIPLY", track, TRACK_DARKENING), surface, black)
+    return tree.mixed(share, surface, black)
 
 
 def contact_image(contact: ContactMap | None) -> Any:

@@ -24,7 +24,7 @@ from oaisys_core.backend.blender.materials.ground_layer import (
     MaterialTables,
 )
 from oaisys_core.backend.blender.materials.haze import through_haze
-from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, new_image
+from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, mean_colors, new_image
 from oaisys_core.backend.blender.materials.land import land_place, land_relief, land_share
 from oaisys_core.backend.blender.materials.nodes import (
     NodeTree,
@@ -40,7 +40,6 @@ from oaisys_core.backend.blender.materials.surfaces import (
     without_detail,
 )
 from oaisys_core.backend.blender.materials.water import wet
-from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.color import encoded
 from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.terrain.surroundings.land_detail import LandDetail
@@ -217,7 +216,7 @@ class GroundMaterials:
     def _mean_color(self, tree: NodeTree, nudge_m: float = 0.0) -> Socket:
         """Return the mean colour of the layers, at a place that may be nudged: `NUDGE_TILES`."""
         if len(self._material.layers) == 1:
-            return (*_mean_colors(self._material, self._images)[0], 1.0)
+            return (*mean_colors(self._material, self._images)[0], 1.0)
         position = tree.add("NewGeometry").outputs["Position"]
         if nudge_m:
             position = tree.vector("ADD", position, (nudge_m, 0.0, 0.0))
@@ -238,11 +237,6 @@ def _macro_image(macro: MacroVariation) -> Any:
     return new_image("macro_variation", pixels, is_float=False, is_color=False)
 
 
-def _mean_colors(material: TerrainMaterial, images: ImageStore) -> NDArray[np.float64]:
-    """Return the (L, 3) linear mean colours of the layers."""
-    return np.array([mean_color(images.levels(layer.maps)[-1]) for layer in material.layers])
-
-
 def mean_image(material: TerrainMaterial, images: ImageStore) -> Any:
     """Return a small image of the mean colour of the layers, mixed by their masks.
 
@@ -251,7 +245,7 @@ def mean_image(material: TerrainMaterial, images: ImageStore) -> Any:
     size = min(MEAN_PX, material.masks.shape[1])
     masks = [cv2.resize(m, (size, size), interpolation=cv2.INTER_AREA) for m in material.masks]
     pixels = np.ones((size, size, 4), np.float32)
-    means = _mean_colors(material, images)
+    means = mean_colors(material, images)
     np.multiply(encoded(np.stack(masks, axis=-1) @ means), BYTE, out=pixels[..., :3])
     return new_image("ground_mean", pixels, is_float=False, is_color=True)
 

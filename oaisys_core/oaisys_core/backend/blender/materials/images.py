@@ -8,13 +8,19 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.scene import PbrMaps
+from oaisys_core.backend.raycast.shading import mean_color
+from oaisys_core.scene import PbrMaps, TerrainMaterial
 from oaisys_core.textures.levels import levels_of
 
 BYTE = np.float32(1 / 255)
 """Factor from bytes to the floats that Blender takes."""
 
 OPAQUE = np.full((1, 1), 255, dtype=np.uint8)
+
+
+def mean_colors(material: TerrainMaterial, images: ImageStore) -> NDArray[np.float64]:
+    """Return the (L, 3) linear mean colours of the layers."""
+    return np.array([mean_color(images.levels(layer.maps)[-1]) for layer in material.layers])
 
 
 class ImageStore:

@@ -8,8 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender.materials.images import ImageStore
-from oaisys_core.backend.raycast.shading import mean_color
+from oaisys_core.backend.blender.materials.images import ImageStore, mean_colors
 from oaisys_core.scene import Scene
 from oaisys_core.types import FloatArray
 from oaisys_core.world.contact_map import ground_plane, stage_ground
@@ -48,8 +47,7 @@ class ContactGround:
     @cached_property
     def _colors(self) -> FloatArray:
         """(L, 3) mean linear colours of the layers."""
-        coarsest = [self._images.levels(layer.maps)[-1] for layer in self._material.layers]
-        return np.array([mean_color(maps) for maps in coarsest])
+        return mean_colors(self._material, self._images)
 
     def __call__(self, T_map_object: FloatArray) -> GroundContact:
         """Return the contact of instances at (N, 4, 4) poses; level ground outside the stage."""
