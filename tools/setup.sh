@@ -6,7 +6,7 @@ cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 # A sourced ROS install or another environment must not leak into this one.
 unset PYTHONPATH PYTHONHOME LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH
-unset VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE
+unset VIRTUAL_ENV _ROS_WHEELS_BOOTSTRAP_COMPLETE PYTHONDONTWRITEBYTECODE
 
 venv=${VENV:-.venv}
 rejected=()

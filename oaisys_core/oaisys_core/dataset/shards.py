@@ -30,7 +30,8 @@ from oaisys_core.dataset.manifest import (
 from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.dataset.scans import EncodedScan, ScanRecord
 from oaisys_core.errors import InvalidInputError, NotFoundError, RenderError
-from oaisys_core.output.images import decode_image, encode_image, encode_tiff, file_kind
+from oaisys_core.output import tiff
+from oaisys_core.output.images import decode_image, encode_image, file_kind
 from oaisys_core.types import INSTANCE, SEMANTIC_0, modality_spec
 
 SHARDS, FAILED = "shards", "failed"
@@ -229,7 +230,7 @@ def encoded_image(pixels: NDArray[Any]) -> tuple[str, bytes]:
     Inverse: `oaisys_core.output.images.decode_image`.
     """
     if pixels.dtype.kind == "f":
-        return ".tif", encode_tiff(pixels)
+        return ".tif", tiff.encode_floats(pixels)
     return file_kind(pixels), encode_image(pixels)
 
 

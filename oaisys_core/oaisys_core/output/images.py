@@ -8,24 +8,18 @@
 | 32-bit floats, one channel | EXR, channel Y |
 | 32-bit floats, two or three channels | EXR, channels R, G and B for x, y and z |
 
-Data sets keep floats as TIFF files that are compressed with Zstandard (`encode_tiff`): a third of
-the processor time of EXR files, and half of their size.
+Data sets keep floats as TIFF files that are compressed with Zstandard (`tiff.encode_floats`): a
+third of the processor time of EXR files, and half of their size.
 """
 
 from __future__ import annotations
 
-import threading
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from rasterio.errors import NotGeoreferencedWarning, RasterioError
-from rasterio.io import MemoryFile
 
 from oaisys_core.errors import InvalidInputError, RenderError
 from oaisys_core.output.exr import GREY, decode_channels, encode_channels
@@ -40,13 +34,9 @@ from oaisys_core.types import (
 )
 
 MOST_IN_PNG = 65535
-NO_PREDICTOR, FLOATING_POINT = 1, 3
-"""Numbers of predictors in TIFF files."""
 
 NAMES = {DEPTH: "pinhole_depth", RANGE: "euclidean_depth", INSTANCE: "instance_label"}
 """File names that differ from the modality's name, as in the original simulator."""
-
-_opening = threading.Lock()
 
 
 def file_stem(modality: str) -> str:
@@ -95,31 +85,14 @@ def encode_image(data: NDArray[Any]) -> bytes:
         planes = data[..., None] if data.ndim == 2 else data
         return encode_channels(dict(zip(names, np.moveaxis(planes, -1, 0), strict=True)))
     if kind == ".tif":
-        return _encoded_tiff(data, compress="deflate")
+        from oaisys_core.output import tiff
+
+        return tiff.encode(data, compress="deflate")
     data = data.astype(np.uint16) if data.dtype.itemsize > 2 else data
     blue_first = cv2.cvtColor(data, cv2.COLOR_RGB2BGR) if data.ndim == 3 else data
     _, png = cv2.imencode(".png", np.ascontiguousarray(blue_first))
     file: bytes = png.tobytes()
     return file
-
-
-def encode_tiff(data: NDArray[Any]) -> bytes:
-    """Return the TIFF file of (H, W) or (H, W, channels) float32 pixels; inverse: `decode_image`.
-
-    Equal pixels give equal bytes.
-
-    Raises:
-        RenderError: It cannot be encoded.
-    """
-    # Neighbours often have the same vector, such as the normal of a triangle, which predicted
-    # differences would hide from the compression. A single channel is smooth instead.
-    predictor = FLOATING_POINT if data.ndim == 2 else NO_PREDICTOR
-    # One strip: vectors repeat over many rows.
-    whole = {"blockysize": data.shape[0]}
-    try:
-        return _encoded_tiff(data, compress="zstd", zstd_level=1, predictor=predictor, **whole)
-    except RasterioError as error:
-        raise RenderError(f"a TIFF image could not be encoded: {error}") from error
 
 
 def read_image(path: Path, modality: str) -> NDArray[Any]:
@@ -156,8 +129,12 @@ def decode_image(file: bytes, modality: str, name: str) -> NDArray[Any]:
             raise InvalidInputError("image", name, expected)
         planes = [channels[each] for each in names]
         data = planes[0] if spec.channels == 1 else np.stack(planes, axis=-1)
+    elif kind == ".tif":
+        from oaisys_core.output import tiff
+
+        data = tiff.decode(file, name)
     else:
-        data = _decoded_tiff(file, name) if kind == ".tif" else _decoded_png(file, name)
+        data = _decoded_png(file, name)
     if data.shape[2:] != (() if spec.channels == 1 else (spec.channels,)):
         raise InvalidInputError("image", name, f"{spec.channels} channels ({modality})")
     return np.ascontiguousarray(data.astype(spec.dtype, copy=False))
@@ -169,38 +146,3 @@ def _decoded_png(file: bytes, name: str) -> NDArray[Any]:
     if found is None:
         raise InvalidInputError("image", name, "a readable image")
     return np.asarray(found[..., ::-1] if found.ndim == 3 else found)
-
-
-def _encoded_tiff(data: NDArray[Any], **options: Any) -> bytes:
-    planes = np.moveaxis(data, -1, 0) if data.ndim == 3 else data[None]
-    count, height, width = planes.shape
-    shape = {"height": height, "width": width, "count": count, "dtype": data.dtype}
-    with MemoryFile() as memory:
-        with _ungeoreferenced():
-            file = memory.open(driver="GTiff", **shape, **options)
-        with file:
-            file.write(planes)
-        return bytes(memory.getbuffer())
-
-
-def _decoded_tiff(file: bytes, name: str) -> NDArray[Any]:
-    try:
-        with MemoryFile(file) as memory:
-            with _ungeoreferenced():
-                image = memory.open()
-            with image:
-                planes: NDArray[Any] = image.read()
-    except RasterioError as error:
-        raise InvalidInputError("image", name, f"a readable image ({error})") from error
-    return planes[0] if len(planes) == 1 else np.moveaxis(planes, 0, -1)
-
-
-@contextmanager
-def _ungeoreferenced() -> Iterator[None]:
-    """Let images be opened that are no maps, without a warning, by one thread at a time.
-
-    Filters of warnings belong to all threads.
-    """
-    with _opening, warnings.catch_warnings():
-        warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        yield

@@ -1,0 +1,89 @@
+"""TIFF files of pixels, which `images` imports on first use: GDAL costs a second of every start."""
+
+from __future__ import annotations
+
+import threading
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rasterio.errors import NotGeoreferencedWarning, RasterioError
+from rasterio.io import MemoryFile
+
+from oaisys_core.errors import InvalidInputError, RenderError
+
+NO_PREDICTOR, FLOATING_POINT = 1, 3
+"""Numbers of predictors in TIFF files."""
+
+_opening = threading.Lock()
+
+
+def encode_floats(data: NDArray[Any]) -> bytes:
+    """Return the TIFF file of (H, W) or (H, W, channels) float32 pixels; inverse: `decode`.
+
+    Equal pixels give equal bytes.
+
+    Raises:
+        RenderError: They cannot be encoded.
+    """
+    # Neighbours often have the same vector, such as the normal of a triangle, which predicted
+    # differences would hide from the compression. A single channel is smooth instead.
+    predictor = FLOATING_POINT if data.ndim == 2 else NO_PREDICTOR
+    # One strip: vectors repeat over many rows.
+    whole = {"blockysize": data.shape[0]}
+    return encode(data, compress="zstd", zstd_level=1, predictor=predictor, **whole)
+
+
+def encode(data: NDArray[Any], **options: Any) -> bytes:
+    """Return the TIFF file of (H, W) or (H, W, channels) pixels; inverse: `decode`.
+
+    Args:
+        data: The pixels.
+        options: What GDAL's GTiff driver is told, such as ``compress``.
+
+    Raises:
+        RenderError: They cannot be encoded.
+    """
+    planes = np.moveaxis(data, -1, 0) if data.ndim == 3 else data[None]
+    count, height, width = planes.shape
+    shape = {"height": height, "width": width, "count": count, "dtype": data.dtype}
+    try:
+        with MemoryFile() as memory:
+            with _ungeoreferenced():
+                file = memory.open(driver="GTiff", **shape, **options)
+            with file:
+                file.write(planes)
+            return bytes(memory.getbuffer())
+    except RasterioError as error:
+        raise RenderError(f"a TIFF image could not be encoded: {error}") from error
+
+
+def decode(file: bytes, name: str) -> NDArray[Any]:
+    """Return the (H, W) or (H, W, channels) pixels in the bytes of a file; errors cite its name.
+
+    Raises:
+        InvalidInputError: It cannot be read.
+    """
+    try:
+        with MemoryFile(file) as memory:
+            with _ungeoreferenced():
+                image = memory.open()
+            with image:
+                planes: NDArray[Any] = image.read()
+    except RasterioError as error:
+        raise InvalidInputError("image", name, f"a readable image ({error})") from error
+    return planes[0] if len(planes) == 1 else np.moveaxis(planes, 0, -1)
+
+
+@contextmanager
+def _ungeoreferenced() -> Iterator[None]:
+    """Let images be opened that are no maps, without a warning, by one thread at a time.
+
+    Filters of warnings belong to all threads.
+    """
+    with _opening, warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        yield
