@@ -174,8 +174,8 @@ def test_nothing_of_the_wheels_points_at_their_build_machine() -> None:
 
 
 def test_script_sets_the_environment_and_survives_a_read_only_home(tmp_path: Path) -> None:
-    variables = ("LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "ROS_DISTRO", "ROS_LOG_DIR", "PYTHONPATH")
-    variables += ("PYTHONDONTWRITEBYTECODE",)
+    paths = ("LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
+    variables = (*paths, "ROS_DISTRO", "ROS_LOG_DIR", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
     show = "; ".join(f'echo "${{{name}-unset}}"' for name in variables)
     result = subprocess.run(
         ["bash", "-euc", f"source '{SCRIPT}'; command -v python; {show}"],
