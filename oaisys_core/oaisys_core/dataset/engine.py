@@ -8,6 +8,7 @@ worker does, and no image passes through the driver.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
@@ -15,11 +16,17 @@ from oaisys_core.config import SimulationConfig, canonical_json
 from oaisys_core.dataset.manifest import WorldFailure, WorldLegend
 from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.dataset.plan import WorldTask
-from oaisys_core.dataset.ray_session import RaySession, RaySettings, ray_session
+from oaisys_core.dataset.ray_session import (
+    WORKER_START_S,
+    RaySession,
+    RaySettings,
+    ray_session,
+)
 from oaisys_core.dataset.shards import failure_name, write_failure
 from oaisys_core.dataset.workers import (
     SetupFailure,
     ViewCounts,
+    WorldBegun,
     WorldPart,
     WrittenPart,
     render_world,
@@ -47,7 +54,7 @@ class WorldFinished(NamedTuple):
     labels: Mapping[int, str]
 
 
-DatasetEvent = ViewCounts | WorldFinished | WorldFailure | Waiting
+DatasetEvent = WorldBegun | ViewCounts | WorldFinished | WorldFailure | Waiting
 """What happens while a data set is rendered."""
 
 
@@ -97,21 +104,35 @@ class _WorldQueue:
         )
         self._waiting: Iterator[WorldTask] = iter(())
         self._rendering = 0
+        self._has_begun = False
         self._parts: dict[Any, _Parts] = {}
         self._tasks: dict[Any, WorldTask] = {}
 
     def run(self, tasks: Iterator[WorldTask]) -> Iterator[DatasetEvent]:
         """Render all worlds."""
         self._waiting = tasks
+        begin_until_s = time.monotonic() + WORKER_START_S
         self._start_worlds()
         while self._parts:
             ready, _ = self._ray.wait(
                 list(self._parts), num_returns=1, timeout=LOOK_S, fetch_local=False
             )
             if not ready:
+                self._check_begun(begin_until_s)
                 yield Waiting(len(self._parts))
             for stream in ready:
                 yield from self._advanced(stream)
+
+    def _check_begun(self, until_s: float) -> None:
+        """Raise if no worker has begun by a moment; on a cluster, others may use all cores.
+
+        Raises:
+            OaisysError: None has.
+        """
+        is_embedded = self._session.folder is not None
+        if is_embedded and not self._has_begun and time.monotonic() > until_s:
+            reason = f"no worker of Ray has begun within {WORKER_START_S:g} s"
+            raise self._session.start_error(reason)
 
     def abandon(self) -> None:
         """Give up the worlds that are not finished, and remove their unfinished shards."""
@@ -133,7 +154,8 @@ class _WorldQueue:
     def _advanced(self, stream: Any) -> Iterator[DatasetEvent]:
         """Take the next part of a world, and yield what follows from it."""
         part = next(self._parts[stream])
-        if isinstance(part, ViewCounts):
+        self._has_begun = True
+        if isinstance(part, WorldBegun | ViewCounts):
             yield part
             return
         task = self._tasks.pop(stream)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import secrets
+import shutil
 import socket
 import subprocess
 import sys
@@ -33,7 +34,11 @@ REACHED_S = 5.0
 """Longest time in which the head of a cluster must be reached."""
 
 STARTS = 3
-"""How often Ray's daemons are started, if they take too long; Ray's own limit cannot be set."""
+"""How often Ray's daemons are started, if they fail or take too long."""
+
+WORKER_START_S = 300.0
+"""Longest time until the first worker of an embedded Ray begins; it takes seconds on an idle
+machine, and Ray itself would start workers that die at once again and again, for ever."""
 
 LONGEST_FOLDER = 40
 """Longest path of a temporary folder; the paths of Ray's sockets in it have at most 107 bytes."""
@@ -46,6 +51,12 @@ _SETTINGS = {
     "RAY_gcs_rpc_server_reconnect_timeout_s": "5",
     # By default, a world that needs more memory than there is would be tried for ever.
     "RAY_task_oom_retries": "3",
+    # By default, workers have the priority 15: beside three busy programs on two cores they got a
+    # fortieth of a core.
+    "RAY_worker_niceness": "0",
+    # How long the driver waits for Ray's daemons, 30 seconds by default: on a busy machine, the
+    # agents that the daemons start need most of it.
+    "RAY_raylet_start_wait_time_s": "60",
 }
 
 
@@ -78,10 +89,16 @@ class RaySession:
     Attributes:
         ray: The module.
         workers: Number of worlds that are rendered at a time.
+        folder: Temporary folder of an embedded Ray; None for a cluster.
     """
 
     ray: Any
     workers: int
+    folder: Path | None = None
+
+    def start_error(self, reason: str) -> OaisysError:
+        """Return an error that says where the logs of Ray are."""
+        return OaisysError(reason if self.folder is None else f"{reason}{_kept_logs(self.folder)}")
 
 
 @contextmanager
@@ -100,8 +117,8 @@ def ray_session(settings: RaySettings) -> Iterator[RaySession]:
         raise ConfigError(f"{error}; `pip install oaisys_core[dataset]` installs Ray") from error
     address = settings.address or os.environ.get(ADDRESS_VARIABLE) or None
     connected = _connected if address else _embedded
-    with connected(ray, settings, address or "local"):
-        yield RaySession(ray, settings.workers or _slots(ray, settings))
+    with connected(ray, settings, address or "local") as folder:
+        yield RaySession(ray, settings.workers or _slots(ray, settings), folder)
 
 
 def embedded_workers(settings: RaySettings) -> int:
@@ -135,21 +152,21 @@ def available_bytes() -> int:
 
 
 @contextmanager
-def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
-    """Run a Ray of this process alone."""
+def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[Path]:
+    """Run a Ray of this process alone, and yield its folder."""
     workers = embedded_workers(settings)
     # Otherwise Ray writes a token to ~/.ray, with which `ray start` then protects clusters, too.
     os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
     with _guarded_folder() as folder:
         _start(ray, folder, settings, address, workers)
         try:
-            yield
+            yield folder
         finally:
             ray.shutdown()
 
 
 def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers: int) -> None:
-    """Start Ray's daemons, again if they take too long: then their files are in memory.
+    """Start Ray's daemons, again if that fails: their files are in memory then.
 
     Raises:
         OaisysError: They could not be started.
@@ -165,15 +182,30 @@ def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers:
                 _memory=workers * settings.memory_bytes,
                 _temp_dir=str(folder),
             )
-        except Exception as error:  # which Ray raises if its daemons take 30 seconds
+        except Exception as error:  # Ray raises this very class if its daemons take too long
+            logs = "" if left else _kept_logs(folder)
             ray.shutdown()
             session_guard.clear(folder)
-            if not left or type(error) is not Exception:
-                raise OaisysError(f"Ray could not be started: {error}") from error
-            _log.warning("Ray's daemons did not start in time: another try")
+            if not left:
+                raise OaisysError(f"Ray could not be started: {error}{logs}") from error
+            _log.warning("Ray did not start, another try follows: %s", error)
             folder.mkdir(exist_ok=True)
         else:
             return
+
+
+def _kept_logs(folder: Path) -> str:
+    """Copy the logs of a Ray that is given up, and return where they are, and the machine's load.
+
+    Its own folder is removed at its end.
+    """
+    load = f"load {os.getloadavg()[0]:.1f} on {len(os.sched_getaffinity(0))} cores"
+    logs = folder / "session_latest" / "logs"
+    if not logs.is_dir():
+        return f" (no logs; {load})"
+    kept = tempfile.mkdtemp(prefix="oaisys_failed_ray_")
+    shutil.copytree(logs, kept, dirs_exist_ok=True)
+    return f" (logs: {kept}; {load})"
 
 
 @contextmanager
@@ -223,7 +255,11 @@ def _guarded_folder() -> Iterator[Path]:
         yield folder
     finally:
         del os.environ[session_guard.MARK]
-        guard.communicate(timeout=2 * session_guard.PATIENCE_S)
+        try:
+            guard.communicate(timeout=2 * session_guard.PATIENCE_S)
+        except subprocess.TimeoutExpired:
+            guard.kill()
+            guard.communicate()
         if folder.exists():
             raise OaisysError(f"{folder}: could not be removed, Ray may still be running")
 

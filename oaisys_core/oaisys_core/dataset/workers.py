@@ -28,6 +28,12 @@ class SetupFailure(NamedTuple):
     reason: str
 
 
+class WorldBegun(NamedTuple):
+    """A worker has begun with a world: its process runs."""
+
+    world: int
+
+
 class ViewCounts(NamedTuple):
     """What is counted of a written view: its frames, and its pixels by label id."""
 
@@ -37,7 +43,7 @@ class ViewCounts(NamedTuple):
     label_pixels: dict[int, int]
 
 
-WrittenPart = ViewCounts | WorldLegend | WorldFailure
+WrittenPart = WorldBegun | ViewCounts | WorldLegend | WorldFailure
 """What remains of a world's parts when they are written; the last is a legend or a failure."""
 
 WorldPart = EncodedView | WrittenPart | SetupFailure
@@ -53,6 +59,7 @@ def render_world(config_json: str, task: WorldTask, url: str | None) -> Iterator
         url: Where the worker writes the shard itself; it then sends counts instead of
             images. None if the driver writes it.
     """
+    yield WorldBegun(task.index)
     try:
         renderer = _kept.renderer(config_json)
     except (BackendUnavailableError, ConfigError) as error:
@@ -63,7 +70,9 @@ def render_world(config_json: str, task: WorldTask, url: str | None) -> Iterator
 
 
 def written(
-    place: StoragePlace, task: WorldTask, parts: Iterable[EncodedView | WorldLegend | WorldFailure]
+    place: StoragePlace,
+    task: WorldTask,
+    parts: Iterable[WorldBegun | EncodedView | WorldLegend | WorldFailure],
 ) -> Generator[WrittenPart, None, None]:
     """Write the parts of a world into its shard, which is kept if a legend comes at last.
 
@@ -79,6 +88,8 @@ def written(
                 for scan in part.scans:
                     shard.add_scan(scan)
                 yield _counts_of(task, part)
+            elif isinstance(part, WorldBegun):
+                yield part
             elif isinstance(part, WorldLegend):
                 shard.finish(part)
                 last = part

@@ -13,7 +13,7 @@ from synthetic_datasets import LEGEND, drawn_arrays, frame_record
 
 from oaisys_core.config import SimulationConfig
 from oaisys_core.dataset import engine
-from oaisys_core.dataset.engine import WorldFinished, render_worlds
+from oaisys_core.dataset.engine import Waiting, WorldFinished, render_worlds
 from oaisys_core.dataset.manifest import WorldFailure
 from oaisys_core.dataset.places import LocalPlace
 from oaisys_core.dataset.plan import WorldTask, world_tasks
@@ -21,7 +21,7 @@ from oaisys_core.dataset.ray_session import RaySession, RaySettings
 from oaisys_core.dataset.shards import encoded_frame, finished_worlds
 from oaisys_core.dataset.workers import WorldPart
 from oaisys_core.dataset.world_render import EncodedView
-from oaisys_core.errors import RenderError
+from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.randomness import stream
 
 TASKS = list(world_tasks(3, 3, 1, {"all": 1.0}))
@@ -82,12 +82,17 @@ class WatchedPlace(LocalPlace):
             self._watch(name)
 
 
-def events(ray: PretendedRay, place: LocalPlace, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def events(
+    ray: PretendedRay,
+    place: LocalPlace,
+    monkeypatch: pytest.MonkeyPatch,
+    ray_folder: Path | None = None,
+) -> Iterator[Any]:
     """Render `TASKS` with one worker."""
 
     @contextmanager
     def session(settings: RaySettings) -> Iterator[RaySession]:
-        yield RaySession(ray, workers=settings.workers or 0)
+        yield RaySession(ray, settings.workers or 0, ray_folder)
 
     monkeypatch.setattr(engine, "ray_session", session)
     yield from render_worlds(place, SimulationConfig(), TASKS, RaySettings(workers=1))
@@ -126,3 +131,24 @@ def test_a_shard_that_cannot_be_completed_ends_the_run_and_leaves_nothing_half_d
         list(events(PretendedRay(), place, monkeypatch))
     assert finished_worlds(place) == [0]
     assert not list(tmp_path.rglob("*.part"))
+
+
+class IdleRay(PretendedRay):
+    """None of its workers ever begins."""
+
+    def wait(self, streams: list[Any], **_: Any) -> tuple[list[Any], list[Any]]:
+        return [], streams
+
+
+def test_workers_that_never_begin_end_the_run_and_ray_s_logs_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr(engine, "WORKER_START_S", -1.0)
+    (tmp_path / "ray" / "session_latest" / "logs").mkdir(parents=True)
+    place = LocalPlace(tmp_path / "set")
+    with pytest.raises(OaisysError, match=r"no worker of Ray has begun .* \(logs: "):
+        list(events(IdleRay(), place, monkeypatch, tmp_path / "ray"))
+    others = events(IdleRay(), place, monkeypatch)  # a cluster, whose cores others use
+    assert isinstance(next(others), Waiting)
+    others.close()

@@ -21,7 +21,7 @@ from oaisys_core.dataset.plan import world_tasks
 from oaisys_core.dataset.reader import open_dataset
 from oaisys_core.dataset.rendering import dataset_info
 from oaisys_core.dataset.shards import HEAD, finished_worlds, tar_name
-from oaisys_core.dataset.workers import SetupFailure, ViewCounts, render_world, written
+from oaisys_core.dataset.workers import SetupFailure, ViewCounts, WorldBegun, render_world, written
 from oaisys_core.dataset.world_render import EncodedView, WorldRenderer
 from oaisys_core.simulation import Simulation
 
@@ -107,7 +107,7 @@ def test_a_world_without_enough_poses_fails_with_its_reason_and_leaves_no_shard(
 def test_a_worker_writes_the_shard_itself_where_all_machines_can(config, tmp_path: Path):
     url = f"memory://{tmp_path.name}"
     parts = list(render_world(canonical_json(config), TASKS[2], url))
-    assert [type(part) for part in parts] == [ViewCounts, ViewCounts, WorldLegend]
+    assert [type(part) for part in parts] == [WorldBegun, ViewCounts, ViewCounts, WorldLegend]
     assert [part.frames for part in parts if isinstance(part, ViewCounts)] == [1, 1]
     place = open_place(url)
     assert finished_worlds(place) == [2]
@@ -120,7 +120,8 @@ def test_a_worker_writes_the_shard_itself_where_all_machines_can(config, tmp_pat
 
 def test_what_no_worker_can_render_is_said_once(config):
     broken = canonical_json(config).replace('"mounds"', '"moundz"')
-    (part,) = render_world(broken, TASKS[0], None)
+    begun, part = render_world(broken, TASKS[0], None)
+    assert isinstance(begun, WorldBegun)
     assert isinstance(part, SetupFailure)
     assert "moundz" in part.reason
 
