@@ -71,6 +71,20 @@ n.find_spec = lambda name: None
     assert ended.returncode == 0, ended.stderr
 
 
+def test_open3d_draws_with_plotly_but_imports_it_only_then() -> None:
+    draws = """
+import sys
+import open3d as o3d
+assert not {"dash", "plotly"} & set(sys.modules)
+figure = o3d.visualization.get_plotly_fig([o3d.geometry.TriangleMesh.create_box()])
+assert len(figure.data) == 1
+assert callable(sys.modules["open3d.visualization.draw_plotly"].get_point_object)
+assert not hasattr(sys.modules["open3d.visualization.draw_plotly"], "nowhere")
+"""
+    ended = ran(OURS, draws)
+    assert ended.returncode == 0, ended.stderr
+
+
 def test_there_is_one_guard() -> None:
     guard_open3d()
     guard_open3d()

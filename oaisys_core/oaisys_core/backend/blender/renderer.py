@@ -4,45 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future
-from dataclasses import replace
 from functools import partial
 from math import inf
 from pathlib import Path
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
-from oaisys_core import randomness
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
 from oaisys_core.backend.blender.adaptive_samples import adapted
-from oaisys_core.backend.blender.camera import (
-    camera_image,
-    moving,
-    new_camera,
-    pixel_angle_rad,
-    place,
-    rendered_pinhole,
-    scaled_pinhole,
-    set_intrinsics,
-    set_lens,
-    set_pixel_angle,
-    shutter_motion,
-)
-from oaisys_core.backend.blender.cycles import Cycles, albedo_of
+from oaisys_core.backend.blender.camera import pixel_angle_rad
+from oaisys_core.backend.blender.color import ColorImages, ColorRenderer
+from oaisys_core.backend.blender.cycles import Cycles
 from oaisys_core.backend.blender.materials.ground_albedo import PixelAlbedo
 from oaisys_core.backend.blender.objects.lamps import LampObjects
 from oaisys_core.backend.blender.objects.scene_geometry import SceneGeometry
 from oaisys_core.backend.blender.objects.sky import Lights
-from oaisys_core.backend.blender.postprocessing import RenderResult
-from oaisys_core.backend.blender.time_budget import (
-    DenoisingQuality,
-    TimeBudget,
-    ViewCost,
-    denoising_quality_for,
-    lowest_quality,
-)
 from oaisys_core.backend.geometry_pass import (
     BackgroundGeometry,
     PoseMemory,
@@ -51,10 +27,8 @@ from oaisys_core.backend.geometry_pass import (
 )
 from oaisys_core.backend.lidar import LidarCaster
 from oaisys_core.backend.surface import Surface, View
-from oaisys_core.environment.light import white_gains
 from oaisys_core.errors import NotReadyError
-from oaisys_core.scene import Lens, PlacedCamera, PlacedLidar, Scene
-from oaisys_core.sensing.effects import with_effects
+from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.faults import Shot
 from oaisys_core.types import (
     ALBEDO,
@@ -62,7 +36,6 @@ from oaisys_core.types import (
     FloatArray,
     Frame,
     LidarScan,
-    PinholeIntrinsics,
     Progress,
     TriangleMesh,
     ignore_progress,
@@ -94,11 +67,10 @@ class BlenderBackend(Backend):
         self._scene_geometry = SceneGeometry()
         self._lights = Lights()
         self._lamps = LampObjects()
-        self._camera = new_camera()
+        self._colors = ColorRenderer(self._cycles, self._lights)
         self._surface: Surface | None = None
         self._memory = PoseMemory()
         self._lidars = LidarCaster()
-        self._budget = TimeBudget()
         self.exposures_ev: dict[str, float] = {}
 
     @property
@@ -114,7 +86,7 @@ class BlenderBackend(Backend):
     def build(self, scene: Scene, progress: ProgressCallback) -> None:
         """Replace the world by ``scene``; a ground of the same hash and material stays."""
         surface, self._surface = self._surface, None
-        self._budget.world_changed()
+        self._colors.world_changed()
         progress(Progress("clear", 0.0))
         self._cycles.free_persistent_data()
         if not self._scene_geometry.clear(scene):
@@ -139,7 +111,7 @@ class BlenderBackend(Backend):
         is_new_ground = self._scene_geometry.update(scene)
         self._set_light(scene)
         if is_new_ground:
-            self._budget.world_changed()
+            self._colors.world_changed()
             surface.update(scene, self._scene_geometry.ground_mesh())
         else:
             surface.update_objects(scene)
@@ -201,6 +173,7 @@ class BlenderBackend(Backend):
         """Render colours on this thread while another one computes the geometry."""
         ends_s = time.perf_counter() + (settings.time_budget_s or inf)
         colors = [each for camera in cameras for each in self._color_renders(camera, settings)]
+        scene = self._built().scene
         views: dict[str, View] = {}
         with BackgroundGeometry(partial(self._geometry, cameras, views=views)) as geometry:
             ground = {
@@ -214,12 +187,19 @@ class BlenderBackend(Backend):
                 progress(Progress("color", index / len(colors)))
                 left_s = (ends_s - time.perf_counter()) / (len(colors) - index)
                 if RGB in modalities:
-                    beside = None if index else geometry
-                    images = self._color(
-                        camera, modalities, chosen, left_s, beside, ground.get(camera.name)
+                    found = self._colors.color(
+                        scene,
+                        camera,
+                        chosen,
+                        left_s,
+                        with_albedo=ALBEDO in modalities,
+                        geometry=None if index else geometry,
+                        ground=ground.get(camera.name),
                     )
+                    self._note(camera, found)
+                    images = found.images
                 else:
-                    images = [self._albedo(camera, chosen, left_s)]
+                    images = [self._colors.albedo(scene, camera, chosen, left_s)]
                 geometry.group.result()
                 yield FrameGroup.of(
                     [frame_of(camera, *each) for each in zip(modalities, images, strict=True)]
@@ -280,109 +260,16 @@ class BlenderBackend(Backend):
         ground_albedo = self._scene_geometry.ground_albedo
         return ground_albedo.of_view(view, pixel_rad, surface.scene.sky)
 
-    def _color(
-        self,
-        camera: PlacedCamera,
-        modalities: tuple[str, ...],
-        settings: RenderSettings,
-        seconds: float,
-        geometry: BackgroundGeometry | None,
-        ground: Future[PixelAlbedo | None] | None,
-    ) -> list[NDArray[np.uint8]]:
-        """Return the colour image of a camera, in the seconds that are left for it.
-
-        Its albedo follows if that is one of the ``modalities``. ``geometry`` is what another thread
-        computes meanwhile, and ``ground`` the ground's albedo.
-        """
-        began_s = time.perf_counter()
-        pinhole = rendered_pinhole(camera.intrinsics)
-        plan = self._budget.plan(_pixels(pinhole), seconds)
-        rendered = scaled_pinhole(pinhole, plan.scale)
-        self._aim(camera, rendered, camera.lens)
-        started_s = time.perf_counter()
-        with moving(self._camera, shutter_motion(camera, pinhole, rendered)):
-            light = self._cycles.render_radiance(
-                settings, plan.sampling_s, with_albedo=ALBEDO in modalities
-            )
-        denoising = denoising_quality_for(settings.samples)
-        samples = settings.samples if settings.time_budget_s is None else light.samples
+    def _note(self, camera: PlacedCamera, found: ColorImages) -> None:
+        """Remember how a camera's colour was rendered, and the fewest samples of all cameras."""
+        self.exposures_ev[camera.name] = found.exposure_ev
+        samples = found.samples_per_pixel
         self.samples_per_pixel = min(samples, self.samples_per_pixel or samples)
-        if settings.time_budget_s is not None:
-            left_s = began_s + seconds - time.perf_counter()
-            spare = self._budget.denoising_quality(
-                _pixels(rendered), light.samples, left_s, seconds
-            )
-            denoising = lowest_quality(denoising, spare)
-        # An image of fewer pixels, which a short time budget asks for, has no albedo of its own.
-        albedo = ground.result() if ground is not None and rendered is pinhole else None
-        gains = None
-        if settings.white_balance == "illuminant":
-            scene = self._built().scene
-            gains = white_gains(scene.sky, scene.lamps)
-        picture = self._cycles.denoise_and_tonemap(light, settings, denoising, albedo, gains)
-        self.exposures_ev[camera.name] = picture.exposure_ev
-        self._learn(rendered, light, started_s, denoising, geometry)
-        image = camera_image(picture.pixels, pinhole, camera.intrinsics)
-        rng = randomness.stream(settings.noise_seed, camera.name)
-        images = [with_effects(image, settings.effects, camera.intrinsics, rng)]
-        if ALBEDO in modalities:
-            images.append(camera_image(albedo_of(light), pinhole, camera.intrinsics))
-        return images
-
-    def _albedo(
-        self, camera: PlacedCamera, settings: RenderSettings, seconds: float
-    ) -> NDArray[np.uint8]:
-        """Return the reflectance that a camera sees, without depth of field or motion blur."""
-        pinhole = rendered_pinhole(camera.intrinsics)
-        plan = self._budget.plan(_pixels(pinhole), seconds)
-        self._aim(camera, pinhole, None)
-        sky = self._built().scene.sky
-        # Haze is part of the materials' colours.
-        if sky.haze is not None:
-            self._lights.set(replace(sky, haze=None))
-        try:
-            with moving(self._camera, shutter_motion(_sharp(camera), pinhole, pinhole)):
-                image = self._cycles.render_albedo(settings, plan.sampling_s)
-        finally:
-            if sky.haze is not None:
-                self._lights.set(sky)
-        return camera_image(image, pinhole, camera.intrinsics)
-
-    def _aim(self, camera: PlacedCamera, pinhole: PinholeIntrinsics, lens: Lens | None) -> None:
-        """Make Blender's camera one with such a lens, where ``camera`` stands."""
-        place(self._camera, camera.T_map_camera)
-        set_intrinsics(self._camera, pinhole)
-        set_lens(self._camera, lens)
-        # Not the pinhole's: where time is short, nothing is spent on other levels of textures.
-        set_pixel_angle(camera.intrinsics)
-
-    def _learn(
-        self,
-        pinhole: PinholeIntrinsics,
-        light: RenderResult,
-        started_s: float,
-        denoising: DenoisingQuality,
-        geometry: BackgroundGeometry | None,
-    ) -> None:
-        """Remember what the last view took since it was started."""
-        if light.samples:
-            sampling_s = light.sampling_ended_s - light.sampling_began_s
-            self._budget.learn(
-                ViewCost(
-                    pixels=_pixels(pinhole),
-                    samples=light.samples,
-                    preparing_s=light.sampling_began_s - started_s,
-                    sampling_s=sampling_s,
-                    finishing_s=time.perf_counter() - light.sampling_ended_s,
-                    denoising=denoising,
-                    beside_s=geometry.cost_s(sampling_s) if geometry is not None else 0.0,
-                )
-            )
 
     def _set_light(self, scene: Scene) -> None:
         is_new_sky, are_new_lamps = self._lights.set(scene.sky), self._lamps.set(scene.lamps)
         if is_new_sky or are_new_lamps:
-            self._budget.world_changed()
+            self._colors.world_changed()
         kinds = tuple(lamp.kind for lamp in scene.lamps)
         self._cycles.use_lamps(kinds, has_sun=scene.sky.lamp_w_m2 > 0)
 
@@ -395,12 +282,3 @@ class BlenderBackend(Backend):
 def _is_sharp(camera: PlacedCamera) -> bool:
     """Return whether a camera has neither depth of field nor motion blur."""
     return camera.lens is None and not (camera.shutter_share or camera.exposure_s)
-
-
-def _sharp(camera: PlacedCamera) -> PlacedCamera:
-    """Return the camera without motion blur."""
-    return replace(camera, shutter_share=0.0, exposure_s=0.0)
-
-
-def _pixels(pinhole: PinholeIntrinsics) -> int:
-    return pinhole.width_px * pinhole.height_px
