@@ -9,6 +9,7 @@ from typing import Self
 
 from oaisys_ros_bridge.subscribing.sample_ledger import (
     LedgerState,
+    listed,
     middleware_shortfall,
     samples_shortfall,
 )
@@ -18,6 +19,7 @@ METADATA_NAME = "oaisys_samples"
 
 _ANNOUNCED, _INCOMPLETE = "oaisys.samples", "oaisys.samples_incomplete"
 _LOST, _LOST_BY_MIDDLEWARE = "oaisys.lost ", "oaisys.lost_by_middleware "
+_UNWRITTEN = "oaisys.unwritten "
 
 
 @dataclass(frozen=True)
@@ -29,15 +31,22 @@ class BagLosses:
         incomplete: Those of them of which a message is missing.
         lost: Number of samples whose message is missing, by topic.
         lost_by_middleware: Messages that the middleware reports as lost, by topic.
+        unwritten: Messages that were received, but too late for its longest end, by topic.
     """
 
     announced: int = 0
     incomplete: int = 0
     lost: Mapping[str, int] = field(default_factory=dict)
     lost_by_middleware: Mapping[str, int] = field(default_factory=dict)
+    unwritten: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, states: Iterable[LedgerState], lost_by_middleware: Mapping[str, int]) -> Self:
+    def of(
+        cls,
+        states: Iterable[LedgerState],
+        lost_by_middleware: Mapping[str, int],
+        unwritten: Mapping[str, int],
+    ) -> Self:
         """Return the sum over the bridges whose samples were recorded."""
         states = list(states)
         lost: Counter[str] = Counter()
@@ -48,6 +57,7 @@ class BagLosses:
             sum(state.incomplete for state in states),
             dict(lost),
             {topic: count for topic, count in lost_by_middleware.items() if count},
+            {topic: count for topic, count in unwritten.items() if count},
         )
 
     @classmethod
@@ -62,6 +72,7 @@ class BagLosses:
             int(entries.get(_INCOMPLETE, 0)),
             counts(_LOST),
             counts(_LOST_BY_MIDDLEWARE),
+            counts(_UNWRITTEN),
         )
 
     @property
@@ -75,16 +86,17 @@ class BagLosses:
                 f"{_LOST_BY_MIDDLEWARE}{topic}": str(n)
                 for topic, n in sorted(self.lost_by_middleware.items())
             },
+            **{f"{_UNWRITTEN}{topic}": str(n) for topic, n in sorted(self.unwritten.items())},
         }
 
     @property
     def any(self) -> bool:
         """Whether anything was lost."""
-        return bool(self.incomplete or self.lost_by_middleware)
+        return bool(self.incomplete or self.lost_by_middleware or self.unwritten)
 
     @property
     def sentences(self) -> list[str]:
-        """The losses in words, one sentence or two."""
+        """The losses in words, one sentence to three."""
         state = LedgerState(
             self.announced,
             self.announced,
@@ -94,6 +106,8 @@ class BagLosses:
         )
         complete = f"{self.announced} samples, none of them incomplete"
         found = [samples_shortfall(state) or complete, middleware_shortfall(state)]
+        if self.unwritten:
+            found.append(f"the end came before messages of {listed(self.unwritten)} were written")
         return list(filter(None, found))
 
 

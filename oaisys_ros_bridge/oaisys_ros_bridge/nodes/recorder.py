@@ -52,11 +52,16 @@ DISCOVERY_PERIOD_S = 0.25
 QUIET_LOOKUPS = 6
 """After this many look-ups without a new topic, all that exist count as found. Discovery does not
 say when it is complete: only of requested topics it is certain that they are recorded by then."""
-LAST_MESSAGE_S = 0.5
+END_LOOK_S, QUIET_LOOKS = 0.02, 25
 """At the end, recording goes on until all messages of every announced sample are there. The end of
-other topics is not announced: recording also goes on until none has come for this long ..."""
-LONGEST_END_S = 3.0
-"""... but no longer than this."""
+other topics is not announced: recording also goes on until so many looks, at least this long after
+each other, have found none that was published before ..."""
+LONGEST_END_S = 8.0
+"""... but no longer than this; what is left then is counted. Launch files wait longer."""
+BUSY_S = 1.0
+"""Longest time for which, after that, a message is waited for that is being written."""
+TAKEN_AT_ONCE = 500
+"""Messages of one topic that are taken, at the end, before it is the next one's turn."""
 PUBLISHING_S = 2.0
 """Longest time that publishing a sample takes beside rendering it."""
 LEAST_FREE_BYTES = 64 * 2**20
@@ -100,7 +105,10 @@ class RecorderNode(ParameterNode, Node):
         self._is_ready = False
         self._ready_ns = 0
         self._has_ended = False
-        self._last_message_s = 0.0
+        self._written_at_end = 0
+        self._end_asked_ns = sys.maxsize
+        self._is_late = False
+        self._unwritten: Counter[str] = Counter()
         self._losses = BagLosses()
         self._lost_by_middleware: Counter[str] = Counter()
         self._missing_numbers = MissingNumbers()
@@ -116,13 +124,23 @@ class RecorderNode(ParameterNode, Node):
             steady_timer(self, values["duration_s"], stop.set, group)
 
     def close(self) -> None:
-        """Record what has been sent but not received, then close the bag."""
+        """Record what was published before, count what there is no time for, close the bag."""
+        self._end_asked_ns = time.time_ns()
         end_s = time.monotonic() + LONGEST_END_S
-        self._last_message_s = time.monotonic()
-        while time.monotonic() < min(end_s, self._last_message_s + LAST_MESSAGE_S) or (
-            time.monotonic() < end_s and any(w.ledger.open for w in self._watches.values())
+        quiet_looks = 0
+        while time.monotonic() < end_s and (
+            quiet_looks < QUIET_LOOKS or any(w.ledger.open for w in self._watches.values())
         ):
-            time.sleep(0.02)
+            before = self._written_at_end
+            self._take_waiting()
+            time.sleep(END_LOOK_S)
+            quiet_looks = quiet_looks + 1 if self._written_at_end == before else 0
+        with self._bag_lock:
+            self._is_late = True
+        came = is_busy = True
+        while came or (is_busy and time.monotonic() < end_s + BUSY_S):
+            came, is_busy = self._take_waiting()
+            time.sleep(0.001)
         with self._bag_lock:
             # Callbacks may still run until the executor has ended.
             if not self._has_ended:
@@ -130,6 +148,30 @@ class RecorderNode(ParameterNode, Node):
         log = self.get_logger().warning if self._losses.any else self.get_logger().info
         lost = "; ".join(self._losses.sentences)
         log(f"{self._bag.message_count} messages in {self._folder}; {lost}")
+
+    def _take_waiting(self) -> tuple[bool, bool]:
+        """Take messages that wait, faster than the executor does, which wakes up for each of them.
+
+        It serves no topic that is being served here, and one that it is serving is left to it.
+
+        Returns:
+            Whether any was published before the end was asked for, and whether any topic was left.
+        """
+        came = is_busy = False
+        for topic in list(self._subscribed.values()):
+            if not topic.callback_group.beginning_execution(topic):
+                is_busy = True
+                continue
+            try:
+                with topic.handle:
+                    for _ in range(TAKEN_AT_ONCE):
+                        if (taken := topic.handle.take_message(topic.msg_type, topic.raw)) is None:
+                            break
+                        topic.callback(*taken)
+                        came |= taken[1]["source_timestamp"] <= self._end_asked_ns
+            finally:
+                topic.callback_group.ending_execution(topic)
+        return came, is_busy
 
     def _discover(self) -> None:
         """Subscribe to new topics, and report once all of them are there."""
@@ -248,7 +290,11 @@ class RecorderNode(ParameterNode, Node):
     def _record(self, name: str, is_motion: bool, data: bytes, info: dict[str, int]) -> None:
         if is_motion:
             self._count_missing(name, info["publication_sequence_number"])
+        was_before_end = info["source_timestamp"] <= self._end_asked_ns
         with self._bag_lock:
+            if self._is_late:
+                self._unwritten[name] += was_before_end
+                return
             if self._has_ended:
                 return
             received_ns = self.get_clock().now().nanoseconds
@@ -257,8 +303,8 @@ class RecorderNode(ParameterNode, Node):
             except OSError as error:
                 self._give_up(str(error))
                 return
-        if not name.endswith(TF):  # a bridge repeats its transforms without end
-            self._last_message_s = time.monotonic()
+        if was_before_end and not name.endswith(TF):  # a bridge repeats its transforms without end
+            self._written_at_end += self._end_asked_ns < sys.maxsize
         if (read_stamp := self._stamp_readers.get(name)) and (stamp_ns := read_stamp(data)):
             self._counted.add(name)
             for watch in self._watches.values():
@@ -289,7 +335,7 @@ class RecorderNode(ParameterNode, Node):
 
     def _close_bag(self) -> None:
         states = [watch.ledger.state for watch in self._watches.values()]
-        self._losses = BagLosses.of(states, self._lost_by_middleware)
+        self._losses = BagLosses.of(states, self._lost_by_middleware, self._unwritten)
         try:
             self._bag.close(self._losses)
         except OSError as error:

@@ -335,15 +335,16 @@ def samples_shortfall(state: LedgerState) -> str:
     """Return a sentence about what is missing of samples; empty: nothing is."""
     if not state.incomplete:
         return ""
-    lost = _listed(state.lost)
+    lost = listed(state.lost)
     return f"{state.incomplete} of {state.announced} samples are incomplete; lost: {lost}"
 
 
 def middleware_shortfall(state: LedgerState) -> str:
     """Return a sentence about what the middleware says was lost; empty: nothing was."""
-    lost = _listed(state.lost_by_middleware)
+    lost = listed(state.lost_by_middleware)
     return f"the middleware lost messages of {lost}" if lost else ""
 
 
-def _listed(counts: Mapping[str, int]) -> str:
+def listed(counts: Mapping[str, int]) -> str:
+    """Return counts by name in words."""
     return ", ".join(f"{what} {count}" for what, count in sorted(counts.items()))

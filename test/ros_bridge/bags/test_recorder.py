@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import signal
 import subprocess
-from collections.abc import Collection
+import threading
+from collections.abc import Collection, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 import yaml
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader
+from rclpy.executors import SingleThreadedExecutor
 from ros_peer import LATCHED_TYPES, SAMPLE_TYPES, NodeProcess, Stage, messages_of_samples
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, TopicInfo
@@ -20,11 +23,15 @@ from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import Image, Imu
 from served_simulator import FLAT_WORLD
 from std_msgs.msg import Header
+from waiting import wait_until
 
 from oaisys_core.geometry import pose_looking_down
+from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.losses import BagLosses
 from oaisys_ros_bridge.bags.message_definition import message_definition, nested_types, type_hash
 from oaisys_ros_bridge.conversions import image_from_msg
+from oaisys_ros_bridge.nodes import recorder as recorder_module
+from oaisys_ros_bridge.nodes.recorder import RecorderNode
 from oaisys_ros_bridge.qos import MOTION_QOS, SENSOR_QOS
 
 VIEWS = 3
@@ -154,6 +161,51 @@ def test_what_a_full_queue_drops_of_an_imu_is_counted(stage: Stage, tmp_path: Pa
     assert written < 2 + sent, "it was stopped"
     assert losses.lost_by_middleware == {"/imu/data_raw": 2 + sent - written}
     assert "the middleware lost messages of /imu/data_raw" in recorder.log.read_text()
+
+
+@pytest.fixture
+def started_ros(ros_domain_id: int) -> Iterator[None]:
+    """ROS in this process."""
+    rclpy.init()
+    yield
+    rclpy.try_shutdown()
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("longest_s", [recorder_module.LONGEST_END_S, 0.0])
+def test_what_waits_at_the_end_is_written_or_counted(
+    started_ros: None,
+    stage: Stage,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    longest_s: float,
+) -> None:
+    monkeypatch.setattr(recorder_module, "LONGEST_END_S", longest_s)
+    monkeypatch.setattr(recorder_module, "QUIET_LOOKS", 5)
+    sent = 1000
+    publisher = stage.user.node.create_publisher(Imu, "imu/data_raw", MOTION_QOS)
+    recorder = RecorderNode(threading.Event(), path=str(tmp_path / "bag"), topics=["imu/data_raw"])
+    executor = SingleThreadedExecutor()
+    executor.add_node(recorder)
+    wait_until(
+        lambda: publisher.get_subscription_count() == 1,
+        pause=lambda: executor.spin_once(timeout_sec=0.05),
+    )
+    executor.remove_node(recorder)  # nobody else takes the messages
+    for _ in range(sent):
+        publisher.publish(Imu())
+
+    recorder.close()
+
+    with Reader(tmp_path / "bag") as reader:
+        written = reader.topics["/imu/data_raw"].msgcount
+    losses = losses_of(tmp_path / "bag")
+    assert losses is not None
+    expected = {} if longest_s else {"/imu/data_raw": sent}
+    assert losses.unwritten == expected
+    assert written + sum(expected.values()) == sent
+    assert losses.any is bool(expected)
+    recorder.destroy_node()
 
 
 @pytest.mark.ros

@@ -250,12 +250,13 @@ def test_every_loss_is_counted_exactly_whatever_is_lost(watched):
 
 
 def test_a_bag_keeps_what_it_lacks_as_text():
-    losses = BagLosses(300, 12, {DEPTH: 12, POSE: 3}, {POSE: 5})
+    losses = BagLosses(300, 12, {DEPTH: 12, POSE: 3}, {POSE: 5}, {DEPTH: 2})
     assert BagLosses.read(losses.entries) == losses
     assert losses.any
     assert losses.sentences == [
         f"12 of 300 samples are incomplete; lost: {DEPTH} 12, {POSE} 3",
         f"the middleware lost messages of {POSE} 5",
+        f"the end came before messages of {DEPTH} 2 were written",
     ]
     assert not BagLosses(300).any
 
