@@ -25,6 +25,7 @@ from tools.bench.topics import (
     maps,
     panel,
     quality,
+    referees,
     rendering,
     reproducibility,
     transport,
@@ -57,6 +58,7 @@ TOPICS = {
     "end_to_end": Topic(transport.end_to_end, 120, 60),
     "mapping": Topic(maps.mapping, 120, 60),
     "planning": Topic(maps.planning, 60, 40),
+    "referees": Topic(referees.run, 3600, 500),
 }
 QUICK_RUNS = 2
 PANEL = (*WORLDS, SIX_VIEWS)

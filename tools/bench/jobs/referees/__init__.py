@@ -1,0 +1,1 @@
+"""Drives, surveys and flights, and what programs of others make of them."""

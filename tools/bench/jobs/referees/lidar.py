@@ -1,0 +1,193 @@
+"""A rover's drive with a lidar, and what KISS-ICP makes of its scans."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from oaisys_core.config import SimulationConfig, config_from_mapping
+from oaisys_core.drive.drive import Drive, TimedSample
+from oaisys_core.drive.schedule import NANOSECONDS
+from oaisys_core.simulation import Simulation
+from oaisys_core.trajectory import Trajectory
+from oaisys_core.types import FloatArray, LidarInfo, merged
+from oaisys_mapping.odometry.lidar_odometry import judged
+from oaisys_mapping.odometry.trajectories import TimedTransforms
+from tools.bench.referees.drivable_way import free_ground, there_and_back
+from tools.bench.referees.lidar_odometry import MODES, Mode, TimedScan, odometry, write_scans
+from tools.bench.settings import Say, Settings
+from tools.bench.worlds import DEMO, world_file, world_mapping
+
+LIDAR = "lidar"
+RATE_HZ = 10.0
+SCAN: dict[str, Any] = {"kind": "rotating", "preset": "generic_64", "azimuth_steps": 256}
+CELL_M = 0.25
+CANYON_M = 200.0
+TRUTH_STEP_S = 0.02
+
+
+@dataclass(frozen=True)
+class LidarDrive:
+    """A drive whose scans are in a folder.
+
+    Attributes:
+        folder: Of `write_scans`.
+        lidar: The lidar.
+        truth: Poses of ``base_link``.
+        obstacle: What the rover stopped in front of; empty: nothing.
+    """
+
+    folder: Path
+    lidar: LidarInfo
+    truth: TimedTransforms
+    obstacle: str
+
+
+def drive(
+    settings: Settings,
+    say: Say,
+    world: str,
+    way_m: float,
+    speed_m_s: float,
+    suspension_m: float,
+    max_range_m: float,
+    voxel_m: float,
+    late_s: float,
+    modes: Sequence[Mode] = MODES,
+    scan: Mapping[str, Any] = SCAN,
+) -> dict[str, Any]:
+    """Return KISS-ICP's figures of one drive by `Mode`, and how much the rover shook.
+
+    Args:
+        settings: Of the run.
+        say: Called with the progress.
+        world: A world of the panel; ``stage_canyon`` is made `CANYON_M` wide.
+        way_m: Length of the drive; it is shorter where the free ground ends.
+        speed_m_s, suspension_m: Of the rover.
+        max_range_m, voxel_m: Of KISS-ICP.
+        late_s: For each mode there are also figures with stamps that are late by this.
+        modes: How points are corrected for the motion.
+        scan: Pattern of the lidar.
+    """
+    rover = {"speed_m_s": speed_m_s, "suspension_m": suspension_m}
+    with TemporaryDirectory() as temporary:
+        recorded = _recorded(settings, say, world, way_m, rover, scan, Path(temporary))
+        say(0.5, f"{world}: KISS-ICP")
+        with ThreadPoolExecutor(2) as pool:
+            estimates = list(
+                pool.map(
+                    lambda mode: odometry(
+                        recorded.folder, mode, recorded.lidar.period_s, max_range_m, voxel_m
+                    ),
+                    modes,
+                )
+            )
+    lidar = recorded.truth.mounted(recorded.lidar.T_base_lidar)
+    found: dict[str, Any] = {
+        "obstacle": recorded.obstacle,
+        "shake_deg": _shake_deg(lidar, estimates[0].times_s),
+    }
+    for mode, estimate in zip(modes, estimates, strict=True):
+        for name, poses in ((mode, estimate), (f"{mode}_late", estimate.delayed(late_s))):
+            found[name] = asdict(judged(poses, recorded.truth, recorded.lidar.T_base_lidar, 0.0))
+    return found
+
+
+def _shake_deg(lidar: TimedTransforms, times_s: FloatArray) -> float:
+    """Return by how much the turn from scan to scan changes: the RMS about x and y, one axis."""
+    inside = times_s[times_s <= lidar.times_s[-1]]
+    rotations = Rotation.from_matrix(lidar.at(inside).T[:, :3, :3])
+    turns_deg = (rotations[:-1].inv() * rotations[1:]).as_rotvec(degrees=True)
+    changes_deg = np.diff(turns_deg[:, :2], axis=0)
+    return float(np.sqrt(np.mean(changes_deg**2)))
+
+
+def _recorded(
+    settings: Settings,
+    say: Say,
+    world: str,
+    way_m: float,
+    rover: Mapping[str, float],
+    scan: Mapping[str, Any],
+    folder: Path,
+) -> LidarDrive:
+    config = _config(settings, world, rover, scan, [(0.0, 0.0), (1.0, 1.0)])
+    simulation = Simulation(config)
+    try:
+        say(0.0, f"{world}: the world")
+        simulation.step_batch()
+        config = _config(settings, world, rover, scan, _way(simulation, way_m).tolist())
+        planned = Drive(simulation, config, sensors=[LIDAR])
+        trajectory, count = planned.plan.trajectory, planned.sample_count()
+        (lidar,) = simulation.info().lidars
+        scans = []
+        for sample in planned.samples():
+            scans.append(_timed_scan(sample, trajectory, lidar))
+            say(0.1 + 0.4 * len(scans) / count, f"{world}: {planned.plan.length_m():.0f} m")
+    finally:
+        simulation.close()
+    write_scans(folder, scans)
+    times_s = np.arange(trajectory.start_s, trajectory.end_s, TRUTH_STEP_S)
+    truth = TimedTransforms(times_s, trajectory.T_map_base(times_s))
+    return LidarDrive(folder, lidar, truth, str(planned.plan.obstacle or ""))
+
+
+def _timed_scan(sample: TimedSample, trajectory: Trajectory, lidar: LidarInfo) -> TimedScan:
+    """Return a scan, and its points as they would be had the lidar stood where the scan ends."""
+    points = sample.sample.scan(LIDAR).data
+    points_m = np.stack([points[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+    stamp_s = sample.time_ns / NANOSECONDS
+    at_s, column = np.unique(points["time"].astype(np.float64), return_inverse=True)
+    poses = trajectory.mounted(lidar.T_base_lidar)
+    T = np.linalg.inv(poses(np.array([stamp_s + lidar.period_s]))[0]) @ poses(stamp_s + at_s)
+    moved_m = np.einsum("nij,nj->ni", T[column, :3, :3], points_m) + T[column, :3, 3]
+    return TimedScan(stamp_s, points_m, moved_m, points["time"] / lidar.period_s)
+
+
+def _config(
+    settings: Settings,
+    world: str,
+    rover: Mapping[str, float],
+    scan: Mapping[str, Any],
+    waypoints_m: Sequence[Any],
+) -> SimulationConfig:
+    plain = world_mapping(settings, world)
+    del plain["sensors"]["cameras"]
+    plain["sensors"].pop("motion", None)
+    # A smoothed attitude leaves the ground; what stands on it is driven around.
+    vehicle = {"kind": "rover", "acceleration_m_s2": 1.0, "clearance_m": 2.0, **rover}
+    vehicle["on_obstacle"] = "stop"
+    changes: dict[str, Any] = {
+        "backend": "analytic",  # both cast the same rays
+        "materials": {"texture_size_px": 256},
+        "sensors": {
+            "pose_policy": "allow",  # a camera that takes no part is on the ground
+            "lidars": [
+                {
+                    "name": LIDAR,
+                    "mount_position_m": (0.3, 0.0, 2.0),
+                    "scan": dict(scan),
+                    "max_range_m": 80.0,
+                    "rate_hz": RATE_HZ,
+                }
+            ],
+        },
+        "drive": {"vehicle": vehicle, "waypoints_m": waypoints_m},
+    }
+    if world != DEMO:
+        changes["stage"] = {"extent_m": CANYON_M}
+    return config_from_mapping(merged(plain, changes), world_file(world).parent)
+
+
+def _way(simulation: Simulation, way_m: float) -> FloatArray:
+    """Return waypoints of a way, cut off at its length."""
+    way = there_and_back(free_ground(simulation.height_grid(CELL_M)))
+    steps_m = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    return np.asarray(way[np.append(0.0, np.cumsum(steps_m)) <= way_m])
