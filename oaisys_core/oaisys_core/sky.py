@@ -63,6 +63,23 @@ class Haze:
     veil: Color | None = None
 
 
+@dataclass(frozen=True)
+class Clouds:
+    """Cumulus clouds, which cameras and reflections see; light and shadows are as without them.
+
+    Attributes:
+        cover: Share of the sky above that they hide.
+        base_m: Height of their flat undersides above the ground.
+        size_m: Distance from one to the next, about.
+        start: (x, y) where in the endless pattern of clouds the world is, in sizes.
+    """
+
+    cover: float
+    base_m: float
+    size_m: float
+    start: tuple[float, float]
+
+
 @dataclass(frozen=True, eq=False)
 class SkyImage:
     """An equirectangular image of all directions, with label maps of the same layout.
@@ -120,6 +137,7 @@ class Sky:
         model: ``atmosphere`` (scattered sunlight), ``plain`` (``gradient``) or ``none`` (black).
         hdri: Image that replaces the sky, and the ground below the horizon.
         haze: Haze between the camera and the scene; it changes colour only.
+        clouds: Clouds before the sky; not with ``hdri``.
         has_plain: Whether the ground continues beyond the stage to the horizon; not with ``hdri``.
         ground_semantic_ids: Ids of the ground beyond the stage, and of pixels below the horizon
             that hit nothing. None uses those of the ground's material and of the sky.
@@ -142,6 +160,7 @@ class Sky:
     gradient: Gradient = Gradient()
     hdri: Hdri | None = None
     haze: Haze | None = None
+    clouds: Clouds | None = None
     has_plain: bool = False
     ground_semantic_ids: tuple[int, ...] | None = None
     dips: bool = False

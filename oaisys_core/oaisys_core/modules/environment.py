@@ -13,6 +13,7 @@ import numpy as np
 from oaisys_core import randomness
 from oaisys_core.color import linear
 from oaisys_core.config.sections.environment import (
+    CloudsConfig,
     EnvironmentConfig,
     HazeConfig,
     HdriConfig,
@@ -25,7 +26,7 @@ from oaisys_core.environment.light import LUMINANCE, daylight, gradient_irradian
 from oaisys_core.environment.sun import azimuth_in_map, sun_position
 from oaisys_core.module import Metadata, SectionModule, World, overridden
 from oaisys_core.modules.lamps import check_changes, lamps_that_are_on
-from oaisys_core.sky import Color, Gradient, Haze, Hdri, Sky
+from oaisys_core.sky import Clouds, Color, Gradient, Haze, Hdri, Sky
 
 LEAST_CONTRAST = 0.02
 """Contrast at the visual range, by definition of the term (Koschmieder 1924)."""
@@ -36,6 +37,9 @@ THICKNESS, MOST_THICKNESS_M = 0.1, 60.0
 With the limit, haze of kilometres pales the sky within a few degrees of the horizon only. Models of
 the sky contain the air above it.
 """
+
+CLOUD_PATTERN_SIZES = 500.0
+"""Part of the endless pattern of clouds in which worlds are, in sizes of a cloud."""
 
 WAVELENGTHS_NM = np.array((680.0, 550.0, 440.0))
 """Wavelengths of red, green and blue; the visual range refers to green."""
@@ -153,6 +157,7 @@ class EnvironmentModule(SectionModule[EnvironmentConfig]):
             gradient=gradient,
             hdri=self._hdri(config.hdri, config.sky_labels.semantic_ids, draws),
             haze=_haze(config.haze, draws),
+            clouds=_clouds(config.clouds, draws),
             has_plain=config.ground_beyond,
             ground_semantic_ids=ground.semantic_ids if ground else None,
         )
@@ -236,6 +241,19 @@ def _haze(config: HazeConfig | None, draws: NamedDraws) -> Haze | None:
     tint = linear(config.color_srgb)
     tint_red, tint_green, tint_blue = (tint / max(tint.mean(), 1e-6)).tolist()
     return Haze((red, green, blue), thickness_m, (tint_red, tint_green, tint_blue))
+
+
+def _clouds(config: CloudsConfig | None, draws: NamedDraws) -> Clouds | None:
+    """Return the clouds of a configuration."""
+    if config is None:
+        return None
+    x, y = draws.rng("clouds").uniform(0.0, CLOUD_PATTERN_SIZES, 2).tolist()
+    return Clouds(
+        cover=draws.number("clouds.cover", config.cover),
+        base_m=draws.number("clouds.base_m", config.base_m),
+        size_m=draws.number("clouds.size_m", config.size_m),
+        start=(x, y),
+    )
 
 
 def _color(srgb: Color) -> Color:

@@ -83,6 +83,14 @@ class TestRanges:
         share = 1 - np.exp(-haze.extinction_per_m[1] * haze.thickness_m)
         assert share == pytest.approx(veiled, abs=0.01)
 
+    def test_clouds_are_drawn_by_the_seed(self) -> None:
+        section = {"clouds": {"cover": [0.2, 0.4]}}
+        first, again, other = (require(skies(section, seed=seed)[0].clouds) for seed in (1, 1, 2))
+        assert 0.2 <= first.cover <= 0.4
+        assert first == again
+        assert first.start != other.start
+        assert skies({})[0].clouds is None
+
     def test_a_batch_keeps_its_draw(self) -> None:
         assert len({sky.air for sky in skies({"air": [0, 10]}, samples=5)}) == 1
 
@@ -102,6 +110,7 @@ class TestRanges:
             ({"hdri": {}}, "images or a folder"),
             ({"hdri": {"images": [{"file": "no_such_file.hdr"}]}}, "existing file"),
             ({"sky": {"model": "green"}}, "model"),
+            ({"sky": {"model": "none"}, "clouds": {}}, "clouds"),
             ({"sun_from_time": {"date_time": "noon"}}, "date_time"),
         ],
     )

@@ -134,6 +134,8 @@ def preset_mapping(preset: str) -> dict[str, Any]:
     environment: dict[str, Any] = {"sun_azimuth_deg": SUN_AZIMUTH_DEG}
     if sky == "moon":
         environment["sky"] = {"model": "none"}
+    else:
+        environment["clouds"] = {}
     return {
         "seed": 5,
         "stage": {"preset": preset, "extent_m": STAGE_M, "resolution_px": STAGE_PX},

@@ -122,13 +122,14 @@ class TriangleTarget(RayTarget):
         self.top_m = -np.inf
         if not meshes:
             return
-        soup = merge_meshes([TriangleMesh(m.vertices_m, m.triangles) for m in meshes])
+        # A single mesh is not copied: grounds have millions of triangles.
+        bare = [TriangleMesh(mesh.vertices_m, mesh.triangles) for mesh in meshes]
+        soup = merge_meshes(bare) if len(bare) > 1 else bare[0]
         low_m, high_m = soup.vertices_m.min(axis=0), soup.vertices_m.max(axis=0)
         self.top_m = float(high_m[2])
         self._origin_m: FloatArray = (low_m + high_m) / 2 if origin_m is None else origin_m
-        self._local_m = soup.vertices_m - self._origin_m
-        self._triangles = soup.triangles
-        self._bvh = (builder or Open3DBvh)(self._local_m, self._triangles)
+        self._vertices_m, self._triangles = soup.vertices_m, soup.triangles
+        self._bvh = (builder or Open3DBvh)(soup.vertices_m - self._origin_m, self._triangles)
 
     def prepare(self) -> None:
         """Build the BVH now rather than at the first cast."""
@@ -167,7 +168,7 @@ class TriangleTarget(RayTarget):
     def _planes(self, triangle_ids: NDArray[np.int64]) -> tuple[FloatArray, FloatArray]:
         """Return the (N, 3) first corners and (N, 3) normals, of any length, of triangles."""
         corners = self._triangles.take(triangle_ids, axis=0)
-        a, b, c = (self._local_m.take(corners[:, i], axis=0) for i in range(3))
+        a, b, c = (self._vertices_m.take(corners[:, i], axis=0) - self._origin_m for i in range(3))
         b -= a
         c -= a
         return a, _cross(b, c)
@@ -248,6 +249,8 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
 
 def _instance_ids(meshes: Sequence[TriangleMesh]) -> NDArray[np.uint32]:
     """Return the instance id of each triangle of some meshes, 0 where a mesh has none."""
+    if all(mesh.instance_ids is None for mesh in meshes):
+        return np.broadcast_to(np.uint32(0), sum(len(mesh.triangles) for mesh in meshes))
     ids = [np.empty(0, np.uint32)]
     for mesh in meshes:
         zeros = np.zeros(len(mesh.triangles), np.uint32)

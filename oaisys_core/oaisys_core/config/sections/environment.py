@@ -145,6 +145,20 @@ class HazeConfig(Section):
     color_srgb: ColorSrgb = (1.0, 1.0, 1.0)
 
 
+class CloudsConfig(Section):
+    """Cumulus clouds as cameras see them; light and shadows are as without them.
+
+    Attributes:
+        cover: Share of the sky that they hide: 0.1 to 0.5 are fair-weather clouds.
+        base_m: Height of their undersides above the ground.
+        size_m: Distance from one to the next, about.
+    """
+
+    cover: Annotated[Range, Within(0.0, 1.0)] = (0.25, 0.25)
+    base_m: Annotated[Range, Within(100.0, 12_000.0)] = (1400.0, 1400.0)
+    size_m: Annotated[Range, Within(50.0, 20_000.0)] = (1800.0, 1800.0)
+
+
 class EffectConfig(BaseModel):
     """An environment effect of another package, which checks its own options.
 
@@ -182,6 +196,7 @@ class EnvironmentConfig(Section):
             0.6 are clear days on Mars, 2 is a dust storm. None leaves sun and sky as they are.
         hdri: Images that replace the sky.
         haze: Dust or haze in the air.
+        clouds: Clouds in the sky. None: it is clear; skies from images have their own.
         lamps: Lamps in the world and on the rig, by name.
         sky_semantic_id: Id of pixels that hit nothing; 0 leaves them unlabelled.
         sky_label: Name of this label.
@@ -212,6 +227,7 @@ class EnvironmentConfig(Section):
     optical_depth: Density | None = None
     hdri: HdriConfig | None = None
     haze: HazeConfig | None = None
+    clouds: CloudsConfig | None = None
     lamps: dict[LampName, LampConfig] = Field(default_factory=dict, max_length=MAX_LAMPS)
     sky_semantic_id: SemanticId = 0
     sky_label: str = Field(default="sky", min_length=1)
@@ -227,6 +243,14 @@ class EnvironmentConfig(Section):
         if self.optical_depth is not None and self.sky.model != "plain":
             raise ValueError(
                 f"optical_depth: expected sky.model plain with it, received {self.sky.model}"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _clouds_have_air(self) -> EnvironmentConfig:
+        if self.clouds is not None and self.sky.model == "none":
+            raise ValueError(
+                "clouds: expected sky.model atmosphere or plain with them, received none"
             )
         return self
 

@@ -13,6 +13,7 @@ from oaisys_core.backend.blender.compat import SKY_SCALE, node_tree_of, set_up_s
 from oaisys_core.backend.blender.materials.haze import clear_share, set_haze
 from oaisys_core.backend.blender.materials.images import new_image
 from oaisys_core.backend.blender.materials.nodes import MIX_RESULT, NodeTree, Socket
+from oaisys_core.backend.blender.objects.clouds import before_sky
 from oaisys_core.backend.raycast.shading import LEAST_UP
 from oaisys_core.environment.light import plain_radiance, sun_color, veil_radiance
 from oaisys_core.sky import Color, Haze, Hdri, Sky, SkyImage
@@ -45,12 +46,24 @@ class Background:
             color = _sky_color(tree, sky, ray)
         if sky.sun_disc > 0:
             color = tree.vector("ADD", color, _disc_color(tree, sky, ray))
-        if sky.shows_plain:
-            color = _above_ground(tree, sky, direction, color)
-        if sky.haze is not None:
-            color = _behind_haze(tree, sky, sky.haze, ray, color)
-        background = tree.add("Background", {"Color": color})
-        tree.add("OutputWorld", {"Surface": background.outputs[0]})
+
+        def shown(color: Socket) -> Socket:
+            """Return the background of a sky of this colour."""
+            if sky.shows_plain:
+                color = _above_ground(tree, sky, direction, color)
+            if sky.haze is not None:
+                color = _behind_haze(tree, sky, sky.haze, ray, color)
+            return tree.add("Background", {"Color": color}).outputs[0]
+
+        surface = shown(color)
+        if sky.clouds is not None and sky.hdri is None:
+            seen = tree.add("LightPath").outputs
+            is_seen = tree.math("MAXIMUM", seen["Is Camera Ray"], seen["Is Glossy Ray"])
+            # A background of its own, which Cycles evaluates for these rays only.
+            surface = tree.mixed(
+                is_seen, surface, shown(before_sky(tree, sky, sky.clouds, ray, color))
+            )
+        tree.add("OutputWorld", {"Surface": surface})
 
     def _hdri_color(self, tree: NodeTree, hdri: Hdri, ray: Socket) -> Socket:
         turned = tree.add(

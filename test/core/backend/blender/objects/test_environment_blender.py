@@ -11,7 +11,7 @@ from synthetic_worlds import SUNNY, camera, flat_world
 
 from oaisys_core.geometry import pixel_rays, pose_looking_at
 from oaisys_core.scene import PlacedCamera
-from oaisys_core.sky import Haze, Hdri, SkyImage
+from oaisys_core.sky import Clouds, Haze, Hdri, SkyImage
 from oaisys_core.terrain.surroundings.plain import plain_around
 from oaisys_core.types import FloatArray
 
@@ -93,6 +93,22 @@ def test_haze_dims_and_veils_by_distance() -> None:
     assert share.min() < 0.1
     expected = without[on_ground] * share + np.array(haze.veil) * (1 - share)
     assert np.abs(with_haze[on_ground] - expected).max() < 1.5 / 255
+
+
+def test_clouds_cover_their_share_of_the_sky_and_leave_the_light() -> None:
+    clear = replace(SUNNY, has_plain=True)
+    # Small ones, so that many are seen.
+    shares = (0.2, 0.6)
+    clouds = [replace(clear, clouds=Clouds(share, 1000.0, 300.0, (3.0, 4.0))) for share in shares]
+    up = camera(pose_looking_at((0, 0, 2), (1e-3, 0, 12)))
+    level = camera(pose_looking_at((-19, 0, 3), (0, 0, 0.25)))
+    images = in_blender("environment.linear_views", flat_world(), [up, level], [clear, *clouds])
+    sky, ground = images[::2], images[1::2]
+    below = rays_of(level)[..., 2] < -0.02
+    for share, shown, on_ground in zip(shares, sky[1:], ground[1:], strict=True):
+        hidden = np.abs(shown - sky[0]).max(axis=-1) > 4 / 255
+        assert hidden.mean() == pytest.approx(share, abs=0.12)
+        assert (on_ground[below] == ground[0][below]).all()
 
 
 @pytest.mark.long
