@@ -22,10 +22,14 @@ hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatabl
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let SIGTERM end tests in order: else their nodes outlive the claim of their ROS domain."""
+    """Let SIGTERM end tests in order: else their nodes outlive the claim of their ROS domain.
+
+    What failed until then is reported.
+    """
 
     def end(*_: object) -> None:
-        if config.pluginmanager.hasplugin("dsession"):  # the tests run in xdist's workers
+        if distribution := config.pluginmanager.getplugin("dsession"):  # xdist's, with workers
+            distribution.shouldstop = "terminated"
             for worker in psutil.Process().children():
                 worker.terminate()
         else:

@@ -21,6 +21,9 @@ from oaisys_msgs.msg import MapStatus
 from oaisys_ros_bridge.qos import LATCHED_QOS
 from ros_peer import Stage
 
+def test_that_fails():
+    assert 1 + 1 == 3
+
 def test_that_waits(ros_domain_id, no_process_left, tmp_path):
     with Stage(tmp_path) as stage:
         stage.user.listen(MapStatus, "oaisys_mapper/metrics", LATCHED_QOS)
@@ -63,7 +66,11 @@ def test_a_terminated_pytest_ends_its_nodes(workers: list[str], tmp_path: Path) 
         )
         process.send_signal(signal.SIGTERM)
         assert process.wait(START_PATIENCE_S) != 0
-        assert not psutil.pid_exists(int(pid.read_text())), log.read_text()
+        said = log.read_text()
+        assert not psutil.pid_exists(int(pid.read_text())), said
+        assert "INTERNALERROR" not in said
+        assert "test_that_fails - assert (1 + 1) == 3" in said
+        assert " failed" in said.splitlines()[-1]
     finally:
         process.kill()
         process.wait()
