@@ -17,7 +17,7 @@ from tools.gallery.look_book.rendering import LookPicture, write_jpeg
 TILE_PX = (240, 180)
 CAPTION_PX = 16
 COLUMNS = 8
-MOST_SHEET_BYTES = 500_000
+MOST_SHEET_BYTES = 400_000
 UNLIMITED = 1e6
 
 
