@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import secrets
 import shutil
 import socket
@@ -33,8 +34,9 @@ CLUSTER = "HOST:PORT of a Ray cluster to which this machine belongs, with the sa
 REACHED_S = 5.0
 """Longest time in which the head of a cluster must be reached."""
 
-STARTS = 3
-"""How often Ray's daemons are started, if they fail or take too long."""
+STARTS = 6
+"""How often Ray's daemons are started, if they fail. Ray's raylet gives up if the agents that it
+starts are not ready in 15 seconds, which cannot be set; they need 3 seconds of a core."""
 
 WORKER_START_S = 300.0
 """Longest time until the first worker of an embedded Ray begins; it takes seconds on an idle
@@ -45,6 +47,9 @@ LONGEST_FOLDER = 40
 
 _log = logging.getLogger(__name__)
 
+_FAILED = re.compile(r"Check failed: (.*)")
+"""Why a raylet has ended itself, in its log."""
+
 _SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
     # Ray's agents wait so long for a head that has died, a minute by default.
@@ -54,9 +59,6 @@ _SETTINGS = {
     # By default, workers have the priority 15: beside three busy programs on two cores they got a
     # fortieth of a core.
     "RAY_worker_niceness": "0",
-    # How long the driver waits for Ray's daemons, 30 seconds by default: on a busy machine, the
-    # agents that the daemons start need most of it.
-    "RAY_raylet_start_wait_time_s": "60",
 }
 
 
@@ -203,9 +205,16 @@ def _kept_logs(folder: Path) -> str:
     logs = folder / "session_latest" / "logs"
     if not logs.is_dir():
         return f" (no logs; {load})"
-    kept = tempfile.mkdtemp(prefix="oaisys_failed_ray_")
+    kept = Path(tempfile.mkdtemp(prefix="oaisys_failed_ray_"))
     shutil.copytree(logs, kept, dirs_exist_ok=True)
-    return f" (logs: {kept}; {load})"
+    failed = [
+        found[1] for path in kept.glob("raylet.out") if (found := _FAILED.search(_text(path)))
+    ]
+    return f" ({', '.join(failed) or 'no reason'} in the logs {kept}; {load})"
+
+
+def _text(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace")
 
 
 @contextmanager

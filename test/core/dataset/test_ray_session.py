@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import socket
 import subprocess
@@ -44,7 +45,9 @@ class SlowRay:
         self.has_ended = False
 
     def init(self, **options: Any) -> None:
-        Path(options["_temp_dir"], "log").touch(exist_ok=False)
+        logs = Path(options["_temp_dir"], "session_latest", "logs")
+        logs.mkdir(parents=True)  # fails if something is left of the try before
+        (logs / "raylet.out").write_text(f"Check failed: {self.slow_starts} starts are left")
         self.slow_starts -= 1
         if self.slow_starts >= 0:
             raise Exception("timed out during startup")  # noqa: TRY002 - as Ray does
@@ -53,19 +56,26 @@ class SlowRay:
         self.has_ended = True
 
 
-def test_daemons_that_start_too_slowly_are_started_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_daemons_that_start_too_slowly_are_started_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setitem(sys.modules, "ray", SlowRay(2))
     with ray_session(RaySettings(workers=1, memory_gb=0.1)) as session:
         assert session.workers == 1
         assert session.ray.slow_starts == -1
     never = SlowRay(9)
     monkeypatch.setitem(sys.modules, "ray", never)
+    expected = r"started: timed out.* \(4 starts are left in the logs (.*); load .* on \d+ cores\)"
     with (
-        pytest.raises(OaisysError, match="Ray could not be started: timed out"),
+        pytest.raises(OaisysError, match=expected) as raised,
         ray_session(RaySettings(workers=1, memory_gb=0.1)),
     ):
         pass
-    assert never.slow_starts == 6
+    found = re.search(expected, str(raised.value))
+    assert found is not None
+    assert Path(found[1], "raylet.out").is_file()
+    assert never.slow_starts == 3
     assert never.has_ended
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -87,7 +88,7 @@ def events(
     place: LocalPlace,
     monkeypatch: pytest.MonkeyPatch,
     ray_folder: Path | None = None,
-) -> Iterator[Any]:
+) -> Generator[Any, None, None]:
     """Render `TASKS` with one worker."""
 
     @contextmanager
@@ -145,10 +146,16 @@ def test_workers_that_never_begin_end_the_run_and_ray_s_logs_are_kept(
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     monkeypatch.setattr(engine, "WORKER_START_S", -1.0)
-    (tmp_path / "ray" / "session_latest" / "logs").mkdir(parents=True)
+    logs = tmp_path / "ray" / "session_latest" / "logs"
+    logs.mkdir(parents=True)
+    (logs / "raylet.out").write_text("[a C 1 1] (raylet) Check failed: a.ok() Timed out\n")
     place = LocalPlace(tmp_path / "set")
-    with pytest.raises(OaisysError, match=r"no worker of Ray has begun .* \(logs: "):
+    expected = r"Ray has begun .* \(a.ok\(\) Timed out in the logs (.*); load .* on \d+ cores\)"
+    with pytest.raises(OaisysError, match=expected) as raised:
         list(events(IdleRay(), place, monkeypatch, tmp_path / "ray"))
+    kept = re.search(expected, str(raised.value))
+    assert kept is not None
+    assert Path(kept[1], "raylet.out").is_file()
     others = events(IdleRay(), place, monkeypatch)  # a cluster, whose cores others use
     assert isinstance(next(others), Waiting)
     others.close()
