@@ -14,7 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from served_simulator import Server
 
-from oaisys_core.config.sections.environment import EnvironmentConfig, HazeConfig, SkyConfig
+from oaisys_core.config.sections.environment import (
+    CloudsConfig,
+    EnvironmentConfig,
+    HazeConfig,
+    SkyConfig,
+)
 from oaisys_core.config.sections.environment import SunFromTimeConfig as SunFromTime
 from oaisys_core.config.sections.lamps import LampConfig
 from oaisys_core.config.sections.render import (
@@ -37,6 +42,7 @@ MODELS: dict[Any, Any] = {
     pb.SunFromTimeMetadata: SunFromTime,
     pb.SkyMetadata: SkyConfig,
     pb.HazeMetadata: HazeConfig,
+    pb.CloudsMetadata: CloudsConfig,
     pb.LampMetadata: LampConfig,
     pb.AssetMetadata: AssetMetadata,
     pb.GroupMetadata: GroupEdit,
@@ -153,6 +159,7 @@ def test_what_the_client_says_in_plain_cases_is_typed() -> None:
                 "sun_elevation_deg": [10, 20],
                 "air": 2,
                 "haze": {"visibility_m": 100},
+                "clouds": {"cover": [0.2, 0.4]},
                 "lamps": {"left": {"enabled": False, "strength_w": 20, "position_m": [1, 2, 3]}},
             },
             asset={"groups": {"stones": {"hidden": True}}, "objects": {"3": {"scale": 2}}},
@@ -165,6 +172,7 @@ def test_what_the_client_says_in_plain_cases_is_typed() -> None:
     assert message.typed_environment.sun_elevation_deg == pb.Range(least=10, most=20)
     assert message.typed_environment.air == pb.Range(least=2)
     assert message.typed_environment.haze.visibility_m.least == 100
+    assert message.typed_environment.clouds.cover.most == 0.4
     left = message.typed_environment.lamps["left"]
     assert left.HasField("enabled")
     assert not left.enabled
