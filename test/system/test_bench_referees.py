@@ -47,8 +47,6 @@ def test_a_similarity_is_found_again() -> None:
 @pytest.mark.long
 @pytest.mark.blender
 def test_colmap_finds_poses_and_k_and_notices_a_wrong_one(tmp_path: Path) -> None:
-    pytest.importorskip("pycolmap")
-
     figures = survey_figures("preview", job("survey", tmp_path, rows=3, columns=3))
 
     missed = [f"{each.name}: {each.median:g}" for each in figures if each.is_met is False]
