@@ -39,10 +39,10 @@ gallery: setup ## Render every example and texture set with its labels: out/gall
 bench: setup ## Measure everything: out/bench/bench.md (five hours the first time; BENCH_ARGS='--only transfer', --quick)
 	@$(IN_ENV) python -m tools.bench $(BENCH_ARGS)
 
-test: setup ## Run the tests but for the long ones (about 7 minutes)
+test: setup ## Run the tests but for the long ones (about 11 minutes on two cores)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) -m 'not long'
 
-test-full: setup ## Run the long tests: every example, soaks, fuzzing, both sizes of survey (about 14 minutes)
+test-full: setup ## Run the long tests: every example, soaks, fuzzing, both sizes of survey (about 20 minutes)
 	@$(IN_ENV) pytest $(PYTEST_ARGS) -m long
 
 fuzz: setup ## Send a server random and mutated requests for FUZZ_SECONDS (60)
