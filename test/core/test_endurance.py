@@ -25,7 +25,7 @@ def figures(backend: str, samples: int) -> dict[str, float]:
 
 @pytest.mark.long
 def test_memory_stays_flat_over_samples() -> None:
-    found = figures("analytic", 300)
+    found = figures("analytic", 160)
     assert found["last_mb"] - found["half_mb"] < 10, found
     assert 0.9 < found["memory_ratio"] < 1.1, found
     assert found["files"] < 30

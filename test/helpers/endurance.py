@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from oaisys_core.config import config_from_mapping
+from oaisys_core.geometry import pose_looking_at
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 
@@ -60,9 +61,17 @@ def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE
 
 
+def look_around(simulation: Simulation) -> None:
+    """See all of the world once: tables of what is far away are made when it is first seen."""
+    for x_m, y_m in ((1, 0), (0, 1), (-1, 0), (0, -1)):
+        pose = pose_looking_at((0, 0, 8), (100 * x_m, 100 * y_m, 0))
+        simulation.step_sample(ModuleMetadata(sensor={"pose": pose}))
+
+
 def main(backend: str, samples: int) -> None:
     simulation = Simulation(config_from_mapping(config(backend)))
     simulation.step_batch()
+    look_around(simulation)
     memory = []
     for index in range(samples):
         edits = {"objects": {"1": {"hidden": index % 2 == 0}}}
