@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import selectors
 import signal
@@ -16,8 +17,12 @@ from typing import Self
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
 from oaisys_ros_bridge.experiments.interruption import deferred_interruption
 
+_LOG = logging.getLogger(__name__)
+
 END_TIMEOUT_S = 20.0
-"""From SIGINT to SIGKILL; a recorder closes its bag in between."""
+"""From SIGINT to SIGABRT; a recorder closes its bag in between."""
+LAST_WORDS_S = 2.0
+"""From SIGABRT to SIGKILL; a node writes to its log where its threads are."""
 QUOTED_LINES = 15
 """Last lines of a log that an error quotes."""
 
@@ -25,7 +30,8 @@ QUOTED_LINES = 15
 class ManagedProcess:
     """A program in a session of its own; a context manager.
 
-    Leaving the block sends SIGINT to the program, then SIGKILL to its whole session.
+    Leaving the block sends SIGINT to the program, then SIGKILL to its whole session. A program that
+    has not ended by then is told of in a warning.
     """
 
     def __init__(
@@ -108,14 +114,23 @@ class ManagedProcess:
     def end(self) -> None:
         """End the process and all others in its session."""
         self.interrupt()
-        if self._process.poll() is None:
-            with contextlib.suppress(subprocess.TimeoutExpired):
-                self._process.wait(END_TIMEOUT_S)
+        if not self._has_ended(END_TIMEOUT_S):
+            _LOG.warning(
+                "%s has not ended within %g s and is killed; its log: %s",
+                *(self.name, END_TIMEOUT_S, self._log),
+            )
+            self._process.send_signal(signal.SIGABRT)
+            self._has_ended(LAST_WORDS_S)
         with contextlib.suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
         if self._process.stdout is not None:
             self._process.stdout.close()
+
+    def _has_ended(self, timeout_s: float) -> bool:
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(timeout_s)
+        return self._process.poll() is not None
 
     def _quoted_log(self) -> str:
         try:

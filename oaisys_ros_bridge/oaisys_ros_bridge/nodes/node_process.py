@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import signal
 import sys
 import threading
@@ -62,8 +63,10 @@ def run_node(
     line on standard error, where the node cannot be made of its parameters.
 
     Signals only set a flag: rclpy's own handlers would take the context down while callbacks
-    still publish, and a second Ctrl-C would interrupt the first one's cleaning up.
+    still publish, and a second Ctrl-C would interrupt the first one's cleaning up. SIGABRT writes
+    the stacks of all threads to standard error, as a crash does.
     """
+    faulthandler.enable()
     stop = stop or threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
