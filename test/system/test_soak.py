@@ -30,7 +30,8 @@ def test_nothing_grows(tmp_path: Path, leaks: LeakCheck, ros_domain_id: int) -> 
         check=False,
     )
 
-    assert told.returncode == 0, told.stdout + told.stderr
+    logs = [f"{log.name}:\n{log.read_text()}" for log in sorted(tmp_path.glob("logs/*.log"))]
+    assert told.returncode == 0, "\n".join([told.stdout, told.stderr, *logs])
     readings = json.loads((tmp_path / "soak.json").read_text())
     assert set(readings[str(SAMPLES)]) == PROCESSES
     for name, gauge in readings[str(SAMPLES)].items():

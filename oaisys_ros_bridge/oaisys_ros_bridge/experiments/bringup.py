@@ -46,7 +46,7 @@ START_TIMEOUT_S = 600.0
 
 MAP_TIMEOUT_S = 120.0
 
-_WARNING = re.compile(r"\b(WARN|WARNING|ERROR|CRITICAL|FATAL)\b|Traceback")
+_WARNING = re.compile(r"\b(WARN|WARNING|ERROR|CRITICAL|FATAL)\b|Traceback|Fatal Python error")
 _POLL_PERIOD_S = 0.5
 _LONGEST_FOLDER = 80
 """Characters of a folder for a socket, whose path has at most 107."""
