@@ -1,4 +1,4 @@
-"""Many samples in one process: ``python endurance.py BACKEND SAMPLES``; prints figures as JSON."""
+"""Many samples in one process: ``python endurance.py SAMPLES``; prints figures as JSON."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ from oaisys_core.geometry import pose_looking_at
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import ModuleMetadata
 
+AROUND = [
+    pose_looking_at((0, 0, 8), (x_m, y_m, 0))
+    for x_m, y_m in ((100, 0), (0, 100), (-100, 0), (0, -100))
+]
+"""Views of all of the world: tables of what is far away are made when it is first seen."""
 PAGE = os.sysconf("SC_PAGE_SIZE")
 
 
@@ -61,17 +66,11 @@ def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE
 
 
-def look_around(simulation: Simulation) -> None:
-    """See all of the world once: tables of what is far away are made when it is first seen."""
-    for x_m, y_m in ((1, 0), (0, 1), (-1, 0), (0, -1)):
-        pose = pose_looking_at((0, 0, 8), (100 * x_m, 100 * y_m, 0))
-        simulation.step_sample(ModuleMetadata(sensor={"pose": pose}))
-
-
-def main(backend: str, samples: int) -> None:
-    simulation = Simulation(config_from_mapping(config(backend)))
+def main(samples: int) -> None:
+    simulation = Simulation(config_from_mapping(config("analytic")))
     simulation.step_batch()
-    look_around(simulation)
+    for pose in AROUND:
+        simulation.step_sample(ModuleMetadata(sensor={"pose": pose}))
     memory = []
     for index in range(samples):
         edits = {"objects": {"1": {"hidden": index % 2 == 0}}}
@@ -91,4 +90,4 @@ def main(backend: str, samples: int) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))
+    main(int(sys.argv[1]))

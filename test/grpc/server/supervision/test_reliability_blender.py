@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import psutil
 import pytest
-from endurance import config
+from endurance import AROUND, config
 from served_simulator import ROCKY_WORLD, Server
 from waiting import PATIENCE_S
 
@@ -39,7 +39,7 @@ POSES = [
 ]
 ENDURANCE_SAMPLES = "OAISYS_ENDURANCE_SAMPLES"
 """500 for the whole of row 24, on a machine that does nothing else."""
-SHORT_ENDURANCE = 100
+SHORT_ENDURANCE = 60
 LONG_RENDER = ModuleMetadata(render={"samples": 60_000})
 """Minutes within Cycles."""
 
@@ -160,14 +160,19 @@ def test_one_worker_s_memory_and_work_stay_flat_over_many_samples(
     with server.client() as client:
         client.step_batch()
         worker = server.worker()
-        for index in range(count):
+        for pose in AROUND:
+            last_id = client.render_sample(pose).sample_id
+        files = worker.num_fds()
+        for index in range(1, count + 1):
             began_s = cpu_s(worker)
-            edits = {"objects": {"1": {"hidden": index % 2 == 0}}}
-            assert client.render_sample(metadata=ModuleMetadata(asset=edits)).sample_id == index + 1
+            edits = {"objects": {"1": {"hidden": index % 2 == 1}}}
+            sample = client.render_sample(metadata=ModuleMetadata(asset=edits))
+            assert sample.sample_id == last_id + index
             work_s.append(cpu_s(worker) - began_s)
             resident_mb.append(worker.memory_info().rss / 1e6)
         assert server.worker().pid == worker.pid
         assert client.info().worker_restarts == 0
+        assert worker.num_fds() <= files + 2
     # Of 500 samples these are 50 to 150, and the last 100.
     early, late = slice(tenth, 3 * tenth), slice(count - 2 * tenth, count)
     assert np.mean(resident_mb[late]) == pytest.approx(np.mean(resident_mb[early]), rel=0.1)
