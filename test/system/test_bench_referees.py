@@ -14,6 +14,7 @@ from blender_process import skip_without_blender
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.types import HeightGrid
+from oaisys_mapping.certificate.perturbations import FOCAL_FACTOR
 from tools.bench.child import run_job
 from tools.bench.referees.drivable_way import ASIDE_M, STEP_M, free_ground, there_and_back
 from tools.bench.referees.structure_from_motion import similarity
@@ -47,7 +48,9 @@ def test_a_similarity_is_found_again() -> None:
 @pytest.mark.long
 @pytest.mark.blender
 def test_colmap_finds_poses_and_k_and_notices_a_wrong_one(tmp_path: Path) -> None:
-    figures = survey_figures("preview", job("survey", tmp_path, rows=3, columns=3))
+    figures = survey_figures(
+        "preview", job("survey", tmp_path, rows=3, columns=3, wrong_focal=FOCAL_FACTOR)
+    )
 
     missed = [f"{each.name}: {each.median:g}" for each in figures if each.is_met is False]
     assert not missed

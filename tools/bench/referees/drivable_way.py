@@ -93,6 +93,12 @@ def there_and_back(ground: FreeGround) -> FloatArray:
     return np.concatenate((line - left_m, line[-1] + turn, (line + left_m)[::-1]))
 
 
+def distances_along_m(places_m: FloatArray) -> FloatArray:
+    """Return the (N,) distances along a line of (N, D) places from its first."""
+    steps_m = np.linalg.norm(np.diff(places_m, axis=0), axis=1)
+    return np.append(0.0, np.cumsum(steps_m))
+
+
 def _graph(ground: FreeGround) -> csr_matrix:
     """Return the costs between free neighbours: their distance, more near what is not free."""
     height, width = ground.free.shape
@@ -138,7 +144,7 @@ def _shortest(ground: FreeGround, graph: csr_matrix, start: Cell, end: Cell) -> 
 
 def _smooth_line(xy_m: FloatArray) -> FloatArray:
     """Return points of a smooth line along (N, 2) places, `STEP_M` apart."""
-    along_m = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(xy_m, axis=0), axis=1)))
+    along_m = distances_along_m(xy_m)
     fine_m = np.arange(0.0, along_m[-1], 0.1)
     line = np.stack([np.interp(fine_m, along_m, each) for each in xy_m.T], axis=-1)
     # Odd reflection keeps the ends where they are.

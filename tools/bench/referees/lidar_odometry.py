@@ -15,8 +15,8 @@ from typing import Literal, get_args
 import numpy as np
 
 from oaisys_core.types import FloatArray
-from oaisys_mapping.odometry.programs import run_program
 from oaisys_mapping.odometry.trajectories import TimedTransforms
+from tools.bench.referees.module_process import run_module
 
 Mode = Literal["true_motion", "own_motion", "no_times"]
 """How points are corrected for the motion during a scan: before KISS-ICP sees them, with the true
@@ -74,8 +74,7 @@ def odometry(
     Raises:
         ProgramError: KISS-ICP failed.
     """
-    arguments = [str(folder.absolute()), mode, str(max_range_m), str(voxel_m)]
-    run_program([sys.executable, "-m", __name__, *arguments], Path.cwd())
+    run_module(__name__, str(folder.absolute()), mode, str(max_range_m), str(voxel_m))
     times_s = np.load(folder / STAMPS) + (scan_s / 2 if mode == "no_times" else scan_s)
     return TimedTransforms(times_s, np.load(folder / _poses(mode)))
 

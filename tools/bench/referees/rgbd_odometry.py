@@ -17,7 +17,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from oaisys_core.types import FloatArray, Frame
-from oaisys_mapping.odometry.programs import run_program
+from tools.bench.referees.module_process import printed_json
 
 MOST_DEPTH_M = 60.0
 MOST_STEP_M = 0.5
@@ -60,9 +60,7 @@ def rgbd_figures(colour: Sequence[Frame], depth: Sequence[Frame]) -> RgbdFigures
             T=np.array([frame.T_map_camera for frame in colour]),
             K=colour[0].intrinsics.K,
         )
-        command = [sys.executable, "-m", __name__, str(file)]
-        lines = run_program(command, Path.cwd()).strip().splitlines()
-        return RgbdFigures(**json.loads(lines[-1]))
+        return RgbdFigures(**printed_json(__name__, str(file)))
 
 
 def _figures(data: Any) -> RgbdFigures:

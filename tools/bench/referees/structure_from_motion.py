@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +20,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.types import FloatArray, Frame
-from oaisys_mapping.odometry.programs import run_program
+from tools.bench.referees.module_process import printed_json
 
 IMAGES, TRUTH = "images", "truth.json"
 
 
 @dataclass(frozen=True)
 class SurveyFigures:
-    """What COLMAP makes of pictures.
+    """What COLMAP makes of pictures; by default, nothing.
 
     Attributes:
         pictures, registered: Number of pictures, and of those whose pose it found.
@@ -40,14 +41,14 @@ class SurveyFigures:
     """
 
     pictures: int
-    registered: int
-    points: int
-    reprojection_px: float
-    position_rms_m: float
-    position_rms_px: float
-    rotation_median_deg: float
-    focal_share: float
-    principal_px: float
+    registered: int = 0
+    points: int = 0
+    reprojection_px: float = inf
+    position_rms_m: float = inf
+    position_rms_px: float = inf
+    rotation_median_deg: float = inf
+    focal_share: float = inf
+    principal_px: float = inf
 
 
 def write_survey(folder: Path, frames: Mapping[str, Frame], ground_m: float) -> None:
@@ -82,9 +83,7 @@ def survey_figures(folder: Path, *, given_focal: float | None) -> SurveyFigures:
     Raises:
         ProgramError: COLMAP failed.
     """
-    command = [sys.executable, "-m", __name__, str(folder.absolute()), str(given_focal)]
-    lines = run_program(command, Path.cwd()).strip().splitlines()
-    return SurveyFigures(**json.loads(lines[-1]))
+    return SurveyFigures(**printed_json(__name__, str(folder.absolute()), str(given_focal)))
 
 
 def _reconstructed(folder: Path, truth: Mapping[str, Any], given_focal: float | None) -> Any:
@@ -118,7 +117,7 @@ def _figures(folder: Path, given_focal: float | None) -> SurveyFigures:
     poses = {name: np.array(T) for name, T in truth["T_map_camera"].items()}
     model = _reconstructed(folder, truth, given_focal)
     if model is None or model.num_reg_images() < 3:
-        return SurveyFigures(len(poses), 0, 0, *[float("inf")] * 6)
+        return SurveyFigures(len(poses))
     found, true = _aligned(model, poses)
     errors_m = np.linalg.norm(found[:, :3, 3] - true[:, :3, 3], axis=1)
     rms_m = float(np.sqrt(np.mean(errors_m**2)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from oaisys_mapping.certificate.perturbations import FOCAL_FACTOR
 from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings, say_of_part
@@ -37,7 +38,6 @@ KNOWN_PX, UNKNOWN_PX = 2.0, 3.0
 """Largest RMS error of positions in pixels on the ground, with K and without."""
 FOCAL_PERCENT, PRINCIPAL_PX = 0.3, 2.0
 """Largest errors of a K that is found."""
-WRONG_FOCAL = 1.0855
 DRIFT_PERCENT = 0.5
 LATE_MS, OFFSET_MS = 20.0, 5.0
 """By which stamps of a lidar are late, and the largest error of what is found of it."""
@@ -160,7 +160,7 @@ def _pictures(settings: Settings, say: Say) -> list[Figure]:
     for i, quality in enumerate(qualities):
         job: dict[str, Any] = {"quality": quality, "seed": SEED}
         part = say_of_part(say, i, len(qualities), quality)
-        grid: dict[str, Any] = {"rows": rows, "columns": columns}
+        grid: dict[str, Any] = {"rows": rows, "columns": columns, "wrong_focal": FOCAL_FACTOR}
         figures += survey_figures(
             quality, run_job("referees.pictures.survey", settings, part, **job, **grid)
         )
@@ -177,7 +177,7 @@ def survey_figures(quality: str, found: Mapping[str, Mapping[str, Any]]) -> list
     """Return the figures of a survey, with their goals."""
     known, unknown, wrong = (found[name] for name in ("known", "unknown", "wrong"))
     start = f"colmap_{quality}"
-    against_wrong = abs((1 + unknown["focal_share"]) / WRONG_FOCAL - 1)
+    against_wrong = abs((1 + unknown["focal_share"]) / FOCAL_FACTOR - 1)
     return [
         _missing(f"{start}_known_missing", known),
         figure(
@@ -207,7 +207,7 @@ def survey_figures(quality: str, found: Mapping[str, Mapping[str, Any]]) -> list
             "%",
             [against_wrong * 100],
             Goal(FOCAL_PERCENT, at_least=True),
-            f"fault: K says {WRONG_FOCAL:g} times the focal length; difference from what is found",
+            f"fault: K says {FOCAL_FACTOR:g} times the focal length; difference from what is found",
         ),
         figure(
             f"{start}_fault_position",

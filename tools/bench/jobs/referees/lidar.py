@@ -20,7 +20,7 @@ from oaisys_core.trajectory import Trajectory
 from oaisys_core.types import FloatArray, LidarInfo, merged
 from oaisys_mapping.odometry.lidar_odometry import judged
 from oaisys_mapping.odometry.trajectories import TimedTransforms
-from tools.bench.referees.drivable_way import free_ground, there_and_back
+from tools.bench.referees.drivable_way import distances_along_m, free_ground, there_and_back
 from tools.bench.referees.lidar_odometry import MODES, Mode, TimedScan, odometry, write_scans
 from tools.bench.settings import Say, Settings
 from tools.bench.worlds import DEMO, world_file, world_mapping
@@ -189,5 +189,4 @@ def _config(
 def _way(simulation: Simulation, way_m: float) -> FloatArray:
     """Return waypoints of a way, cut off at its length."""
     way = there_and_back(free_ground(simulation.height_grid(CELL_M)))
-    steps_m = np.linalg.norm(np.diff(way, axis=0), axis=1)
-    return np.asarray(way[np.append(0.0, np.cumsum(steps_m)) <= way_m])
+    return np.asarray(way[distances_along_m(way) <= way_m])

@@ -16,6 +16,7 @@ from oaisys_core.trajectory import Trajectory
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_mapping.odometry.inertial import ImuFigures, preintegrated
 from oaisys_mapping.odometry.trajectories import TimedTransforms
+from tools.bench.referees.drivable_way import distances_along_m
 from tools.bench.settings import Say, Settings
 
 GRAVITY = GRAVITY_M_S2["mars"]
@@ -85,8 +86,6 @@ def odometry_drift(settings: Settings, say: Say, seeds: int) -> dict[str, float]
         ape = metrics.APE(metrics.PoseRelation.translation_part)
         ape.process_data((reference, PoseTrajectory3D(found_m, quats_wxyz, times_s)))
         squares.append(ape.get_statistic(metrics.StatisticsType.rmse) ** 2)
-    steps_m = np.linalg.norm(np.diff(true_m, axis=0), axis=1)
-    way_m = np.append(0.0, np.cumsum(steps_m))
     # On three axes, the mean square after s metres is 3 sigma^2 s.
-    expected_m = POSITION_M_PER_SQRT_M * np.sqrt(3 * way_m.mean())
+    expected_m = POSITION_M_PER_SQRT_M * np.sqrt(3 * distances_along_m(true_m).mean())
     return {"ape_m": float(np.sqrt(np.mean(squares))), "expected_m": float(expected_m)}

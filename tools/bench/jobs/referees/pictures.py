@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -10,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.config.sections.drive import DroneConfig
+from oaisys_core.config.sections.drive import GRAVITY_M_S2, DroneConfig
 from oaisys_core.geometry import nadir_spacing_m, pose_looking_at, pose_looking_down
 from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory.drone import plan_flight
@@ -28,7 +29,6 @@ TILT_RAD = np.radians(25.0)
 HEADINGS_RAD = np.radians((0.0, 90.0, 180.0, 270.0))
 ASIDE_M = (-1.0, 1.0)
 """Where the two pictures of a heading are, across it."""
-WRONG_FOCAL = 1.0855
 CASES = ("known", "unknown", "wrong")
 RATE_HZ = 10.0
 BASELINE_M, STEREO_HEIGHT_M = 0.25, 5.0
@@ -42,6 +42,7 @@ def survey(
     rows: int,
     columns: int,
     seed: int,
+    wrong_focal: float,
     cases: Sequence[str] = CASES,
     world: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
@@ -53,13 +54,11 @@ def survey(
         quality: Preset of the pictures.
         rows, columns: Of the grid of pictures that look straight down.
         seed: Of the world.
+        wrong_focal: The wrong focal length, as a share of the true one.
         cases: Which of `CASES`.
         world: Changes of the demo's world.
     """
-    changes = {"seed": seed, "render": {"quality": quality, "exposure_ev": 0.0}}
-    config = world_config(settings, merged(world or {}, changes))
-    with simulation_of(config) as simulation, TemporaryDirectory() as out:
-        simulation.step_batch()
+    with _demo(settings, quality, seed, world) as simulation, TemporaryDirectory() as out:
         ground_m = _ground_m(simulation)
         spacing_m = nadir_spacing_m(HEIGHT_M, OVERLAP, simulation.info().sensors[0].intrinsics)
         down = _looking_down(rows, columns, spacing_m, ground_m)
@@ -75,7 +74,7 @@ def survey(
         given = {
             "known": (nadir, 1.0),
             "unknown": (oblique, None),
-            "wrong": (oblique, WRONG_FOCAL),
+            "wrong": (oblique, wrong_focal),
         }
         return {
             case: asdict(survey_figures(given[case][0], given_focal=given[case][1]))
@@ -92,18 +91,11 @@ def flight(
     world: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return Open3D's figures of a drone's flight, at `RATE_HZ`; ``world`` changes the demo's."""
-    (plain,) = camera(settings.width_px, settings.height_px)["sensors"]["cameras"]
-    changes = {
-        "seed": seed,
-        "render": {"quality": quality, "exposure_ev": 0.0},
-        "sensors": {"cameras": [{**plain, "mount_quat_xyzw": DOWN_45_XYZW}]},
-    }
-    config = world_config(settings, merged(world or {}, changes))
-    with simulation_of(config) as simulation:
-        simulation.step_batch()
+    sensors = {"cameras": [_camera(settings)]}
+    with _demo(settings, quality, seed, world, sensors) as simulation:
         z_m = _ground_m(simulation) + 5.0
         way_m = np.array([(-8, -6, z_m), (0, -3, z_m + 1), (6, 4, z_m), (0, 9, z_m)], float)
-        planned = plan_flight(DroneConfig(kind="drone"), way_m, 9.80665)
+        planned = plan_flight(DroneConfig(kind="drone"), way_m, GRAVITY_M_S2["earth"])
         # Without the start from rest, where pictures are all the same.
         times_s = planned.start_s + 2.0 + np.arange(pictures) / RATE_HZ
         colour, depth = [], []
@@ -123,16 +115,9 @@ def stereo(
     world: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return OpenCV's figures of a stereo rig over the ground; ``world`` changes the demo's."""
-    (plain,) = camera(settings.width_px, settings.height_px)["sensors"]["cameras"]
-    rig = {**plain, "name": "stereo", "baseline_m": BASELINE_M, "mount_quat_xyzw": DOWN_45_XYZW}
-    changes = {
-        "seed": seed,
-        "render": {"quality": quality, "exposure_ev": 0.0},
-        "sensors": {"cameras": [], "stereo": [{**rig, "modalities": [RGB, DISPARITY]}]},
-    }
-    config = world_config(settings, merged(world or {}, changes))
-    with simulation_of(config) as simulation:
-        simulation.step_batch()
+    rig = {"name": "stereo", "baseline_m": BASELINE_M, "modalities": [RGB, DISPARITY]}
+    sensors = {"cameras": [], "stereo": [_camera(settings) | rig]}
+    with _demo(settings, quality, seed, world, sensors) as simulation:
         say(0.2, quality)
         pose = Pose((0.0, 0.0, _ground_m(simulation) + STEREO_HEIGHT_M), (0.0, 0.0, 0.0, 1.0))
         sample = simulation.step_sample(ModuleMetadata(sensor={"pose": pose}))
@@ -144,6 +129,28 @@ def stereo(
                 sample.frame(left, DISPARITY).data,
             )
         )
+
+
+@contextmanager
+def _demo(
+    settings: Settings,
+    quality: str,
+    seed: int,
+    changes: Mapping[str, Any] | None,
+    sensors: Mapping[str, Any] | None = None,
+) -> Iterator[Simulation]:
+    """Yield a simulation with a batch of the demo's world, with changes on top."""
+    render = {"quality": quality, "exposure_ev": 0.0}
+    ours = {"seed": seed, "render": render, "sensors": sensors or {}}
+    with simulation_of(world_config(settings, merged(changes or {}, ours))) as simulation:
+        simulation.step_batch()
+        yield simulation
+
+
+def _camera(settings: Settings) -> dict[str, Any]:
+    """Return a camera that looks 45 degrees down."""
+    (plain,) = camera(settings.width_px, settings.height_px)["sensors"]["cameras"]
+    return {**plain, "mount_quat_xyzw": DOWN_45_XYZW}
 
 
 def _frames(simulation: Simulation, pose: Pose, modalities: Sequence[str]) -> list[Frame]:
