@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-_requested = threading.Event()
-
 
 @dataclass
-class _Deferral:
+class _Interruption:
+    """Plain values: a handler that sets an event deadlocks where it interrupts another one."""
+
+    requested: bool = False
     depth: int = 0
     pending: bool = False
 
 
-_deferral = _Deferral()
+_state = _Interruption()
 
 
 def interrupt_on_signals() -> None:
@@ -28,31 +28,31 @@ def interrupt_on_signals() -> None:
     """
 
     def interrupt(*_: object) -> None:
-        _requested.set()
-        if _deferral.depth:
-            _deferral.pending = True
+        _state.requested = True
+        if _state.depth:
+            _state.pending = True
         else:
             raise KeyboardInterrupt
 
-    _requested.clear()
+    _state.requested = False
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, interrupt)
 
 
 def raise_if_interrupted() -> None:
     """Raise `KeyboardInterrupt` if a signal has been received, even if it was dropped since."""
-    if _requested.is_set():
+    if _state.requested:
         raise KeyboardInterrupt
 
 
 @contextmanager
 def deferred_interruption() -> Iterator[None]:
     """Raise the `KeyboardInterrupt` of a signal only after the block; for the main thread."""
-    _deferral.depth += 1
+    _state.depth += 1
     try:
         yield
     finally:
-        _deferral.depth -= 1
-        if _deferral.pending and not _deferral.depth:
-            _deferral.pending = False
+        _state.depth -= 1
+        if _state.pending and not _state.depth:
+            _state.pending = False
             raise KeyboardInterrupt

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import faulthandler
-import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
@@ -16,6 +15,7 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from oaisys_core.end_request import EndRequest
 from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.transport import prepare_transport
 
@@ -47,7 +47,7 @@ class WaitingExecutor(MultiThreadedExecutor):
 
 
 LOOK_UP_S = 0.2
-"""Between two checks of a waiting thread whether it shall end."""
+"""Between two checks of the executor's thread whether it shall end."""
 
 
 def run_node(
@@ -55,9 +55,9 @@ def run_node(
     arguments: Sequence[str] | None = None,
     *,
     threads: int = 6,
-    stop: threading.Event | None = None,
+    end: EndRequest | None = None,
 ) -> int:
-    """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT, SIGTERM or ``stop``; return 0.
+    """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT, SIGTERM or ``end``; return 0.
 
     Returns 1 where a callback failed (its traceback is on standard error by then), and 2, after one
     line on standard error, where the node cannot be made of its parameters.
@@ -67,28 +67,22 @@ def run_node(
     the stacks of all threads to standard error, as a crash does.
     """
     faulthandler.enable()
-    stop = stop or threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    prepare_transport()
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-    try:
-        node = make_node()
-    except (OaisysError, OSError, ParameterException) as error:
-        sys.stderr.write(f"{error}\n")
-        rclpy.try_shutdown()
-        return 2
-    try:
-        return _run_until(stop, node, threads)
-    finally:
-        rclpy.try_shutdown()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            # At exit Python restores the default handlers, and a second signal would kill it:
-            # a terminal and ros2 launch each send one.
-            signal.signal(number, signal.SIG_IGN)
+    end = end or EndRequest()
+    with end.requested_by_signals():
+        prepare_transport()
+        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+        try:
+            try:
+                node = make_node()
+            except (OaisysError, OSError, ParameterException) as error:
+                sys.stderr.write(f"{error}\n")
+                return 2
+            return _run_until(end, node, threads)
+        finally:
+            rclpy.try_shutdown()
 
 
-def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
+def _run_until(end: EndRequest, node: Node, threads: int) -> int:
     executor = WaitingExecutor(num_threads=threads)
     executor.add_node(node)
     closed = threading.Event()
@@ -101,16 +95,13 @@ def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
         except ExternalShutdownException:
             pass
         finally:
-            if not stop.is_set():
+            if not end.made:
                 ended_by_itself.set()
-            stop.set()
+            end.request()
 
     spinner = threading.Thread(target=spin, name="executor", daemon=True)
     spinner.start()
-    # Not one long wait: a signal that comes just before a blocking call does not interrupt it, and
-    # its handler would have to wait.
-    while not stop.wait(LOOK_UP_S):
-        pass
+    end.wait()
     node.close()
     # The executor must not be waiting when its handles are destroyed.
     closed.set()
