@@ -90,6 +90,9 @@ def _time_chart(
         axes.set_facecolor("none")
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
-        axes.legend(frameon=False, ncols=len(names), loc="upper right")
+        above = (1.0, 1.0)  # where it covers no curve
+        axes.legend(
+            frameon=False, ncols=len(names), loc="lower right", bbox_to_anchor=above, borderpad=0
+        )
     rows[-1].set(xlabel="simulated time, s", xlim=(times_s[0], times_s[-1]))
     return figure_png(figure)

@@ -124,13 +124,23 @@ def _colored(frames: Sequence[Frame], labels: Mapping[int, str]) -> list[NDArray
     if modality == RGB:
         return [np.asarray(frame.data, np.uint8) for frame in frames]
     if modality == DEPTH:
-        near_m, far_m = depth_range_m([frame.data for frame in frames])
-        return [pictures.depth_picture(frame.data, near_m, far_m) for frame in frames]
+        return log_depth_pictures([frame.data for frame in frames])
     if modality == INSTANCE:
         return [pictures.instance_picture(frame.data) for frame in frames]
     if semantic_level(modality) is not None:
         return [pictures.semantic_picture(frame.data, labels) for frame in frames]
     return None
+
+
+def log_depth_pictures(images_m: Sequence[NDArray[np.float32]]) -> list[NDArray[np.uint8]]:
+    """Return depth in colours of its logarithm, as `pictures.depth_picture`.
+
+    A horizon is a hundred times as far as the ground in front of a rover.
+    """
+    with np.errstate(divide="ignore"):
+        logs = [np.log(image_m) for image_m in images_m]
+    near, far = depth_range_m(logs)
+    return [pictures.depth_picture(each, near, far) for each in logs]
 
 
 def _html(

@@ -19,6 +19,7 @@ from oaisys_mapping.evaluation.evaluate import evaluate_reconstruction
 from oaisys_mapping.evaluation.thresholds import Thresholds
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
+from oaisys_mapping.report.drive_report import log_depth_pictures
 from oaisys_mapping.report.mesh_viewer import Layer, decimated, packed_mesh
 from oaisys_mapping.report.report import SurveyReport, ViewRecord, write_report
 from oaisys_mapping.report.three_js import FOLDER_VARIABLE, load_three
@@ -249,6 +250,14 @@ def test_depth_runs_from_yellow_to_violet_and_sky_is_grey() -> None:
     assert near[2] < 80
     assert far[2] > far[1]
     assert sky.tolist() == [128, 128, 128]
+
+
+def test_the_ground_before_a_rover_has_many_colours_beside_a_far_horizon() -> None:
+    ground_m = np.geomspace(2.0, 20.0, 100, dtype=np.float32)
+    horizon_m = np.full(20, 2000.0, np.float32)
+    (image,) = log_depth_pictures([np.concatenate((ground_m, horizon_m, [np.inf]))[None]])
+    assert len(np.unique(image[0, :100], axis=0)) > 50
+    assert image[0, -1].tolist() == [128, 128, 128]
 
 
 def test_neighbouring_instances_differ() -> None:
