@@ -122,3 +122,15 @@ def test_a_way_keeps_clear_of_rocks_and_comes_back() -> None:
     # Both sides of the wall are reached.
     assert way_m[:, 0].min() < -10
     assert way_m[:, 0].max() > 10
+
+
+def test_a_way_follows_a_canyon_rather_than_the_plain_above_it() -> None:
+    cells, cell_m = 240, 0.25
+    slope = 2 * cell_m * np.arange(cells, dtype=np.float32)
+    ground = np.repeat(slope[:, None], cells, axis=1)
+    ground[:, :40] = -20.0  # a floor of 10 m by 60 m
+    ground[40:160, 60:180] = 20.0  # a plain of 30 m by 30 m
+    first_m = (0.5 - cells / 2) * cell_m
+    found = free_ground(HeightGrid(ground, ground, (first_m, first_m), cell_m))
+    assert found.free[:, :40].any()
+    assert not found.free[:, 40:].any()

@@ -31,7 +31,7 @@ class FreeGround:
     """Where a rover can drive.
 
     Attributes:
-        free: (H, W) cells of the largest connected part.
+        free: (H, W) cells of the connected part that reaches farthest.
         distance_m: (H, W) distances from the nearest cell that cannot be driven over.
         first_xy_m: Centre of the first cell, in ``map``.
         cell_m: Edge of a cell.
@@ -74,8 +74,11 @@ def free_ground(grid: HeightGrid) -> FreeGround:
     parts, count = ndimage.label(distance_m > RADIUS_M, np.ones((3, 3)))
     if not count:
         raise InvalidInputError("world", "no free ground", "ground on which a rover can drive")
-    sizes = np.bincount(parts.ravel())[1:]
-    free = parts == 1 + int(np.argmax(sizes))
+    # The longest way is there: along a canyon's floor, not on the wider plain above it.
+    reach = [
+        np.hypot(*(side.stop - side.start for side in box)) for box in ndimage.find_objects(parts)
+    ]
+    free = parts == 1 + int(np.argmax(reach))
     return FreeGround(free, distance_m, np.asarray(grid.origin_xy_m, dtype=np.float64), cell_m)
 
 

@@ -1,13 +1,13 @@
 """KISS-ICP on the scans of a drive, in a process of its own.
 
-``python -m tools.bench.referees.lidar_odometry FOLDER MODE MAX_RANGE_M VOXEL_M`` writes its poses.
-The folder has the scans, see `write_scans`.
+``python -m tools.bench.referees.lidar_odometry FOLDER MODE`` writes its poses. The folder has the
+scans, see `write_scans`.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
@@ -23,9 +23,8 @@ Mode = Literal["true_motion", "own_motion", "no_times"]
 motion; by KISS-ICP, with that of the scan before and their times; not at all."""
 MODES: tuple[Mode, ...] = get_args(Mode)
 
-POINTS, MOVED, SHARES, COUNTS, STAMPS = (
-    f"{name}.npy" for name in ("points", "moved", "shares", "counts", "stamps")
-)
+STAMPS = "stamps.npy"
+SCANS = "scan_*.npz"
 
 
 @dataclass(frozen=True)
@@ -45,22 +44,19 @@ class TimedScan:
     share: FloatArray
 
 
-def write_scans(folder: Path, scans: Sequence[TimedScan]) -> None:
-    """Write scans for `odometry`."""
+def write_scans(folder: Path, scans: Iterable[TimedScan]) -> None:
+    """Write scans for `odometry`, one after the other."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, arrays in (
-        (POINTS, [scan.points_m for scan in scans]),
-        (MOVED, [scan.moved_m for scan in scans]),
-        (SHARES, [scan.share for scan in scans]),
-    ):
-        np.save(folder / name, np.concatenate(arrays).astype(np.float32))
-    np.save(folder / COUNTS, np.array([len(scan.share) for scan in scans]))
-    np.save(folder / STAMPS, np.array([scan.stamp_s for scan in scans]))
+    stamps_s = []
+    for i, scan in enumerate(scans):
+        points = {"points_m": scan.points_m, "moved_m": scan.moved_m, "share": scan.share}
+        file = folder / SCANS.replace("*", f"{i:06d}")
+        np.savez(file, **{name: np.asarray(each, np.float32) for name, each in points.items()})
+        stamps_s.append(scan.stamp_s)
+    np.save(folder / STAMPS, np.array(stamps_s))
 
 
-def odometry(
-    folder: Path, mode: Mode, scan_s: float, max_range_m: float, voxel_m: float
-) -> TimedTransforms:
+def odometry(folder: Path, mode: Mode, scan_s: float) -> TimedTransforms:
     """Return the lidar's poses as KISS-ICP finds them, at the times for which they hold.
 
     Args:
@@ -68,13 +64,11 @@ def odometry(
         mode: How points are corrected for the motion.
         scan_s: How long a scan takes. With uncorrected points, a pose holds on the average for
             the middle of its scan, otherwise for the end.
-        max_range_m: Farther points are ignored.
-        voxel_m: Edge of the map's voxels.
 
     Raises:
         ProgramError: KISS-ICP failed.
     """
-    run_module(__name__, str(folder.absolute()), mode, str(max_range_m), str(voxel_m))
+    run_module(__name__, str(folder.absolute()), mode)
     times_s = np.load(folder / STAMPS) + (scan_s / 2 if mode == "no_times" else scan_s)
     return TimedTransforms(times_s, np.load(folder / _poses(mode)))
 
@@ -83,22 +77,19 @@ def _poses(mode: str) -> str:
     return f"poses_{mode}.npy"
 
 
-def _found(folder: Path, mode: str, max_range_m: float, voxel_m: float) -> FloatArray:
-    from kiss_icp.config import KISSConfig
+def _found(folder: Path, mode: str) -> FloatArray:
+    from kiss_icp.config import load_config
     from kiss_icp.kiss_icp import KissICP
 
-    config = KISSConfig()
-    config.data.max_range = max_range_m
+    config = load_config(None)  # its defaults: up to 100 m, voxels of 1 m
     config.data.deskew = mode == "own_motion"
-    config.mapping.voxel_size = voxel_m
     config.registration.max_num_threads = 1  # modes run beside each other
     program, poses = KissICP(config), []
-    points = np.load(folder / (MOVED if mode == "true_motion" else POINTS), mmap_mode="r")
-    shares = np.load(folder / SHARES, mmap_mode="r")
-    ends = np.cumsum(np.load(folder / COUNTS))
-    for begin, end in zip((0, *ends[:-1]), ends, strict=True):
-        frame = np.asarray(points[begin:end], np.float64)
-        program.register_frame(frame, np.asarray(shares[begin:end], np.float64))
+    points = "moved_m" if mode == "true_motion" else "points_m"
+    for file in sorted(folder.glob(SCANS)):
+        with np.load(file) as scan:
+            frame, shares = (scan[name].astype(np.float64) for name in (points, "share"))
+        program.register_frame(frame, shares)
         poses.append(program.last_pose)
     return np.array(poses)
 
@@ -106,7 +97,7 @@ def _found(folder: Path, mode: str, max_range_m: float, voxel_m: float) -> Float
 def main() -> None:
     """Write the poses that one mode finds."""
     folder, mode = Path(sys.argv[1]), sys.argv[2]
-    np.save(folder / _poses(mode), _found(folder, mode, *map(float, sys.argv[3:5])))
+    np.save(folder / _poses(mode), _found(folder, mode))
 
 
 if __name__ == "__main__":

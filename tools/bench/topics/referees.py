@@ -30,8 +30,7 @@ DRIVES: dict[str, dict[str, Any]] = {
     "shaking": {"world": CANYON, "suspension_m": SHAKING_M},
 }
 """Drives, by the name of their figures."""
-SPEED_M_S, RANGE_M, VOXEL_M = 3.0, 60.0, 1.0
-"""Of the rover, and of what KISS-ICP maps."""
+SPEED_M_S = 3.0
 WAY_M, QUICK_WAY_M = 200.0, 40.0
 
 KNOWN_PX, UNKNOWN_PX = 2.0, 3.0
@@ -106,8 +105,6 @@ def _drives(settings: Settings, say: Say) -> list[Figure]:
             **job,
             way_m=QUICK_WAY_M if settings.quick else WAY_M,
             speed_m_s=SPEED_M_S,
-            max_range_m=RANGE_M,
-            voxel_m=VOXEL_M,
             late_s=LATE_MS / 1000,
         )
         figures += lidar_figures(name, found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,7 +27,10 @@ from tools.bench.worlds import DEMO, world_file, world_mapping
 
 LIDAR = "lidar"
 RATE_HZ = 10.0
-SCAN: dict[str, Any] = {"kind": "rotating", "preset": "generic_64", "azimuth_steps": 256}
+SCAN: dict[str, Any] = {"kind": "rotating", "preset": "generic_64", "azimuth_steps": 1024}
+"""As many rays as one of today's lidars with 64 channels casts at 10 Hz."""
+RANGE_M = 100.0
+"""Of the lidar; KISS-ICP's default, too."""
 CELL_M = 0.25
 CANYON_M = 200.0
 TRUTH_STEP_S = 0.02
@@ -57,8 +60,6 @@ def drive(
     way_m: float,
     speed_m_s: float,
     suspension_m: float,
-    max_range_m: float,
-    voxel_m: float,
     late_s: float,
     modes: Sequence[Mode] = MODES,
     scan: Mapping[str, Any] = SCAN,
@@ -71,7 +72,6 @@ def drive(
         world: A world of the panel; ``stage_canyon`` is made `CANYON_M` wide.
         way_m: Length of the drive; it is shorter where the free ground ends.
         speed_m_s, suspension_m: Of the rover.
-        max_range_m, voxel_m: Of KISS-ICP.
         late_s: For each mode there are also figures with stamps that are late by this.
         modes: How points are corrected for the motion.
         scan: Pattern of the lidar.
@@ -83,10 +83,7 @@ def drive(
         with ThreadPoolExecutor(2) as pool:
             estimates = list(
                 pool.map(
-                    lambda mode: odometry(
-                        recorded.folder, mode, recorded.lidar.period_s, max_range_m, voxel_m
-                    ),
-                    modes,
+                    lambda mode: odometry(recorded.folder, mode, recorded.lidar.period_s), modes
                 )
             )
     lidar = recorded.truth.mounted(recorded.lidar.T_base_lidar)
@@ -127,13 +124,16 @@ def _recorded(
         planned = Drive(simulation, config, sensors=[LIDAR])
         trajectory, count = planned.plan.trajectory, planned.sample_count()
         (lidar,) = simulation.info().lidars
-        scans = []
-        for sample in planned.samples():
-            scans.append(_timed_scan(sample, trajectory, lidar))
-            say(0.1 + 0.4 * len(scans) / count, f"{world}: {planned.plan.length_m():.0f} m")
+        text = f"{world}: {planned.plan.length_m():.0f} m"
+
+        def scans() -> Iterator[TimedScan]:
+            for i, sample in enumerate(planned.samples()):
+                say(0.1 + 0.4 * i / count, text)
+                yield _timed_scan(sample, trajectory, lidar)
+
+        write_scans(folder, scans())
     finally:
         simulation.close()
-    write_scans(folder, scans)
     times_s = np.arange(trajectory.start_s, trajectory.end_s, TRUTH_STEP_S)
     truth = TimedTransforms(times_s, trajectory.T_map_base(times_s))
     return LidarDrive(folder, lidar, truth, str(planned.plan.obstacle or ""))
@@ -174,7 +174,7 @@ def _config(
                     "name": LIDAR,
                     "mount_position_m": (0.3, 0.0, 2.0),
                     "scan": dict(scan),
-                    "max_range_m": 80.0,
+                    "max_range_m": RANGE_M,
                     "rate_hz": RATE_HZ,
                 }
             ],
