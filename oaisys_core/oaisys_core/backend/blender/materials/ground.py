@@ -17,12 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.compat import node_tree_of
+from oaisys_core.backend.blender.materials.borders import LOOKUPS, follows_relief, rooted
 from oaisys_core.backend.blender.materials.contact import contact_image, with_rims
-from oaisys_core.backend.blender.materials.ground_layer import (
-    LayerNodes,
-    MaterialLevel,
-    MaterialTables,
-)
+from oaisys_core.backend.blender.materials.ground_layer import MaterialLevel, MaterialTables
+from oaisys_core.backend.blender.materials.ground_level import LevelNodes
 from oaisys_core.backend.blender.materials.haze import through_haze
 from oaisys_core.backend.blender.materials.images import BYTE, ImageStore, mean_colors, new_image
 from oaisys_core.backend.blender.materials.land import land_place, land_relief, land_share
@@ -31,7 +29,6 @@ from oaisys_core.backend.blender.materials.nodes import (
     Socket,
     in_group,
     number_group,
-    surface_group,
 )
 from oaisys_core.backend.blender.materials.surfaces import (
     is_glossy,
@@ -45,18 +42,7 @@ from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.terrain.surroundings.land_detail import LandDetail
 from oaisys_core.textures.levels import LEAST_PX
 from oaisys_core.world.contact_map import ContactMap
-from oaisys_core.world.terrain_material import TerrainLayer, TerrainMaterial
-from oaisys_core.world.tiling import PlainTiling, StochasticTiling, VoronoiTiling
-
-STEEP_COS = (0.77, 0.57)
-"""Vertical component of the normal (40 and 55 degrees of slope) between which the texture projected
-from above gives way to those from the sides."""
-
-SIDE_BLEND = 2.5
-"""Sharpness of the transition between two sides."""
-
-LOOKUPS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
-"""Texture lookups of each kind of tiling."""
+from oaisys_core.world.terrain_material import TerrainMaterial
 
 MAX_LOOKUPS = 100
 """A material with more lookups over all layers, sides and levels uses every other level only."""
@@ -69,61 +55,6 @@ MEAN_PX = 256
 
 NUDGE_M = 1e-6
 """See `NUDGE_TILES`, for the colour of fines."""
-
-NEGLIGIBLE = 1.5 / 255
-"""Weights below it count as 0, and above 1 minus it as 1, so that Cycles evaluates one surface."""
-
-
-def level_surface(
-    tree: NodeTree,
-    level: MaterialLevel,
-    layers: dict[tuple[Any, ...], Any],
-    shares_group: Any,
-) -> Socket:
-    """Add the ground's surface at one level of its textures to a tree.
-
-    Args:
-        tree: What to add it to.
-        level: The level.
-        layers: Node groups of layers that were made before, and that are made now.
-        shares_group: Node group of `layer_shares`; None with a single layer.
-    """
-    material = level.material
-    shares = () if shares_group is None else tree.add("Group", node_tree=shares_group).outputs
-
-    def of_layer(index: int, axes: tuple[int, int] | None) -> Socket:
-        key = (level.finer, index, axes)
-        if key not in layers:
-            layer = material.layers[index]
-            make = partial(_layer_surface, level=level, axes=axes, layer=layer)
-            layers[key] = surface_group("ground_layer", make)
-        return tree.add("Group", node_tree=layers[key]).outputs[0]
-
-    def projected(axes: tuple[int, int] | None) -> Socket:
-        """Return the surface of all layers, projected onto a plane."""
-        first, *others = (of_layer(index, axes) for index in range(len(material.layers)))
-        for surface, share in zip(others, shares, strict=True):
-            first = tree.mixed(share, first, surface)
-        return first
-
-    if not material.projects_sides:
-        return projected(None)
-    normal = tree.add("NewGeometry").outputs["Normal"]
-    nx, ny, nz = (
-        tree.math("ABSOLUTE", part) for part in tree.add("SeparateXYZ", {0: normal}).outputs
-    )
-    slope = 1 / (STEEP_COS[0] - STEEP_COS[1])
-    steep = tree.clamped("MULTIPLY_ADD", nz, -slope, STEEP_COS[0] * slope)
-    turn = tree.clamped("MULTIPLY_ADD", tree.math("SUBTRACT", nx, ny), SIDE_BLEND, 0.5)
-    return tree.mixed(
-        steep, projected(None), tree.mixed(turn, projected((0, 2)), projected((1, 2)))
-    )
-
-
-def _layer_surface(
-    tree: NodeTree, level: MaterialLevel, axes: tuple[int, int] | None, layer: TerrainLayer
-) -> Socket:
-    return LayerNodes(tree, level, axes).surface(layer)
 
 
 class GroundMaterials:
@@ -140,7 +71,7 @@ class GroundMaterials:
         self._material, self._images = material, images
         self._has_tracks = has_tracks
         self._rims: Any = None
-        self._masks = mask_images(material.masks, "masks")
+        self._masks = mask_images(material, material.masks, "masks")
         tables = MaterialTables(
             macro=None if material.macro is None else _macro_image(material.macro),
             tilings={},
@@ -152,7 +83,7 @@ class GroundMaterials:
             MaterialLevel(material, images, tables, finer, footprint_m)
             for finer, footprint_m in enumerate(self._bounds_m)
         ]
-        self._layers: dict[tuple[Any, ...], Any] = {}
+        self._groups: dict[tuple[Any, ...], Any] = {}
         self.stage = self._made("ground", ())
 
     def show_contact(self, contact: ContactMap | None) -> None:
@@ -167,7 +98,7 @@ class GroundMaterials:
         land = self._material.land
         if land is None and detail is None:
             return self.stage
-        masks = () if land is None else mask_images(land.weights, "land_masks")
+        masks = () if land is None else mask_images(self._material, land.weights, "land_masks")
         return self._made("land", masks, detail)
 
     def _made(self, name: str, land_masks: Sequence[Any], detail: LandDetail | None = None) -> Any:
@@ -180,11 +111,7 @@ class GroundMaterials:
             )
             shares = number_group(f"{name}_shares", make)
         surfaces = [
-            in_group(
-                tree,
-                f"{name}_level",
-                partial(level_surface, level=level, layers=self._layers, shares_group=shares),
-            )
+            in_group(tree, f"{name}_level", partial(self._level_surface, level, shares))
             for level in self._levels
         ]
         _, airlight = through_haze(tree, (0.0, 0.0, 0.0, 1.0))
@@ -212,6 +139,9 @@ class GroundMaterials:
             height_m = land_relief(tree, detail, self._material.extent_m)
         show(tree, surface, airlight, height_m)
         return result
+
+    def _level_surface(self, level: MaterialLevel, shares_group: Any, tree: NodeTree) -> Socket:
+        return LevelNodes(tree, level, self._groups, shares_group).surface()
 
     def _mean_color(self, tree: NodeTree, nudge_m: float = 0.0) -> Socket:
         """Return the mean colour of the layers, at a place that may be nudged: `NUDGE_TILES`."""
@@ -269,9 +199,9 @@ def footprints_m(material: TerrainMaterial) -> list[float]:
     return [finest_m * 2**step for step in range(0, octaves + 1, stride)]
 
 
-def mask_images(weights: NDArray[np.float32], name: str) -> list[Any]:
+def mask_images(material: TerrainMaterial, weights: NDArray[np.float32], name: str) -> list[Any]:
     """Return images of (L, R, C) weights of all layers but the first, `CHANNELS` to each."""
-    masks = weights[1:]
+    masks = (rooted(weights) if follows_relief(material) else weights)[1:]
     images = []
     for first in range(0, len(masks), CHANNELS):
         part = masks[first : first + CHANNELS]
@@ -286,7 +216,7 @@ def mask_images(weights: NDArray[np.float32], name: str) -> list[Any]:
 def layer_shares(
     tree: NodeTree, material: TerrainMaterial, masks: Sequence[Any], land_masks: Sequence[Any]
 ) -> list[Socket]:
-    """Return the mix factor of each layer but the first over those before it.
+    """Return the share of each layer but the first in the weight of it and those before it.
 
     Args:
         tree: What to add nodes to.
@@ -307,10 +237,8 @@ def layer_shares(
     shares: list[Socket] = []
     rest: Socket = 1.0
     for weight in reversed(weights):
-        share = tree.math("DIVIDE", weight, rest) if shares else weight
+        shares.append(tree.math("DIVIDE", weight, rest) if shares else weight)
         rest = tree.math("SUBTRACT", rest, weight)
-        gain = 1 / (1 - 2 * NEGLIGIBLE)
-        shares.append(tree.clamped("MULTIPLY_ADD", share, gain, -NEGLIGIBLE * gain))
     return shares[::-1]
 
 

@@ -7,22 +7,25 @@ samples per pixel. Here, several points of each pixel are averaged, at the same 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender.materials.ground import (
-    NEGLIGIBLE,
-    STEEP_COS,
-    footprints_m,
-    varies,
+from oaisys_core.backend.blender.materials.borders import (
+    blends,
+    factors,
+    follows_relief,
+    rooted,
 )
+from oaisys_core.backend.blender.materials.ground import footprints_m, varies
 from oaisys_core.backend.blender.materials.ground_layer import (
     VARIATION_TILES,
     VARIATION_TURN_RAD,
 )
+from oaisys_core.backend.blender.materials.ground_level import NEGLIGIBLE, STEEP_COS
 from oaisys_core.backend.blender.materials.images import ImageStore
 from oaisys_core.backend.blender.materials.surfaces import is_glossy
 from oaisys_core.backend.raycast.shading import in_haze
@@ -33,7 +36,7 @@ from oaisys_core.terrain.macro_variation import LEAST, MOST
 from oaisys_core.textures.levels import level_at
 from oaisys_core.types import FloatArray
 from oaisys_core.world.contact_map import ContactMap
-from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial
+from oaisys_core.world.terrain_material import PbrMaps, TerrainMaterial
 from oaisys_core.world.tiling import PlainTiling
 
 Image = NDArray[np.float32]
@@ -50,8 +53,9 @@ GENTLE_COS = STEEP_COS[0] + 0.03
 UNKNOWN = -1
 """Level of detail of pixels whose albedo is not computed."""
 
-LINEAR = linear(np.arange(256) / 255).astype(np.float32)
-"""Linear values of bytes in sRGB."""
+LINEAR = np.stack((*[linear(np.arange(256) / 255)] * 3, np.arange(256) / 255), axis=-1)
+LINEAR = LINEAR.astype(np.float32)[None]
+"""Linear values of bytes in sRGB, and of those of ranks in the last channel."""
 
 
 class PixelAlbedo(NamedTuple):
@@ -70,7 +74,7 @@ class LandPlaces(NamedTuple):
     """Where the points of (R, W) pixels are in the masks of the land around a stage.
 
     Attributes:
-        weights: The masks, see `LandMasks`.
+        weights: The masks, see `LandMasks`, as they are blended.
         share: Their weight over the stage's masks.
         columns, rows: Places in them.
     """
@@ -97,13 +101,22 @@ class GroundAlbedo:
     def __init__(self, material: TerrainMaterial, images: ImageStore) -> None:
         """Take over a material whose nodes were made with ``images``."""
         self._material = material
+        self._images = images
         self._levels = {id(each.maps): images.levels(each.maps) for each in material.layers}
+        self._follows_relief = follows_relief(material)
+        self._masks = self._blended(material.masks)
         self._footprints_m = np.array(footprints_m(material))
+        self._colors: dict[int, NDArray[np.uint8]] = {}
         self._varies = varies(material)
         macro, self._macro = material.macro, None
         if macro is not None:
             self._macro = macro.share[::-1].astype(np.float32) / np.float32(255)
             self._macro_period_m = macro.period_m
+        sets = [layer.maps for layer in material.layers]
+        self._blends = [
+            blends([images.ranks(self._seen(maps, maps.tile_m, level)).variance for maps in sets])
+            for level in range(len(self._footprints_m))
+        ]
         self._is_plain = [
             isinstance(layer.tiling, PlainTiling) and not is_glossy(layer.maps)
             for layer in material.layers
@@ -135,7 +148,8 @@ class GroundAlbedo:
         distance_m = np.where(view.is_ground, view.depth_m, 0.0)
         distance_m *= np.linalg.norm(view.directions, axis=-1)
         xy_m = np.ascontiguousarray(points_m[..., :2])
-        weights = self._weights(xy_m)
+        shares = self._shares(xy_m)
+        weights = _weights(shares)
         is_known = _is_smooth(distance_m)
         if self._material.projects_sides:
             is_known &= _upward(points_m) > GENTLE_COS
@@ -144,13 +158,15 @@ class GroundAlbedo:
         if self.contact is not None:
             is_known &= ~self.contact.is_near(xy_m)
         level = np.searchsorted(self._footprints_m[1:], distance_m * pixel_rad)
-        albedo = self._mixed(xy_m, weights, np.where(is_known, level, UNKNOWN))
+        albedo = self._mixed(xy_m, shares, weights, np.where(is_known, level, UNKNOWN))
         if sky.haze is not None:
             clear = albedo[is_known].astype(np.float64)
             albedo[is_known] = in_haze(clear, distance_m[is_known], sky.haze, sky)
         return PixelAlbedo(albedo, is_known)
 
-    def _mixed(self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]) -> Image:
+    def _mixed(
+        self, xy_m: FloatArray, shares: list[Image], weights: list[Image], level: NDArray[np.intp]
+    ) -> Image:
         """Return the (H, W, 3) colour of all layers where the level of detail is known."""
         color = np.zeros((*level.shape, 3), np.float32)
         step_m = np.gradient(xy_m, axis=0)
@@ -160,19 +176,49 @@ class GroundAlbedo:
             if not len(seen):
                 continue
             rows = slice(seen[0], seen[-1] + 1)
+            present = [bool((weight[rows] * pixels[rows]).any()) for weight in weights]
+            of_rows = [share[rows] for share in shares]
             mixed = np.zeros((*pixels[rows].shape, 3), np.float32)
-            for layer, weight in zip(self._material.layers, weights, strict=True):
-                share = weight[rows] * pixels[rows]
-                if share.any():
-                    mixed += share[..., None] * self._color(layer, each, xy_m[rows], step_m[rows])
+            for beside in ROWS_BESIDE:
+                mixed += self._color(each, xy_m[rows] + beside * step_m[rows], of_rows, present)
+            mixed *= pixels[rows, :, None] / np.float32(len(ROWS_BESIDE))
             color[rows] += mixed * self._variation(each, xy_m[rows]) if self._varies else mixed
         if self._macro is not None:
             share = _texture(self._macro, xy_m / self._macro_period_m)
             color *= share * np.float32(MOST - LEAST) + np.float32(LEAST)
         return color
 
-    def _weights(self, xy_m: FloatArray) -> list[Image]:
-        """Return the (H, W) share of each layer, as the nodes of `layer_shares` mix them."""
+    def _color(
+        self, level: int, xy_m: FloatArray, shares: list[Image], present: list[bool]
+    ) -> Image:
+        """Return the (R, W, 3) colour at points with (R, W) shares of all layers but the first.
+
+        Layers that are not ``present`` are at none of these points.
+        """
+        layers = self._material.layers
+        texels = [
+            self._texels(layer.maps, level, xy_m) if is_present else None
+            for layer, is_present in zip(layers, present, strict=True)
+        ]
+        result: Any = None
+        for index, texel in enumerate(texels):
+            if texel is None:
+                continue
+            if result is None:
+                result = texel
+                continue
+            share = shares[index - 1]
+            if self._follows_relief:
+                of_share, of_rank, offset = factors(self._blends[level][index - 1], NEGLIGIBLE)
+                factor = (texel[..., 3] - result[..., 3]) * np.float32(of_rank)
+                factor += share * np.float32(of_share) + np.float32(offset)
+            else:
+                factor = (share - NEGLIGIBLE) / (1 - 2 * NEGLIGIBLE)
+            result = result + (texel - result) * np.clip(factor, 0, 1)[..., None]
+        return np.asarray(result[..., :3], np.float32)
+
+    def _shares(self, xy_m: FloatArray) -> list[Image]:
+        """Return (H, W) shares of all layers but the first, as `layer_shares` does."""
         shares: list[Image] = []
         rest: Any = np.float32(1)
         if len(self._material.layers) > 1:
@@ -180,19 +226,24 @@ class GroundAlbedo:
             size = self._material.masks.shape[1]
             x = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
             y = (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
-            gain = 1 / (1 - 2 * NEGLIGIBLE)
             on_land = self._on_land(xy_m)
-            for layer in range(len(self._material.masks) - 1, 0, -1):
-                weight = _bilinear(self._material.masks[layer], x, y, cv2.BORDER_REFLECT)
+            for layer in range(len(self._masks) - 1, 0, -1):
+                weight = _bilinear(self._masks[layer], x, y, cv2.BORDER_REFLECT)
                 if on_land is not None:
                     weight += (on_land.weight(layer) - weight) * on_land.share
-                share = weight / np.maximum(rest, np.float32(1e-6))
+                shares.append(weight / np.maximum(rest, np.float32(1e-6)))
                 rest = rest - weight
-                shares.append(np.clip((share - NEGLIGIBLE) * gain, 0, 1).astype(np.float32))
-        weights = [np.ones(xy_m.shape[:2], np.float32)]
-        for share in shares[::-1]:
-            weights = [*(each * (1 - share) for each in weights), share]
-        return weights
+        return shares[::-1]
+
+    def _blended(self, weights: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return masks as they are blended."""
+        return rooted(weights) if self._follows_relief else weights
+
+    @cached_property
+    def _land_weights(self) -> NDArray[np.float32]:
+        land = self._material.land
+        assert land is not None
+        return self._blended(land.weights)
 
     def _on_land(self, xy_m: FloatArray) -> LandPlaces | None:
         """Return the places of points in the masks of the land; None if all are on the stage."""
@@ -200,18 +251,16 @@ class GroundAlbedo:
         share = None if land is None else land.share_at(xy_m)
         if land is None or share is None or not share.any():
             return None
-        return LandPlaces(land.weights, share.astype(np.float32), *land.texels_at(xy_m))
+        return LandPlaces(self._land_weights, share.astype(np.float32), *land.texels_at(xy_m))
 
-    def _color(
-        self, layer: TerrainLayer, level: int, xy_m: FloatArray, step_m: FloatArray
-    ) -> Image:
-        """Return a layer's (R, W, 3) colour at points and around them, a row being ``step_m``."""
-        maps = self._seen(layer.maps, layer.maps.tile_m, level)
-        total: Any = np.float32(0)
-        for beside in ROWS_BESIDE:
-            texels = _texture(maps.color_srgb, (xy_m + beside * step_m) / maps.tile_m)
-            total = total + cv2.LUT(texels, LINEAR)
-        return np.asarray(total / np.float32(len(ROWS_BESIDE)), np.float32)
+    def _texels(self, maps: PbrMaps, level: int, xy_m: FloatArray) -> Image:
+        """Return the (R, W, 4) colour of a texture set, and the ranks of its heights."""
+        seen = self._seen(maps, maps.tile_m, level)
+        if id(seen) not in self._colors:
+            ranks = self._images.ranks(seen).texels
+            self._colors[id(seen)] = np.dstack((seen.color_srgb, ranks))
+        texels = _texture(self._colors[id(seen)], xy_m / maps.tile_m)
+        return np.asarray(cv2.LUT(texels, LINEAR))
 
     def _variation(self, level: int, xy_m: FloatArray) -> Image:
         """Return the (R, W, 3) factor by which the ground's colour varies slowly."""
@@ -229,6 +278,15 @@ class GroundAlbedo:
         levels = self._levels[id(maps)]
         footprint_m = float(self._footprints_m[level])
         return levels[level_at(replace(maps, tile_m=tile_m), len(levels), footprint_m)]
+
+
+def _weights(shares: list[Image]) -> list[Image]:
+    """Return the (H, W) weight of each layer; 0 where its surface is not evaluated."""
+    weights: list[Any] = [np.float32(1)]
+    for share in shares:
+        factor = np.clip((share - NEGLIGIBLE) / (1 - 2 * NEGLIGIBLE), 0, 1).astype(np.float32)
+        weights = [*(each * (1 - factor) for each in weights), factor]
+    return weights
 
 
 def _is_smooth(distance_m: FloatArray) -> NDArray[np.bool_]:

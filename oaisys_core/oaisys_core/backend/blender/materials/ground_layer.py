@@ -44,11 +44,12 @@ absorbs red most."""
 
 
 class Texel(NamedTuple):
-    """A texture set at a point: colour, encoded normal, roughness."""
+    """A texture set at a point: colour, encoded normal, roughness, rank of its height."""
 
     color: Socket
     detail: Socket
     roughness: Socket
+    rank: Socket
 
 
 class MaterialTables(NamedTuple):
@@ -108,11 +109,14 @@ class LayerNodes:
         self._plane = Plane(place, axes)
         self._nudge = (NUDGE_TILES * level.finer, 0.0, 0.0)
 
+    def rank(self, layer: TerrainLayer) -> Socket:
+        """Return the rank of a layer's height, see `borders`; its lookups are its surface's."""
+        return self._texel(layer).rank
+
     def surface(self, layer: TerrainLayer) -> Socket:
         """Return the surface of a layer without its mask."""
         tree, material = self._tree, self._level.material
-        seen = self._level.seen(layer.maps, layer.maps.tile_m)
-        texel = self._texel(replace(layer, maps=seen), self._plane)
+        texel = self._texel(layer)
         color = texel.color
         variation = self._variation(material.layers[0].maps, material.variation)
         if variation is not None:
@@ -142,8 +146,9 @@ class LayerNodes:
         parts[plane.axes[0]], parts[plane.axes[1]] = u, v
         return tree.combined(*parts)
 
-    def _texel(self, layer: TerrainLayer, plane: Plane) -> Texel:
-        tree, maps = self._tree, layer.maps
+    def _texel(self, layer: TerrainLayer) -> Texel:
+        tree, plane = self._tree, self._plane
+        maps = self._level.seen(layer.maps, layer.maps.tile_m)
         if layer.label_image is not None and plane.axes is not None:
             # Labels of such a layer are projected from above, so its colours must be, too.
             plane = Plane(self._position, plane.axes)
@@ -155,14 +160,16 @@ class LayerNodes:
         texels = [self._sample(maps, lookup) for lookup in lookups]
         weights = [lookup.weight for lookup in lookups]
         roughness: Socket = 0.0
+        rank: Socket = 0.0
         for texel, weight in zip(texels, weights, strict=True):
             roughness = tree.math("MULTIPLY_ADD", texel.roughness, weight, roughness)
+            rank = tree.math("MULTIPLY_ADD", texel.rank, weight, rank)
         gain = _contrast(tree, weights)
         red, green, blue = mean_color(maps)
         color = _mixture(tree, [t.color for t in texels], weights, gain, (red, green, blue))
         x, y, z = maps.normal_gl.reshape(-1, 3).mean(axis=0) / 255
         detail = _mixture(tree, [t.detail for t in texels], weights, gain, (x, y, z))
-        return Texel(tree.vector("MAXIMUM", color, (0.0, 0.0, 0.0)), detail, roughness)
+        return Texel(tree.vector("MAXIMUM", color, (0.0, 0.0, 0.0)), detail, roughness, rank)
 
     def _sample(self, maps: PbrMaps, lookup: TextureLookup) -> Texel:
         tree = self._tree
@@ -178,7 +185,8 @@ class LayerNodes:
                 "Angle": tree.math("MULTIPLY", lookup.angle, -1.0),
             }
             detail = tree.add("VectorRotate", inputs, rotation_type="Z_AXIS").outputs[0]
-        return Texel(color.outputs["Color"], detail, other.outputs["Alpha"])
+        colors = color.outputs
+        return Texel(colors["Color"], detail, other.outputs["Alpha"], colors["Alpha"])
 
     def _variation(self, maps: PbrMaps, variation: Variation) -> Socket | None:
         """Return a slowly varying colour factor around 1, which hides that textures repeat."""

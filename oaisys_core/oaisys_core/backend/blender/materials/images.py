@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.backend.blender.materials.borders import Ranks, rank_levels
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.scene import PbrMaps, TerrainMaterial
 from oaisys_core.textures.levels import levels_of
@@ -29,16 +30,23 @@ class ImageStore:
     def __init__(self) -> None:
         self._images: dict[tuple[int, str], tuple[PbrMaps, Any]] = {}
         self._levels: dict[int, tuple[PbrMaps, ...]] = {}
+        self._ranks: dict[int, Ranks] = {}
 
     def levels(self, maps: PbrMaps) -> tuple[PbrMaps, ...]:
         """Return the levels of detail of a texture set, finest first, see `levels_of`."""
         if id(maps) not in self._levels:
-            self._levels[id(maps)] = levels_of(maps)
+            levels = self._levels[id(maps)] = levels_of(maps)
+            self._ranks.update(zip(map(id, levels), rank_levels(levels), strict=True))
         return self._levels[id(maps)]
 
+    def ranks(self, maps: PbrMaps) -> Ranks:
+        """Return the ranks of the heights of a level."""
+        return self._ranks[id(maps)]
+
     def color(self, maps: PbrMaps) -> Any:
-        """Return the albedo."""
-        return self._stored(maps, "color", maps.color_srgb, is_color=True)
+        """Return the albedo with the ranks of the heights in alpha."""
+        ranks = self._ranks[id(maps)].texels
+        return self._stored(maps, "color", maps.color_srgb, ranks, is_color=True)
 
     def normal_roughness(self, maps: PbrMaps) -> Any:
         """Return the normal with roughness in alpha, so that one lookup gives both."""
@@ -56,6 +64,8 @@ class ImageStore:
         for key, levels in list(self._levels.items()):
             if used.isdisjoint(map(id, levels)):
                 del self._levels[key]
+                for level in levels:
+                    del self._ranks[id(level)]
 
     def _stored(
         self,
