@@ -36,6 +36,9 @@ Cycles keeps its result on a stack of 255 numbers."""
 
 RANK_BINS = 2048
 
+NEGLIGIBLE = 1.5 / 255
+"""Shares below it count as 0, and above 1 minus it as 1, so that Cycles evaluates one surface."""
+
 
 def follows_relief(material: TerrainMaterial) -> bool:
     """Return whether borders of a material follow the relief of its layers."""
@@ -44,8 +47,11 @@ def follows_relief(material: TerrainMaterial) -> bool:
 
 
 def rooted(weights: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the square roots of (L, R, C) weights, scaled so that they sum to 1 again."""
-    roots = np.sqrt(weights)
+    """Return the square roots of (L, R, C) weights, scaled so that they sum to 1 again.
+
+    Negligible weights become 0, as their roots would not be negligible.
+    """
+    roots = np.sqrt(np.maximum(weights - np.float32(NEGLIGIBLE), 0))
     return np.asarray(roots / roots.sum(axis=0), np.float32)
 
 
@@ -100,11 +106,11 @@ def blends(variances: Sequence[float]) -> list[float]:
     ]
 
 
-def factors(blend: float, negligible: float) -> tuple[float, float, float]:
-    """Return (of_share, of_difference, offset), whose sum with these factors is the mix factor.
+def factors(blend: float) -> tuple[float, float, float]:
+    """Return factors of a layer's share and of its rank above those before it, and an offset.
 
-    It is 0 at the share ``negligible`` and 1 at ``1 - negligible``, whatever the difference of
-    ranks, which is from -1 to 1.
+    Their sum, clamped to [0, 1], is the layer's mix factor. It is 0 at a negligible share, and 1
+    if that of the others is negligible, whatever the ranks.
     """
-    of_share = (1 + blend) / (blend * (1 - 2 * negligible))
-    return of_share, 1 / (2 * blend), -1 / (2 * blend) - negligible * of_share
+    of_share = (1 + blend) / (blend * (1 - 2 * NEGLIGIBLE))
+    return of_share, 1 / (2 * blend), -1 / (2 * blend) - NEGLIGIBLE * of_share

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.materials.borders import (
+    NEGLIGIBLE,
     blends,
     factors,
     follows_relief,
@@ -25,7 +26,7 @@ from oaisys_core.backend.blender.materials.ground_layer import (
     VARIATION_TILES,
     VARIATION_TURN_RAD,
 )
-from oaisys_core.backend.blender.materials.ground_level import NEGLIGIBLE, STEEP_COS
+from oaisys_core.backend.blender.materials.ground_level import STEEP_COS
 from oaisys_core.backend.blender.materials.images import ImageStore
 from oaisys_core.backend.blender.materials.surfaces import is_glossy
 from oaisys_core.backend.raycast.shading import in_haze
@@ -149,7 +150,7 @@ class GroundAlbedo:
         distance_m *= np.linalg.norm(view.directions, axis=-1)
         xy_m = np.ascontiguousarray(points_m[..., :2])
         shares = self._shares(xy_m)
-        weights = _weights(shares)
+        weights = _weights(shares, distance_m.shape)
         is_known = _is_smooth(distance_m)
         if self._material.projects_sides:
             is_known &= _upward(points_m) > GENTLE_COS
@@ -209,7 +210,7 @@ class GroundAlbedo:
                 continue
             share = shares[index - 1]
             if self._follows_relief:
-                of_share, of_rank, offset = factors(self._blends[level][index - 1], NEGLIGIBLE)
+                of_share, of_rank, offset = factors(self._blends[level][index - 1])
                 factor = (texel[..., 3] - result[..., 3]) * np.float32(of_rank)
                 factor += share * np.float32(of_share) + np.float32(offset)
             else:
@@ -280,9 +281,9 @@ class GroundAlbedo:
         return levels[level_at(replace(maps, tile_m=tile_m), len(levels), footprint_m)]
 
 
-def _weights(shares: list[Image]) -> list[Image]:
-    """Return the (H, W) weight of each layer; 0 where its surface is not evaluated."""
-    weights: list[Any] = [np.float32(1)]
+def _weights(shares: list[Image], shape: tuple[int, ...]) -> list[Image]:
+    """Return the (H, W) weight of each layer by its mask alone; 0 where it is not seen."""
+    weights = [np.ones(shape, np.float32)]
     for share in shares:
         factor = np.clip((share - NEGLIGIBLE) / (1 - 2 * NEGLIGIBLE), 0, 1).astype(np.float32)
         weights = [*(each * (1 - factor) for each in weights), factor]

@@ -5,7 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from oaisys_core.backend.blender.materials.borders import blends, factors, follows_relief
+from oaisys_core.backend.blender.materials.borders import (
+    NEGLIGIBLE,
+    blends,
+    factors,
+    follows_relief,
+)
 from oaisys_core.backend.blender.materials.ground_layer import LayerNodes, MaterialLevel
 from oaisys_core.backend.blender.materials.nodes import (
     NodeTree,
@@ -20,9 +25,6 @@ from above gives way to those from the sides."""
 
 SIDE_BLEND = 2.5
 """Sharpness of the transition between two sides."""
-
-NEGLIGIBLE = 1.5 / 255
-"""Shares below it count as 0, and above 1 minus it as 1, so that Cycles evaluates one surface."""
 
 Axes = tuple[int, int] | None
 """See `Plane.axes`."""
@@ -100,7 +102,7 @@ class LevelNodes:
         below, *ranks = self._group(("ranks", axes), make)
         found: list[Socket] = []
         for share, rank, blend in zip(self._shares, ranks, self._blends(), strict=True):
-            of_share, of_rank, offset = factors(blend, NEGLIGIBLE)
+            of_share, of_rank, offset = factors(blend)
             above = tree.math("SUBTRACT", rank, below)
             by_mask = tree.math("MULTIPLY_ADD", share, of_share, offset)
             found.append(tree.clamped("MULTIPLY_ADD", above, of_rank, by_mask))

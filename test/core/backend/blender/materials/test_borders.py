@@ -9,6 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.materials.borders import (
+    NEGLIGIBLE,
     RANK_VARIANCE,
     Ranks,
     blends,
@@ -23,8 +24,6 @@ from oaisys_core.world.tiling import stochastic_tiling
 
 pytestmark = pytest.mark.blender
 
-NEGLIGIBLE = 0.006
-
 
 def maps(height: NDArray[Any]) -> PbrMaps:
     size = len(height)
@@ -38,7 +37,7 @@ def ranks(height: NDArray[Any]) -> list[Ranks]:
 
 def mixed(share: float, above: NDArray[Any], blend: float) -> NDArray[Any]:
     """The mix factor of the second of two layers, which lies ``above`` the first by ranks."""
-    of_share, of_rank, offset = factors(blend, NEGLIGIBLE)
+    of_share, of_rank, offset = factors(blend)
     return np.clip(share * of_share + above * of_rank + offset, 0, 1)
 
 
