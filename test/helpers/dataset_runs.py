@@ -31,7 +31,8 @@ sensors:
   motion: {kind: hover, height_above_ground_m: [3, 6]}
 """
 WORLDS, VIEWS = 6, 3
-TIMEOUT_S = 150.0
+TIMEOUT_S = 400.0
+"""After so long a program hangs. On idle cores a run takes seconds, beside others far longer."""
 
 
 def write_config(folder: Path, text: str = CONFIG) -> Path:

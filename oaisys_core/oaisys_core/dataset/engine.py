@@ -79,7 +79,7 @@ def render_worlds(
             queue.abandon()
 
 
-_Parts = Generator[WrittenPart, None, None]
+_Parts = Generator[WorldBegun | WrittenPart, None, None]
 
 
 class _WorldQueue:
@@ -147,9 +147,8 @@ class _WorldQueue:
                 return
             stream = self._render.remote(self._config_json, task, self._url)
             self._rendering += 1
-            parts = self._received(stream, task)
             self._tasks[stream] = task
-            self._parts[stream] = parts if self._url else written(self._place, task, parts)
+            self._parts[stream] = self._kept(stream, task)
 
     def _advanced(self, stream: Any) -> Iterator[DatasetEvent]:
         """Take the next part of a world, and yield what follows from it."""
@@ -166,6 +165,14 @@ class _WorldQueue:
         else:
             self._place.delete(failure_name(task.index))
             yield WorldFinished(task.index, part.labels)
+
+    def _kept(self, stream: Any, task: WorldTask) -> _Parts:
+        """Yield the parts of a world when they are written, by the worker or here."""
+        parts = self._received(stream, task)
+        if self._url is None:
+            yield next(parts)  # it has begun, or failed before
+            parts = written(self._place, task, parts)
+        yield from parts
 
     def _received(self, stream: Any, task: WorldTask) -> Generator[Any, None, None]:
         """Yield the parts of a world as its task yields them, at last a legend or a failure.

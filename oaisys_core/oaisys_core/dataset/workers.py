@@ -43,10 +43,10 @@ class ViewCounts(NamedTuple):
     label_pixels: dict[int, int]
 
 
-WrittenPart = WorldBegun | ViewCounts | WorldLegend | WorldFailure
+WrittenPart = ViewCounts | WorldLegend | WorldFailure
 """What remains of a world's parts when they are written; the last is a legend or a failure."""
 
-WorldPart = EncodedView | WrittenPart | SetupFailure
+WorldPart = WorldBegun | EncodedView | WrittenPart | SetupFailure
 """What a worker sends."""
 
 
@@ -72,7 +72,7 @@ def render_world(config_json: str, task: WorldTask, url: str | None) -> Iterator
 def written(
     place: StoragePlace,
     task: WorldTask,
-    parts: Iterable[WorldBegun | EncodedView | WorldLegend | WorldFailure],
+    parts: Iterable[EncodedView | WorldLegend | WorldFailure],
 ) -> Generator[WrittenPart, None, None]:
     """Write the parts of a world into its shard, which is kept if a legend comes at last.
 
@@ -88,8 +88,6 @@ def written(
                 for scan in part.scans:
                     shard.add_scan(scan)
                 yield _counts_of(task, part)
-            elif isinstance(part, WorldBegun):
-                yield part
             elif isinstance(part, WorldLegend):
                 shard.finish(part)
                 last = part

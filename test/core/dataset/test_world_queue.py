@@ -20,7 +20,7 @@ from oaisys_core.dataset.places import LocalPlace
 from oaisys_core.dataset.plan import WorldTask, world_tasks
 from oaisys_core.dataset.ray_session import RaySession, RaySettings
 from oaisys_core.dataset.shards import encoded_frame, finished_worlds
-from oaisys_core.dataset.workers import WorldPart
+from oaisys_core.dataset.workers import WorldBegun, WorldPart
 from oaisys_core.dataset.world_render import EncodedView
 from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.randomness import stream
@@ -62,6 +62,7 @@ class PretendedRay:
 
     def _parts(self, task: WorldTask) -> Iterator[WorldPart]:
         frame = frame_record(task.index, 0, task.split)
+        yield WorldBegun(task.index)
         yield EncodedView(0, (encoded_frame(frame, drawn_arrays(stream(task.seed, "test"))),))
         if task.index == self._failing:
             yield WorldFailure(task.index, task.split, task.seed, "no view")

@@ -27,7 +27,7 @@ from oaisys_core.dataset.plan import WorldTask
 from oaisys_core.dataset.ray_session import RaySettings
 from oaisys_core.dataset.rendering import DatasetRendering, dataset_info
 from oaisys_core.dataset.shards import encoded_frame
-from oaisys_core.dataset.workers import ViewCounts, WorldPart
+from oaisys_core.dataset.workers import ViewCounts, WorldBegun, WorldPart
 from oaisys_core.dataset.world_render import EncodedView
 from oaisys_core.errors import RenderError
 from oaisys_core.output.records import intrinsics_record
@@ -119,6 +119,7 @@ def driver_memory(settings: Settings, say: Say, worlds: int, views: int) -> dict
 def simulated_world(config_json: str, task: WorldTask, url: str | None) -> Iterator[WorldPart]:
     """Yield the parts of a world with tiny images instead of rendering it."""
     del config_json, url
+    yield WorldBegun(task.index)
     shape = SIMULATED_CAMERA.height_px, SIMULATED_CAMERA.width_px
     rng = np.random.default_rng(task.seed)
     arrays: dict[str, NDArray[Any]] = {
