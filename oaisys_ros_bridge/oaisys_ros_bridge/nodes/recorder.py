@@ -126,6 +126,19 @@ class RecorderNode(ParameterNode, Node):
 
     def close(self) -> None:
         """Record what was published before, count what there is no time for, close the bag."""
+        try:
+            self._record_waiting()
+        finally:
+            with self._bag_lock:
+                # Callbacks may still run until the executor has ended.
+                if not self._has_ended:
+                    self._end()
+        log = self.get_logger().warning if self._losses.any else self.get_logger().info
+        lost = "; ".join(self._losses.sentences)
+        log(f"{self._bag.message_count} messages in {self._folder}; {lost}")
+
+    def _record_waiting(self) -> None:
+        """Record what was published before the end was asked for, as long as there is time."""
         self._end_asked_ns = time.time_ns()
         end_s = time.monotonic() + LONGEST_END_S
         quiet_looks = 0
@@ -142,13 +155,6 @@ class RecorderNode(ParameterNode, Node):
         while came or (is_busy and time.monotonic() < end_s + BUSY_S):
             came, is_busy = self._take_waiting()
             time.sleep(0.001)
-        with self._bag_lock:
-            # Callbacks may still run until the executor has ended.
-            if not self._has_ended:
-                self._end()
-        log = self.get_logger().warning if self._losses.any else self.get_logger().info
-        lost = "; ".join(self._losses.sentences)
-        log(f"{self._bag.message_count} messages in {self._folder}; {lost}")
 
     def _take_waiting(self) -> tuple[bool, bool]:
         """Take messages that wait, faster than the executor does, which wakes up for each of them.
@@ -225,7 +231,9 @@ class RecorderNode(ParameterNode, Node):
         """Count losses from now on against the samples that a topic announces."""
         if name in self._watches or name.rpartition("/")[2] != SAMPLE_INFO:
             return
-        watch = self._watches[name] = SampleWatch(self, name, self._lost_by_middleware)
+        watch = SampleWatch(self, name, self._lost_by_middleware)
+        # A new mapping, as other threads may be going through the old one.
+        self._watches = {**self._watches, name: watch}
         if self._is_ready:
             watch.begin(self._ready_ns)
         self.create_subscription(

@@ -209,6 +209,22 @@ def test_what_waits_at_the_end_is_written_or_counted(
 
 
 @pytest.mark.ros
+def test_a_bag_is_finished_although_what_waits_cannot_be_taken(
+    started_ros: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recorder = RecorderNode(EndRequest(), path=str(tmp_path / "bag"), topics=["imu/data_raw"])
+
+    def fail() -> None:
+        raise RuntimeError("failed to take")
+
+    monkeypatch.setattr(recorder, "_take_waiting", fail)
+    with pytest.raises(RuntimeError, match="failed to take"):
+        recorder.close()
+    assert losses_of(tmp_path / "bag") is not None
+    recorder.destroy_node()
+
+
+@pytest.mark.ros
 def test_topics_that_are_asked_for_are_waited_for(stage: Stage, tmp_path: Path) -> None:
     folder = tmp_path / "bag"
     recorder = stage.start_node("recorder", "--out", str(folder), "--topics", "here", "/later")
