@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import signal
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -14,7 +15,6 @@ from grpc_reflection.v1alpha import reflection
 
 from oaisys_core.config import SimulationConfig
 from oaisys_core.config.sections.sensors import PosePolicy
-from oaisys_core.end_request import EndRequest
 from oaisys_core.errors import OaisysError
 from oaisys_grpc.addresses import UNIX, host_and_port, private_socket, remove_socket
 from oaisys_grpc.contract.transfer import MAX_REQUEST_BYTES
@@ -22,8 +22,8 @@ from oaisys_grpc.legacy.files import LegacyFiles
 from oaisys_grpc.legacy.servicer import LEGACY_SERVICE, LegacyServicer
 from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
+from oaisys_grpc.server.end_request import EndRequest, exit_at_last
 from oaisys_grpc.server.jobs.queue import OperationQueue
-from oaisys_grpc.server.last_exit import exit_at_last
 from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
 from oaisys_grpc.server.limits.open_calls import THREADS, OpenCalls
 from oaisys_grpc.server.options import ServerOptions
@@ -229,22 +229,25 @@ def serve(
         OaisysError: The address cannot be bound, or the worker does not start.
     """
     end = EndRequest()
-    with end.requested_by_signals():
-        server = SimulatorServer(config, address, options, on_end=end.request)
-        started = server.start()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: end.request())
+    server = SimulatorServer(config, address, options, on_end=end.request)
+    started = server.start()
 
-        def tell(started: Future[None]) -> None:
-            if started.exception():
-                end.request()
-            else:
-                on_ready(server.address)
+    def tell(started: Future[None]) -> None:
+        if started.exception():
+            end.request()
+        else:
+            on_ready(server.address)
 
-        started.add_done_callback(tell)
-        try:
-            end.wait()
-            asked = not started.done()
-        finally:
-            exit_at_last(started)
-            server.stop(lambda: end.repeated)
+    started.add_done_callback(tell)
+    try:
+        end.wait()
+        asked = not started.done()
+    finally:
+        exit_at_last(started)
+        server.stop(lambda: end.repeated)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
     if not asked and (failure := started.exception()):
         raise failure

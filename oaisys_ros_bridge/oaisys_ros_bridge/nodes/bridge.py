@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import sys
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from std_srvs.srv import Trigger
 
-from oaisys_core.end_request import EndRequest
 from oaisys_core.errors import InvalidInputError, NotReadyError, OaisysError
 from oaisys_grpc.client.simulator_client import client_tls
 from oaisys_grpc.memory import keep_freed_memory
@@ -58,13 +58,13 @@ class BridgeNode(ParameterNode, ManagedNode):
     Its parameters are the rows of `oaisys_ros_bridge.parameters.bridge.BRIDGE`.
 
     Args:
-        end: Asked for once somebody has shut the node down for good.
+        stop: Set once somebody has shut the node down for good.
     """
 
-    def __init__(self, end: EndRequest) -> None:
+    def __init__(self, stop: threading.Event) -> None:
         super().__init__("oaisys_bridge")
         self.declare_table(BRIDGE)
-        self._end_request = end
+        self._stop = stop
         self._changed = self.create_guard_condition(
             self._follow_changes, callback_group=MutuallyExclusiveCallbackGroup()
         )
@@ -155,7 +155,7 @@ class BridgeNode(ParameterNode, ManagedNode):
         self._status.publish_ready()
         self._status.publish_diagnostics()
         if self.state == FINALIZED:
-            self._end_request.request()
+            self._stop.set()
 
     def reason_against(self, row: ParameterRow) -> str:
         """Return why a parameter cannot be set now, or nothing."""
@@ -296,8 +296,8 @@ class BridgeNode(ParameterNode, ManagedNode):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end."""
     keep_freed_memory()
-    end = EndRequest()
-    return run_node(lambda: BridgeNode(end), arguments, threads=THREADS, end=end)
+    stop = threading.Event()
+    return run_node(lambda: BridgeNode(stop), arguments, threads=THREADS, stop=stop)
 
 
 if __name__ == "__main__":

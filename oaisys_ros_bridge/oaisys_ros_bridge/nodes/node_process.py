@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import faulthandler
+import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
 from functools import partial
+from queue import SimpleQueue
 from typing import Protocol
 
 import rclpy
@@ -15,7 +17,6 @@ from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from oaisys_core.end_request import EndRequest
 from oaisys_core.errors import OaisysError
 from oaisys_ros_bridge.transport import prepare_transport
 
@@ -47,7 +48,24 @@ class WaitingExecutor(MultiThreadedExecutor):
 
 
 LOOK_UP_S = 0.2
-"""Between two checks of the executor's thread whether it shall end."""
+"""Between two checks of a waiting thread whether it shall end."""
+
+
+def stop_on_signals(stop: threading.Event) -> None:
+    """Set ``stop`` at SIGINT and SIGTERM, on a thread of its own; for the main thread.
+
+    A handler that sets an event deadlocks if its thread holds the event's lock. A `SimpleQueue` may
+    be put to wherever a handler interrupts.
+    """
+    received: SimpleQueue[int] = SimpleQueue()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: received.put(number))
+
+    def wait() -> None:
+        received.get()
+        stop.set()
+
+    threading.Thread(target=wait, name="signals", daemon=True).start()
 
 
 def run_node(
@@ -55,9 +73,9 @@ def run_node(
     arguments: Sequence[str] | None = None,
     *,
     threads: int = 6,
-    end: EndRequest | None = None,
+    stop: threading.Event | None = None,
 ) -> int:
-    """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT, SIGTERM or ``end``; return 0.
+    """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT, SIGTERM or ``stop``; return 0.
 
     Returns 1 where a callback failed (its traceback is on standard error by then), and 2, after one
     line on standard error, where the node cannot be made of its parameters.
@@ -67,22 +85,27 @@ def run_node(
     the stacks of all threads to standard error, as a crash does.
     """
     faulthandler.enable()
-    end = end or EndRequest()
-    with end.requested_by_signals():
-        prepare_transport()
-        rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            try:
-                node = make_node()
-            except (OaisysError, OSError, ParameterException) as error:
-                sys.stderr.write(f"{error}\n")
-                return 2
-            return _run_until(end, node, threads)
-        finally:
-            rclpy.try_shutdown()
+    stop = stop or threading.Event()
+    stop_on_signals(stop)
+    prepare_transport()
+    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = make_node()
+    except (OaisysError, OSError, ParameterException) as error:
+        sys.stderr.write(f"{error}\n")
+        rclpy.try_shutdown()
+        return 2
+    try:
+        return _run_until(stop, node, threads)
+    finally:
+        rclpy.try_shutdown()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            # At exit Python restores the default handlers, and a second signal would kill it:
+            # a terminal and ros2 launch each send one.
+            signal.signal(number, signal.SIG_IGN)
 
 
-def _run_until(end: EndRequest, node: Node, threads: int) -> int:
+def _run_until(stop: threading.Event, node: Node, threads: int) -> int:
     executor = WaitingExecutor(num_threads=threads)
     executor.add_node(node)
     closed = threading.Event()
@@ -95,13 +118,16 @@ def _run_until(end: EndRequest, node: Node, threads: int) -> int:
         except ExternalShutdownException:
             pass
         finally:
-            if not end.made:
+            if not stop.is_set():
                 ended_by_itself.set()
-            end.request()
+            stop.set()
 
     spinner = threading.Thread(target=spin, name="executor", daemon=True)
     spinner.start()
-    end.wait()
+    # Not one long wait: a signal that comes just before a blocking call does not interrupt it, and
+    # its handler would have to wait.
+    while not stop.wait(LOOK_UP_S):
+        pass
     node.close()
     # The executor must not be waiting when its handles are destroyed.
     closed.set()

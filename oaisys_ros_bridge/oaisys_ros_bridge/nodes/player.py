@@ -13,7 +13,6 @@ from rclpy.node import Node
 from rclpy.time import Time
 from rosgraph_msgs.msg import Clock
 
-from oaisys_core.end_request import EndRequest
 from oaisys_core.errors import DeadlineExceededError, InvalidInputError, NotFoundError, OaisysError
 from oaisys_ros_bridge.bags.played_topic import PlayedTopic
 from oaisys_ros_bridge.bags.reading import BagReader, RecordedMessage
@@ -39,11 +38,11 @@ class PlayerNode(ParameterNode, Node):
         failed: Whether nothing was played, or there was no reader.
     """
 
-    def __init__(self, end: EndRequest, **defaults: Any) -> None:
+    def __init__(self, stop: threading.Event, **defaults: Any) -> None:
         """Make the publishers of a bag's topics and begin to play.
 
         Args:
-            end: Asked for when all has been played.
+            stop: Set when all has been played.
             defaults: Of the parameters, instead of the table's.
 
         Raises:
@@ -56,7 +55,7 @@ class PlayerNode(ParameterNode, Node):
             raise InvalidInputError("path", "", "a bag's folder, or a .mcap file")
         self._path = Path(values["path"])
         self._bag = BagReader(self._path)
-        self._end_request = end
+        self._stop = stop
         self._closing = threading.Event()
         self._rate = float(values["rate"])
         self._clock_period_s = 1 / values["clock_hz"] if values["clock_hz"] else 0.0
@@ -119,7 +118,7 @@ class PlayerNode(ParameterNode, Node):
         except OaisysError as error:
             self.get_logger().error(str(error))
         finally:
-            self._end_request.request()
+            self._stop.set()
 
     def _play(self) -> None:
         first_ns = None
@@ -210,14 +209,14 @@ def _say(line: str) -> None:
 
 def main(arguments: Sequence[str] | None = None, **defaults: Any) -> int:
     """Play a bag to its end, or until SIGINT or SIGTERM; return 1 if it had no reader."""
-    end = EndRequest()
+    stop = threading.Event()
     made: list[PlayerNode] = []
 
     def make_node() -> PlayerNode:
-        made.append(PlayerNode(end, **defaults))
+        made.append(PlayerNode(stop, **defaults))
         return made[0]
 
-    status = run_node(make_node, arguments, end=end)
+    status = run_node(make_node, arguments, stop=stop)
     return status or int(made[0].failed)
 
 

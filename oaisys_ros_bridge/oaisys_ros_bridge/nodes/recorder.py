@@ -19,7 +19,6 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Bool
 
-from oaisys_core.end_request import EndRequest
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bags.info import MOTION_TYPES, SAMPLE_INFO_TYPE
@@ -82,11 +81,11 @@ class RecorderNode(ParameterNode, Node):
     one error; the bag is closed, the node goes on.
     """
 
-    def __init__(self, end: EndRequest, **defaults: Any) -> None:
+    def __init__(self, stop: threading.Event, **defaults: Any) -> None:
         """Begin to record.
 
         Args:
-            end: Asked for after ``duration_s``.
+            stop: Set after ``duration_s``.
             defaults: Of the parameters, instead of the table's.
 
         Raises:
@@ -122,7 +121,7 @@ class RecorderNode(ParameterNode, Node):
         steady_timer(self, DISCOVERY_PERIOD_S, self._discover, group)
         steady_timer(self, WARNING_PERIOD_S, self._warn_of_missing, group)
         if values["duration_s"]:
-            steady_timer(self, values["duration_s"], end.request, group)
+            steady_timer(self, values["duration_s"], stop.set, group)
 
     def close(self) -> None:
         """Record what was published before, count what there is no time for, close the bag."""
@@ -376,8 +375,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run_recorder(arguments: Sequence[str], **defaults: Any) -> int:
     """Record until SIGINT, SIGTERM or ``duration_s``; ``defaults`` are those of parameters."""
-    end = EndRequest()
-    return run_node(lambda: RecorderNode(end, **defaults), arguments, end=end)
+    stop = threading.Event()
+    return run_node(lambda: RecorderNode(stop, **defaults), arguments, stop=stop)
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import subprocess
+import threading
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
@@ -24,7 +25,6 @@ from served_simulator import FLAT_WORLD
 from std_msgs.msg import Header
 from waiting import wait_until
 
-from oaisys_core.end_request import EndRequest
 from oaisys_core.geometry import pose_looking_down
 from oaisys_ros_bridge.bags.info import losses_of
 from oaisys_ros_bridge.bags.losses import BagLosses
@@ -184,7 +184,7 @@ def test_what_waits_at_the_end_is_written_or_counted(
     monkeypatch.setattr(recorder_module, "QUIET_LOOKS", 5)
     sent = 1000
     publisher = stage.user.node.create_publisher(Imu, "imu/data_raw", MOTION_QOS)
-    recorder = RecorderNode(EndRequest(), path=str(tmp_path / "bag"), topics=["imu/data_raw"])
+    recorder = RecorderNode(threading.Event(), path=str(tmp_path / "bag"), topics=["imu/data_raw"])
     executor = SingleThreadedExecutor()
     executor.add_node(recorder)
     wait_until(
@@ -212,7 +212,7 @@ def test_what_waits_at_the_end_is_written_or_counted(
 def test_a_bag_is_finished_although_what_waits_cannot_be_taken(
     started_ros: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    recorder = RecorderNode(EndRequest(), path=str(tmp_path / "bag"), topics=["imu/data_raw"])
+    recorder = RecorderNode(threading.Event(), path=str(tmp_path / "bag"), topics=["imu/data_raw"])
 
     def fail() -> None:
         raise RuntimeError("failed to take")

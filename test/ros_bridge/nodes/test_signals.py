@@ -1,4 +1,4 @@
-"""A program is told to end by a signal, whatever its main thread is doing."""
+"""A node is told to end by a signal, whatever its main thread is doing."""
 
 from __future__ import annotations
 
@@ -8,23 +8,25 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 TRIALS = 300
 PROGRAM = f"""
-import sys
-from oaisys_core import end_request
+import sys, threading
+from oaisys_ros_bridge.nodes.node_process import stop_on_signals
 
-end_request._LOOK_UP_MS = 0
 for _ in range({TRIALS}):
-    end = end_request.EndRequest()
-    with end.requested_by_signals():
-        print("waiting", flush=True)
-        end.wait()
-        assert end.made and not end.repeated
-        print("asked", flush=True)
-        sys.stdin.readline()
+    stop = threading.Event()
+    stop_on_signals(stop)
+    print("waiting", flush=True)
+    while not stop.wait(0.00001):
+        pass
+    print("stopped", flush=True)
+    sys.stdin.readline()
 """
 
 
+@pytest.mark.ros
 def test_a_signal_at_any_moment_ends_the_wait() -> None:
     rng = random.Random(0)
     with subprocess.Popen(
@@ -37,7 +39,7 @@ def test_a_signal_at_any_moment_ends_the_wait() -> None:
                 assert program.stdout.readline() == "waiting\n"
                 time.sleep(rng.uniform(0.0, 0.001))
                 program.send_signal(signal.SIGINT)
-                assert program.stdout.readline() == "asked\n", trial
+                assert program.stdout.readline() == "stopped\n", trial
                 program.stdin.write("\n")
                 program.stdin.flush()
             assert program.wait(60.0) == 0

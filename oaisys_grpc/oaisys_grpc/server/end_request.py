@@ -1,15 +1,19 @@
-"""How a program is told to end, by a signal or by one of its threads."""
+"""How a server is told to end, and how it ends even if something in it hangs."""
 
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import select
-import signal
-from collections.abc import Iterator
+import threading
+from concurrent.futures import Future
+
+_LOG = logging.getLogger(__name__)
 
 _LOOK_UP_MS = 200
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_LAST_S = 4.8
+"""From the request to end until the process exits, whatever still runs in it."""
 
 
 class EndRequest:
@@ -30,26 +34,6 @@ class EndRequest:
         with contextlib.suppress(BlockingIOError):
             os.write(self._write, b"e")
 
-    @contextlib.contextmanager
-    def requested_by_signals(self) -> Iterator[None]:
-        """Have SIGINT and SIGTERM ask for the end during the block; for the main thread.
-
-        They are ignored afterwards: at exit Python restores the default handlers, and a second
-        signal would kill it; a terminal and ros2 launch each send one.
-        """
-        for number in _SIGNALS:
-            signal.signal(number, lambda *_: self.request())
-        try:
-            yield
-        finally:
-            for number in _SIGNALS:
-                signal.signal(number, signal.SIG_IGN)
-
-    @property
-    def made(self) -> bool:
-        """Whether the end was asked for."""
-        return self._requests > 0
-
     @property
     def repeated(self) -> bool:
         """Whether the end was asked for more than once, and should come at once."""
@@ -64,3 +48,17 @@ class EndRequest:
         readable.register(self._read, select.POLLIN)
         while not readable.poll(_LOOK_UP_MS):
             pass
+
+
+def exit_at_last(started: Future[None]) -> None:
+    """Let the process exit soon, even if a thread does not end."""
+    failed = started.done() and started.exception() is not None
+
+    def leave() -> None:
+        _LOG.warning("something did not end within %g s; the process exits without it", _LAST_S)
+        logging.shutdown()
+        os._exit(1 if failed else 0)
+
+    timer = threading.Timer(_LAST_S, leave)
+    timer.daemon = True
+    timer.start()
