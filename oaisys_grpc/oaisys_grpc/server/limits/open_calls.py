@@ -33,7 +33,11 @@ CROWDED_REQUESTS = 64
 """When this many calls wait for their requests, the oldest are ended."""
 
 CROWDED_PATIENCE_S = 0.5
-"""For a request to arrive, or for a client to read a message, while others need the thread."""
+"""For a request to arrive, or for a client to read a message, while others need the thread.
+
+Counted in looks of the thread that watches calls: on a starved machine this process may take longer
+than that to see what its clients have long done.
+"""
 
 SLOT_PATIENCE_S = 15.0
 """For a slot among the calls of a method."""
@@ -99,23 +103,25 @@ class OpenCall:
         self.begun_s = self.since_s = time.monotonic()
         self.ended = False
         self._context = context
-        self._reader_s = 0.0
+        self._looks, self._looked_since_s = 0, self.since_s
 
     def enter(self, phase: Phase) -> None:
         """Enter another phase, or the same one again."""
-        now_s = time.monotonic()
-        if self.phase is Phase.READER:
-            self._reader_s += now_s - self.since_s
-        self.phase, self.since_s = phase, now_s
+        self.phase, self.since_s = phase, time.monotonic()
+
+    def look(self) -> None:
+        """Count a look at its phase; only one thread calls this, every `_LOOK_S`."""
+        since_s = self.since_s
+        self._looks = self._looks + 1 if since_s == self._looked_since_s else 1
+        self._looked_since_s = since_s
+
+    def lags(self) -> bool:
+        """Return whether it was in its phase at all looks of `CROWDED_PATIENCE_S`."""
+        return self.since_s == self._looked_since_s and self._looks > CROWDED_PATIENCE_S / _LOOK_S
 
     def stuck_s(self) -> float:
         """Return how long it has been in its phase."""
         return time.monotonic() - self.since_s
-
-    def unread_s(self) -> float:
-        """Return how long it has waited for its reader in total."""
-        now_s = self.stuck_s() if self.phase is Phase.READER else 0.0
-        return self._reader_s + now_s
 
     def end(self, details: str) -> None:
         """End the call with RESOURCE_EXHAUSTED; any thread may call this.
@@ -169,7 +175,7 @@ class OpenCalls:
         waiting = [call for call in self._all() if call.phase is Phase.REQUEST and not call.ended]
         if len(waiting) >= CROWDED_REQUESTS:
             for call in waiting:
-                if call.stuck_s() > CROWDED_PATIENCE_S:
+                if call.lags():
                     call.end("the request did not arrive, and others need the room")
 
     def _all(self) -> list[OpenCall]:
@@ -178,6 +184,8 @@ class OpenCalls:
 
     def _watch(self) -> None:
         while not self._closed.wait(_LOOK_S):
+            for call in self._all():
+                call.look()
             self.make_room()
             if time.monotonic() > self._last_s + _IDLE_S:
                 self._memory.give_back()
@@ -232,11 +240,11 @@ class Slots:
         """End one of the rivals, if that may be, or wait a moment."""
         unread = [other for other in rivals if other.phase is Phase.READER]
         first = self._earlier(call) == 0
-        stuck = max(unread, key=OpenCall.unread_s, default=None) if first else None
+        stuck = max(unread, key=OpenCall.stuck_s, default=None) if first else None
         idle = self._oldest_idle(rivals) if first else None
-        if stuck is not None and stuck.unread_s() > CROWDED_PATIENCE_S:
+        if stuck is not None and stuck.lags():
             self._end(stuck, "the answer was not read, and others need the room")
-        elif idle is not None and idle.stuck_s() > CROWDED_PATIENCE_S:
+        elif idle is not None and idle.lags():
             self._end(idle, "others need the room; call again")
         elif time.monotonic() > end_s or not self._is_worth_waiting(call, unread):
             message = f"too many calls of {call.name} at a time; try again later"

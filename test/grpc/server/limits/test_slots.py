@@ -1,14 +1,16 @@
-"""Slots for the calls of a method are given in the order of the calls."""
+"""Slots for the calls of a method: their order, and which calls make room for others."""
 
 from __future__ import annotations
 
 import threading
+import time
 
 import pytest
 from waiting import wait_until
 
 from oaisys_core.errors import QueueFullError
-from oaisys_grpc.server.limits.open_calls import OpenCall, Phase, Slots
+from oaisys_grpc.server.limits import open_calls
+from oaisys_grpc.server.limits.open_calls import CROWDED_PATIENCE_S, OpenCall, Phase, Slots
 
 
 class Context:
@@ -26,6 +28,12 @@ def call_of(peer: str) -> OpenCall:
     call = OpenCall(Context(peer), "GetSample")
     call.enter(Phase.WORK)
     return call
+
+
+def until_it_lags(call: OpenCall) -> None:
+    for _ in range(10):
+        call.look()
+    assert call.lags()
 
 
 def test_calls_that_wait_are_served_in_their_order() -> None:
@@ -68,5 +76,43 @@ def test_the_oldest_idle_call_makes_room() -> None:
     slots.take(old)
     slots.take(young)
     old.enter(Phase.WORK)
+    until_it_lags(old)
+    until_it_lags(young)
     slots.take(call_of("c"))
     assert (old.ended, young.ended) == (True, False)
+
+
+def test_a_call_that_is_not_read_makes_room_once_its_process_had_the_time_to_see_a_reader(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(open_calls, "SLOT_PATIENCE_S", 0.1)
+    slots = Slots(2)
+    working, unread = call_of("a"), call_of("b")
+    slots.take(working)
+    slots.take(unread)
+    unread.enter(Phase.READER)
+    time.sleep(1.5 * CROWDED_PATIENCE_S)  # a starved process: nobody looks
+    with pytest.raises(QueueFullError):
+        slots.take(call_of("c"))
+    assert not unread.ended
+    until_it_lags(unread)
+    slots.take(call_of("c"))
+    assert (working.ended, unread.ended) == (False, True)
+
+
+def test_a_call_whose_messages_are_read_does_not_make_room(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(open_calls, "SLOT_PATIENCE_S", 0.1)
+    slots = Slots(2)
+    working, read = call_of("a"), call_of("b")
+    slots.take(working)
+    slots.take(read)
+    for _ in range(10):
+        read.enter(Phase.READER)
+        read.look()
+        read.look()
+    assert not read.lags()
+    with pytest.raises(QueueFullError):
+        slots.take(call_of("c"))
+    assert not read.ended
