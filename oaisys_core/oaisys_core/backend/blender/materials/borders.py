@@ -55,6 +55,17 @@ def rooted(weights: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray(roots / roots.sum(axis=0), np.float32)
 
 
+def blended_masks(material: TerrainMaterial, weights: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (L - 1, R, C) masks of all layers but the first, as they are blended.
+
+    Args:
+        material: Of which the layers are.
+        weights: (L, R, C) weights of all layers, on the stage or on the land around it.
+    """
+    # A copy, so that the first layer's are not kept.
+    return rooted(weights)[1:].copy() if follows_relief(material) else weights[1:]
+
+
 class Ranks(NamedTuple):
     """Ranks of the heights of one level of a texture set.
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.compat import node_tree_of
-from oaisys_core.backend.blender.materials.borders import LOOKUPS, follows_relief, rooted
+from oaisys_core.backend.blender.materials.borders import LOOKUPS, blended_masks
 from oaisys_core.backend.blender.materials.contact import contact_image, with_rims
 from oaisys_core.backend.blender.materials.ground_layer import MaterialLevel, MaterialTables
 from oaisys_core.backend.blender.materials.ground_level import LevelNodes
@@ -201,7 +201,7 @@ def footprints_m(material: TerrainMaterial) -> list[float]:
 
 def mask_images(material: TerrainMaterial, weights: NDArray[np.float32], name: str) -> list[Any]:
     """Return images of (L, R, C) weights of all layers but the first, `CHANNELS` to each."""
-    masks = (rooted(weights) if follows_relief(material) else weights)[1:]
+    masks = blended_masks(material, weights)
     images = []
     for first in range(0, len(masks), CHANNELS):
         part = masks[first : first + CHANNELS]

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.materials.borders import (
     NEGLIGIBLE,
+    blended_masks,
     blends,
     factors,
     follows_relief,
-    rooted,
 )
 from oaisys_core.backend.blender.materials.ground import footprints_m, varies
 from oaisys_core.backend.blender.materials.ground_layer import (
@@ -105,7 +105,7 @@ class GroundAlbedo:
         self._images = images
         self._levels = {id(each.maps): images.levels(each.maps) for each in material.layers}
         self._follows_relief = follows_relief(material)
-        self._masks = self._blended(material.masks)
+        self._masks = blended_masks(material, material.masks)
         self._footprints_m = np.array(footprints_m(material))
         self._colors: dict[int, NDArray[np.uint8]] = {}
         self._varies = varies(material)
@@ -113,11 +113,9 @@ class GroundAlbedo:
         if macro is not None:
             self._macro = macro.share[::-1].astype(np.float32) / np.float32(255)
             self._macro_period_m = macro.period_m
-        sets = [layer.maps for layer in material.layers]
-        self._blends = [
-            blends([images.ranks(self._seen(maps, maps.tile_m, level)).variance for maps in sets])
-            for level in range(len(self._footprints_m))
-        ]
+        self._blends: list[list[float]] = []
+        if self._follows_relief:
+            self._blends = [self._blends_of(level) for level in range(len(self._footprints_m))]
         self._is_plain = [
             isinstance(layer.tiling, PlainTiling) and not is_glossy(layer.maps)
             for layer in material.layers
@@ -214,7 +212,7 @@ class GroundAlbedo:
                 factor = (texel[..., 3] - result[..., 3]) * np.float32(of_rank)
                 factor += share * np.float32(of_share) + np.float32(offset)
             else:
-                factor = (share - NEGLIGIBLE) / (1 - 2 * NEGLIGIBLE)
+                factor = _by_mask(share)
             result = result + (texel - result) * np.clip(factor, 0, 1)[..., None]
         return np.asarray(result[..., :3], np.float32)
 
@@ -228,7 +226,7 @@ class GroundAlbedo:
             x = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
             y = (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
             on_land = self._on_land(xy_m)
-            for layer in range(len(self._masks) - 1, 0, -1):
+            for layer in reversed(range(len(self._masks))):
                 weight = _bilinear(self._masks[layer], x, y, cv2.BORDER_REFLECT)
                 if on_land is not None:
                     weight += (on_land.weight(layer) - weight) * on_land.share
@@ -236,15 +234,11 @@ class GroundAlbedo:
                 rest = rest - weight
         return shares[::-1]
 
-    def _blended(self, weights: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return masks as they are blended."""
-        return rooted(weights) if self._follows_relief else weights
-
     @cached_property
     def _land_weights(self) -> NDArray[np.float32]:
         land = self._material.land
         assert land is not None
-        return self._blended(land.weights)
+        return blended_masks(self._material, land.weights)
 
     def _on_land(self, xy_m: FloatArray) -> LandPlaces | None:
         """Return the places of points in the masks of the land; None if all are on the stage."""
@@ -254,14 +248,25 @@ class GroundAlbedo:
             return None
         return LandPlaces(self._land_weights, share.astype(np.float32), *land.texels_at(xy_m))
 
+    def _blends_of(self, level: int) -> list[float]:
+        seen = [self._seen(each.maps, each.maps.tile_m, level) for each in self._material.layers]
+        return blends([self._images.ranks(maps).variance for maps in seen])
+
     def _texels(self, maps: PbrMaps, level: int, xy_m: FloatArray) -> Image:
-        """Return the (R, W, 4) colour of a texture set, and the ranks of its heights."""
+        """Return the (R, W, 3) colour of a texture set.
+
+        Where borders follow the relief, ranks of its heights are a fourth channel.
+        """
         seen = self._seen(maps, maps.tile_m, level)
+        image = self._with_ranks(seen) if self._follows_relief else seen.color_srgb
+        texels = _texture(image, xy_m / maps.tile_m)
+        return np.asarray(cv2.LUT(texels, np.ascontiguousarray(LINEAR[..., : texels.shape[-1]])))
+
+    def _with_ranks(self, seen: PbrMaps) -> NDArray[np.uint8]:
         if id(seen) not in self._colors:
             ranks = self._images.ranks(seen).texels
             self._colors[id(seen)] = np.dstack((seen.color_srgb, ranks))
-        texels = _texture(self._colors[id(seen)], xy_m / maps.tile_m)
-        return np.asarray(cv2.LUT(texels, LINEAR))
+        return self._colors[id(seen)]
 
     def _variation(self, level: int, xy_m: FloatArray) -> Image:
         """Return the (R, W, 3) factor by which the ground's colour varies slowly."""
@@ -285,9 +290,14 @@ def _weights(shares: list[Image], shape: tuple[int, ...]) -> list[Image]:
     """Return the (H, W) weight of each layer by its mask alone; 0 where it is not seen."""
     weights = [np.ones(shape, np.float32)]
     for share in shares:
-        factor = np.clip((share - NEGLIGIBLE) / (1 - 2 * NEGLIGIBLE), 0, 1).astype(np.float32)
+        factor = np.clip(_by_mask(share), 0, 1).astype(np.float32)
         weights = [*(each * (1 - factor) for each in weights), factor]
     return weights
+
+
+def _by_mask(share: Image) -> Image:
+    """Return the mix factor of a layer without relief, before it is clamped to [0, 1]."""
+    return (share - NEGLIGIBLE) / (1 - 2 * NEGLIGIBLE)
 
 
 def _is_smooth(distance_m: FloatArray) -> NDArray[np.bool_]:
