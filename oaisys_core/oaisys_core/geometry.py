@@ -95,6 +95,12 @@ def transform_points(T_a_b: FloatArray, points_b_m: NDArray[np.floating[Any]]) -
     return np.asarray(points_b_m @ T_a_b[:3, :3].T + T_a_b[:3, 3])
 
 
+def distances_along_m(places_m: ArrayLike) -> FloatArray:
+    """Return the (N,) distances along a line of (N, D) places from its first."""
+    steps_m = np.linalg.norm(np.diff(np.asarray(places_m, np.float64), axis=0), axis=1)
+    return np.append(0.0, np.cumsum(steps_m))
+
+
 def checked_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose") -> Pose:
     """Return a pose from untrusted numbers, its quaternion normalised.
 

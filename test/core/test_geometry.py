@@ -184,3 +184,8 @@ def test_a_lens_whose_image_folds_is_known() -> None:
     outside = replace(inside, fx_px=0.98 * focal_px)
     assert geometry.is_invertible(inside)
     assert not geometry.is_invertible(outside)
+
+
+def test_distances_along_a_line_add_up() -> None:
+    line_m = [[0, 0, 0], [3, 4, 0], [3, 4, 12], [3, 4, 12]]
+    assert geometry.distances_along_m(line_m).tolist() == [0, 5, 17, 17]

@@ -49,7 +49,9 @@ def test_a_similarity_is_found_again() -> None:
 @pytest.mark.blender
 def test_colmap_finds_poses_and_k_and_notices_a_wrong_one(tmp_path: Path) -> None:
     figures = survey_figures(
-        "preview", job("survey", tmp_path, rows=3, columns=3, wrong_focal=FOCAL_FACTOR)
+        "preview",
+        job("survey", tmp_path, rows=3, columns=3, wrong_focal=FOCAL_FACTOR),
+        wrong_focal=FOCAL_FACTOR,
     )
 
     missed = [f"{each.name}: {each.median:g}" for each in figures if each.is_met is False]

@@ -96,8 +96,7 @@ class Spline(Motion):
         self.step_interval = config.step_interval
         closing = [0] if config.is_closed else []
         waypoints_m = np.array([*config.waypoints_m, *(config.waypoints_m[i] for i in closing)])
-        lengths_m = np.linalg.norm(np.diff(waypoints_m, axis=0), axis=1)
-        knots = np.append(0.0, np.cumsum(lengths_m))
+        knots = geometry.distances_along_m(waypoints_m)
         self._curve = scipy.interpolate.CubicSpline(
             knots, waypoints_m, bc_type="periodic" if config.is_closed else "natural"
         )
@@ -107,8 +106,7 @@ class Spline(Motion):
             self._rotations = RotationSpline(knots, Rotation.from_quat(quats))
         segments = [np.linspace(a, b, ARC_POINTS) for a, b in pairwise(knots)]
         self._at = np.concatenate(segments)
-        steps_m = np.linalg.norm(np.diff(self._curve(self._at), axis=0), axis=1)
-        self._arc_m = np.append(0.0, np.cumsum(steps_m))
+        self._arc_m = geometry.distances_along_m(self._curve(self._at))
 
     def pose(self, step: MotionStep) -> Pose | None:
         """See `Motion.pose`."""

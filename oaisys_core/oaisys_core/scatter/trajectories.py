@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from oaisys_core.config.sections.objects import TrajectoryConfig
-from oaisys_core.geometry import pose_to_matrix, transform
+from oaisys_core.geometry import distances_along_m, pose_to_matrix, transform
 from oaisys_core.output.poses import read_poses
 from oaisys_core.types import FloatArray
 
@@ -117,11 +117,10 @@ class _Path:
 
 def _spline(points_m: FloatArray, closed: bool) -> FloatArray:
     """Return points on a cubic spline through (K, 3) points."""
-    chords_m = np.linalg.norm(np.diff(points_m, axis=0), axis=1)
-    knots = np.concatenate(([0.0], np.cumsum(chords_m)))
+    knots = distances_along_m(points_m)
     curve = scipy.interpolate.CubicSpline(
         knots, points_m, bc_type="periodic" if closed else "natural"
     )
     steps = np.linspace(0, 1, SMOOTH_STEPS, endpoint=False)
-    between = (knots[:-1, None] + chords_m[:, None] * steps).ravel()
+    between = (knots[:-1, None] + np.diff(knots)[:, None] * steps).ravel()
     return np.asarray(curve(np.append(between, knots[-1])))

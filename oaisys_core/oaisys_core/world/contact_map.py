@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from oaisys_core.geometry import distances_along_m
 from oaisys_core.scene import Ground, MeshPrototype, Placement, Scene, WheelTracks
 from oaisys_core.terrain.detail import DetailedGround
 from oaisys_core.terrain.noise import spectral
@@ -127,8 +128,7 @@ def contact_map(scene: Scene) -> ContactMap | None:
 
 def _track_quads(track: WheelTracks) -> tuple[FloatArray, FloatArray]:
     """Return (Q, 4, 2) quads in ``map`` of which tracks consist, and their values, last first."""
-    pieces = np.diff(track.way_m, axis=0)
-    ends_m = np.concatenate(([0.0], np.cumsum(np.linalg.norm(pieces, axis=1))))
+    ends_m = distances_along_m(track.way_m)
     count = int(np.clip(ends_m[-1] / TRACK_STEP_M, 2, MOST_STEPS))
     at_m = np.linspace(0, ends_m[-1], count)
     way_m = np.column_stack([np.interp(at_m, ends_m, axis) for axis in track.way_m.T])

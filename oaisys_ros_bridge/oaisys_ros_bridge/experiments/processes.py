@@ -117,7 +117,9 @@ class ManagedProcess:
         if not self._has_ended(END_TIMEOUT_S):
             _LOG.warning(
                 "%s has not ended within %g s and is killed; its log: %s",
-                *(self.name, END_TIMEOUT_S, self._log),
+                self.name,
+                END_TIMEOUT_S,
+                self._log,
             )
             self._process.send_signal(signal.SIGABRT)
             self._has_ended(LAST_WORDS_S)

@@ -11,6 +11,7 @@ from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import distances_along_m
 from oaisys_core.types import FloatArray, HeightGrid
 
 CLEARANCE_M = 0.22
@@ -94,12 +95,6 @@ def there_and_back(ground: FreeGround) -> FloatArray:
     angles = np.radians((-45.0, 0.0, 45.0))[:, None]
     turn = np.cos(angles) * ahead[-1] * ASIDE_M / 2 + np.sin(angles) * left_m[-1]
     return np.concatenate((line - left_m, line[-1] + turn, (line + left_m)[::-1]))
-
-
-def distances_along_m(places_m: FloatArray) -> FloatArray:
-    """Return the (N,) distances along a line of (N, D) places from its first."""
-    steps_m = np.linalg.norm(np.diff(places_m, axis=0), axis=1)
-    return np.append(0.0, np.cumsum(steps_m))
 
 
 def _graph(ground: FreeGround) -> csr_matrix:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from oaisys_mapping.certificate.perturbations import FOCAL_FACTOR
 from tools.bench.child import run_job
 from tools.bench.figures import Figure, Goal, figure
 from tools.bench.settings import Say, Settings, say_of_part
@@ -150,6 +149,9 @@ def lidar_figures(name: str, found: Mapping[str, Any]) -> list[Figure]:
 
 
 def _pictures(settings: Settings, say: Say) -> list[Figure]:
+    # Imports Open3D, for which other topics need not wait.
+    from oaisys_mapping.certificate.perturbations import FOCAL_FACTOR
+
     qualities = QUICK_QUALITIES if settings.quick else QUALITIES
     rows, columns = QUICK_GRID if settings.quick else GRID
     count = QUICK_FLIGHT_PICTURES if settings.quick else FLIGHT_PICTURES
@@ -159,7 +161,9 @@ def _pictures(settings: Settings, say: Say) -> list[Figure]:
         part = say_of_part(say, i, len(qualities), quality)
         grid: dict[str, Any] = {"rows": rows, "columns": columns, "wrong_focal": FOCAL_FACTOR}
         figures += survey_figures(
-            quality, run_job("referees.pictures.survey", settings, part, **job, **grid)
+            quality,
+            run_job("referees.pictures.survey", settings, part, **job, **grid),
+            wrong_focal=FOCAL_FACTOR,
         )
         figures += _flight_figures(
             quality, run_job("referees.pictures.flight", settings, part, **job, pictures=count)
@@ -170,11 +174,19 @@ def _pictures(settings: Settings, say: Say) -> list[Figure]:
     return figures
 
 
-def survey_figures(quality: str, found: Mapping[str, Mapping[str, Any]]) -> list[Figure]:
-    """Return the figures of a survey, with their goals."""
+def survey_figures(
+    quality: str, found: Mapping[str, Mapping[str, Any]], *, wrong_focal: float
+) -> list[Figure]:
+    """Return the figures of a survey, with their goals.
+
+    Args:
+        quality: Preset of its pictures.
+        found: Figures with K given (``known``), sought (``unknown``), and given ``wrong``.
+        wrong_focal: Factor on the focal length of the K that is ``wrong``.
+    """
     known, unknown, wrong = (found[name] for name in ("known", "unknown", "wrong"))
     start = f"colmap_{quality}"
-    against_wrong = abs((1 + unknown["focal_share"]) / FOCAL_FACTOR - 1)
+    against_wrong = abs((1 + unknown["focal_share"]) / wrong_focal - 1)
     return [
         _missing(f"{start}_known_missing", known),
         figure(
@@ -204,7 +216,7 @@ def survey_figures(quality: str, found: Mapping[str, Mapping[str, Any]]) -> list
             "%",
             [against_wrong * 100],
             Goal(FOCAL_PERCENT, at_least=True),
-            f"fault: K says {FOCAL_FACTOR:g} times the focal length; difference from what is found",
+            f"fault: K says {wrong_focal:g} times the focal length; difference from what is found",
         ),
         figure(
             f"{start}_fault_position",

@@ -15,12 +15,13 @@ from scipy.spatial.transform import Rotation
 from oaisys_core.config import SimulationConfig, config_from_mapping
 from oaisys_core.drive.drive import Drive, TimedSample
 from oaisys_core.drive.schedule import NANOSECONDS
+from oaisys_core.geometry import distances_along_m
 from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory import Trajectory
 from oaisys_core.types import FloatArray, LidarInfo, merged
 from oaisys_mapping.odometry.lidar_odometry import judged
 from oaisys_mapping.odometry.trajectories import TimedTransforms
-from tools.bench.referees.drivable_way import distances_along_m, free_ground, there_and_back
+from tools.bench.referees.drivable_way import free_ground, there_and_back
 from tools.bench.referees.lidar_odometry import MODES, Mode, TimedScan, odometry, write_scans
 from tools.bench.settings import Say, Settings
 from tools.bench.worlds import DEMO, world_file, world_mapping
