@@ -17,7 +17,7 @@ SMOOTH_STEPS = 64
 """Number of straight pieces of a spline between two waypoints."""
 
 
-class Trajectory(Protocol):
+class MoverTrajectory(Protocol):
     """Where a mover is at each sample."""
 
     def __call__(self, sample_id: int, time_s: float | None) -> FloatArray:
@@ -35,7 +35,7 @@ class Trajectory(Protocol):
         """Return how much of the way, from its start, lies behind the mover, as for the pose."""
 
 
-def make_trajectory(config: TrajectoryConfig) -> Trajectory:
+def make_trajectory(config: TrajectoryConfig) -> MoverTrajectory:
     """Return the trajectory of a configuration.
 
     Raises:
@@ -61,16 +61,16 @@ class _PoseList:
 
     @property
     def way_m(self) -> FloatArray:
-        """See `Trajectory`."""
+        """See `MoverTrajectory`."""
         return np.asarray(self.T_map_body[:, :3, 3])
 
     def driven_m(self, sample_id: int, time_s: float | None) -> float:
-        """See `Trajectory`."""
+        """See `MoverTrajectory`."""
         steps_m = np.linalg.norm(np.diff(self.way_m[:, :2], axis=0), axis=1)
         return float(steps_m[:sample_id].sum())
 
     def __call__(self, sample_id: int, time_s: float | None) -> FloatArray:
-        """See `Trajectory`."""
+        """See `MoverTrajectory`."""
         count = len(self.T_map_body)
         row = sample_id % count if self.closed else min(sample_id, count - 1)
         return np.asarray(self.T_map_body[row])
@@ -88,18 +88,18 @@ class _Path:
 
     @property
     def way_m(self) -> FloatArray:
-        """See `Trajectory`."""
+        """See `MoverTrajectory`."""
         return self.points_m
 
     def driven_m(self, sample_id: int, time_s: float | None) -> float:
-        """See `Trajectory`."""
+        """See `MoverTrajectory`."""
         moved_m = sample_id * self.step_m
         if time_s is not None and self.speed_m_s is not None:
             moved_m = time_s * self.speed_m_s
         return self.start_m + moved_m
 
     def __call__(self, sample_id: int, time_s: float | None) -> FloatArray:
-        """See `Trajectory`."""
+        """See `MoverTrajectory`."""
         from scipy.spatial.transform import Rotation
 
         pieces = np.diff(self.points_m, axis=0)

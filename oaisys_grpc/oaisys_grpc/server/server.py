@@ -25,7 +25,8 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
 from oaisys_grpc.server.end_request import EndRequest, exit_at_last
 from oaisys_grpc.server.jobs.queue import OperationQueue
 from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
-from oaisys_grpc.server.limits.open_calls import THREADS, OpenCalls
+from oaisys_grpc.server.limits.open_calls import OpenCalls
+from oaisys_grpc.server.limits.slots import THREADS
 from oaisys_grpc.server.options import ServerOptions
 from oaisys_grpc.server.servicer import SimulatorServicer, send_reason
 from oaisys_grpc.server.supervision.supervisor import Supervisor

@@ -21,7 +21,7 @@ from oaisys_core.scatter.placement import scatter_on
 from oaisys_core.scatter.rock_families import family_density
 from oaisys_core.scatter.rocks import make_rock
 from oaisys_core.scatter.stance import footprint_of, pose_on_ground
-from oaisys_core.scatter.trajectories import Trajectory, make_trajectory
+from oaisys_core.scatter.trajectories import MoverTrajectory, make_trajectory
 from oaisys_core.scatter.vehicles import WHEEL_WIDTH, WHEEL_Y
 from oaisys_core.scene import (
     Ground,
@@ -62,13 +62,13 @@ class Mover:
     """
 
     index: int
-    trajectory: Trajectory
+    trajectory: MoverTrajectory
     scale: float
     foot_m: float | None
     leaves_tracks: bool = False
 
     def pose_at(self, sample_id: int, ground: Ground, time_s: float | None = None) -> FloatArray:
-        """Return the (4, 4) pose with scale at a sample, or at a time: `Trajectory`."""
+        """Return the (4, 4) pose with scale at a sample, or at a time: `MoverTrajectory`."""
         T = self.trajectory(sample_id, time_s)
         if self.foot_m is not None:
             yaw_rad = float(np.arctan2(T[1, 0], T[0, 0]))

@@ -17,7 +17,8 @@ from google.protobuf.message import DecodeError
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_grpc.contract.errors import abort
-from oaisys_grpc.server.limits.open_calls import OpenCall, OpenCalls, Phase, StreamLimits, counted
+from oaisys_grpc.server.limits.open_calls import OpenCall, OpenCalls, Phase, counted
+from oaisys_grpc.server.limits.slots import StreamLimits
 
 MAX_FIELDS = 2**17
 """Fields of all messages in a request: 2,000 objects with pose, size and label."""

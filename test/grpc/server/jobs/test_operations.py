@@ -27,7 +27,7 @@ from oaisys_grpc.pb.oaisys.v1 import simulator_pb2 as pb
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2_grpc
 from oaisys_grpc.server.jobs.job import MAX_SAMPLES
 from oaisys_grpc.server.jobs.queue import QUEUE_BYTES, QUEUE_LIMIT
-from oaisys_grpc.server.limits.open_calls import LIMITS, SHARE_OF_CONNECTION
+from oaisys_grpc.server.limits.slots import LIMITS, SHARE_OF_CONNECTION
 
 POSES = [pose_looking_down(-10 + i, 5 - i / 2, 4 + i / 4) for i in range(20)]
 

@@ -37,10 +37,9 @@ from oaisys_grpc.server.limits import open_calls
 from oaisys_grpc.server.limits.guarded_calls import MAX_FIELDS, GuardedCalls, check_bounds
 from oaisys_grpc.server.limits.open_calls import (
     CROWDED_PATIENCE_S,
-    LIMITS,
     REQUEST_PATIENCE_S,
-    SHARE_OF_CONNECTION,
 )
+from oaisys_grpc.server.limits.slots import LIMITS, SHARE_OF_CONNECTION
 
 StartServer = Callable[..., Server]
 

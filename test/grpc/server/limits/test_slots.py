@@ -9,8 +9,9 @@ import pytest
 from waiting import wait_until
 
 from oaisys_core.errors import QueueFullError
-from oaisys_grpc.server.limits import open_calls
-from oaisys_grpc.server.limits.open_calls import CROWDED_PATIENCE_S, OpenCall, Phase, Slots
+from oaisys_grpc.server.limits import slots as slots_module
+from oaisys_grpc.server.limits.open_calls import CROWDED_PATIENCE_S, OpenCall, Phase
+from oaisys_grpc.server.limits.slots import Slots
 
 
 class Context:
@@ -85,7 +86,7 @@ def test_the_oldest_idle_call_makes_room() -> None:
 def test_a_call_that_is_not_read_makes_room_once_its_process_had_the_time_to_see_a_reader(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(open_calls, "SLOT_PATIENCE_S", 0.1)
+    monkeypatch.setattr(slots_module, "SLOT_PATIENCE_S", 0.1)
     slots = Slots(2)
     working, unread = call_of("a"), call_of("b")
     slots.take(working)
@@ -103,7 +104,7 @@ def test_a_call_that_is_not_read_makes_room_once_its_process_had_the_time_to_see
 def test_a_call_whose_messages_are_read_does_not_make_room(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(open_calls, "SLOT_PATIENCE_S", 0.1)
+    monkeypatch.setattr(slots_module, "SLOT_PATIENCE_S", 0.1)
     slots = Slots(2)
     working, read = call_of("a"), call_of("b")
     slots.take(working)
