@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from walls import BOX, CAMERA, WALL_M, seen_wall
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
-from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.exploration.gain import GainWeights, ViewScorer
 from oaisys_mapping.exploration.occupancy_map import (
     FREE,
@@ -21,18 +21,6 @@ from oaisys_mapping.exploration.occupancy_map import (
 )
 from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
 from oaisys_mapping.exploration.roadmap import Roadmap
-
-CAMERA = PinholeIntrinsics(160, 120, 135.0, 135.0, 79.5, 59.5)
-BOX = Bounds(np.array([0.0, -6.0, -6.0]), np.array([12.0, 6.0, 6.0]))
-WALL_M = 8.1
-
-
-def seen_wall(voxel_size_m=0.5) -> OccupancyMap:
-    """Return a map after one view along x of a wall that fills the image."""
-    voxels = OccupancyMap(BOX, voxel_size_m)
-    depth_m = np.full((120, 160), WALL_M, np.float32)
-    voxels.integrate(depth_m, CAMERA, T_LINK_OPTICAL, 20.0)
-    return voxels
 
 
 def test_a_view_frees_its_frustum_and_leaves_occluded_space_unknown():

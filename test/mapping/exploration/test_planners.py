@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 from repository import REPOSITORY
+from walls import CAMERA, seen_wall
 
 from oaisys_core.config.loading import config_from_mapping
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import T_LINK_OPTICAL, pose_to_matrix
 from oaisys_core.simulation import Simulation
-from oaisys_core.types import ModuleMetadata, PinholeIntrinsics
+from oaisys_core.types import ModuleMetadata
 from oaisys_mapping.exploration.coverage import SurfaceCoverage, random_poses
 from oaisys_mapping.exploration.coverage_record import CoverageRecord, planner_results
 from oaisys_mapping.exploration.gain import ViewScorer
@@ -24,18 +25,6 @@ from oaisys_mapping.exploration.occupancy_map import (
 )
 from oaisys_mapping.exploration.planner import Situation, Vehicle, level_pose
 from oaisys_mapping.exploration.planners import BUILT_IN_PLANNERS, make_planner, vantage_points
-
-CAMERA = PinholeIntrinsics(160, 120, 135.0, 135.0, 79.5, 59.5)
-BOX = Bounds(np.array([0.0, -6.0, -6.0]), np.array([12.0, 6.0, 6.0]))
-WALL_M = 8.1
-
-
-def seen_wall(voxel_size_m=0.5) -> OccupancyMap:
-    """Return a map after one view along x of a wall that fills the image."""
-    voxels = OccupancyMap(BOX, voxel_size_m)
-    depth_m = np.full((120, 160), WALL_M, np.float32)
-    voxels.integrate(depth_m, CAMERA, T_LINK_OPTICAL, 20.0)
-    return voxels
 
 
 def test_planners_are_compared_by_medians_with_failures_counted_as_more():

@@ -31,6 +31,15 @@ def call_of(peer: str) -> OpenCall:
     return call
 
 
+def taken_slots(*, idle_make_room: bool = False) -> tuple[Slots, OpenCall, OpenCall]:
+    """Return two slots, and the calls of two connections that have them, in their order."""
+    slots = Slots(2, idle_make_room=idle_make_room)
+    first, second = call_of("a"), call_of("b")
+    slots.take(first)
+    slots.take(second)
+    return slots, first, second
+
+
 def until_it_lags(call: OpenCall) -> None:
     for _ in range(10):
         call.look()
@@ -72,10 +81,7 @@ def test_a_connection_with_its_share_does_not_hold_up_others() -> None:
 
 
 def test_the_oldest_idle_call_makes_room() -> None:
-    slots = Slots(2, idle_make_room=True)
-    old, young = call_of("a"), call_of("b")
-    slots.take(old)
-    slots.take(young)
+    slots, old, young = taken_slots(idle_make_room=True)
     old.enter(Phase.WORK)
     until_it_lags(old)
     until_it_lags(young)
@@ -87,10 +93,7 @@ def test_a_call_that_is_not_read_makes_room_once_its_process_had_the_time_to_see
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(slots_module, "SLOT_PATIENCE_S", 0.1)
-    slots = Slots(2)
-    working, unread = call_of("a"), call_of("b")
-    slots.take(working)
-    slots.take(unread)
+    slots, working, unread = taken_slots()
     unread.enter(Phase.READER)
     time.sleep(1.5 * CROWDED_PATIENCE_S)  # a starved process: nobody looks
     with pytest.raises(QueueFullError):
@@ -105,10 +108,7 @@ def test_a_call_whose_messages_are_read_does_not_make_room(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(slots_module, "SLOT_PATIENCE_S", 0.1)
-    slots = Slots(2)
-    working, read = call_of("a"), call_of("b")
-    slots.take(working)
-    slots.take(read)
+    slots, _, read = taken_slots()
     for _ in range(10):
         read.enter(Phase.READER)
         read.look()
