@@ -98,13 +98,19 @@ class HeightField(ShortRepr):
         x0, y0 = self.origin_xy_m
         return (x0, y0, x0 + (cols - 1) * self.spacing_m, y0 + (rows - 1) * self.spacing_m)
 
-    def vertices_m(self) -> NDArray[np.float32]:
-        """Return (rows * cols, 3) float32 vertices, row by row."""
+    def grid_m(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return the (rows,) float32 y and (cols,) x of vertices."""
         rows, cols = self.elevation_m.shape
         x0, y0, x1, y1 = self.extent_m
-        vertices = np.empty((rows, cols, 3), dtype=np.float32)
-        vertices[..., 0] = np.linspace(x0, x1, cols)[None, :]
-        vertices[..., 1] = np.linspace(y0, y1, rows)[:, None]
+        y_m, x_m = np.linspace(y0, y1, rows), np.linspace(x0, x1, cols)
+        return y_m.astype(np.float32), x_m.astype(np.float32)
+
+    def vertices_m(self) -> NDArray[np.float32]:
+        """Return (rows * cols, 3) float32 vertices, row by row."""
+        y_m, x_m = self.grid_m()
+        vertices = np.empty((*self.elevation_m.shape, 3), dtype=np.float32)
+        vertices[..., 0] = x_m[None, :]
+        vertices[..., 1] = y_m[:, None]
         vertices[..., 2] = self.elevation_m
         return vertices.reshape(-1, 3)
 

@@ -12,8 +12,7 @@ from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, Rend
 from oaisys_core.backend.geometry_pass import PoseMemory, frame_of, frames_of
 from oaisys_core.backend.lidar import LidarCaster
 from oaisys_core.backend.raycast.shading import Palette, shaded
-from oaisys_core.backend.raycast.solids import flat_ground
-from oaisys_core.backend.surface import Surface, View, ground_mesh
+from oaisys_core.backend.surface import Surface, View
 from oaisys_core.color import encoded
 from oaisys_core.environment.light import white_gains
 from oaisys_core.errors import NotReadyError
@@ -53,7 +52,7 @@ class AnalyticBackend(Backend):
         if surface is not None and stands_on(surface.scene, scene):
             surface.start_batch(scene)
         else:
-            surface = Surface(scene, _ground(scene))
+            surface = Surface(scene, None)
         progress(Progress("colours", 0.9))
         self._palette = Palette(scene)
         self._surface = surface
@@ -64,7 +63,7 @@ class AnalyticBackend(Backend):
         if scene.ground is surface.scene.ground:
             surface.update_objects(scene)
         else:
-            surface.update(scene, _ground(scene))
+            surface.update(scene, None)
         palette.update(scene)
 
     def render(
@@ -124,10 +123,6 @@ class AnalyticBackend(Backend):
         if self._surface is None or self._palette is None:
             raise NotReadyError("the analytic backend has no scene: build one first")
         return self._surface, self._palette
-
-
-def _ground(scene: Scene) -> TriangleMesh | None:
-    return None if flat_ground(scene.ground) else ground_mesh(scene)
 
 
 def _colors(

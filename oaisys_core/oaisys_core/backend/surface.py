@@ -15,10 +15,15 @@ from oaisys_core.backend.raycast.far_ground import FarGroundTarget
 from oaisys_core.backend.raycast.placement_targets import PlacementTargets
 from oaisys_core.backend.raycast.prototype_meshes import merged_instances
 from oaisys_core.backend.raycast.solids import SolidTarget, flat_ground, target_of, tessellated
-from oaisys_core.backend.raycast.triangles import BvhBuilder, RayTarget, TriangleTarget
+from oaisys_core.backend.raycast.triangles import (
+    BvhBuilder,
+    HeightFieldTarget,
+    RayTarget,
+    TriangleTarget,
+)
 from oaisys_core.geometry import pixel_rays
 from oaisys_core.interruption import stop_if_unwanted
-from oaisys_core.scene import PlacedCamera, Scene, id_of_level, merge_meshes
+from oaisys_core.scene import HeightField, PlacedCamera, Scene, id_of_level, merge_meshes
 from oaisys_core.types import FloatArray, TriangleMesh
 
 NO_TARGET = -1
@@ -126,8 +131,7 @@ class Surface:
         if flat is not None:
             self._ground_target = SolidTarget(flat, 0, flat.height_m)
         else:
-            self._ground = ground or ground_mesh(scene)
-            target = TriangleTarget([self._ground], _bvh_builder(self._ground))
+            self._ground, target = _ground_target(scene, ground)
             # Else the first view would wait for it.
             target.prepare()
             self._ground_target = target
@@ -316,6 +320,23 @@ class Surface:
 def ground_mesh(scene: Scene) -> TriangleMesh:
     """Return the ground's triangles, without ids."""
     return TriangleMesh(scene.ground.vertices_m().astype(np.float64), scene.ground.triangles())
+
+
+def _ground_target(
+    scene: Scene, ground: TriangleMesh | None
+) -> tuple[TriangleMesh | None, TriangleTarget]:
+    """Return the ground's ray target, and its mesh unless the scene's own has the same values."""
+    mesh = ground_mesh(scene)
+    if isinstance(scene.ground, HeightField) and (ground is None or _is_same(ground, mesh)):
+        return None, HeightFieldTarget(scene.ground, mesh, _bvh_builder(mesh))
+    mesh = ground or mesh
+    return mesh, TriangleTarget([mesh], _bvh_builder(mesh))
+
+
+def _is_same(one: TriangleMesh, other: TriangleMesh) -> bool:
+    """Return whether two meshes have the same vertices and triangles."""
+    arrays = (one.vertices_m, other.vertices_m), (one.triangles, other.triangles)
+    return all(np.array_equal(*each) for each in arrays)
 
 
 def _bvh_builder(ground: TriangleMesh) -> BvhBuilder | None:

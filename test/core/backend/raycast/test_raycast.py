@@ -8,9 +8,9 @@ import pytest
 from numpy.typing import NDArray
 from synthetic_worlds import SKEWED, camera, rocky_world
 
-from oaisys_core.backend.raycast.triangles import NO_ELEMENT, TriangleTarget
+from oaisys_core.backend.raycast.triangles import NO_ELEMENT, HeightFieldTarget, TriangleTarget
 from oaisys_core.geometry import pixel_rays, pose_looking_at, pose_looking_down
-from oaisys_core.scene import PlacedCamera
+from oaisys_core.scene import HeightField, PlacedCamera
 from oaisys_core.types import FloatArray, TriangleMesh
 
 
@@ -115,6 +115,23 @@ def test_views_are_equal_bit_for_bit_however_often_the_structure_is_built() -> N
     for other in others:
         assert first.depth_m.tobytes() == other.depth_m.tobytes()
         assert first.triangle_ids.tobytes() == other.triangle_ids.tobytes()
+
+
+def test_a_height_field_is_hit_as_its_mesh_is_bit_for_bit() -> None:
+    rng = np.random.default_rng(7)
+    elevation_m = rng.uniform(0, 0.3, (37, 53)).astype(np.float32)
+    ground = HeightField(elevation_m, (-3.1, -2.3), 0.13)
+    mesh = TriangleMesh(ground.vertices_m().astype(np.float64), ground.triangles())
+    fields, arrays = HeightFieldTarget(ground, mesh), TriangleTarget([mesh])
+    directions = rng.normal(size=(20_000, 3)) - (0, 0, 1.5)
+    distance_m, elements = fields.intersect(np.array((0.2, 0.1, 1.4)), directions)
+    expected_m, expected = arrays.intersect(np.array((0.2, 0.1, 1.4)), directions)
+    assert distance_m.tobytes() == expected_m.tobytes()
+    assert (elements == expected).all()
+    assert len(np.unique(elements)) > mesh.triangles.shape[0] / 2
+    hit = elements[elements != NO_ELEMENT]
+    places_m = np.zeros((len(hit), 3))
+    assert fields.normals_of(hit, places_m).tobytes() == arrays.normals_of(hit, places_m).tobytes()
 
 
 def test_ids_are_those_of_the_nearest_mesh() -> None:
