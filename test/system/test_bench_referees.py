@@ -78,15 +78,14 @@ def test_faults_that_are_not_found_miss_their_goals() -> None:
         "own_motion": scan,
         "true_motion": scan,
         "no_times": {**scan, "drift_share": 8e-3},
-        "own_motion_late": {**scan, "time_offset_s": 21e-3},
+        "late_offset_s": 21e-3,
     }
 
     def missed(turned_deg: float, late_s: float, no_times: float) -> set[str]:
         imu = {"plain": plain, "turned": {**plain, "turned_deg": turned_deg}}
-        late = {**scan, "time_offset_s": late_s}
         ignored = {**scan, "drift_share": no_times}
         figures = motion_figures(imu, drift)
-        figures += lidar_figures("x", {**lidar, "own_motion_late": late, "no_times": ignored})
+        figures += lidar_figures("x", {**lidar, "late_offset_s": late_s, "no_times": ignored})
         return {each.name for each in figures if each.is_met is False}
 
     assert missed(2.02, 0.021, 8e-3) == set()

@@ -20,7 +20,7 @@ from oaisys_core.simulation import Simulation
 from oaisys_core.trajectory import Trajectory
 from oaisys_core.types import FloatArray, LidarInfo, merged
 from oaisys_mapping.odometry.lidar_odometry import judged
-from oaisys_mapping.odometry.trajectories import TimedTransforms
+from oaisys_mapping.odometry.trajectories import TimedTransforms, time_offset_s
 from tools.bench.referees.drivable_way import free_ground, there_and_back
 from tools.bench.referees.lidar_odometry import MODES, Mode, TimedScan, odometry, write_scans
 from tools.bench.settings import Say, Settings
@@ -73,29 +73,31 @@ def drive(
         world: A world of the panel; ``stage_canyon`` is made `CANYON_M` wide.
         way_m: Length of the drive; it is shorter where the free ground ends.
         speed_m_s, suspension_m: Of the rover.
-        late_s: For each mode there are also figures with stamps that are late by this.
-        modes: How points are corrected for the motion.
+        late_s: The offset of the stamps is also sought with stamps that are late by this.
+        modes: How points are corrected for the motion; with ``own_motion``.
         scan: Pattern of the lidar.
     """
     rover = {"speed_m_s": speed_m_s, "suspension_m": suspension_m}
     with TemporaryDirectory() as temporary:
         recorded = _recorded(settings, say, world, way_m, rover, scan, Path(temporary))
         say(0.5, f"{world}: KISS-ICP")
-        with ThreadPoolExecutor(2) as pool:
-            estimates = list(
-                pool.map(
-                    lambda mode: odometry(recorded.folder, mode, recorded.lidar.period_s), modes
-                )
+        with ThreadPoolExecutor(len(modes)) as pool:
+            found = pool.map(
+                lambda mode: odometry(recorded.folder, mode, recorded.lidar.period_s), modes
             )
+            estimates = dict(zip(modes, found, strict=True))
     lidar = recorded.truth.mounted(recorded.lidar.T_base_lidar)
-    found: dict[str, Any] = {
-        "obstacle": recorded.obstacle,
-        "shake_deg": _shake_deg(lidar, estimates[0].times_s),
+    own = estimates["own_motion"]
+    judgements: dict[str, Any] = {
+        mode: asdict(judged(estimate, recorded.truth, recorded.lidar.T_base_lidar, 0.0))
+        for mode, estimate in estimates.items()
     }
-    for mode, estimate in zip(modes, estimates, strict=True):
-        for name, poses in ((mode, estimate), (f"{mode}_late", estimate.delayed(late_s))):
-            found[name] = asdict(judged(poses, recorded.truth, recorded.lidar.T_base_lidar, 0.0))
-    return found
+    return {
+        "obstacle": recorded.obstacle,
+        "shake_deg": _shake_deg(lidar, own.times_s),
+        "late_offset_s": time_offset_s(own.delayed(late_s), lidar),
+        **judgements,
+    }
 
 
 def _shake_deg(lidar: TimedTransforms, times_s: FloatArray) -> float:
