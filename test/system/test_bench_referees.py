@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from oaisys_core.types import HeightGrid
 from oaisys_mapping.certificate.perturbations import FOCAL_FACTOR
 from tools.bench.child import run_job
-from tools.bench.referees.drivable_way import ASIDE_M, STEP_M, free_ground, there_and_back
+from tools.bench.referees.drivable_way import ASIDE_M, STEP_M, free_ground, slalom, there_and_back
 from tools.bench.referees.structure_from_motion import similarity
 from tools.bench.settings import Settings
 from tools.bench.topics.referees import SEED, lidar_figures, motion_figures, survey_figures
@@ -74,18 +74,22 @@ def test_faults_that_are_not_found_miss_their_goals() -> None:
     drift = {"ape_m": 0.21, "expected_m": 0.2}
     scan = {"scans": 9, "way_m": 200.0, "drift_share": 4e-3, "time_offset_s": 1e-3}
     lidar = {
-        "shake_deg": 0.1,
+        "yaw_rate_deg_s": 25.0,
+        "late_offset_s": 21e-3,
         "own_motion": scan,
         "true_motion": scan,
         "no_times": {**scan, "drift_share": 8e-3},
-        "late_offset_s": 21e-3,
     }
 
     def missed(turned_deg: float, late_s: float, no_times: float) -> set[str]:
         imu = {"plain": plain, "turned": {**plain, "turned_deg": turned_deg}}
         ignored = {**scan, "drift_share": no_times}
         figures = motion_figures(imu, drift)
-        figures += lidar_figures("x", {**lidar, "late_offset_s": late_s, "no_times": ignored})
+        figures += lidar_figures(
+            "x",
+            {**lidar, "late_offset_s": late_s, "no_times": ignored},
+            must_be_worse=True,
+        )
         return {each.name for each in figures if each.is_met is False}
 
     assert missed(2.02, 0.021, 8e-3) == set()
@@ -93,6 +97,7 @@ def test_faults_that_are_not_found_miss_their_goals() -> None:
         "gtsam_fault_turned",
         "kiss_icp_x_fault_late",
         "kiss_icp_x_drift_no_times",
+        "kiss_icp_x_fault_no_times",
     }
 
 
@@ -123,6 +128,26 @@ def test_a_way_keeps_clear_of_rocks_and_comes_back() -> None:
     # Both sides of the wall are reached.
     assert way_m[:, 0].min() < -10
     assert way_m[:, 0].max() > 10
+
+
+def test_a_slalom_swings_to_both_sides_of_its_way() -> None:
+    straight_m = np.column_stack((np.arange(0.0, 42.0, 2.0), np.zeros(21)))
+    x_m, y_m = slalom(straight_m, aside_m=0.8, wave_m=10.0).T
+    assert y_m[(x_m > 12) & (x_m < 13)] == pytest.approx(0.8)  # a quarter of the second wave
+    assert [y_m.min(), y_m.max()] == pytest.approx([-0.8, 0.8])
+    assert np.diff(x_m) == pytest.approx(10 / 12)
+
+
+def test_a_smooth_drive_need_not_be_worse_without_times() -> None:
+    scan = {"scans": 9, "way_m": 200.0, "drift_share": 4e-3, "time_offset_s": 1e-3}
+    found = {"yaw_rate_deg_s": 1.0, "late_offset_s": 0.02, "own_motion": scan, "true_motion": scan}
+    names = {each.name for each in lidar_figures("x", found, must_be_worse=False)}
+    assert "kiss_icp_x_fault_no_times" not in names
+
+    figures = lidar_figures("x", {**found, "no_times": scan}, must_be_worse=False)
+    goals = {each.name: each.goal for each in figures}
+    assert goals["kiss_icp_x_drift_no_times"] is None
+    assert goals["kiss_icp_x_fault_no_times"] is None
 
 
 def test_a_way_follows_a_canyon_rather_than_the_plain_above_it() -> None:

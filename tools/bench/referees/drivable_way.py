@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.geometry import distances_along_m
+from oaisys_core.trajectory.waypoint_curve import WaypointCurve
 from oaisys_core.types import FloatArray, HeightGrid
 
 CLEARANCE_M = 0.22
@@ -24,6 +25,7 @@ STEP_M = 2.0
 SMOOTHING_M = 1.5
 ASIDE_M = 1.4
 """Between the way there and the way back."""
+WAYPOINTS_PER_WAVE = 12
 Cell = tuple[int, int]
 
 
@@ -95,6 +97,21 @@ def there_and_back(ground: FreeGround) -> FloatArray:
     angles = np.radians((-45.0, 0.0, 45.0))[:, None]
     turn = np.cos(angles) * ahead[-1] * ASIDE_M / 2 + np.sin(angles) * left_m[-1]
     return np.concatenate((line - left_m, line[-1] + turn, (line + left_m)[::-1]))
+
+
+def slalom(way_m: FloatArray, aside_m: float, wave_m: float) -> FloatArray:
+    """Return waypoints that swing to the left and right of a way in sine waves.
+
+    Args:
+        way_m: (N, 2) waypoints, with curves whose radii are larger than ``aside_m``.
+        aside_m: Amplitude; the first wave reaches it at its end.
+        wave_m: Length of a wave along the way.
+    """
+    curve = WaypointCurve(way_m)
+    along_m = np.arange(0.0, curve.length_m, wave_m / WAYPOINTS_PER_WAVE)
+    left = curve.tangent(along_m)[:, ::-1] * (-1.0, 1.0)
+    waves = np.minimum(along_m / wave_m, 1.0) * np.sin(2 * np.pi * along_m / wave_m)
+    return np.asarray(curve.position_m(along_m) + left * (aside_m * waves)[:, None])
 
 
 def _graph(ground: FreeGround) -> csr_matrix:

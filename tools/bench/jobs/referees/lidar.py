@@ -21,7 +21,7 @@ from oaisys_core.trajectory import Trajectory
 from oaisys_core.types import FloatArray, LidarInfo, merged
 from oaisys_mapping.odometry.lidar_odometry import judged
 from oaisys_mapping.odometry.trajectories import TimedTransforms, time_offset_s
-from tools.bench.referees.drivable_way import free_ground, there_and_back
+from tools.bench.referees.drivable_way import free_ground, slalom, there_and_back
 from tools.bench.referees.lidar_odometry import MODES, Mode, TimedScan, odometry, write_scans
 from tools.bench.settings import Say, Settings
 from tools.bench.worlds import DEMO, world_file, world_mapping
@@ -32,6 +32,8 @@ SCAN: dict[str, Any] = {"kind": "rotating", "preset": "generic_64", "azimuth_ste
 """As many rays as one of today's lidars with 64 channels casts at 10 Hz."""
 RANGE_M = 100.0
 """Of the lidar; KISS-ICP's default, too."""
+ROVER: dict[str, float] = {"speed_m_s": 3.0, "acceleration_m_s2": 1.0, "suspension_m": 1.0}
+"""With the default suspension, which is meant for 1 m/s, it shakes."""
 CELL_M = 0.25
 CANYON_M = 200.0
 TRUTH_STEP_S = 0.02
@@ -59,27 +61,29 @@ def drive(
     say: Say,
     world: str,
     way_m: float,
-    speed_m_s: float,
-    suspension_m: float,
     late_s: float,
     modes: Sequence[Mode] = MODES,
+    rover: Mapping[str, float] | None = None,
+    slalom_m: tuple[float, float] | None = None,
     scan: Mapping[str, Any] = SCAN,
 ) -> dict[str, Any]:
-    """Return KISS-ICP's figures of one drive by `Mode`, and how much the rover shook.
+    """Return KISS-ICP's figures of one drive by `Mode`, and how fast the rover turned.
 
     Args:
         settings: Of the run.
         say: Called with the progress.
         world: A world of the panel; ``stage_canyon`` is made `CANYON_M` wide.
         way_m: Length of the drive; it is shorter where the free ground ends.
-        speed_m_s, suspension_m: Of the rover.
         late_s: The offset of the stamps is also sought with stamps that are late by this.
         modes: How points are corrected for the motion; with ``own_motion``.
+        rover: What differs from `ROVER`.
+        slalom_m: Amplitude and length of the waves of a slalom around the way.
         scan: Pattern of the lidar.
     """
-    rover = {"speed_m_s": speed_m_s, "suspension_m": suspension_m}
     with TemporaryDirectory() as temporary:
-        recorded = _recorded(settings, say, world, way_m, rover, scan, Path(temporary))
+        recorded = _recorded(
+            settings, say, world, way_m, {**ROVER, **(rover or {})}, slalom_m, scan, Path(temporary)
+        )
         say(0.5, f"{world}: KISS-ICP")
         with ThreadPoolExecutor(len(modes)) as pool:
             found = pool.map(
@@ -87,26 +91,24 @@ def drive(
             )
             estimates = dict(zip(modes, found, strict=True))
     lidar = recorded.truth.mounted(recorded.lidar.T_base_lidar)
-    own = estimates["own_motion"]
+    late = estimates["own_motion"].delayed(late_s)
     judgements: dict[str, Any] = {
         mode: asdict(judged(estimate, recorded.truth, recorded.lidar.T_base_lidar, 0.0))
         for mode, estimate in estimates.items()
     }
     return {
         "obstacle": recorded.obstacle,
-        "shake_deg": _shake_deg(lidar, own.times_s),
-        "late_offset_s": time_offset_s(own.delayed(late_s), lidar),
+        "yaw_rate_deg_s": _yaw_rate_deg_s(lidar),
+        "late_offset_s": time_offset_s(late, lidar),
         **judgements,
     }
 
 
-def _shake_deg(lidar: TimedTransforms, times_s: FloatArray) -> float:
-    """Return by how much the turn from scan to scan changes: the RMS about x and y, one axis."""
-    inside = times_s[times_s <= lidar.times_s[-1]]
-    rotations = Rotation.from_matrix(lidar.at(inside).T[:, :3, :3])
-    turns_deg = (rotations[:-1].inv() * rotations[1:]).as_rotvec(degrees=True)
-    changes_deg = np.diff(turns_deg[:, :2], axis=0)
-    return float(np.sqrt(np.mean(changes_deg**2)))
+def _yaw_rate_deg_s(lidar: TimedTransforms) -> float:
+    """Return the RMS of the turn rate about z."""
+    rotations = Rotation.from_matrix(lidar.T[:, :3, :3])
+    turns_deg = (rotations[:-1].inv() * rotations[1:]).as_rotvec(degrees=True)[:, 2]
+    return float(np.sqrt(np.mean((turns_deg / np.diff(lidar.times_s)) ** 2)))
 
 
 def _recorded(
@@ -115,6 +117,7 @@ def _recorded(
     world: str,
     way_m: float,
     rover: Mapping[str, float],
+    slalom_m: tuple[float, float] | None,
     scan: Mapping[str, Any],
     folder: Path,
 ) -> LidarDrive:
@@ -123,7 +126,8 @@ def _recorded(
     try:
         say(0.0, f"{world}: the world")
         simulation.step_batch()
-        config = _config(settings, world, rover, scan, _way(simulation, way_m).tolist())
+        waypoints_m = _way(simulation, way_m, slalom_m).tolist()
+        config = _config(settings, world, rover, scan, waypoints_m)
         planned = Drive(simulation, config, sensors=[LIDAR])
         trajectory, count = planned.plan.trajectory, planned.sample_count()
         (lidar,) = simulation.info().lidars
@@ -165,7 +169,7 @@ def _config(
     del plain["sensors"]["cameras"]
     plain["sensors"].pop("motion", None)
     # A smoothed attitude leaves the ground; what stands on it is driven around.
-    vehicle = {"kind": "rover", "acceleration_m_s2": 1.0, "clearance_m": 2.0, **rover}
+    vehicle = {"kind": "rover", "clearance_m": 2.0, **rover}
     vehicle["on_obstacle"] = "stop"
     changes: dict[str, Any] = {
         "backend": "analytic",  # both cast the same rays
@@ -189,7 +193,10 @@ def _config(
     return config_from_mapping(merged(plain, changes), world_file(world).parent)
 
 
-def _way(simulation: Simulation, way_m: float) -> FloatArray:
+def _way(simulation: Simulation, way_m: float, slalom_m: tuple[float, float] | None) -> FloatArray:
     """Return waypoints of a way, cut off at its length."""
     way = there_and_back(free_ground(simulation.height_grid(CELL_M)))
+    way = way[distances_along_m(way) <= way_m]
+    if slalom_m is not None:
+        way = slalom(way, *slalom_m)
     return np.asarray(way[distances_along_m(way) <= way_m])
