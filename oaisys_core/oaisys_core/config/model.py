@@ -19,7 +19,7 @@ from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig
 
-GENERATOR_VERSION = 5
+GENERATOR_VERSION = 6
 """Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
 beyond the stage, and a brighter sky beside the sun."""
 

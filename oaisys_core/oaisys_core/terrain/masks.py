@@ -15,8 +15,11 @@ from oaisys_core.scene import Ground
 from oaisys_core.terrain.noise import Field, balancing_offsets, gradient_noise, spectral
 from oaisys_core.types import FloatArray
 
-RAGGED = 1.8
-"""Exponent by which noise amplitudes fall with frequency; lower gives more ragged patches."""
+RAGGED = 1.2
+"""Exponent by which noise amplitudes fall with frequency; lower gives more ragged patches.
+
+Patches whose octaves fade quickly have one clean outline each, and look like camouflage from above.
+"""
 
 RELUCTANCE = 0.5
 """Reduction of a patch's score (standard deviation 1) where a condition holds by 1/e."""

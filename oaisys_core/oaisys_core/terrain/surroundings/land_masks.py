@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
+from oaisys_core.terrain.masks import RAGGED
 from oaisys_core.terrain.noise import Field, balancing_offsets, filtered
 from oaisys_core.terrain.surroundings.land_relief import LandRelief
 from oaisys_core.types import FloatArray
@@ -33,11 +34,11 @@ PATCHES_PX, PATCHES_TEXEL = 1024, 0.5
 RAGGED_PX, RAGGED_TEXEL = 512, 1 / 32
 """The same of the tile that makes the patches' borders ragged."""
 
-SPREAD, RAGGED_SPREAD = 2.5, 0.55
+SPREAD, RAGGED_SPREAD = 1.7, 0.83
 """Standard deviations of the tiles, in units of that of the stage's patches: every octave is as
 strong as on the stage."""
 
-FALL, RAGGED_FALL = 1.0, 1.8
+FALL, RAGGED_FALL = 1.0, RAGGED
 """Exponents by which amplitudes fall with frequency. With 1, every octave has the same variance."""
 
 LEAST_SHARE = 1e-4
