@@ -45,9 +45,12 @@ def new_object(name: str, mesh: Any, T_map_object: FloatArray) -> Any:
     return thing
 
 
-def evaluated_mesh(thing: Any) -> TriangleMesh:
-    """Return an object's faces, all of which are triangles, in its own frame, as rendered."""
-    mesh = thing.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+def triangles_of(mesh: Any) -> TriangleMesh:
+    """Return the faces of a mesh without modifiers, all of which are triangles, in its own frame.
+
+    Reading an attribute makes it an array of its own, so the mesh is read itself, not the copy of
+    it that is rendered, and before there is one: both share their arrays.
+    """
     vertices = np.empty(len(mesh.vertices) * 3, dtype=np.float32)
     mesh.attributes["position"].data.foreach_get("vector", vertices)
     corners = np.empty(len(mesh.polygons) * 3, dtype=np.int32)

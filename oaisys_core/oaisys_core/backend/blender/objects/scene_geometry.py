@@ -13,9 +13,9 @@ from oaisys_core.backend.blender.materials.ground_albedo import GroundAlbedo
 from oaisys_core.backend.blender.materials.images import ImageStore
 from oaisys_core.backend.blender.objects.meshes import (
     GroundMeshes,
-    evaluated_mesh,
     new_mesh,
     new_object,
+    triangles_of,
 )
 from oaisys_core.backend.blender.objects.scene_objects import SceneObjects
 from oaisys_core.scene import Scene, stands_on
@@ -94,7 +94,7 @@ class SceneGeometry:
 
     def ground_mesh(self) -> TriangleMesh:
         """Return the ground as rendered, without ids."""
-        return evaluated_mesh(self._ground)
+        return triangles_of(self._ground.data)
 
     def _show_contact(self, scene: Scene) -> None:
         """Show fines around the scene's things, if these are others than before."""
