@@ -238,6 +238,9 @@ class EmbreeInstanceTarget(InstanceTarget):
         self._first_plane = starts[[meshes.index(mesh) for mesh in self.meshes]]
         self._corners = np.concatenate([mesh.planes[0] for mesh in meshes])
         self._normals = np.concatenate([mesh.planes[1] for mesh in meshes])
+        for mesh, first, end in zip(meshes, starts[:-1], starts[1:], strict=True):
+            # Views, so that planes are held once.
+            mesh.planes = self._corners[first:end], self._normals[first:end]
 
     def find(
         self,
