@@ -40,9 +40,9 @@ FOCAL_PERCENT, PRINCIPAL_PX = 0.3, 2.0
 """Largest errors of a K that is found."""
 DRIFT_PERCENT = 0.5
 WORSE = 1.5
-"""Least drift with points' times ignored, as a multiple of that with points moved by their times and
-the true motion. KISS-ICP's own correction supposes the motion of the scan before, which does not
-hold where the way winds: of it, no more is asked than to be better than none."""
+"""Least drift with points' times ignored, as a multiple of that with points moved by their times
+and the true motion. KISS-ICP's own correction supposes the motion of the scan before, which does
+not hold where the way winds: of it, no more is asked than to be better than none."""
 LATE_MS, OFFSET_MS = 20.0, 5.0
 """By which stamps of a lidar are late, and the largest error of what is found of it."""
 TURNED_DEG, TURNED_ERROR_DEG = 2.0, 0.1
