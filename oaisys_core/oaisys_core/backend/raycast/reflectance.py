@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,7 @@ from oaisys_core.backend.raycast.shading import Palette
 from oaisys_core.backend.surface import View
 from oaisys_core.color import linear
 from oaisys_core.scene import PbrMaps, Scene, TerrainLayer
+from oaisys_core.textures.borders import follows_relief, ranks_of, relief_weights
 from oaisys_core.types import FloatArray
 
 Image = NDArray[np.float32]
@@ -17,15 +20,28 @@ LINEAR = linear(np.arange(256) / 255).astype(np.float32)
 """Linear values of bytes in sRGB."""
 
 
+class TextureLevels(NamedTuple):
+    """A texture, and its averages over 2, 4, ... texels.
+
+    Attributes:
+        texels: (S, S, 2) reflectance and rank of the height of each texel, by level.
+        rank_variances: Of the ranks, by level.
+    """
+
+    texels: list[Image]
+    rank_variances: FloatArray
+
+
 class Reflectance:
     """Looks up the ground's textures; objects have the mean colour of theirs.
 
     The reflectance is the mean of red, green and blue of the linear albedo. Textures are averaged
-    over the width of a beam.
+    over the width of a beam. Where layers of the ground meet, the border follows their relief, as
+    in the picture.
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._textures: dict[int, tuple[PbrMaps, list[Image]]] = {}
+        self._textures: dict[int, tuple[PbrMaps, TextureLevels]] = {}
         self._palette = Palette(scene)
         self._scene = scene
 
@@ -52,42 +68,57 @@ class Reflectance:
             ids = view.instance_ids[on_object, 0]
             found[on_object] = self._palette.albedo_of_objects(ids).mean(axis=1)
         ground = np.flatnonzero(view.is_ground[:, 0])
-        xy_m = view.points_m[ground, 0, :2]
-        weights = self._scene.material.weights_at(xy_m)
-        of_ground = np.zeros(len(ground))
-        for layer, weight in zip(self._scene.material.layers, weights.T, strict=True):
-            seen = np.flatnonzero(weight > 0)
-            texture = self._of_layer(layer, xy_m[seen], width_m[ground[seen]])
-            of_ground[seen] += weight[seen] * texture
-        found[ground] = of_ground
-        return np.asarray(found)
+        if len(ground):
+            found[ground] = self._of_ground(view.points_m[ground, 0, :2], width_m[ground])
+        return found
+
+    def _of_ground(self, xy_m: FloatArray, width_m: FloatArray) -> FloatArray:
+        """Return the (N,) reflectance of the ground at (N, 2) points."""
+        material = self._scene.material
+        weights = material.weights_at(xy_m)
+        texels, ranks, variances = (np.zeros(weights.shape) for _ in range(3))
+        for index, layer in enumerate(material.layers):
+            seen = np.flatnonzero(weights[:, index] > 0)
+            found = self._of_layer(layer, xy_m[seen], width_m[seen])
+            texels[seen, index], ranks[seen, index], variances[seen, index] = found.T
+        if follows_relief(material):
+            mixed = np.flatnonzero((weights > 0).sum(axis=1) > 1)
+            weights[mixed] = relief_weights(weights[mixed], ranks[mixed], variances[mixed])
+        of_ground = np.einsum("nl,nl->n", weights, texels)
+        if material.macro is not None:
+            of_ground *= material.macro.factors_at(xy_m).mean(axis=1)
+        return np.asarray(of_ground)
 
     def _of_layer(self, layer: TerrainLayer, xy_m: FloatArray, width_m: FloatArray) -> FloatArray:
+        """Return (N, 3): reflectance, rank of the height, and variance of the ranks there."""
         levels = self._levels(layer.maps)
-        texel_m = layer.maps.tile_m / len(levels[0])
+        texel_m = layer.maps.tile_m / len(levels.texels[0])
         finest = np.log2(np.maximum(width_m / texel_m, 1.0))
-        chosen = np.minimum(finest.astype(np.intp), len(levels) - 1)
+        chosen = np.minimum(finest.astype(np.intp), len(levels.texels) - 1)
         samples = layer.tiling.samples(xy_m / layer.maps.tile_m)
-        found = np.zeros(len(xy_m))
+        found = np.zeros((len(xy_m), 3))
+        found[:, 2] = levels.rank_variances[chosen]
         for level in np.unique(chosen):
             rows = np.flatnonzero(chosen == level)
             for uv_tiles, weights in zip(samples.uv_tiles, samples.weights, strict=True):
-                found[rows] += weights[rows] * _texels(levels[level], uv_tiles[rows])
+                texels = _texels(levels.texels[level], uv_tiles[rows])
+                found[rows, :2] += weights[rows, None] * texels
         return found
 
-    def _levels(self, maps: PbrMaps) -> list[Image]:
-        """Return the reflectance of a texture, and of its averages over 2, 4, ... texels."""
+    def _levels(self, maps: PbrMaps) -> TextureLevels:
         if id(maps) not in self._textures:
-            levels = [LINEAR[maps.color_srgb].mean(axis=-1)]
-            while (size := len(levels[-1]) // 2) > 0:
-                finer = levels[-1][: 2 * size, : 2 * size]
-                levels.append(finer.reshape(size, 2, size, 2).mean(axis=(1, 3)))
-            self._textures[id(maps)] = (maps, levels)
+            reflectance = LINEAR[maps.color_srgb].mean(axis=-1)
+            texels = [np.stack((reflectance, ranks_of(maps.height)), axis=-1)]
+            while (size := len(texels[-1]) // 2) > 0:
+                finer = texels[-1][: 2 * size, : 2 * size]
+                texels.append(finer.reshape(size, 2, size, 2, 2).mean(axis=(1, 3)))
+            variances = np.array([each[..., 1].var() for each in texels], np.float64)
+            self._textures[id(maps)] = maps, TextureLevels(texels, variances)
         return self._textures[id(maps)][1]
 
 
 def _texels(image: Image, uv_tiles: FloatArray) -> Image:
-    """Return the texels at (N, 2) coordinates; row 0 of the image is the top of a tile."""
+    """Return the (N, 2) texels at (N, 2) coordinates; row 0 of the image is the top of a tile."""
     size = len(image)
     within = uv_tiles - np.floor(uv_tiles)
     columns = np.minimum((within[:, 0] * size).astype(np.intp), size - 1)

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.backend.blender.compat import node_tree_of
-from oaisys_core.backend.blender.materials.borders import LOOKUPS, blended_masks
 from oaisys_core.backend.blender.materials.contact import contact_image, with_rims
 from oaisys_core.backend.blender.materials.ground_layer import MaterialLevel, MaterialTables
 from oaisys_core.backend.blender.materials.ground_level import LevelNodes
@@ -40,6 +39,7 @@ from oaisys_core.backend.blender.materials.water import wet
 from oaisys_core.color import encoded
 from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.terrain.surroundings.land_detail import LandDetail
+from oaisys_core.textures.borders import LOOKUPS, blended_masks
 from oaisys_core.textures.levels import LEAST_PX
 from oaisys_core.world.contact_map import ContactMap
 from oaisys_core.world.terrain_material import TerrainMaterial

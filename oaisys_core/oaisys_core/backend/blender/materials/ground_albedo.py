@@ -14,13 +14,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender.materials.borders import (
-    NEGLIGIBLE,
-    blended_masks,
-    blends,
-    factors,
-    follows_relief,
-)
 from oaisys_core.backend.blender.materials.ground import footprints_m, varies
 from oaisys_core.backend.blender.materials.ground_layer import (
     VARIATION_TILES,
@@ -34,6 +27,13 @@ from oaisys_core.backend.surface import View, bands
 from oaisys_core.color import linear
 from oaisys_core.sky import Sky
 from oaisys_core.terrain.macro_variation import LEAST, MOST
+from oaisys_core.textures.borders import (
+    NEGLIGIBLE,
+    blended_masks,
+    blends,
+    factors,
+    follows_relief,
+)
 from oaisys_core.textures.levels import level_at
 from oaisys_core.types import FloatArray
 from oaisys_core.world.contact_map import ContactMap

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from oaisys_core.backend.blender.materials.borders import (
-    NEGLIGIBLE,
-    blends,
-    factors,
-    follows_relief,
-)
 from oaisys_core.backend.blender.materials.ground_layer import LayerNodes, MaterialLevel
 from oaisys_core.backend.blender.materials.nodes import (
     NodeTree,
     Socket,
     number_group,
     surface_group,
+)
+from oaisys_core.textures.borders import (
+    NEGLIGIBLE,
+    blends,
+    factors,
+    follows_relief,
 )
 
 STEEP_COS = (0.77, 0.57)

@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender.materials.borders import Ranks, rank_levels
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.scene import PbrMaps, TerrainMaterial
+from oaisys_core.textures.borders import Ranks, rank_levels
 from oaisys_core.textures.levels import levels_of
 
 BYTE = np.float32(1 / 255)

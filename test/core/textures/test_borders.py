@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from oaisys_core.backend.blender.materials.borders import (
+from oaisys_core.textures.borders import (
     NEGLIGIBLE,
     RANK_VARIANCE,
     Ranks,
@@ -16,13 +16,12 @@ from oaisys_core.backend.blender.materials.borders import (
     factors,
     follows_relief,
     rank_levels,
+    relief_weights,
     rooted,
 )
 from oaisys_core.textures.levels import levels_of
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial
 from oaisys_core.world.tiling import stochastic_tiling
-
-pytestmark = pytest.mark.blender
 
 
 def maps(height: NDArray[Any]) -> PbrMaps:
@@ -66,6 +65,16 @@ def test_a_layer_covers_as_much_as_its_mask_says_and_its_highest_parts_first(wei
     assert factor.mean() == pytest.approx(weight, abs=0.015)
     assert above[factor > 0.5].min() > above[factor < 0.5].max()
     assert ((factor > 0) & (factor < 1)).mean() < 0.25
+
+
+def test_weights_of_three_layers_sum_to_one_and_one_alone_is_seen() -> None:
+    seen = np.stack([ranks(rough(seed))[0].texels.ravel() / 255 for seed in (1, 2, 3)], axis=1)
+    variances = np.full(seen.shape, RANK_VARIANCE)
+    weights = np.tile((0.5, 0.3, 0.2), (len(seen), 1))
+    found = relief_weights(weights, seen, variances)
+    np.testing.assert_allclose(found.sum(axis=1), 1.0)
+    alone = np.tile((1.0, 0.0, 0.0), (len(seen), 1))
+    np.testing.assert_array_equal(relief_weights(alone, seen, variances), alone)
 
 
 @pytest.mark.parametrize("variance", [0.0, 0.03, RANK_VARIANCE])

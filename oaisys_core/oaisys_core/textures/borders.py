@@ -12,14 +12,18 @@ that its mask says, if masks are rooted (`rooted`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.types import FloatArray
 from oaisys_core.world.terrain_material import PbrMaps, TerrainMaterial
 from oaisys_core.world.tiling import PlainTiling, StochasticTiling, VoronoiTiling
+
+N = TypeVar("N", float, FloatArray)
+"""A number, or an array of them."""
 
 BLEND = 0.12
 """Half the difference in rank over which one layer turns into the other."""
@@ -80,7 +84,7 @@ class Ranks(NamedTuple):
 
 def rank_levels(levels: Sequence[PbrMaps]) -> list[Ranks]:
     """Return the ranks of each level of a texture set."""
-    found = [_ranks(levels[0].height)]
+    found = [ranks_of(levels[0].height)]
     for maps in levels[1:]:
         size = maps.height.shape[::-1]
         found.append(np.asarray(cv2.resize(found[-1], size, interpolation=cv2.INTER_AREA)))
@@ -89,8 +93,8 @@ def rank_levels(levels: Sequence[PbrMaps]) -> list[Ranks]:
     ]
 
 
-def _ranks(height: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the rank of each height among all, 0 to 1; 0.5 if all are the same."""
+def ranks_of(height: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the (N, N) rank of each height among all, 0 to 1; 0.5 if all are the same."""
     low, high = float(height.min()), float(height.max())
     if high <= low:
         return np.full(height.shape, 0.5, np.float32)
@@ -101,23 +105,23 @@ def _ranks(height: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.asarray((below / height.size).astype(np.float32)[bins])
 
 
-def blends(variances: Sequence[float]) -> list[float]:
+def blends(variances: Sequence[N]) -> list[N]:
     """Return the blend of each layer but the first with those before it.
 
     Variance that a coarse level has lost is in the blend, so that a border seen from afar is as
     wide as its mask's: at a blend of 1, the mix factor's slope in the middle is that of the mask.
 
     Args:
-        variances: Of the ranks of each layer at a level.
+        variances: Of the ranks of each layer at a level: numbers, or arrays of points.
     """
     lost = [RANK_VARIANCE - variance for variance in variances]
     return [
-        float(np.sqrt(BLEND**2 + 6 * max(lost[layer] + sum(lost[:layer]) / layer, 0.0)))
+        np.sqrt(BLEND**2 + 6 * np.maximum(lost[layer] + sum(lost[:layer]) / layer, 0.0))
         for layer in range(1, len(lost))
     ]
 
 
-def factors(blend: float) -> tuple[float, float, float]:
+def factors(blend: N) -> tuple[N, N, N]:
     """Return factors of a layer's share and of its rank above those before it, and an offset.
 
     Their sum, clamped to [0, 1], is the layer's mix factor. It is 0 at a negligible share, and 1
@@ -125,3 +129,26 @@ def factors(blend: float) -> tuple[float, float, float]:
     """
     of_share = (1 + blend) / (blend * (1 - 2 * NEGLIGIBLE))
     return of_share, 1 / (2 * blend), -1 / (2 * blend) - NEGLIGIBLE * of_share
+
+
+def relief_weights(weights: FloatArray, ranks: FloatArray, variances: FloatArray) -> FloatArray:
+    """Return the (N, L) weights with which layers are seen at N points.
+
+    Args:
+        weights: (N, L) weights by the masks.
+        ranks: (N, L) ranks of the heights of each layer there, 0 to 1.
+        variances: (N, L) variances of the ranks of the levels that ``ranks`` are of.
+    """
+    shares = rooted(weights.T.astype(np.float32))
+    seen = np.zeros_like(weights)
+    seen[:, 0], below, total = 1.0, ranks[:, 0], shares[0]
+    for layer, blend in enumerate(blends(list(variances.T)), start=1):
+        total = total + shares[layer]
+        of_share, of_rank, offset = factors(blend)
+        above = ranks[:, layer] - below
+        share = shares[layer] / np.maximum(total, 1e-6)
+        factor = np.clip(share * of_share + above * of_rank + offset, 0.0, 1.0)
+        seen[:, :layer] *= 1 - factor[:, None]
+        seen[:, layer] = factor
+        below = below + above * factor
+    return seen
