@@ -129,6 +129,8 @@ def drive_server(node: Node, renderer: Renderer, topics: WorldTopics) -> GoalSer
     """
 
     def run(goal: ServerGoalHandle, cancellation: Cancellation, result: Drive.Result) -> None:
+        # What readers have yet to find missing of earlier samples is not this goal's loss.
+        renderer.readers.wait_until_taken(cancellation)
         before = renderer.readers.states()
         publisher = DrivePublisher(renderer, topics, goal, cancellation, result)
         renderer.in_turn(publisher.run, cancellation)

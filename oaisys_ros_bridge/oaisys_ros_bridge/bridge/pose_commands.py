@@ -104,6 +104,8 @@ def sweep_server(node: Node, renderer: Renderer) -> GoalServer:
 
     def run(goal: ServerGoalHandle, cancellation: Cancellation, result: Sweep.Result) -> None:
         array = goal.request.poses
+        # What readers have yet to find missing of earlier samples is not this goal's loss.
+        renderer.readers.wait_until_taken(cancellation)
         before = renderer.readers.states()
         checked_frame(array.header.frame_id, "poses.header.frame_id", renderer.map_frame)
         for index, pose in enumerate(array.poses):

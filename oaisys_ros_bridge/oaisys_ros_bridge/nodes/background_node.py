@@ -18,6 +18,9 @@ from rclpy.task import Future
 from oaisys_core.errors import DeadlineExceededError
 from oaisys_ros_bridge.transport import prepare_transport
 
+CLOSE_TIMEOUT_S = 2.0
+LOOK_UP_S = 0.2
+"""Between two checks of the background thread whether it shall end."""
 CHECK_PERIOD_S = 0.5
 """How often `BackgroundNode.wait` calls its check while nothing is received."""
 
@@ -45,6 +48,7 @@ class BackgroundNode:
         self.changed = threading.Condition()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
+        self._closed = threading.Event()
         self._thread = threading.Thread(target=self._spin, name=f"{name} executor", daemon=True)
 
     def start(self) -> None:
@@ -53,9 +57,13 @@ class BackgroundNode:
 
     def close(self) -> None:
         """Destroy the node and shut rclpy down."""
-        self._executor.shutdown(timeout_sec=2.0)
+        self._closed.set()
+        self._executor.wake()
+        # Its thread must not begin to wait while handles and context are destroyed.
+        if self._thread.is_alive():
+            self._thread.join(timeout=CLOSE_TIMEOUT_S)
+        self._executor.shutdown(timeout_sec=CLOSE_TIMEOUT_S)
         rclpy.try_shutdown()
-        self._thread.join(timeout=2.0)
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -115,7 +123,8 @@ class BackgroundNode:
 
     def _spin(self) -> None:
         try:
-            self._executor.spin()
+            while not self._closed.is_set():
+                self._executor.spin_once(timeout_sec=LOOK_UP_S)
         except ExternalShutdownException:
             return
 
