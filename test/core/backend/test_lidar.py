@@ -20,6 +20,7 @@ from oaisys_core.modules.lidars import ConstantVelocity
 from oaisys_core.scene import LidarErrors, PlacedLidar, ScanPattern, Scene
 from oaisys_core.sensing.faults import Shot
 from oaisys_core.sensing.lidar_patterns import rotating
+from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.types import FloatArray, LidarScan
 
 SHOT = Shot(1, 1, "lidar")
@@ -152,37 +153,76 @@ def test_intensity_follows_the_lidar_equation() -> None:
     cosines = -(ground.points_m[:, 2] / ranges_m(ground))
     ratios = ground.data["intensity"] / cosines
     sand, gravel = (linear(np.array(c) / 255).mean() for c in ((210, 190, 140), (120, 100, 80)))
-    assert 0.4 * 255 * gravel < ratios.min() <= ratios.max() < 255 * sand
+    assert 0.4 * 255 * gravel < ratios.min() <= ratios.max() < 1.0001 * 255 * sand
     fan = looking_at(np.array((0.0, 0.0, GROUND_M)), 4.0)
     assert np.ptp(scanned(plain(), fan).data["ring"]) > 0
 
 
-def test_intensity_is_that_of_the_texture_at_the_point() -> None:
-    scene = plain()
+def reflectances(scene: Scene) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+    """Return points of a scan, reflectances by their intensity, and those of all layers there."""
     scan = scanned(scene, lidar(reference_range_m=1000.0))
     xy_m = (scan.points_m @ TURNED[:3, :3].T + TURNED[:3, 3])[:, :2]
-    expected = np.zeros(len(xy_m))
-    weights = scene.material.weights_at(xy_m)
-    for layer, weight in zip(scene.material.layers, weights.T, strict=True):
+    texels = []
+    for layer in scene.material.layers:
         u, v = (xy_m / layer.maps.tile_m % 1).T
         image = linear(layer.maps.color_srgb / 255).mean(axis=-1)
-        expected += weight * image[np.floor((1 - v) * 16).astype(int) % 16, (u * 16).astype(int)]
-    found = scan.data["intensity"] / 255 * ranges_m(scan) / -scan.points_m[:, 2]
+        texels.append(image[np.floor((1 - v) * 16).astype(int) % 16, (u * 16).astype(int)])
+    return xy_m, scan.data["intensity"] / 255 * ranges_m(scan) / -scan.points_m[:, 2], texels
+
+
+def of_one_layer(scene: Scene) -> Scene:
+    material = scene.material
+    masks = np.ones_like(material.masks[:1])
+    return replace(scene, material=replace(material, layers=material.layers[:1], masks=masks))
+
+
+def test_intensity_is_that_of_the_texture_at_the_point() -> None:
+    _, found, (expected,) = reflectances(of_one_layer(plain()))
     # Points are rounded to float32, which may be another texel at its edge.
     assert (np.abs(found / expected - 1) < 1e-4).mean() > 0.99
 
 
+def test_intensity_follows_the_relief_where_layers_meet() -> None:
+    scene = plain()
+    xy_m, found, texels = reflectances(scene)
+    darker, brighter = np.min(texels, axis=0), np.max(texels, axis=0)
+    assert ((0.9999 * darker < found) & (found < 1.0001 * brighter)).mean() > 0.99
+    # Of the two checkered textures, the higher squares are seen, as far as the masks allow.
+    layers = scene.material.layers
+    is_high = [
+        texel > linear(each.maps.color_srgb / 255).mean()
+        for texel, each in zip(texels, layers, strict=True)
+    ]
+    weights = scene.material.weights_at(xy_m)
+    is_even = np.abs(weights[:, 0] - 0.5) < 0.1
+    for own, other in ((0, 1), (1, 0)):
+        above = is_even & is_high[own] & ~is_high[other]
+        share = (found - texels[other])[above] / (texels[own] - texels[other])[above]
+        assert above.sum() > 20
+        assert share.min() > 0.8
+
+
+def test_intensity_has_the_slow_variation_of_the_grounds_colour() -> None:
+    scene = plain()
+    macro = MacroVariation(1.0, 3)
+    varied = replace(scene, material=replace(scene.material, macro=macro))
+    xy_m, found, _ = reflectances(varied)
+    _, even, _ = reflectances(scene)
+    np.testing.assert_allclose(found / even, macro.factors_at(xy_m).mean(axis=1), rtol=1e-3)
+    assert np.ptp(found / even) > 0.1
+
+
 def test_a_beam_averages_the_texture_over_its_width() -> None:
-    scene, placed = plain(), lidar()
-    surface = Surface(scene, None)
-    view = surface.cast(*rays_in_map(placed, placed.pattern.directions), 60.0)
-    view = view.rows(np.flatnonzero(view.is_hit[:, 0]))
-    weights = scene.material.weights_at(view.points_m[:, 0, :2])
-    means = [linear(la.maps.color_srgb / 255).mean() for la in scene.material.layers]
-    reflectance = Reflectance(scene)
-    wide, narrow = (reflectance.at(view, np.full(len(weights), m)) for m in (10.0, 0.01))
-    np.testing.assert_allclose(wide, weights @ means, rtol=1e-5)
-    assert np.median(np.abs(narrow / wide - 1)) > 0.2
+    for scene, tolerance in ((of_one_layer(plain()), 1e-5), (plain(), 0.03)):
+        placed, surface = lidar(), Surface(scene, None)
+        view = surface.cast(*rays_in_map(placed, placed.pattern.directions), 60.0)
+        view = view.rows(np.flatnonzero(view.is_hit[:, 0]))
+        weights = scene.material.weights_at(view.points_m[:, 0, :2])
+        means = [linear(la.maps.color_srgb / 255).mean() for la in scene.material.layers]
+        reflectance = Reflectance(scene)
+        wide, narrow = (reflectance.at(view, np.full(len(weights), m)) for m in (10.0, 0.01))
+        np.testing.assert_allclose(wide, weights @ means, rtol=tolerance)
+        assert np.median(np.abs(narrow / wide - 1)) > 0.2
 
 
 def test_points_outside_the_range_limits_are_missing() -> None:

@@ -11,7 +11,7 @@ from oaisys_core.backend.raycast.shading import Palette
 from oaisys_core.backend.surface import View
 from oaisys_core.color import linear
 from oaisys_core.scene import PbrMaps, Scene, TerrainLayer
-from oaisys_core.textures.borders import follows_relief, ranks_of, relief_weights
+from oaisys_core.textures.borders import follows_relief, gumbel_heights, relief_weights
 from oaisys_core.types import FloatArray
 
 Image = NDArray[np.float32]
@@ -24,12 +24,12 @@ class TextureLevels(NamedTuple):
     """A texture, and its averages over 2, 4, ... texels.
 
     Attributes:
-        texels: (S, S, 2) reflectance and rank of the height of each texel, by level.
-        rank_variances: Of the ranks, by level.
+        texels: (S, S, 2) reflectance and height (see `borders`) of each texel, by level.
+        height_variances: Of the heights, by level.
     """
 
     texels: list[Image]
-    rank_variances: FloatArray
+    height_variances: FloatArray
 
 
 class Reflectance:
@@ -76,28 +76,28 @@ class Reflectance:
         """Return the (N,) reflectance of the ground at (N, 2) points."""
         material = self._scene.material
         weights = material.weights_at(xy_m)
-        texels, ranks, variances = (np.zeros(weights.shape) for _ in range(3))
+        texels, heights, variances = (np.zeros(weights.shape) for _ in range(3))
         for index, layer in enumerate(material.layers):
             seen = np.flatnonzero(weights[:, index] > 0)
             found = self._of_layer(layer, xy_m[seen], width_m[seen])
-            texels[seen, index], ranks[seen, index], variances[seen, index] = found.T
+            texels[seen, index], heights[seen, index], variances[seen, index] = found.T
         if follows_relief(material):
             mixed = np.flatnonzero((weights > 0).sum(axis=1) > 1)
-            weights[mixed] = relief_weights(weights[mixed], ranks[mixed], variances[mixed])
+            weights[mixed] = relief_weights(weights[mixed], heights[mixed], variances[mixed])
         of_ground = np.einsum("nl,nl->n", weights, texels)
         if material.macro is not None:
             of_ground *= material.macro.factors_at(xy_m).mean(axis=1)
         return np.asarray(of_ground)
 
     def _of_layer(self, layer: TerrainLayer, xy_m: FloatArray, width_m: FloatArray) -> FloatArray:
-        """Return (N, 3): reflectance, rank of the height, and variance of the ranks there."""
+        """Return (N, 3): reflectance, height, and variance of the heights of the texture there."""
         levels = self._levels(layer.maps)
         texel_m = layer.maps.tile_m / len(levels.texels[0])
         finest = np.log2(np.maximum(width_m / texel_m, 1.0))
         chosen = np.minimum(finest.astype(np.intp), len(levels.texels) - 1)
         samples = layer.tiling.samples(xy_m / layer.maps.tile_m)
         found = np.zeros((len(xy_m), 3))
-        found[:, 2] = levels.rank_variances[chosen]
+        found[:, 2] = levels.height_variances[chosen]
         for level in np.unique(chosen):
             rows = np.flatnonzero(chosen == level)
             for uv_tiles, weights in zip(samples.uv_tiles, samples.weights, strict=True):
@@ -108,7 +108,7 @@ class Reflectance:
     def _levels(self, maps: PbrMaps) -> TextureLevels:
         if id(maps) not in self._textures:
             reflectance = LINEAR[maps.color_srgb].mean(axis=-1)
-            texels = [np.stack((reflectance, ranks_of(maps.height)), axis=-1)]
+            texels = [np.stack((reflectance, gumbel_heights(maps.height)), axis=-1)]
             while (size := len(texels[-1]) // 2) > 0:
                 finer = texels[-1][: 2 * size, : 2 * size]
                 texels.append(finer.reshape(size, 2, size, 2, 2).mean(axis=(1, 3)))

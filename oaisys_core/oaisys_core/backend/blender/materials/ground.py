@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, partial
-from math import log2
+from math import e, log2
 from typing import Any
 
 import bpy
@@ -39,7 +39,7 @@ from oaisys_core.backend.blender.materials.water import wet
 from oaisys_core.color import encoded
 from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.terrain.surroundings.land_detail import LandDetail
-from oaisys_core.textures.borders import LOOKUPS, blended_masks
+from oaisys_core.textures.borders import LEAST_WEIGHT, LOOKUPS, NEGLIGIBLE, follows_relief
 from oaisys_core.textures.levels import LEAST_PX
 from oaisys_core.world.contact_map import ContactMap
 from oaisys_core.world.terrain_material import TerrainMaterial
@@ -71,7 +71,7 @@ class GroundMaterials:
         self._material, self._images = material, images
         self._has_tracks = has_tracks
         self._rims: Any = None
-        self._masks = mask_images(material, material.masks, "masks")
+        self._masks = mask_images(material.masks, "masks")
         tables = MaterialTables(
             macro=None if material.macro is None else _macro_image(material.macro),
             tilings={},
@@ -98,7 +98,7 @@ class GroundMaterials:
         land = self._material.land
         if land is None and detail is None:
             return self.stage
-        masks = () if land is None else mask_images(self._material, land.weights, "land_masks")
+        masks = () if land is None else mask_images(land.weights, "land_masks")
         return self._made("land", masks, detail)
 
     def _made(self, name: str, land_masks: Sequence[Any], detail: LandDetail | None = None) -> Any:
@@ -199,9 +199,9 @@ def footprints_m(material: TerrainMaterial) -> list[float]:
     return [finest_m * 2**step for step in range(0, octaves + 1, stride)]
 
 
-def mask_images(material: TerrainMaterial, weights: NDArray[np.float32], name: str) -> list[Any]:
+def mask_images(weights: NDArray[np.float32], name: str) -> list[Any]:
     """Return images of (L, R, C) weights of all layers but the first, `CHANNELS` to each."""
-    masks = blended_masks(material, weights)
+    masks = weights[1:]
     images = []
     for first in range(0, len(masks), CHANNELS):
         part = masks[first : first + CHANNELS]
@@ -216,7 +216,10 @@ def mask_images(material: TerrainMaterial, weights: NDArray[np.float32], name: s
 def layer_shares(
     tree: NodeTree, material: TerrainMaterial, masks: Sequence[Any], land_masks: Sequence[Any]
 ) -> list[Socket]:
-    """Return the share of each layer but the first in the weight of it and those before it.
+    """Return what layers are mixed by: numbers for `LevelNodes`.
+
+    Where borders follow the relief, these are the logarithms of the weights of all layers;
+    otherwise the share of each layer but the first in the weight of it and those before it.
 
     Args:
         tree: What to add nodes to.
@@ -234,12 +237,24 @@ def layer_shares(
         for index, far in enumerate(_weights(tree, land_masks, place, count, "REPEAT")):
             change = tree.math("SUBTRACT", far, weights[index])
             weights[index] = tree.math("MULTIPLY_ADD", change, share, weights[index])
+    if follows_relief(material):
+        return _logarithms(tree, weights)
     shares: list[Socket] = []
     rest: Socket = 1.0
     for weight in reversed(weights):
         shares.append(tree.math("DIVIDE", weight, rest) if shares else weight)
         rest = tree.math("SUBTRACT", rest, weight)
     return shares[::-1]
+
+
+def _logarithms(tree: NodeTree, weights: Sequence[Socket]) -> list[Socket]:
+    """Return the logarithms of the weights of all layers, given those of all but the first."""
+    first: Socket = 1.0
+    for weight in weights:
+        first = tree.math("SUBTRACT", first, weight)
+    rest = [tree.math("SUBTRACT", weight, NEGLIGIBLE) for weight in (first, *weights)]
+    least = [tree.math("MAXIMUM", each, LEAST_WEIGHT) for each in rest]
+    return [tree.math("LOGARITHM", each, e) for each in least]
 
 
 def _weights(

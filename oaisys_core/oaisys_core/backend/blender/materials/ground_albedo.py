@@ -7,7 +7,6 @@ samples per pixel. Here, several points of each pixel are averaged, at the same 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import cv2
@@ -28,11 +27,14 @@ from oaisys_core.color import linear
 from oaisys_core.sky import Sky
 from oaisys_core.terrain.macro_variation import LEAST, MOST
 from oaisys_core.textures.borders import (
+    LEAST_HEIGHT,
+    MOST_HEIGHT,
     NEGLIGIBLE,
-    blended_masks,
-    blends,
-    factors,
+    Border,
+    borders,
     follows_relief,
+    keys,
+    mixed,
 )
 from oaisys_core.textures.levels import level_at
 from oaisys_core.types import FloatArray
@@ -54,9 +56,10 @@ GENTLE_COS = STEEP_COS[0] + 0.03
 UNKNOWN = -1
 """Level of detail of pixels whose albedo is not computed."""
 
-LINEAR = np.stack((*[linear(np.arange(256) / 255)] * 3, np.arange(256) / 255), axis=-1)
+_HEIGHTS = np.linspace(LEAST_HEIGHT, MOST_HEIGHT, 256)
+LINEAR = np.stack((*[linear(np.arange(256) / 255)] * 3, _HEIGHTS), axis=-1)
 LINEAR = LINEAR.astype(np.float32)[None]
-"""Linear values of bytes in sRGB, and of those of ranks in the last channel."""
+"""Linear values of bytes in sRGB, and heights (see `borders`) of those in the last channel."""
 
 
 class PixelAlbedo(NamedTuple):
@@ -75,7 +78,7 @@ class LandPlaces(NamedTuple):
     """Where the points of (R, W) pixels are in the masks of the land around a stage.
 
     Attributes:
-        weights: The masks, see `LandMasks`, as they are blended.
+        weights: The masks of all layers but the first, see `LandMasks`.
         share: Their weight over the stage's masks.
         columns, rows: Places in them.
     """
@@ -105,7 +108,6 @@ class GroundAlbedo:
         self._images = images
         self._levels = {id(each.maps): images.levels(each.maps) for each in material.layers}
         self._follows_relief = follows_relief(material)
-        self._masks = blended_masks(material, material.masks)
         self._footprints_m = np.array(footprints_m(material))
         self._colors: dict[int, NDArray[np.uint8]] = {}
         self._varies = varies(material)
@@ -113,9 +115,9 @@ class GroundAlbedo:
         if macro is not None:
             self._macro = macro.share[::-1].astype(np.float32) / np.float32(255)
             self._macro_period_m = macro.period_m
-        self._blends: list[list[float]] = []
+        self._borders: list[list[Border]] = []
         if self._follows_relief:
-            self._blends = [self._blends_of(level) for level in range(len(self._footprints_m))]
+            self._borders = [self._borders_at(level) for level in range(len(self._footprints_m))]
         self._is_plain = [
             isinstance(layer.tiling, PlainTiling) and not is_glossy(layer.maps)
             for layer in material.layers
@@ -147,25 +149,22 @@ class GroundAlbedo:
         distance_m = np.where(view.is_ground, view.depth_m, 0.0)
         distance_m *= np.linalg.norm(view.directions, axis=-1)
         xy_m = np.ascontiguousarray(points_m[..., :2])
-        shares = self._shares(xy_m)
-        weights = _weights(shares, distance_m.shape)
+        weights = self._weights(xy_m)
         is_known = _is_smooth(distance_m)
         if self._material.projects_sides:
             is_known &= _upward(points_m) > GENTLE_COS
         for weight, is_plain in zip(weights, self._is_plain, strict=True):
-            is_known &= is_plain | (weight == 0)
+            is_known &= is_plain | (weight <= NEGLIGIBLE)
         if self.contact is not None:
             is_known &= ~self.contact.is_near(xy_m)
         level = np.searchsorted(self._footprints_m[1:], distance_m * pixel_rad)
-        albedo = self._mixed(xy_m, shares, weights, np.where(is_known, level, UNKNOWN))
+        albedo = self._mixed(xy_m, weights, np.where(is_known, level, UNKNOWN))
         if sky.haze is not None:
             clear = albedo[is_known].astype(np.float64)
             albedo[is_known] = in_haze(clear, distance_m[is_known], sky.haze, sky)
         return PixelAlbedo(albedo, is_known)
 
-    def _mixed(
-        self, xy_m: FloatArray, shares: list[Image], weights: list[Image], level: NDArray[np.intp]
-    ) -> Image:
+    def _mixed(self, xy_m: FloatArray, weights: list[Image], level: NDArray[np.intp]) -> Image:
         """Return the (H, W, 3) colour of all layers where the level of detail is known."""
         color = np.zeros((*level.shape, 3), np.float32)
         step_m = np.gradient(xy_m, axis=0)
@@ -175,8 +174,8 @@ class GroundAlbedo:
             if not len(seen):
                 continue
             rows = slice(seen[0], seen[-1] + 1)
-            present = [bool((weight[rows] * pixels[rows]).any()) for weight in weights]
-            of_rows = [share[rows] for share in shares]
+            of_rows = [weight[rows] for weight in weights]
+            present = [bool((pixels[rows] & (each > NEGLIGIBLE)).any()) for each in of_rows]
             mixed = np.zeros((*pixels[rows].shape, 3), np.float32)
             for beside in ROWS_BESIDE:
                 mixed += self._color(each, xy_m[rows] + beside * step_m[rows], of_rows, present)
@@ -188,57 +187,47 @@ class GroundAlbedo:
         return color
 
     def _color(
-        self, level: int, xy_m: FloatArray, shares: list[Image], present: list[bool]
+        self, level: int, xy_m: FloatArray, weights: list[Image], present: list[bool]
     ) -> Image:
-        """Return the (R, W, 3) colour at points with (R, W) shares of all layers but the first.
+        """Return the (R, W, 3) colour at points with (R, W) weights of all layers.
 
         Layers that are not ``present`` are at none of these points.
         """
-        layers = self._material.layers
-        texels = [
-            self._texels(layer.maps, level, xy_m) if is_present else None
-            for layer, is_present in zip(layers, present, strict=True)
-        ]
         result: Any = None
-        for index, texel in enumerate(texels):
-            if texel is None:
+        below: Any = None
+        for index, (layer, weight) in enumerate(zip(self._material.layers, weights, strict=True)):
+            if not present[index]:
                 continue
+            texel = self._texels(layer.maps, level, xy_m)
+            amount = keys(texel[..., 3], weight) if self._follows_relief else weight
             if result is None:
-                result = texel
+                result, below = texel, amount
                 continue
-            share = shares[index - 1]
             if self._follows_relief:
-                of_share, of_rank, offset = factors(self._blends[level][index - 1])
-                factor = (texel[..., 3] - result[..., 3]) * np.float32(of_rank)
-                factor += share * np.float32(of_share) + np.float32(offset)
+                factor, below = mixed(amount, below, self._borders[level][index - 1])
             else:
-                factor = _by_mask(share)
-            result = result + (texel - result) * np.clip(factor, 0, 1)[..., None]
+                below = below + amount
+                factor = _by_share(amount / np.maximum(below, np.float32(1e-6)))
+            result = result + (texel - result) * factor[..., None]
         return np.asarray(result[..., :3], np.float32)
 
-    def _shares(self, xy_m: FloatArray) -> list[Image]:
-        """Return (H, W) shares of all layers but the first, as `layer_shares` does."""
-        shares: list[Image] = []
-        rest: Any = np.float32(1)
+    def _weights(self, xy_m: FloatArray) -> list[Image]:
+        """Return the (H, W) weight of each layer by the masks, as `layer_shares` has them."""
+        first = np.ones(xy_m.shape[:2], np.float32)
+        weights: list[Image] = []
         if len(self._material.layers) > 1:
             x0, y0, x1, y1 = self._material.extent_m
             size = self._material.masks.shape[1]
             x = (xy_m[..., 0] - x0) * (size / (x1 - x0)) - 0.5
             y = (xy_m[..., 1] - y0) * (size / (y1 - y0)) - 0.5
             on_land = self._on_land(xy_m)
-            for layer in reversed(range(len(self._masks))):
-                weight = _bilinear(self._masks[layer], x, y, cv2.BORDER_REFLECT)
+            for layer, mask in enumerate(self._material.masks[1:]):
+                weight = _bilinear(mask, x, y, cv2.BORDER_REFLECT)
                 if on_land is not None:
                     weight += (on_land.weight(layer) - weight) * on_land.share
-                shares.append(weight / np.maximum(rest, np.float32(1e-6)))
-                rest = rest - weight
-        return shares[::-1]
-
-    @cached_property
-    def _land_weights(self) -> NDArray[np.float32]:
-        land = self._material.land
-        assert land is not None
-        return blended_masks(self._material, land.weights)
+                weights.append(weight)
+                first -= weight
+        return [first, *weights]
 
     def _on_land(self, xy_m: FloatArray) -> LandPlaces | None:
         """Return the places of points in the masks of the land; None if all are on the stage."""
@@ -246,26 +235,26 @@ class GroundAlbedo:
         share = None if land is None else land.share_at(xy_m)
         if land is None or share is None or not share.any():
             return None
-        return LandPlaces(self._land_weights, share.astype(np.float32), *land.texels_at(xy_m))
+        return LandPlaces(land.weights[1:], share.astype(np.float32), *land.texels_at(xy_m))
 
-    def _blends_of(self, level: int) -> list[float]:
+    def _borders_at(self, level: int) -> list[Border]:
         seen = [self._seen(each.maps, each.maps.tile_m, level) for each in self._material.layers]
-        return blends([self._images.ranks(maps).variance for maps in seen])
+        return borders([self._images.heights(maps).variance for maps in seen])
 
     def _texels(self, maps: PbrMaps, level: int, xy_m: FloatArray) -> Image:
         """Return the (R, W, 3) colour of a texture set.
 
-        Where borders follow the relief, ranks of its heights are a fourth channel.
+        Where borders follow the relief, heights are a fourth channel.
         """
         seen = self._seen(maps, maps.tile_m, level)
-        image = self._with_ranks(seen) if self._follows_relief else seen.color_srgb
+        image = self._with_heights(seen) if self._follows_relief else seen.color_srgb
         texels = _texture(image, xy_m / maps.tile_m)
         return np.asarray(cv2.LUT(texels, np.ascontiguousarray(LINEAR[..., : texels.shape[-1]])))
 
-    def _with_ranks(self, seen: PbrMaps) -> NDArray[np.uint8]:
+    def _with_heights(self, seen: PbrMaps) -> NDArray[np.uint8]:
         if id(seen) not in self._colors:
-            ranks = self._images.ranks(seen).texels
-            self._colors[id(seen)] = np.dstack((seen.color_srgb, ranks))
+            heights = self._images.heights(seen).texels
+            self._colors[id(seen)] = np.dstack((seen.color_srgb, heights))
         return self._colors[id(seen)]
 
     def _variation(self, level: int, xy_m: FloatArray) -> Image:
@@ -286,18 +275,9 @@ class GroundAlbedo:
         return levels[level_at(replace(maps, tile_m=tile_m), len(levels), footprint_m)]
 
 
-def _weights(shares: list[Image], shape: tuple[int, ...]) -> list[Image]:
-    """Return the (H, W) weight of each layer by its mask alone; 0 where it is not seen."""
-    weights = [np.ones(shape, np.float32)]
-    for share in shares:
-        factor = np.clip(_by_mask(share), 0, 1).astype(np.float32)
-        weights = [*(each * (1 - factor) for each in weights), factor]
-    return weights
-
-
-def _by_mask(share: Image) -> Image:
-    """Return the mix factor of a layer without relief, before it is clamped to [0, 1]."""
-    return (share - NEGLIGIBLE) / (1 - 2 * NEGLIGIBLE)
+def _by_share(share: Image) -> Image:
+    """Return the mix factor of a layer with a share in the weight of it and those before it."""
+    return np.clip((share - np.float32(NEGLIGIBLE)) / np.float32(1 - 2 * NEGLIGIBLE), 0, 1)
 
 
 def _is_smooth(distance_m: FloatArray) -> NDArray[np.bool_]:

@@ -44,12 +44,12 @@ absorbs red most."""
 
 
 class Texel(NamedTuple):
-    """A texture set at a point: colour, encoded normal, roughness, rank of its height."""
+    """A texture set at a point: colour, encoded normal, roughness, encoded height."""
 
     color: Socket
     detail: Socket
     roughness: Socket
-    rank: Socket
+    height: Socket
 
 
 class MaterialTables(NamedTuple):
@@ -109,9 +109,9 @@ class LayerNodes:
         self._plane = Plane(place, axes)
         self._nudge = (NUDGE_TILES * level.finer, 0.0, 0.0)
 
-    def rank(self, layer: TerrainLayer) -> Socket:
-        """Return the rank of a layer's height, see `borders`; its lookups are its surface's."""
-        return self._texel(layer).rank
+    def height(self, layer: TerrainLayer) -> Socket:
+        """Return a layer's encoded height, see `borders`; its lookups are its surface's."""
+        return self._texel(layer).height
 
     def surface(self, layer: TerrainLayer) -> Socket:
         """Return the surface of a layer without its mask."""
@@ -160,16 +160,16 @@ class LayerNodes:
         texels = [self._sample(maps, lookup) for lookup in lookups]
         weights = [lookup.weight for lookup in lookups]
         roughness: Socket = 0.0
-        rank: Socket = 0.0
+        height: Socket = 0.0
         for texel, weight in zip(texels, weights, strict=True):
             roughness = tree.math("MULTIPLY_ADD", texel.roughness, weight, roughness)
-            rank = tree.math("MULTIPLY_ADD", texel.rank, weight, rank)
+            height = tree.math("MULTIPLY_ADD", texel.height, weight, height)
         gain = _contrast(tree, weights)
         red, green, blue = mean_color(maps)
         color = _mixture(tree, [t.color for t in texels], weights, gain, (red, green, blue))
         x, y, z = maps.normal_gl.reshape(-1, 3).mean(axis=0) / 255
         detail = _mixture(tree, [t.detail for t in texels], weights, gain, (x, y, z))
-        return Texel(tree.vector("MAXIMUM", color, (0.0, 0.0, 0.0)), detail, roughness, rank)
+        return Texel(tree.vector("MAXIMUM", color, (0.0, 0.0, 0.0)), detail, roughness, height)
 
     def _sample(self, maps: PbrMaps, lookup: TextureLookup) -> Texel:
         tree = self._tree

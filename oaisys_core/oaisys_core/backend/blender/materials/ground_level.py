@@ -13,9 +13,11 @@ from oaisys_core.backend.blender.materials.nodes import (
     surface_group,
 )
 from oaisys_core.textures.borders import (
+    LEAST_HEIGHT,
+    MOST_HEIGHT,
     NEGLIGIBLE,
-    blends,
-    factors,
+    Border,
+    borders,
     follows_relief,
 )
 
@@ -90,29 +92,42 @@ class LevelNodes:
                 tree.clamped("MULTIPLY_ADD", share, gain, -NEGLIGIBLE * gain)
                 for share in self._shares
             ]
+        below, *keys = self._keys(axes)
+        found: list[Socket] = []
+        for key, border in zip(keys, self._borders(), strict=True):
+            above = tree.math("SUBTRACT", key, below)
+            side = tree.math("TANH", tree.math("MULTIPLY", above, float(border.slope)))
+            factor = tree.clamped("MULTIPLY_ADD", side, float(border.gain), 0.5)
+            found.append(factor)
+            below = tree.math("MULTIPLY_ADD", above, factor, below)
+            both = tree.math("SUBTRACT", factor, tree.math("MULTIPLY", factor, factor))
+            below = tree.math("MULTIPLY_ADD", both, float(border.surplus), below)
+        return found
+
+    def _keys(self, axes: Axes) -> list[Socket]:
+        """Return the key of each layer, see `borders`; the shares are logarithms of weights."""
 
         def make() -> Any:
             return number_group(
-                "ground_ranks",
+                "ground_heights",
                 lambda tree: [
-                    LayerNodes(tree, self._level, axes).rank(each) for each in self._layers
+                    LayerNodes(tree, self._level, axes).height(each) for each in self._layers
                 ],
             )
 
-        below, *ranks = self._group(("ranks", axes), make)
-        found: list[Socket] = []
-        for share, rank, blend in zip(self._shares, ranks, self._blends(), strict=True):
-            of_share, of_rank, offset = factors(blend)
-            above = tree.math("SUBTRACT", rank, below)
-            by_mask = tree.math("MULTIPLY_ADD", share, of_share, offset)
-            found.append(tree.clamped("MULTIPLY_ADD", above, of_rank, by_mask))
-            below = tree.math("MULTIPLY_ADD", above, found[-1], below)
-        return found
+        tree, span = self._tree, MOST_HEIGHT - LEAST_HEIGHT
+        # Only differences of keys matter, so all heights may begin at 0.
+        return [
+            tree.math("MULTIPLY_ADD", height, span, share)
+            for height, share in zip(
+                self._group(("heights", axes), make), self._shares, strict=True
+            )
+        ]
 
-    def _blends(self) -> list[float]:
+    def _borders(self) -> list[Border]:
         level = self._level
         seen = [level.seen(layer.maps, layer.maps.tile_m) for layer in self._layers]
-        return blends([level.images.ranks(maps).variance for maps in seen])
+        return borders([level.images.heights(maps).variance for maps in seen])
 
     def _group(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Sequence[Socket]:
         """Return the outputs of a node group of the level, which is made at its first use."""

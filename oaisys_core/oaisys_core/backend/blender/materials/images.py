@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.scene import PbrMaps, TerrainMaterial
-from oaisys_core.textures.borders import Ranks, rank_levels
+from oaisys_core.textures.borders import Heights, height_levels
 from oaisys_core.textures.levels import levels_of
 
 BYTE = np.float32(1 / 255)
@@ -30,23 +30,23 @@ class ImageStore:
     def __init__(self) -> None:
         self._images: dict[tuple[int, str], tuple[PbrMaps, Any]] = {}
         self._levels: dict[int, tuple[PbrMaps, ...]] = {}
-        self._ranks: dict[int, Ranks] = {}
+        self._heights: dict[int, Heights] = {}
 
     def levels(self, maps: PbrMaps) -> tuple[PbrMaps, ...]:
         """Return the levels of detail of a texture set, finest first, see `levels_of`."""
         if id(maps) not in self._levels:
             levels = self._levels[id(maps)] = levels_of(maps)
-            self._ranks.update(zip(map(id, levels), rank_levels(levels), strict=True))
+            self._heights.update(zip(map(id, levels), height_levels(levels), strict=True))
         return self._levels[id(maps)]
 
-    def ranks(self, maps: PbrMaps) -> Ranks:
-        """Return the ranks of the heights of a level."""
-        return self._ranks[id(maps)]
+    def heights(self, maps: PbrMaps) -> Heights:
+        """Return the heights of a level by which borders follow its relief."""
+        return self._heights[id(maps)]
 
     def color(self, maps: PbrMaps) -> Any:
-        """Return the albedo with the ranks of the heights in alpha."""
-        ranks = self._ranks[id(maps)].texels
-        return self._stored(maps, "color", maps.color_srgb, ranks, is_color=True)
+        """Return the albedo with `heights` in alpha."""
+        heights = self._heights[id(maps)].texels
+        return self._stored(maps, "color", maps.color_srgb, heights, is_color=True)
 
     def normal_roughness(self, maps: PbrMaps) -> Any:
         """Return the normal with roughness in alpha, so that one lookup gives both."""
@@ -65,7 +65,7 @@ class ImageStore:
             if used.isdisjoint(map(id, levels)):
                 del self._levels[key]
                 for level in levels:
-                    del self._ranks[id(level)]
+                    del self._heights[id(level)]
 
     def _stored(
         self,
