@@ -12,12 +12,14 @@ from pydantic import Field, field_validator, model_validator
 
 from oaisys_core.config.section import Labelled, Section
 from oaisys_core.config.sections.assets import AssetsConfig
+from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.drive import DriveConfig
 from oaisys_core.config.sections.environment import EnvironmentConfig
 from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig
+from oaisys_core.errors import one_of
 
 GENERATOR_VERSION = 6
 """Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
@@ -91,5 +93,17 @@ class SimulationConfig(Section):
                 if known != label:
                     raise ValueError(
                         f"semantic_id {semantic_id} is called both {known!r} and {label!r}"
+                    )
+        return self
+
+    @model_validator(mode="after")
+    def _layers_of_densities(self) -> SimulationConfig:
+        known = {label for each in self.materials.labelled for label in each.labels.values()}
+        for group in self.assets.groups:
+            for index, density in enumerate(group.density):
+                if isinstance(density, LayerDensity) and density.label not in known:
+                    raise ValueError(
+                        f"assets.groups.{group.name}.density.{index}.label: received"
+                        f" {density.label!r}, expected {one_of(known, density.label)}"
                     )
         return self

@@ -1,4 +1,4 @@
-"""Densities of scattered objects: noise, Voronoi cells, slopes, heights, moisture and images."""
+"""Densities of scattered objects: noise, cells, slopes, heights, moisture, layers and images."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from oaisys_core.config.sections.density import (
     DensityConfig,
     HeightDensity,
     ImageDensity,
+    LayerDensity,
     MoistureDensity,
     NoiseDensity,
     SlopeDensity,
@@ -25,6 +26,7 @@ from oaisys_core.scene import Ground
 from oaisys_core.terrain.moisture import moisture
 from oaisys_core.terrain.noise import Field, spectral
 from oaisys_core.types import FloatArray
+from oaisys_core.world.terrain_material import TerrainMaterial
 
 Density = Callable[[FloatArray], FloatArray]
 """Returns (N,) values from 0 to 1 at (N, 2) points in ``map``."""
@@ -37,18 +39,24 @@ RELIEF_POINTS = 257
 
 
 def make_density(
-    configs: Sequence[DensityConfig], ground: Ground, rng: np.random.Generator
+    configs: Sequence[DensityConfig],
+    ground: Ground,
+    rng: np.random.Generator,
+    material: TerrainMaterial | None = None,
 ) -> Density:
     """Return the product of several densities over a ground.
 
     Args:
+        configs: Of the densities.
+        ground: What the objects stand on.
         rng: Seeds the densities; each has its own stream, by its index.
+        material: Of the ground; None if there is none, nor a density of a layer.
 
     Raises:
         ConfigError: An image cannot be read.
     """
     parts = [
-        _density(config, ground, randomness.child(rng, f"density/{index}"))
+        _density(config, ground, randomness.child(rng, f"density/{index}"), material)
         for index, config in enumerate(configs)
     ]
 
@@ -61,7 +69,12 @@ def make_density(
     return product
 
 
-def _density(config: DensityConfig, ground: Ground, rng: np.random.Generator) -> Density:
+def _density(
+    config: DensityConfig,
+    ground: Ground,
+    rng: np.random.Generator,
+    material: TerrainMaterial | None,
+) -> Density:
     if isinstance(config, NoiseDensity):
         return partial(bilinear, _noise_patches(config, ground, rng), ground)
     if isinstance(config, VoronoiDensity):
@@ -78,6 +91,8 @@ def _density(config: DensityConfig, ground: Ground, rng: np.random.Generator) ->
         # The wettest and the driest places are inside of bounds of 1 and 0.
         low, high = (low if low > 0 else -np.inf), (high if high < 1 else np.inf)
         return lambda xy: band(bilinear(wet, ground, xy), low, high, config.fade_share)
+    if isinstance(config, LayerDensity):
+        return _layer(config.label, material)
     return partial(bilinear, _image(config), ground)
 
 
@@ -134,6 +149,13 @@ def _cells(config: VoronoiDensity, ground: Ground, rng: np.random.Generator) -> 
         return np.asarray(holds[cell[:, 0]] * np.clip(inside_m / config.border_m, 0, 1))
 
     return density
+
+
+def _layer(label: str, material: TerrainMaterial | None) -> Density:
+    if material is None:
+        raise ValueError("a density of a layer needs a material")
+    chosen = [layer.label == label for layer in material.layers]
+    return lambda xy: np.minimum(material.weights_at(xy)[:, chosen].sum(axis=1), 1.0)
 
 
 def _height_range_m(config: HeightDensity, ground: Ground) -> tuple[float, float]:

@@ -22,6 +22,7 @@ from oaisys_core.scatter.spacing import OccupiedPlaces, Spacing, first_come, pai
 from oaisys_core.scatter.stance import footprint_of
 from oaisys_core.scene import Ground, MeshPrototype
 from oaisys_core.types import FloatArray
+from oaisys_core.world.terrain_material import TerrainMaterial
 
 ROUNDS = 24
 """Rounds of drawing positions before fewer instances are accepted."""
@@ -48,12 +49,15 @@ def scatter_group(
     shapes: list[MeshPrototype],
     ground: Ground,
     rng: np.random.Generator,
+    material: TerrainMaterial | None = None,
 ) -> tuple[FloatArray, NDArray[np.int64]]:
     """Return the poses of up to ``count`` instances of a group, largest first.
 
     Args:
         shapes: Its prototypes, each 1 m large.
+        ground: What they stand on.
         rng: Seeds the separate streams of positions, sizes and rotations.
+        material: Of the ground; None if there is none, nor a density of a layer.
 
     Returns:
         (N, 4, 4) rotation times uniform scale with translation, and (N,) indices into ``shapes``.
@@ -63,7 +67,7 @@ def scatter_group(
     """
     sizes_m = group_sizes_m(group, count, randomness.child(rng, "sizes"))
     shape_of = randomness.child(rng, "shapes").integers(len(shapes), size=count)
-    density = make_density(group.density, ground, rng)
+    density = make_density(group.density, ground, rng, material)
     xy = _places(group, sizes_m, density, ground, randomness.child(rng, "places"))
     stands = np.isfinite(xy[:, 0])
     xy, sizes_m, shape_of = xy[stands], sizes_m[stands], shape_of[stands]

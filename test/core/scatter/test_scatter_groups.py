@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from scipy import stats
 from scipy.spatial import cKDTree
+from synthetic_worlds import flat_world
 
 from oaisys_core import randomness
+from oaisys_core.config import config_from_mapping
 from oaisys_core.config.sections.groups import GroupConfig
+from oaisys_core.errors import ConfigError
 from oaisys_core.scatter.density import band, make_density
 from oaisys_core.scatter.groups import group_sizes_m, scatter_group
 from oaisys_core.scatter.rocks import make_rock
@@ -129,6 +132,29 @@ def test_an_image_lies_with_its_upper_edge_at_the_largest_y(tmp_path: Path) -> N
     assert density(np.array([(-15.0, 15.0), (15.0, 15.0), (-15.0, -15.0), (-15.0, 5.0)])) == (
         pytest.approx([1, 0, 0, 0])
     )
+
+
+def test_objects_stand_where_the_layer_lies_and_as_densely_as_its_weight() -> None:
+    ground, material = inclined(0.0), flat_world().material
+    config = group(density=[{"kind": "layer", "label": "gravel"}], spacing=0, size_m=(0.01, 0.01))
+    shapes = [make_rock("rounded", np.random.default_rng(1), 1)]
+    T, _ = scatter_group(config, 20_000, shapes, ground, np.random.default_rng(2), material)
+    weights = material.weights_at(T[:, :2, 3])
+    everywhere = material.weights_at(np.random.default_rng(3).uniform(-19.9, 19.9, (20_000, 2)))
+    expected = (everywhere[:, 0] ** 2).mean() / everywhere[:, 0].mean()
+    assert weights[:, 0].mean() == pytest.approx(expected, abs=0.01)
+    nowhere = group(density=[{"kind": "layer", "label": "ice"}])
+    assert (
+        len(scatter_group(nowhere, 9, shapes, ground, np.random.default_rng(2), material)[0]) == 0
+    )
+
+
+def test_a_density_of_a_layer_that_no_layer_is_called_is_refused() -> None:
+    stones = group(density=[{"kind": "layer", "label": "grave"}]).model_dump(mode="json")
+    with pytest.raises(
+        ConfigError, match=r"assets.groups.g.density.0.label: .*did you mean gravel"
+    ):
+        config_from_mapping({"assets": {"groups": [stones]}})
 
 
 @pytest.mark.parametrize("kind", ["noise", "voronoi"])

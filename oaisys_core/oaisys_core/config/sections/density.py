@@ -99,6 +99,20 @@ class MoistureDensity(Section):
     least: Share = 0.0
 
 
+class LayerDensity(Section):
+    """Where a layer of the ground lies, as dense as its weight there.
+
+    Attributes:
+        label: Label of the layer, or of several; where `materials.pools` have drawn none of them,
+            it is 0 everywhere.
+        least: Density elsewhere.
+    """
+
+    kind: Literal["layer"]
+    label: str
+    least: Share = 0.0
+
+
 class ImageDensity(Section):
     """A grey image over the whole ground, with its upper edge at the largest y.
 
@@ -115,6 +129,12 @@ class ImageDensity(Section):
 
 
 DensityConfig = Annotated[
-    NoiseDensity | VoronoiDensity | SlopeDensity | HeightDensity | MoistureDensity | ImageDensity,
+    NoiseDensity
+    | VoronoiDensity
+    | SlopeDensity
+    | HeightDensity
+    | MoistureDensity
+    | LayerDensity
+    | ImageDensity,
     Field(discriminator="kind"),
 ]

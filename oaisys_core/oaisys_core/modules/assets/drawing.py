@@ -29,6 +29,7 @@ from oaisys_core.scene import (
     PbrMaps,
     Placement,
     Primitive,
+    TerrainMaterial,
     WheelTracks,
 )
 from oaisys_core.types import FloatArray, GroupCount, Pose
@@ -127,10 +128,11 @@ class AssetGenerator:
         library: PrototypeLibrary,
         plan: InstanceIdPlan,
         ground: Ground,
+        material: TerrainMaterial,
         rng: np.random.Generator,
     ) -> None:
         self._config, self._library, self._plan = config, library, plan
-        self._ground, self._rng = ground, rng
+        self._ground, self._material, self._rng = ground, material, rng
         self._prototypes: list[MeshPrototype] = []
         self._placements: list[AssetPlacement] = []
         self._movers: list[Mover] = []
@@ -185,7 +187,9 @@ class AssetGenerator:
         if randomness.child(rng, "presence").uniform() < group.probability:
             drawn = int(randomness.child(rng, "count").integers(*group.count, endpoint=True))
             count = min(round(factor * drawn), MOST_INSTANCES)
-        T_map_object, shape_of = scatter_group(group, count, shapes, self._ground, rng)
+        T_map_object, shape_of = scatter_group(
+            group, count, shapes, self._ground, rng, self._material
+        )
         ids = block.ids(len(T_map_object))
         self._counts.append(GroupCount(group.name, count, len(ids)))
         self._first[group.name] = len(self._prototypes)

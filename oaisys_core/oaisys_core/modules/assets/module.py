@@ -26,7 +26,7 @@ from oaisys_core.modules.assets.object_list import (
 from oaisys_core.modules.assets.prototypes import PrototypeLibrary
 from oaisys_core.scatter.ids import FIRST_MOVER_ID, FIRST_OBJECT_ID, InstanceIdPlan, added_id
 from oaisys_core.scatter.rocks import ROCK_KINDS
-from oaisys_core.scene import Ground
+from oaisys_core.scene import Ground, TerrainMaterial
 from oaisys_core.textures import TEXTURES
 from oaisys_core.types import ObjectPage, ObjectQuery, merged
 
@@ -80,7 +80,7 @@ class AssetsModule(Module):
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Draw all objects of a new world; edits of ids that it does not have are ignored."""
         checked = asset_metadata({}, metadata)
-        things = self._drawn(require(world.ground), checked, rng)
+        things = self._drawn(require(world.ground), require(world.material), checked, rng)
         world.primitives = things.primitives
         world.group_counts = things.counts
         for thing in self._config.labelled:
@@ -139,16 +139,23 @@ class AssetsModule(Module):
             )
 
     def _drawn(
-        self, ground: Ground, metadata: AssetMetadata, rng: np.random.Generator
+        self,
+        ground: Ground,
+        material: TerrainMaterial,
+        metadata: AssetMetadata,
+        rng: np.random.Generator,
     ) -> DrawnAssets:
         """Draw all objects, or return those of the last batch if they would be the same."""
         before = rng.bit_generator.state
         last = self._last
-        if last and last.ground is ground and (last.metadata, last.before) == (metadata, before):
+        same = last is not None and last.ground is ground and last.material is material
+        if last and same and (last.metadata, last.before) == (metadata, before):
             rng.bit_generator.state = last.after
             return last.things
-        things = AssetGenerator(self._config, self._library, self._plan, ground, rng).draw(metadata)
-        self._last = _PreviousDraw(ground, metadata, before, rng.bit_generator.state, things)
+        generator = AssetGenerator(self._config, self._library, self._plan, ground, material, rng)
+        things = generator.draw(metadata)
+        after = rng.bit_generator.state
+        self._last = _PreviousDraw(ground, material, metadata, before, after, things)
         return things
 
     def _faults(self) -> Iterable[InvalidInputError]:
@@ -206,6 +213,7 @@ class _PreviousDraw(NamedTuple):
     """The inputs and the result of the last draw, with the generator's state before and after."""
 
     ground: Ground
+    material: TerrainMaterial
     metadata: AssetMetadata
     before: Mapping[str, Any]
     after: Mapping[str, Any]
