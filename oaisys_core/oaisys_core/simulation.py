@@ -508,8 +508,8 @@ class Simulation:
 def _return_freed_memory() -> None:
     """Return memory to the system that the old world or its making has freed.
 
-    glibc keeps it otherwise, some 0.4 GB after the demo's second batch. It does nothing with another
-    C library.
+    glibc keeps it otherwise, some 0.4 GB after the demo's second batch. With another C library
+    nothing is done.
     """
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
