@@ -128,7 +128,7 @@ class AssetGenerator:
         library: PrototypeLibrary,
         plan: InstanceIdPlan,
         ground: Ground,
-        material: TerrainMaterial,
+        material: TerrainMaterial | None,
         rng: np.random.Generator,
     ) -> None:
         self._config, self._library, self._plan = config, library, plan

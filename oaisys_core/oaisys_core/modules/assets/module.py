@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from oaisys_core.config.sections.assets import AssetsConfig
+from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.groups import MOST_INSTANCES
 from oaisys_core.config.sections.objects import ShapedConfig
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of
@@ -80,7 +81,8 @@ class AssetsModule(Module):
     def step_batch(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
         """Draw all objects of a new world; edits of ids that it does not have are ignored."""
         checked = asset_metadata({}, metadata)
-        things = self._drawn(require(world.ground), require(world.material), checked, rng)
+        material = require(world.material) if self._follows_layers() else None
+        things = self._drawn(require(world.ground), material, checked, rng)
         world.primitives = things.primitives
         world.group_counts = things.counts
         for thing in self._config.labelled:
@@ -138,10 +140,15 @@ class AssetsModule(Module):
                 names,
             )
 
+    def _follows_layers(self) -> bool:
+        """Return whether objects lie where a layer of the ground does."""
+        densities = (each for group in self._config.groups for each in group.density)
+        return any(isinstance(density, LayerDensity) for density in densities)
+
     def _drawn(
         self,
         ground: Ground,
-        material: TerrainMaterial,
+        material: TerrainMaterial | None,
         metadata: AssetMetadata,
         rng: np.random.Generator,
     ) -> DrawnAssets:
@@ -213,7 +220,7 @@ class _PreviousDraw(NamedTuple):
     """The inputs and the result of the last draw, with the generator's state before and after."""
 
     ground: Ground
-    material: TerrainMaterial
+    material: TerrainMaterial | None
     metadata: AssetMetadata
     before: Mapping[str, Any]
     after: Mapping[str, Any]
