@@ -17,7 +17,13 @@ from oaisys_core.config.sections.materials import (
     PoolConfig,
 )
 from oaisys_core.errors import InvalidInputError, one_of
-from oaisys_core.textures import TEXTURES, default_cache_dir, load_texture_folder, texture_set
+from oaisys_core.textures import (
+    TEXTURES,
+    default_cache_dir,
+    load_texture_folder,
+    texture_exposure,
+    texture_set,
+)
 from oaisys_core.textures.adjusting import ColorChange, recolored, with_relief
 from oaisys_core.textures.folder import COLOR_MAP_EXPECTED, has_color_map, texture_folders
 from oaisys_core.textures.label_image import load_label_image
@@ -186,6 +192,13 @@ def labels_of(layer: LayerConfig) -> dict[int, str]:
     for entry in layer.labels_from.mapping.values() if layer.labels_from else ():
         names.update(entry.labels)
     return names
+
+
+def exposure_of(look: LookConfig) -> float:
+    """Return where a layer lies, from -1 (hollows, level ground) to 1 (ridges, scarps)."""
+    if look.exposure is not None:
+        return look.exposure
+    return 0.0 if look.folder is not None else texture_exposure(look.texture)
 
 
 def _all_layers(materials: MaterialsConfig) -> Iterator[tuple[str, LayerConfig]]:

@@ -19,22 +19,21 @@ from oaisys_core.modules.layers import (
     LayerLibrary,
     check_layers,
     chosen_layers,
+    exposure_of,
     labels_of,
     layer_faults,
 )
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.terrain.displacement import displaced
 from oaisys_core.terrain.macro_variation import MacroVariation
-from oaisys_core.terrain.masks import (
+from oaisys_core.terrain.masks.patches import (
     LayerNoise,
-    Relief,
     blend_masks,
     border_softness,
     gate,
-    has_steep_parts,
     layered_masks,
-    relief_of,
 )
+from oaisys_core.terrain.masks.relief import Relief, exposure, has_steep_parts, relief_of
 from oaisys_core.terrain.surroundings.land_masks import LandMasks, farthest_m
 from oaisys_core.terrain.surroundings.land_relief import (
     LandRelief,
@@ -47,8 +46,13 @@ NO_SHARE = 1.0
 """Share of a layer without one, if another layer has a share."""
 
 
+RELIEF_STRENGTH = 2.0
+"""Change of a patch's score, in standard deviations of patches, where the ground is one standard
+deviation more exposed and the layer lies on exposed ground only."""
+
 RELIEF_PX = 256
-"""Grid size at which it is measured which layers lie on slopes and on ridges."""
+"""Grid size at which it is measured which layers lie on slopes and on ridges, and at which patches
+follow the ground's forms."""
 
 NOISE_SOFTNESS = 0.07
 """Width of the borders on the land around a stage whose layers lie by the method ``noise``."""
@@ -159,6 +163,7 @@ def _masks(
             sharpness=mask.sharpness,
             shares=shares,
             gates=gates,
+            preferences=_preferences(config, layers, ground),
         )
     rngs = [randomness.child(rng, f"noise/{index}") for index in range(len(layers))]
     noise = mask.noise
@@ -166,6 +171,25 @@ def _masks(
     noises = [LayerNoise(*(float(each.uniform(*bounds)) for bounds in ranges)) for each in rngs]
     return layered_masks(
         noises, size_m, mask.size_px, rngs, noise.borders, shares=shares, gates=gates
+    )
+
+
+def _preferences(
+    config: MaterialsConfig, layers: Sequence[LayerConfig], ground: Ground
+) -> NDArray[np.float32] | None:
+    """Return (L, M, M) by how much the ground's forms favour each layer; None if they do not."""
+    import cv2
+
+    mask = config.mask
+    exposures = np.array([exposure_of(layer) for layer in layers], np.float32)
+    if not mask.relief or not np.ptp(exposures):
+        return None
+    texel_m = (ground.extent_m[2] - ground.extent_m[0]) / RELIEF_PX
+    exposed = exposure(relief_of(ground, RELIEF_PX), texel_m, mask.scale_m)
+    size = (mask.size_px, mask.size_px)
+    exposed = np.asarray(cv2.resize(exposed, size, interpolation=cv2.INTER_CUBIC))
+    return np.asarray(
+        np.float32(RELIEF_STRENGTH * mask.relief) * exposures[:, None, None] * exposed
     )
 
 

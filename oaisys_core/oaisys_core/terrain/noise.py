@@ -247,6 +247,24 @@ def spectral(size: int, lowest: float, rng: np.random.Generator, rough: float) -
     return filtered(size, gain, rng)
 
 
+def band(size: int, lowest: float, highest: float, rng: np.random.Generator) -> Field:
+    """Return (size, size) tileable noise with standard deviation 1, in a band of frequencies.
+
+    Every octave of the band has the same variance.
+
+    Args:
+        size: Edge length.
+        lowest, highest: Bounds, in waves per edge.
+        rng: Draws the white noise that is filtered.
+    """
+    frequency = np.hypot(
+        scipy.fft.fftfreq(size, 1 / size)[:, None], scipy.fft.rfftfreq(size, 1 / size)[None, :]
+    ).astype(np.float32)
+    inside = (frequency >= lowest) & (frequency <= highest) & (frequency > 0)
+    gain = np.where(inside, 1 / np.maximum(frequency, 1e-9), 0)
+    return filtered(size, np.asarray(gain, np.float32), rng)
+
+
 def filtered(size: int, gain: Field, rng: np.random.Generator) -> Field:
     """Return (size, size) tileable noise with standard deviation 1.
 

@@ -2,6 +2,12 @@
 
 from oaisys_core.textures.cache import default_cache_dir
 from oaisys_core.textures.folder import load_texture_folder
-from oaisys_core.textures.library import TEXTURES, texture_set
+from oaisys_core.textures.library import TEXTURES, texture_exposure, texture_set
 
-__all__ = ["TEXTURES", "default_cache_dir", "load_texture_folder", "texture_set"]
+__all__ = [
+    "TEXTURES",
+    "default_cache_dir",
+    "load_texture_folder",
+    "texture_exposure",
+    "texture_set",
+]

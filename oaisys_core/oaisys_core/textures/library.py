@@ -53,6 +53,11 @@ def texture_set(name: str, size_px: int, seed: int, cache_dir: Path | None) -> P
     return replace(cached, subsurface=subsurface) if subsurface else cached
 
 
+def texture_exposure(name: str) -> float:
+    """Return where the ground of a built-in texture set lies, see `Recipe`."""
+    return RECIPES[name].exposure
+
+
 def make_texture_set(name: str, size_px: int, seed: int) -> PbrMaps:
     """Make a built-in texture set."""
     recipe = RECIPES[name]

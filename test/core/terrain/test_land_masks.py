@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from synthetic_worlds import texture
 
 from oaisys_core.scene import TerrainLayer, TerrainMaterial
-from oaisys_core.terrain.masks import blend_masks
+from oaisys_core.terrain.masks.patches import blend_masks
 from oaisys_core.terrain.surroundings.land_masks import LandMasks
 from oaisys_core.verification.reference_scene import ground_labels
 

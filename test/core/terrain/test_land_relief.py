@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from oaisys_core.scene import HeightField
-from oaisys_core.terrain.masks import Relief
+from oaisys_core.terrain.masks.relief import Relief
 from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.terrain.surroundings.kinds import EARTH_RADIUS_M
 from oaisys_core.terrain.surroundings.land import land_around

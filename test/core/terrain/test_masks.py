@@ -8,14 +8,8 @@ from oaisys_core import randomness
 from oaisys_core.config.sections.materials import ConditionConfig
 from oaisys_core.modules.materials import condition_gate
 from oaisys_core.scene import HeightField
-from oaisys_core.terrain.masks import (
-    LayerNoise,
-    blend_masks,
-    gate,
-    has_steep_parts,
-    layered_masks,
-    relief_of,
-)
+from oaisys_core.terrain.masks.patches import LayerNoise, blend_masks, gate, layered_masks
+from oaisys_core.terrain.masks.relief import exposure, has_steep_parts, relief_of
 
 SIZE = 256
 NOISE = LayerNoise(scale=6.0, detail=1.5, roughness=0.4, distortion=0.3)
@@ -123,3 +117,37 @@ def test_a_condition_on_a_cone_is_a_ring() -> None:
     assert (share[clear] == (radius < 6)[clear]).all()
     assert not has_steep_parts(cone)
     assert has_steep_parts(field(1.6 * cone.elevation_m.astype(np.float64), 0.1))
+
+
+def test_ridges_are_exposed_and_hollows_are_not() -> None:
+    x = np.mgrid[:SIZE, :SIZE][1] * 0.25
+    waves = relief_of(field(np.cos(2 * np.pi * x / 16), 0.25), SIZE)
+    exposed = exposure(waves, 0.25, 4.0)
+    crest, trough = waves.height_m > 0.9, waves.height_m < -0.9
+    assert exposed[crest].min() > 0.3
+    assert exposed[trough].max() < -0.3
+    assert abs(exposed.mean()) < 0.1
+    assert exposed.std() <= 1 + 1e-5
+
+
+def test_scarps_are_exposed_and_the_ground_at_their_foot_is_not() -> None:
+    x = np.mgrid[:SIZE, :SIZE][1] * 0.25
+    step = 4 / (1 + np.exp(-(x - 32) / 0.7))
+    exposed = exposure(relief_of(field(step, 0.25), SIZE), 0.25, 4.0).mean(axis=0)
+    assert exposed[128:136].min() > 0.5, "upper half of the scarp and its brink, at 32 to 34 m"
+    assert exposed[108:116].max() < 0, "foot, at 27 to 29 m"
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.3])
+def test_a_plane_is_nowhere_exposed(slope: float) -> None:
+    x = np.mgrid[:SIZE, :SIZE][1] * 0.25
+    exposed = exposure(relief_of(field(slope * x, 0.25), SIZE), 0.25, 4.0)
+    assert np.abs(exposed[64:192, 64:192]).max() < 0.05
+
+
+def test_preferences_move_patches_and_keep_shares() -> None:
+    side = np.where(np.arange(SIZE) < SIZE // 2, 1.5, -1.5).astype(np.float32)
+    preferences = np.stack([np.broadcast_to(side, (SIZE, SIZE)), np.zeros((SIZE, SIZE))])
+    masks = patches(2, preferences=preferences.astype(np.float32))
+    assert masks[0, :, : SIZE // 2].mean() > masks[0, :, SIZE // 2 :].mean() + 0.4
+    assert shares_won(masks)[0] == pytest.approx(0.5, abs=0.02)

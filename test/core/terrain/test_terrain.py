@@ -5,7 +5,7 @@ import pytest
 
 from oaisys_core.errors import InvalidInputError
 from oaisys_core.scene import HeightField
-from oaisys_core.terrain.masks import blend_masks
+from oaisys_core.terrain.masks.patches import blend_masks
 from oaisys_core.terrain.noise import fractal, gradient_noise, grid
 from oaisys_core.terrain.presets import PRESETS, make_ground
 

@@ -126,6 +126,9 @@ class LookConfig(Section):
         rotation_deg: Largest rotation of a Voronoi cell to either side.
         share: Share of the ground relative to other layers; None counts as 1 if another layer has
             a share.
+        exposure: Where it rather lies, see ``mask.relief``: from -1 for hollows and level ground to
+            1 for ridges and scarps; None for what is usual for a built-in texture, such as -0.8 for
+            sand and 1 for bedrock, and 0 for a folder.
         when: Where it may lie; None for anywhere.
     """
 
@@ -139,6 +142,7 @@ class LookConfig(Section):
     cell_tiles: float = Field(default=1.0, ge=0.1, le=100)
     rotation_deg: float = Field(default=180.0, ge=0, le=180)
     share: Positive | None = None
+    exposure: float | None = Field(default=None, ge=-1, le=1)
     when: ConditionConfig | None = None
 
 
@@ -210,8 +214,11 @@ class MaskConfig(Section):
     Attributes:
         method: With ``patches`` all layers compete for every point; with ``noise`` each layer
             covers earlier ones, see ``noise``.
-        scale_m: Typical size of a patch.
+        scale_m: Typical size of a patch. Patches lie closer in some regions, up to eight times as
+            large.
         sharpness: Sharpness of the colour borders of patches, from 0 (soft) to 1 (hard).
+        relief: How strongly patches follow the forms of the ground, from 0 to 1: each layer lies
+            where its ``exposure`` says. Layers of the same exposure do not.
         noise: Parameters of the method ``noise``.
         size_px: Edge length of the mask images.
     """
@@ -219,6 +226,7 @@ class MaskConfig(Section):
     method: Literal["patches", "noise"] = "patches"
     scale_m: Positive = 9.0
     sharpness: float = Field(default=0.5, ge=0, le=1)
+    relief: Share = 0.7
     noise: NoiseConfig = NoiseConfig()
     size_px: int = Field(default=1024, ge=2, le=8192)
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.terrain.masks import RAGGED
+from oaisys_core.terrain.masks.patches import RAGGED
 from oaisys_core.terrain.noise import Field, balancing_offsets, filtered
 from oaisys_core.terrain.surroundings.land_relief import LandRelief
 from oaisys_core.types import FloatArray

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.terrain.masks import Relief
+from oaisys_core.terrain.masks.relief import Relief
 from oaisys_core.terrain.noise import Field
 from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.types import FloatArray

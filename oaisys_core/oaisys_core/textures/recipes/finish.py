@@ -43,6 +43,8 @@ class Recipe(NamedTuple):
         version: Part of the cache key; it must change with the recipe.
         albedo: Natural range of the mean linear luminance of such ground.
         subsurface: See `PbrMaps`.
+        exposure: Where such ground lies: 1 on ridges and scarps as bare rock, -1 in hollows and on
+            level ground as what wind and water carry.
     """
 
     make: Callable[[int, np.random.Generator], TextureMaps]
@@ -50,6 +52,7 @@ class Recipe(NamedTuple):
     version: int
     albedo: tuple[float, float]
     subsurface: float = 0.0
+    exposure: float = 0.0
 
 
 def encoded(linear: ArrayLike) -> NDArray[np.float32]:

@@ -1,18 +1,21 @@
-"""Weight masks of the ground's layers, and the relief that their conditions refer to."""
+"""Weight masks of the ground's layers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import floor
-from typing import NamedTuple
+from math import floor, log2, sqrt
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from oaisys_core.scene import Ground
-from oaisys_core.terrain.noise import Field, balancing_offsets, gradient_noise, spectral
+from oaisys_core.terrain.noise import (
+    Field,
+    balancing_offsets,
+    band,
+    gradient_noise,
+    spectral,
+)
 from oaisys_core.types import FloatArray
 
 RAGGED = 1.2
@@ -21,21 +24,20 @@ RAGGED = 1.2
 Patches whose octaves fade quickly have one clean outline each, and look like camouflage from above.
 """
 
+LARGEST = 8.0
+"""Size of the largest patches, in units of the patches whose size is given."""
+
+OCTAVE = 0.5
+"""Standard deviation of each octave of larger patches: as that of the patches of the given size."""
+
 RELUCTANCE = 0.5
 """Reduction of a patch's score (standard deviation 1) where a condition holds by 1/e."""
 
+WIDEST = 1.5
+"""Width of the softest borders, in standard deviations of the patches' scores."""
+
 OFFSET_STRIDE = 4
 """Of the texels from which the offsets are found that give layers their shares."""
-
-SLOPE_SCALE_M = 0.25
-"""Standard deviation of the smoothing before slopes are computed, to ignore pebbles."""
-
-STEEP_DEG = 50.0
-STEEP_SHARE = 0.002
-"""A ground has steep parts if more than this share of it is steeper than the angle."""
-
-COARSE_PX = 256
-"""Grid size for the search for steep parts."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +67,13 @@ def blend_masks(
     *,
     shares: Sequence[float] | None = None,
     gates: NDArray[np.float32] | None = None,
+    preferences: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
     """Return (n_layers, size_px, size_px) float32 weights that sum to 1.
 
-    Patches are about ``scale_m`` wide, with ragged borders and islands; each layer has the same
-    share of the ground. ``sharpness`` 0 gives wide transitions, 1 hard borders.
+    Patches are about ``scale_m`` wide, with ragged borders and islands, and denser in some regions
+    than in others; each layer has the same share of the ground. ``sharpness`` 0 gives wide
+    transitions, 1 hard borders.
 
     Args:
         n_layers: Number of layers.
@@ -81,14 +85,18 @@ def blend_masks(
         shares: Shares of the layers before conditions apply; None for equal shares.
         gates: (n_layers, size_px, size_px) weights of the layers' conditions, 0 to 1; where all
             are 0, the first layer lies.
+        preferences: (n_layers, size_px, size_px) by how much the ground's forms favour each layer,
+            in standard deviations of the patches.
     """
     if n_layers == 1:
         return np.ones((1, size_px, size_px), np.float32)
     waves = max(extent_m / (2 * scale_m), 1.0)
     scores = np.stack([_patches(size_px, waves, rng) for _ in range(n_layers)])
-    if shares is not None:
-        few = scores[:, ::OFFSET_STRIDE, ::OFFSET_STRIDE]
-        scores += balancing_offsets(few, np.asarray(shares))[:, None, None]
+    if preferences is not None:
+        scores += preferences
+    few = scores[:, ::OFFSET_STRIDE, ::OFFSET_STRIDE]
+    wanted = np.ones(n_layers) if shares is None else np.asarray(shares)
+    scores += balancing_offsets(few, wanted)[:, None, None]
     if gates is not None:
         with np.errstate(divide="ignore"):
             scores += np.float32(RELUCTANCE) * np.log(_opened(gates))
@@ -100,7 +108,7 @@ def blend_masks(
 
 def border_softness(sharpness: float) -> float:
     """Return the width of the borders of patches, in standard deviations of their scores."""
-    return float(0.6 * (1 - sharpness) ** 1.5 + 1e-3)
+    return float(WIDEST * (1 - sharpness) ** 1.5 + 1e-3)
 
 
 def layered_masks(
@@ -159,9 +167,13 @@ def _opened(gates: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 def _patches(size_px: int, waves: float, rng: np.random.Generator) -> Field:
-    """Return noise with median 0, so that every layer covers some ground."""
+    """Return noise whose patches lie closer in some regions, so that they do not look strewn."""
     field = spectral(size_px, waves, rng, RAGGED)
-    return np.asarray(field - np.median(field), np.float32)
+    larger = min(LARGEST, waves)
+    if larger > 1:
+        regions = band(size_px, waves / larger, waves, rng)
+        field += np.float32(OCTAVE * sqrt(log2(larger))) * regions
+    return field
 
 
 def _unit_noise(
@@ -183,31 +195,3 @@ def _unit_noise(
         total += amplitude * gradient_noise(u * 2**octave, v * 2**octave, rng)
         norm += amplitude
     return np.asarray(0.5 + 0.5 * np.clip(total / norm, -1, 1), np.float32)
-
-
-class Relief(NamedTuple):
-    """Heights and slopes at the texels of a mask, both (M, M) float32."""
-
-    height_m: Field
-    slope_rad: Field
-
-
-def relief_of(ground: Ground, size_px: int) -> Relief:
-    """Return the relief at the cell centres of a size_px x size_px grid over the ground."""
-    x0, y0, x1, y1 = ground.extent_m
-    step_x, step_y = (x1 - x0) / size_px, (y1 - y0) / size_px
-    centres = np.arange(size_px) + 0.5
-    x, y = np.meshgrid(x0 + centres * step_x, y0 + centres * step_y)
-    height_m = ground.height_at(np.column_stack((x.ravel(), y.ravel()))).reshape(x.shape)
-    # A ground may have no surface at the edges of its extent.
-    height_m = np.where(np.isfinite(height_m), height_m, np.nanmean(height_m))
-    sigma = (SLOPE_SCALE_M / step_y, SLOPE_SCALE_M / step_x)
-    smooth_m = scipy.ndimage.gaussian_filter(height_m, sigma, mode="nearest")
-    up_y, up_x = np.gradient(smooth_m, step_y, step_x)
-    return Relief(height_m.astype(np.float32), np.arctan(np.hypot(up_x, up_y)).astype(np.float32))
-
-
-def has_steep_parts(ground: Ground) -> bool:
-    """Return whether the ground is steep enough to stretch textures projected from above."""
-    slope_rad = relief_of(ground, COARSE_PX).slope_rad
-    return bool((slope_rad > np.radians(STEEP_DEG)).mean() > STEEP_SHARE)

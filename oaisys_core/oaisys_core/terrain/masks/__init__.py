@@ -1,0 +1,1 @@
+"""Where the layers of the ground's material lie."""
