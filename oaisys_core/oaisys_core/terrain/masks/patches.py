@@ -36,6 +36,9 @@ RELUCTANCE = 0.5
 WIDEST = 1.5
 """Width of the softest borders, in standard deviations of the patches' scores."""
 
+LEAST_WEIGHT = 0.04
+"""Weight up to which a layer is left out."""
+
 OFFSET_STRIDE = 4
 """Of the texels from which the offsets are found that give layers their shares."""
 
@@ -100,10 +103,23 @@ def blend_masks(
     if gates is not None:
         with np.errstate(divide="ignore"):
             scores += np.float32(RELUCTANCE) * np.log(_opened(gates))
-    logits = scores / np.float32(border_softness(sharpness))
-    logits -= logits.max(axis=0)
-    weights = np.exp(logits)
-    return np.asarray(weights / weights.sum(axis=0), np.float32)
+    return weights_of(scores, border_softness(sharpness))
+
+
+def weights_of(scores: NDArray[np.float32], softness: float) -> NDArray[np.float32]:
+    """Return (L, ...) weights that sum to 1, of layers that compete by their scores.
+
+    They replace the scores. Layers of less than `LEAST_WEIGHT` are left out, because each that is
+    seen at a point costs time there.
+    """
+    scores -= scores.max(axis=0)
+    scores /= np.float32(softness)
+    weights = np.exp(scores, out=scores)
+    weights /= weights.sum(axis=0)
+    weights -= np.float32(min(LEAST_WEIGHT, 0.5 / len(weights)))
+    np.maximum(weights, 0, out=weights)
+    weights /= weights.sum(axis=0)
+    return weights
 
 
 def border_softness(sharpness: float) -> float:

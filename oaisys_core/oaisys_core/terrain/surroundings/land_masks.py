@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core import randomness
-from oaisys_core.terrain.masks.patches import RAGGED
+from oaisys_core.terrain.masks.patches import RAGGED, weights_of
 from oaisys_core.terrain.noise import Field, balancing_offsets, filtered
 from oaisys_core.terrain.surroundings.land_relief import LandRelief
 from oaisys_core.types import FloatArray
@@ -147,10 +147,7 @@ class LandMasks:
         shares = np.maximum(np.array(self.shares), LEAST_SHARE)
         scores += balancing_offsets(scores[:, ::STRIDE, ::STRIDE], shares)[:, None, None]
         scores[np.array(self.shares) < LEAST_SHARE] = -np.inf
-        scores -= scores.max(axis=0)
-        scores /= np.float32(self.softness)
-        weights = np.exp(scores, out=scores)
-        weights /= weights.sum(axis=0)
+        weights = weights_of(scores, self.softness)
         mean = np.array(self.shares, np.float32)[:, None, None]
         weights += (mean / mean.sum() - weights) * self._fade()[:, None]
         return weights
