@@ -39,6 +39,14 @@ def test_a_layer_of_steep_ground_lies_on_the_lands_slopes(land: FarGround) -> No
     assert masks.weights.mean(axis=(1, 2)) == pytest.approx(SHARES, abs=0.03)
 
 
+def test_patches_go_on_around_the_circle(land: FarGround) -> None:
+    preferences = np.array([(-0.5, -1.0), (1.2, 1.0)])
+    relief = land_relief(land, (0.0, 0.0), HALF_M, farthest_m(HALF_M), preferences)
+    for scores in (relief.prominence, relief.scores(1, (200, 1280))):
+        steps = np.abs(np.diff(scores, axis=1)).mean()
+        assert np.abs(scores[:, 0] - scores[:, -1]).mean() < 2 * steps
+
+
 def test_preferences_are_those_that_the_stage_shows() -> None:
     slope = np.tile(np.linspace(0, 1, 64, dtype=np.float32), (64, 1))
     relief = Relief(np.zeros((64, 64), np.float32), slope)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import trimesh
 from numpy.typing import NDArray
 
 from oaisys_core.scene import HeightField
@@ -12,6 +13,7 @@ from oaisys_core.terrain.presets import make_ground
 from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.terrain.surroundings.kinds import EARTH_RADIUS_M, Surroundings
 from oaisys_core.terrain.surroundings.land import land_around
+from oaisys_core.terrain.surroundings.plain import plain_around
 from oaisys_core.terrain.surroundings.spectrum import relief_spectrum
 
 EXTENT_M = 60.0
@@ -155,3 +157,16 @@ def test_land_surrounds_a_mesh_with_holes_in_its_edge() -> None:
     assert np.isfinite(land.vertices_m).all()
     heights_m = land.height_at([(20.5, 0.0), (20.5, 18.0), (0.0, -20.5)])
     assert np.abs(heights_m).max() < 1.0
+
+
+def test_a_level_plain_looks_level_at_the_stages_edge() -> None:
+    flat = HeightField(np.zeros((33, 33), np.float32), (-8.0, -8.0), 0.5)
+    plain = plain_around(flat)
+    mesh = trimesh.Trimesh(plain.vertices_m, plain.triangles, process=False)
+    on_surface = plain.vertices_m[:, 2] == 0
+    used = on_surface & np.isin(
+        np.arange(len(on_surface)), plain.triangles[mesh.face_normals[:, 2] > 0.99]
+    )
+    np.testing.assert_allclose(mesh.vertex_normals[used], [(0, 0, 1)] * used.sum(), atol=1e-6)
+    reach_m = np.abs(plain.vertices_m[used][:, :2]).max(axis=1)
+    assert reach_m.min() == pytest.approx(8.0), "the plain begins at the stage's edge"

@@ -58,7 +58,11 @@ class LandRelief:
 
         steep, high = (STRENGTH * self.preferences[layer]).astype(np.float32).tolist()
         total = steep * self.steepness + high * self.prominence
-        return np.asarray(cv2.resize(total, shape[::-1], interpolation=cv2.INTER_LINEAR))
+        # Around the circle, the first column follows the last one.
+        times = shape[1] // COLUMNS
+        size = (shape[1] + 2 * times, shape[0])
+        wide = cv2.resize(_around_circle(total, 1), size, interpolation=cv2.INTER_LINEAR)
+        return np.asarray(wide[:, times:-times], np.float32)
 
 
 def land_relief(
@@ -79,11 +83,12 @@ def land_relief(
     on_stage = np.isnan(height_m)
     height_m[on_stage] = land.stage.height_at(xy_m[on_stage])
     height_m = np.nan_to_num(height_m, nan=float(np.nanmean(height_m))).reshape(rows, COLUMNS)
-    # Around the circle, the first column follows the last one.
-    wide = np.concatenate((height_m[:, -1:], height_m, height_m[:, :1]), axis=1) / distance_m
+    wide = _around_circle(height_m, 1) / distance_m
     along, outward = np.gradient(wide)[1][:, 1:-1], np.gradient(height_m, axis=0) / distance_m
     slope = np.hypot(along, outward) * per_e_fold
-    raised = (height_m - _blurred(height_m, AROUND)) / distance_m
+    reach = 4 * AROUND
+    around_m = _blurred(_around_circle(height_m, reach), AROUND)[:, reach:-reach]
+    raised = (height_m - around_m) / distance_m
     return LandRelief(_normalised(slope), _normalised(raised), preferences)
 
 
@@ -106,6 +111,11 @@ def preferences_of(relief: Relief, masks: NDArray[np.float32]) -> FloatArray:
             high = LEAST_PREFERENCE * (1 if index % 2 == 0 else -1)
         found.append((steep, high))
     return np.array(found)
+
+
+def _around_circle(values: FloatArray | Field, columns: int) -> FloatArray | Field:
+    """Return (R, C + 2 * columns) values that go on around the circle at both ends."""
+    return np.concatenate((values[:, -columns:], values, values[:, :columns]), axis=1)
 
 
 def _normalised(values: FloatArray) -> Field:

@@ -22,9 +22,10 @@ FARTHEST = 2000.0
 """Where its triangles end, in the same units; from eye height the rim coincides with the horizon.
 """
 
-SLOPE = (0.9995, 1.0, 1.03, 1.08, 1.15, 1.25, 1.4, 1.6, 1.85, 2.1, 2.4, 2.7, FLAT_AT)
+SLOPE = (0.9995, 1.0, 1.0, 1.03, 1.08, 1.15, 1.25, 1.4, 1.6, 1.85, 2.1, 2.4, 2.7, FLAT_AT)
 LEVEL = (10.0, FARTHEST)
-"""Distances of the rings of vertices, in the same units."""
+"""Distances of the rings of vertices, in the same units. Two rings lie on the stage's edge, so that
+the sunk one does not tilt the normals of the plain."""
 
 SUNK_M = 0.3
 """Depth of the innermost ring below the stage's edge, so that no gap shows between the two."""
@@ -57,14 +58,17 @@ def plain_around(stage: Ground) -> FarGround:
         triangles=triangles,
         inner_share=SLOPE[0],
         level_m=float(vertices_m[len(SLOPE) * len(edge) - 1, 2]),
-        cast_triangles=2 * (len(SLOPE) - 1) * len(edge),
+        cast_triangles=2 * (len(SLOPE) - 2) * len(edge),
     )
 
 
 def _between_rings(rings: int, points: int) -> NDArray[np.int32]:
-    """Return (T, 3) triangles between concentric rings, counter-clockwise from above."""
+    """Return (T, 3) triangles between concentric rings, counter-clockwise from above.
+
+    There are none between the two rings on the stage's edge.
+    """
     index = np.arange(rings * points, dtype=np.int32).reshape(rings, points)
-    a, b = index[:-1], index[1:]
+    a, b = (np.delete(each, 1, axis=0) for each in (index[:-1], index[1:]))
     a_next, b_next = np.roll(a, -1, axis=1), np.roll(b, -1, axis=1)
     corners = np.stack((a, b, b_next, a, b_next, a_next), axis=-1).reshape(-1, 3)
     return np.asarray(corners, dtype=np.int32)
