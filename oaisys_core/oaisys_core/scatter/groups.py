@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -18,6 +19,7 @@ from oaisys_core.scatter.placement import (
     power_law_sizes,
     slope_deg,
 )
+from oaisys_core.scatter.shapes import MATS, PLANTS
 from oaisys_core.scatter.spacing import OccupiedPlaces, Spacing, first_come, pairs_too_near
 from oaisys_core.scatter.stance import footprint_of
 from oaisys_core.scene import Ground, MeshPrototype
@@ -41,6 +43,32 @@ CELLS = 512
 
 FULL = 0.01
 """Share of the missing instances that a round must place; below it, the ground is full."""
+
+
+class Stance(NamedTuple):
+    """How objects stand, see `GroupConfig`."""
+
+    tilt_deg: float
+    align: float
+    sink: tuple[float, float]
+
+
+LYING = Stance(tilt_deg=18.0, align=1.0, sink=(0.15, 0.4))
+ROOTED = Stance(tilt_deg=4.0, align=0.2, sink=(0.0, 0.03))
+SPREAD = Stance(tilt_deg=0.0, align=1.0, sink=(0.0, 0.03))
+"""Of stones and whatever else may lie anyhow, of plants, and of plants that are wider than high."""
+
+
+def stance_of(group: GroupConfig) -> Stance:
+    """Return how a group's objects stand: as given, or as is usual for their shape."""
+    usual = ROOTED if group.shape in PLANTS else LYING
+    if group.shape in MATS:
+        usual = SPREAD
+    return Stance(
+        usual.tilt_deg if group.tilt_deg is None else group.tilt_deg,
+        usual.align if group.align is None else group.align,
+        usual.sink if group.sink is None else group.sink,
+    )
 
 
 def scatter_group(
@@ -195,18 +223,19 @@ def _stances(
     from scipy.spatial.transform import Rotation
 
     count = len(xy)
+    stance = stance_of(group)
     yaw_rad = np.radians(rng.uniform(*group.yaw_deg, count))
-    tilt_rad = np.radians(group.tilt_deg) * rng.uniform(-1, 1, (count, 2))
-    sink = rng.uniform(*group.sink, count)
+    tilt_rad = np.radians(stance.tilt_deg) * rng.uniform(-1, 1, (count, 2))
+    sink = rng.uniform(*stance.sink, count)
     if not count:
         return np.zeros((0, 3, 3)), np.zeros(0)
     height_m, foot_m = footprints.T * sizes_m
     slope, hollow_m = bedding(ground, xy, np.maximum(foot_m, ground.spacing_m / 2))
     rotation = Rotation.from_euler("zyx", np.column_stack((yaw_rad, tilt_rad)))
-    rotation = leaning(slope, group.align) * rotation
+    rotation = leaning(slope, stance.align) * rotation
     # Leaning away from the ground's normal lifts one side of the foot, so sink it deeper.
     lean = np.linalg.norm(tilt_rad, axis=1)
-    lean += (1 - group.align) * np.arctan(np.linalg.norm(slope, axis=1))
+    lean += (1 - stance.align) * np.arctan(np.linalg.norm(slope, axis=1))
     depth_m = sink * height_m + foot_m * np.tan(np.minimum(lean, 1.2)) + hollow_m
     # The whole base must be below the ground, unless it is level with the ground.
     return rotation.as_matrix(), np.minimum(depth_m, MOST_BURIED * height_m)

@@ -17,6 +17,9 @@ PLANTS = {**LOW_PLANTS, **SPECIES}
 
 SHAPES = ROCK_KINDS | PLANTS.keys() | VEHICLES.keys()
 
+MATS = frozenset({"meadow", "flower_meadow", "moss_cushion"})
+"""Plants that are wider than high."""
+
 ROCK_DETAIL = ((1.3, 4), (0.3, 3), (0.1, 2), (0.0, 1))
 """Subdivisions of rocks by their largest size in metres."""
 

@@ -16,6 +16,7 @@ from oaisys_core.errors import ConfigError
 from oaisys_core.scatter.density import band, make_density
 from oaisys_core.scatter.groups import group_sizes_m, scatter_group
 from oaisys_core.scatter.rocks import make_rock
+from oaisys_core.scatter.shapes import PLANTS, make_shape
 from oaisys_core.scatter.spacing import Spacing, first_come, pairs_too_near
 from oaisys_core.scene import HeightField, MeshPrototype
 from oaisys_core.terrain.presets import make_ground
@@ -244,3 +245,18 @@ def test_a_child_stream_depends_on_the_seed_and_the_name_alone() -> None:
     assert randomness.child(rng, "a").uniform() == first
     assert randomness.child(rng, "b").uniform() != first
     assert randomness.child(np.random.default_rng(2), "a").uniform() != first
+
+
+@pytest.mark.parametrize("shape", sorted(PLANTS))
+@pytest.mark.parametrize("slope", [0.0, 0.4])
+def test_plants_are_not_buried_though_nobody_says_how_they_stand(shape: str, slope: float) -> None:
+    made = make_shape(shape, np.random.default_rng(1))
+    config = group(shape=shape, count=(60, 60), size_m=(0.8, 0.8))
+    T_map_object, _ = scatter_group(config, 60, [made], inclined(slope), np.random.default_rng(2))
+    vertices_m = made.vertices_m @ T_map_object[:, :3, :3].transpose(0, 2, 1)
+    vertices_m = vertices_m + T_map_object[:, None, :3, 3]
+    above_m = vertices_m[..., 2] - slope * vertices_m[..., 0]
+    height_m = above_m.max(axis=1)
+    assert (above_m.min(axis=1) < 0.02).all(), "rooted"
+    upright_m = 0.8 * float(np.ptp(made.vertices_m[:, 2]))
+    assert np.median(height_m) > 0.6 * upright_m, "seen"

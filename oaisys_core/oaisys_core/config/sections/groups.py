@@ -41,10 +41,13 @@ class GroupConfig(ShapedConfig):
         density: Densities over the ground, which are multiplied.
         max_slope_deg: Steepest ground on which they are placed.
         yaw_deg: (least, most) rotation about the vertical.
-        tilt_deg: Largest random tilt about either horizontal axis.
+        tilt_deg: Largest random tilt about either horizontal axis; None is 4 for built-in plants
+            (0 for meadows and moss) and 18 for all others.
         align: Share of the ground's slope by which they tilt: 0 stands upright, 1 is perpendicular
-            to the ground.
-        sink: (least, most) share of the height below the ground.
+            to the ground; None is 0.2 for built-in plants (1 for meadows and moss) and 1 for all
+            others.
+        sink: (least, most) share of the height below the ground; None is [0, 0.03] for built-in
+            plants and [0.15, 0.4] for all others.
     """
 
     name: Name
@@ -63,13 +66,13 @@ class GroupConfig(ShapedConfig):
     density: tuple[DensityConfig, ...] = ()
     max_slope_deg: float = Field(default=40.0, ge=0, le=90)
     yaw_deg: Range = (-180.0, 180.0)
-    tilt_deg: float = Field(default=18.0, ge=0, le=90)
-    align: Fraction = 1.0
-    sink: tuple[Fraction, Fraction] = (0.15, 0.4)
+    tilt_deg: float | None = Field(default=None, ge=0, le=90)
+    align: Fraction | None = None
+    sink: tuple[Fraction, Fraction] | None = None
 
     @field_validator("count", "sink")
     @classmethod
-    def _ordered(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if value[0] > value[1]:
+    def _ordered(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and value[0] > value[1]:
             raise ValueError("expected [least, most]")
         return value

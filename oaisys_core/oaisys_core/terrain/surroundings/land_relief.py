@@ -61,7 +61,7 @@ class LandRelief:
         # Around the circle, the first column follows the last one.
         times = shape[1] // COLUMNS
         size = (shape[1] + 2 * times, shape[0])
-        wide = cv2.resize(_around_circle(total, 1), size, interpolation=cv2.INTER_LINEAR)
+        wide = cv2.resize(_around_circle(np.asarray(total, np.float64), 1), size, interpolation=cv2.INTER_LINEAR)
         return np.asarray(wide[:, times:-times], np.float32)
 
 
@@ -113,9 +113,10 @@ def preferences_of(relief: Relief, masks: NDArray[np.float32]) -> FloatArray:
     return np.array(found)
 
 
-def _around_circle(values: FloatArray | Field, columns: int) -> FloatArray | Field:
+def _around_circle(values: FloatArray, columns: int) -> FloatArray:
     """Return (R, C + 2 * columns) values that go on around the circle at both ends."""
-    return np.concatenate((values[:, -columns:], values, values[:, :columns]), axis=1)
+    wide = np.concatenate((values[:, -columns:], values, values[:, :columns]), axis=1)
+    return np.asarray(wide)
 
 
 def _normalised(values: FloatArray) -> Field:
