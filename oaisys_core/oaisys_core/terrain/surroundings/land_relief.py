@@ -57,11 +57,11 @@ class LandRelief:
         import cv2
 
         steep, high = (STRENGTH * self.preferences[layer]).astype(np.float32).tolist()
-        total = steep * self.steepness + high * self.prominence
+        total = np.asarray(steep * self.steepness + high * self.prominence, np.float64)
         # Around the circle, the first column follows the last one.
         times = shape[1] // COLUMNS
         size = (shape[1] + 2 * times, shape[0])
-        wide = cv2.resize(_around_circle(np.asarray(total, np.float64), 1), size, interpolation=cv2.INTER_LINEAR)
+        wide = cv2.resize(_around_circle(total, 1), size, interpolation=cv2.INTER_LINEAR)
         return np.asarray(wide[:, times:-times], np.float32)
 
 
