@@ -107,7 +107,7 @@ def gumbel_heights(height: NDArray[np.float32]) -> Image:
     return np.asarray(values[bins])
 
 
-class Border(NamedTuple):
+class LayerBorder(NamedTuple):
     """How a layer turns into those before it, by the difference of their keys.
 
     The mix factor is tanh(slope * difference) * gain + 1 / 2, clamped to [0, 1]. It is 0 at a
@@ -124,7 +124,7 @@ class Border(NamedTuple):
     surplus: FloatArray | float
 
 
-def borders(variances: Sequence[N]) -> list[Border]:
+def borders(variances: Sequence[N]) -> list[LayerBorder]:
     """Return the border of each layer but the first with those before it.
 
     Variance of heights that a coarse level has lost is in the border's width, so that borders are
@@ -139,7 +139,7 @@ def borders(variances: Sequence[N]) -> list[Border]:
         unseen = (lost[layer] + sum(lost[:layer]) / layer) / 2
         width = np.sqrt(WIDTH**2 + unseen)
         gain = (1 + CRISPNESS * (1 - unseen)) / (2 - 4 * NEGLIGIBLE)
-        result.append(Border(1 / (2 * width), gain, 4 * log(2) * width))
+        result.append(LayerBorder(1 / (2 * width), gain, 4 * log(2) * width))
     return result
 
 
@@ -149,7 +149,7 @@ def keys(heights: Image, weights: Image) -> Image:
     return np.asarray(heights + np.log(np.maximum(weights - np.float32(NEGLIGIBLE), least)))
 
 
-def mixed(key: Image, below: Image, border: Border) -> tuple[Image, Image]:
+def mixed(key: Image, below: Image, border: LayerBorder) -> tuple[Image, Image]:
     """Return the mix factor of a layer over those before it, and the key of all of them."""
     above = key - below
     slope, gain, surplus = (np.asarray(each, np.float32) for each in border)

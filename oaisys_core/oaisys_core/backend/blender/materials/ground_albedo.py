@@ -30,7 +30,7 @@ from oaisys_core.textures.borders import (
     LEAST_HEIGHT,
     MOST_HEIGHT,
     NEGLIGIBLE,
-    Border,
+    LayerBorder,
     borders,
     follows_relief,
     keys,
@@ -115,7 +115,7 @@ class GroundAlbedo:
         if macro is not None:
             self._macro = macro.share[::-1].astype(np.float32) / np.float32(255)
             self._macro_period_m = macro.period_m
-        self._borders: list[list[Border]] = []
+        self._borders: list[list[LayerBorder]] = []
         if self._follows_relief:
             self._borders = [self._borders_at(level) for level in range(len(self._footprints_m))]
         self._is_plain = [
@@ -237,7 +237,7 @@ class GroundAlbedo:
             return None
         return LandPlaces(land.weights[1:], share.astype(np.float32), *land.texels_at(xy_m))
 
-    def _borders_at(self, level: int) -> list[Border]:
+    def _borders_at(self, level: int) -> list[LayerBorder]:
         seen = [self._seen(each.maps, each.maps.tile_m, level) for each in self._material.layers]
         return borders([self._images.heights(maps).variance for maps in seen])
 

@@ -16,7 +16,7 @@ from oaisys_core.textures.borders import (
     LEAST_HEIGHT,
     MOST_HEIGHT,
     NEGLIGIBLE,
-    Border,
+    LayerBorder,
     borders,
     follows_relief,
 )
@@ -124,7 +124,7 @@ class LevelNodes:
             )
         ]
 
-    def _borders(self) -> list[Border]:
+    def _borders(self) -> list[LayerBorder]:
         level = self._level
         seen = [level.seen(layer.maps, layer.maps.tile_m) for layer in self._layers]
         return borders([level.images.heights(maps).variance for maps in seen])
