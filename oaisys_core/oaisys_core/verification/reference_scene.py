@@ -19,6 +19,7 @@ from oaisys_core.scene import Scene, TerrainMaterial, id_of_level
 from oaisys_core.terrain.surroundings.land_masks import LandMasks
 from oaisys_core.types import FloatArray, PinholeIntrinsics, TriangleMesh
 from oaisys_core.verification.numpy_caster import NO_TRIANGLE, NumpyCaster
+from oaisys_core.verification.triangle_groups import TriangleGroups
 
 GROUND_OR_SKY = 0
 """Instance id of pixels that show no object."""
@@ -50,15 +51,17 @@ class ReferenceScene:
 
     def __init__(self, scene: Scene, mesh: TriangleMesh) -> None:
         self.scene = scene
-        self._vertices_m = mesh.vertices_m.astype(np.float64)
-        self._triangles = mesh.triangles.astype(np.int64)
+        self._vertices_m = mesh.vertices_m
+        self._triangles = mesh.triangles
         self._ids = np.asarray(mesh.instance_ids, np.uint32)
         self._stage_triangles = len(mesh.triangles)
         if scene.far_ground is not None:
             vertices_m, triangles = scene.far_ground.vertices_m, scene.far_ground.triangles
-            self._triangles = np.concatenate((self._triangles, triangles + len(self._vertices_m)))
+            far = triangles + np.int32(len(self._vertices_m))
+            self._triangles = np.concatenate((self._triangles, far))
             self._vertices_m = np.concatenate((self._vertices_m, vertices_m))
             self._ids = np.concatenate((self._ids, np.zeros(len(triangles), np.uint32)))
+        self._groups = TriangleGroups(self._vertices_m, self._triangles, self._ids)
 
     def views(
         self, intrinsics: PinholeIntrinsics, T_map_camera: FloatArray, windows: Sequence[Window]
@@ -73,9 +76,16 @@ class ReferenceScene:
             raise InvalidInputError("sensors.cameras.fisheye", model, "null: a pinhole camera")
         rays = _camera_rays(intrinsics)
         R, origin_m = T_map_camera[:3, :3], T_map_camera[:3, 3]
-        caster = NumpyCaster((self._vertices_m - origin_m) @ R, self._triangles)
+        boxes = [_box_of(rays[window]) for window in windows]
+        seen = self._groups.seen_in(R, origin_m, boxes)
+        used, corners = np.unique(self._triangles[seen], return_inverse=True)
+        points_m = (self._vertices_m[used] - origin_m) @ R
+        caster = NumpyCaster(points_m, corners.reshape(-1, 3))
+        # One more, for rays that hit none.
+        seen = np.append(seen, NO_TRIANGLE)
         for window in windows:
-            depth_m, triangles = caster.nearest(rays[window])
+            depth_m, places = caster.nearest(rays[window])
+            triangles = seen[places]
             directions = rays[window] @ R.T
             with np.errstate(invalid="ignore"):
                 points_m = origin_m + depth_m[..., None] * directions
@@ -166,6 +176,12 @@ def _blocks(place: NDArray[np.float32]) -> Iterable[tuple[NDArray[Any], NDArray[
     for first in range(0, len(place), MOST_COLUMNS):
         x, y = place[first : first + MOST_COLUMNS].T
         yield x[None].copy(), y[None].copy()
+
+
+def _box_of(rays: FloatArray) -> FloatArray:
+    """Return the (min_x, min_y, max_x, max_y) of (H, W, 3) rays with z = 1."""
+    flat = rays[..., :2].reshape(-1, 2)
+    return np.concatenate((flat.min(axis=0), flat.max(axis=0)))
 
 
 def _camera_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
