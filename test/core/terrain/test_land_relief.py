@@ -47,6 +47,18 @@ def test_patches_go_on_around_the_circle(land: FarGround) -> None:
         assert np.abs(scores[:, 0] - scores[:, -1]).mean() < 2 * steps
 
 
+def test_forms_have_the_same_sizes_near_the_stage_and_far_from_it(land: FarGround) -> None:
+    relief = land_relief(land, (0.0, 0.0), HALF_M, farthest_m(HALF_M), np.zeros((2, 2)))
+    per_e_fold = relief.prominence.shape[1] / (2 * np.pi)
+    borders_per_m = []
+    for distance in (2.0, 4.0, 8.0):
+        row = round(np.log(distance) * per_e_fold)
+        rows = relief.prominence[row - 10 : row + 11] > 0
+        borders = (rows[:, 1:] != rows[:, :-1]).sum(axis=1).mean()
+        borders_per_m.append(borders / (2 * np.pi * distance * HALF_M))
+    assert max(borders_per_m) < 1.5 * min(borders_per_m)
+
+
 def test_preferences_are_those_that_the_stage_shows() -> None:
     slope = np.tile(np.linspace(0, 1, 64, dtype=np.float32), (64, 1))
     relief = Relief(np.zeros((64, 64), np.float32), slope)

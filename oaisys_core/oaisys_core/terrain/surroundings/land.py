@@ -7,6 +7,7 @@ extrapolated. The body's curvature lowers it with the square of the distance fro
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import sqrt
 
 import numpy as np
@@ -109,18 +110,56 @@ def relief(
     """
     total_m = np.zeros(len(xy_m))
     for index, octave in enumerate(octaves):
-        points = octave.wavelength_m / spacing_m
         weight = _step(distance_m / (ONSET * octave.wavelength_m))
-        weight *= _step((points - LEAST_POINTS) / (ENOUGH_POINTS - LEAST_POINTS))
+        weight *= _resolved(octave, spacing_m)
         here = np.flatnonzero(weight > 0)
-        if not len(here) or not octave.deviation_m:
-            continue
-        turn = TURN_RAD * index
-        axes = np.array(((np.cos(turn), -np.sin(turn)), (np.sin(turn), np.cos(turn))))
-        x, y = (xy_m[here] @ axes).T / (CELLS * octave.wavelength_m)
-        noise = gradient_noise(x, y, rngs[index], LATTICE).astype(np.float64)
-        total_m[here] += weight[here] * noise * (octave.deviation_m / NOISE_DEVIATION)
+        if len(here) and octave.deviation_m:
+            total_m[here] += weight[here] * _octave_heights(xy_m[here], octave, index, rngs[index])
     return total_m
+
+
+def endless_relief(
+    land: FarGround, xy_m: FloatArray, spacing_m: FloatArray
+) -> Iterator[tuple[float, FloatArray]]:
+    """Yield the wavelength of each octave of a land's relief, and its (R, C) heights.
+
+    It is the relief as if there were no stage: the octaves do not set in by distance.
+
+    Args:
+        land: Land from `land_around`.
+        xy_m: (R, C, 2) points.
+        spacing_m: (R,) distances between points in each row, by which short octaves are left out,
+            whatever the size of the land's triangles.
+    """
+    if land.detail is None:
+        return
+    octaves = list(land.detail.octaves)
+    rngs = _streams(border_of(land.stage), land.detail.seed, len(octaves))
+    for index, octave in enumerate(octaves):
+        weight = _resolved(octave, spacing_m)
+        rows = np.flatnonzero(weight > 0)
+        if len(rows) and octave.deviation_m:
+            height_m = np.zeros(xy_m.shape[:2])
+            noise_m = _octave_heights(xy_m[rows].reshape(-1, 2), octave, index, rngs[index])
+            height_m[rows] = weight[rows, None] * noise_m.reshape(len(rows), -1)
+            yield octave.wavelength_m, height_m
+
+
+def _resolved(octave: Octave, spacing_m: FloatArray) -> FloatArray:
+    """Return (N,) shares of an octave that points at some distances from each other can have."""
+    points = octave.wavelength_m / spacing_m
+    return _step((points - LEAST_POINTS) / (ENOUGH_POINTS - LEAST_POINTS))
+
+
+def _octave_heights(
+    xy_m: FloatArray, octave: Octave, index: int, rng: np.random.Generator
+) -> FloatArray:
+    """Return (N,) heights of the octave with a place in the spectrum at (N, 2) points."""
+    turn = TURN_RAD * index
+    axes = np.array(((np.cos(turn), -np.sin(turn)), (np.sin(turn), np.cos(turn))))
+    x, y = (xy_m @ axes).T / (CELLS * octave.wavelength_m)
+    noise = gradient_noise(x, y, rng, LATTICE).astype(np.float64)
+    return noise * (octave.deviation_m / NOISE_DEVIATION)
 
 
 def _continued(border: Border, rings: list[Ring]) -> FloatArray:

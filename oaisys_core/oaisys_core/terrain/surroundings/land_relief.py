@@ -14,19 +14,29 @@ from numpy.typing import NDArray
 from oaisys_core.terrain.masks.relief import Relief
 from oaisys_core.terrain.noise import Field
 from oaisys_core.terrain.surroundings.far_ground import FarGround
+from oaisys_core.terrain.surroundings.land import ENOUGH_POINTS, endless_relief
 from oaisys_core.types import FloatArray
 
 COLUMNS = 640
 """Directions in which the land's heights are sampled."""
 
-AROUND = 12
-"""Standard deviation, in cells, of the ground around that a height is compared with. Cells grow
-with the distance, so that ridges and hollows count by how large they are seen from the stage."""
+FORMS = (0.8, 3.2, 12.8)
+"""Wavelengths of the forms by which ridges, hollows and slopes count, in units of the distance
+between the stage's centre and its nearest edge."""
+
+LEAST_FORM = 12.0
+"""Least wavelength of a form in cells. Cells grow with the distance."""
+
+LEAST_WAVE = 1 / 2
+"""Wavelengths below count nowhere: they repeat within a kilometre. In the units of `FORMS`."""
+
+SLOPES = 1 / 4
+"""Shortest waves by which slopes count, in units of a form's."""
 
 ROWS_ALIKE = 24
 """Standard deviation, in rows, of the rings over which slopes and heights are normalised."""
 
-STRENGTH = 3.0
+STRENGTH = 2.0
 """Change of a patch's score, in standard deviations of the stage's patches, where steepness differs
 by one standard deviation and the layer's mean steepness on the stage does, too."""
 
@@ -72,24 +82,41 @@ def land_relief(
     farthest_m: float,
     preferences: FloatArray,
 ) -> LandRelief:
-    """Return the relief of land between two distances from a stage's centre."""
+    """Return the relief of land between two distances from a stage's centre.
+
+    Its forms have the same sizes at all distances. In the triangles of the land they grow with the
+    distance, and seen from above, patches that follow them would burst from the stage.
+    """
     angle = (np.arange(COLUMNS) + 0.5) * (2 * np.pi / COLUMNS)
     per_e_fold = COLUMNS / (2 * np.pi)
     rows = int(np.ceil(np.log(farthest_m / nearest_m) * per_e_fold)) + 1
     distance_m = np.geomspace(nearest_m, farthest_m, rows)[:, None]
     x, y = centre_m[0] + distance_m * np.cos(angle), centre_m[1] + distance_m * np.sin(angle)
-    xy_m = np.stack((x, y), axis=-1).reshape(-1, 2)
-    height_m = land.height_at(xy_m)
-    on_stage = np.isnan(height_m)
-    height_m[on_stage] = land.stage.height_at(xy_m[on_stage])
-    height_m = np.nan_to_num(height_m, nan=float(np.nanmean(height_m))).reshape(rows, COLUMNS)
-    wide = _around_circle(height_m, 1) / distance_m
-    along, outward = np.gradient(wide)[1][:, 1:-1], np.gradient(height_m, axis=0) / distance_m
-    slope = np.hypot(along, outward) * per_e_fold
-    reach = 4 * AROUND
-    around_m = _blurred(_around_circle(height_m, reach), AROUND)[:, reach:-reach]
-    raised = (height_m - around_m) / distance_m
-    return LandRelief(_normalised(slope), _normalised(raised), preferences)
+    xy_m = np.stack((x, y), axis=-1)
+    cell_m = distance_m / per_e_fold
+    spacing_m = np.maximum(cell_m[:, 0], LEAST_WAVE * nearest_m / ENOUGH_POINTS)
+    forms_m = [np.maximum(form * nearest_m, LEAST_FORM * cell_m) for form in FORMS]
+    raised_m, ground_m = np.zeros((2, len(FORMS), rows, COLUMNS))
+    for wave_m, octave_m in endless_relief(land, xy_m, spacing_m):
+        for index, form_m in enumerate(forms_m):
+            raised_m[index] += octave_m * (1 - _share_above(form_m, wave_m))
+            ground_m[index] += octave_m * _share_above(SLOPES * form_m, wave_m)
+    steepness = sum(_normalised(_slope(each / cell_m)) for each in ground_m)
+    prominence = sum(_normalised(each / cell_m) for each in raised_m)
+    return LandRelief(
+        _normalised(np.asarray(steepness)), _normalised(np.asarray(prominence)), preferences
+    )
+
+
+def _share_above(limit_m: FloatArray, wave_m: float) -> FloatArray:
+    """Return the shares of an octave in the waves that are longer than some limits."""
+    return np.asarray(np.clip(np.log2(wave_m / limit_m) + 0.5, 0.0, 1.0))
+
+
+def _slope(height: FloatArray) -> FloatArray:
+    """Return slopes of (R, C) heights in units of the cells of each row."""
+    along = np.gradient(_around_circle(height, 1), axis=1)[:, 1:-1]
+    return np.asarray(np.hypot(along, np.gradient(height, axis=0)))
 
 
 def preferences_of(relief: Relief, masks: NDArray[np.float32]) -> FloatArray:

@@ -13,12 +13,27 @@ from oaisys_core.backend.blender.materials.surfaces import add_gloss, diffuse
 from oaisys_core.backend.blender.materials.tiling import TextureLookup, TilingNodes
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.terrain.macro_variation import LEAST, MOST, MacroVariation
+from oaisys_core.textures.borders import LOOKUPS, MOST_LOOKUPS
 from oaisys_core.textures.levels import level_at
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
+from oaisys_core.world.tiling import PlainTiling, Tiling, VoronoiTiling, voronoi_tiling
 
 VARIATION_TILES, VARIATION_TURN_RAD = 7.3, 0.65
 """Size, in tiles of the first layer, and rotation of the pattern that varies the ground's colour,
 chosen so that pattern and texture do not repeat together."""
+
+BED_SCALE = (8.0, 1 / 5)
+"""Size of the beds of a cliff, along it and upright, in units of the ground's macro variation: from
+0.8 m on, and forty times as long as thick."""
+
+BED_CONTRAST = 2.0
+"""Contrast of beds in units of that of the macro variation."""
+
+ALONG_BEDS = (0.8, 0.6, 0.0)
+"""Direction along which beds vary, in ``map``."""
+
+CLIFF_TILING = voronoi_tiling(1.0, 0.3, np.random.default_rng(0))
+"""How textures are laid onto cliffs, which show many tiles at once, if layers ask for none."""
 
 NUDGE_TILES = 1e-9
 """Times the number of finer levels, added to texture coordinates: far less than their rounding.
@@ -146,6 +161,15 @@ class LayerNodes:
         parts[plane.axes[0]], parts[plane.axes[1]] = u, v
         return tree.combined(*parts)
 
+    def _tiling(self, layer: TerrainLayer) -> Tiling:
+        """Return how a layer's texture is laid onto this plane."""
+        layers = self._level.material.layers
+        lookups = sum(max(LOOKUPS[type(each.tiling)], LOOKUPS[VoronoiTiling]) for each in layers)
+        is_free = isinstance(layer.tiling, PlainTiling) and layer.label_image is None
+        if self._plane.axes is None or not is_free or lookups > MOST_LOOKUPS:
+            return layer.tiling
+        return CLIFF_TILING
+
     def _texel(self, layer: TerrainLayer) -> Texel:
         tree, plane = self._tree, self._plane
         maps = self._level.seen(layer.maps, layer.maps.tile_m)
@@ -154,7 +178,7 @@ class LayerNodes:
             plane = Plane(self._position, plane.axes)
         scale = (1.0 / maps.tile_m,) * 3
         place = tree.vector("MULTIPLY_ADD", plane.place, scale, self._nudge)
-        lookups = self._tilings.lookups(layer.tiling, place)
+        lookups = self._tilings.lookups(self._tiling(layer), place)
         if len(lookups) == 1:
             return self._sample(maps, lookups[0])
         texels = [self._sample(maps, lookup) for lookup in lookups]
@@ -195,7 +219,7 @@ class LayerNodes:
         tree = self._tree
         size_m = variation.scale_m or maps.tile_m * VARIATION_TILES
         image = self._images.height(self._level.seen(maps, size_m))
-        texel = tree.add("TexImage", {"Vector": self._position}, image=image)
+        texel = tree.add("TexImage", {"Vector": self._plane.place}, image=image)
         # The node's own mapping is a matrix; a separate node would evaluate sine and cosine.
         texel.texture_mapping.rotation[2] = VARIATION_TURN_RAD
         texel.texture_mapping.scale = (1.0 / size_m,) * 3
@@ -205,13 +229,29 @@ class LayerNodes:
         return tree.vector("MULTIPLY_ADD", texel.outputs["Color"], tuple(ranges.tolist()), least)
 
     def _macro(self, macro: MacroVariation) -> Socket:
-        """Return the colour factor that varies from metres to kilometres."""
+        """Return the colour factor that varies from metres to kilometres; cliffs have beds, too."""
         tree = self._tree
-        texel = tree.add("TexImage", {"Vector": self._position}, image=self._level.tables.macro)
-        texel.texture_mapping.scale = (1.0 / macro.period_m,) * 3
+        factor = self._pattern(self._plane.place, (1.0, 1.0), 1.0, macro)
+        if self._plane.axes is None:
+            return factor
+        # The same along both sides, so that beds go on around the corners of a cliff.
+        inputs: dict[str | int, Any] = {0: self._position, 1: ALONG_BEDS}
+        along = tree.add("VectorMath", inputs, operation="DOT_PRODUCT").outputs["Value"]
+        height = tree.add("SeparateXYZ", {0: self._position}).outputs["Z"]
+        beds = self._pattern(tree.combined(along, height, 0.0), BED_SCALE, BED_CONTRAST, macro)
+        return tree.vector("MULTIPLY", factor, beds)
+
+    def _pattern(
+        self, place: Socket, scale: tuple[float, float], contrast: float, macro: MacroVariation
+    ) -> Socket:
+        """Return the factor at a place, of a pattern that is larger by ``scale`` in u and v."""
+        texel = self._tree.add("TexImage", {"Vector": place}, image=self._level.tables.macro)
+        u, v = (1.0 / (macro.period_m * each) for each in scale)
+        texel.texture_mapping.scale = (u, v, 1.0)
         texel.texture_mapping.translation = self._nudge
-        share = texel.outputs["Color"]
-        return tree.vector("MULTIPLY_ADD", share, MOST - LEAST, LEAST)
+        span = contrast * (MOST - LEAST)
+        least = 1 - contrast * (1 - LEAST)
+        return self._tree.vector("MULTIPLY_ADD", texel.outputs["Color"], span, least)
 
 
 def _contrast(tree: NodeTree, weights: list[Socket]) -> Socket:

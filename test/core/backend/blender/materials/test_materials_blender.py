@@ -22,6 +22,7 @@ from oaisys_core.scene import (
     TerrainLayer,
     TerrainMaterial,
 )
+from oaisys_core.terrain.macro_variation import MacroVariation
 from oaisys_core.types import (
     ALBEDO,
     DEPTH,
@@ -91,6 +92,11 @@ def cases() -> dict[str, tuple[Scene, PlacedCamera]]:
     ahead = camera(pose_looking_at((0, -9, 2.4), (0, 0, 0)), VIEW, (RGB,))
     for name, sides in (("wall from above", False), ("wall from the side", True)):
         found[name] = (world(wall, (layer,), projects_sides=sides), ahead)
+    plain = checked(np.ones((4, 4), bool))
+    upright = camera(pose_looking_at((0, -9, 2.4), (0, 0, 0)), VIEW, (ALBEDO,))
+    macro = MacroVariation(1.0, 3)
+    bedded = world(wall, (TerrainLayer("a", (9,), plain),), projects_sides=True, macro=macro)
+    found["beds"] = (bedded, upright)
     # Single texels of 220 and 40, 1.6 cm wide, in pixels of 30 cm; and their mean in linear light.
     for name, shades in {"fine": (220, 40), "even": (163, 163)}.items():
         maps = checked(np.indices((4, 4)).sum(axis=0) % 2 == 0)
@@ -165,6 +171,14 @@ def test_texels_smaller_than_a_pixel_are_seen_as_their_mean(seen: dict[str, Any]
     assert fine.mean() == pytest.approx(even.mean(), abs=1.5)
     # A few light samples would hit white or black texels by chance.
     assert np.abs(fine - even).max() < 8
+
+
+@pytest.mark.long
+def test_cliffs_have_level_beds_and_no_streaks(seen: dict[str, Any]) -> None:
+    (albedo,) = (frame.data.mean(axis=-1) for frame in seen["beds"])
+    beds = albedo.mean(axis=1)
+    assert beds.std() > 5
+    assert (albedo - beds[:, None]).std() < 0.5 * beds.std()
 
 
 def test_fines_and_a_dark_contact_are_around_rocks_only(seen: dict[str, Any]) -> None:
