@@ -57,6 +57,9 @@ class Palette:
         return np.asarray(self._of_instance(instance_ids))
 
     def _mean_of(self, thing: PbrMaps | MeshPrototype) -> FloatArray:
+        if isinstance(thing, MeshPrototype) and thing.maps is not None:
+            # Dozens of prototypes have the same texture.
+            return self._mean_of(thing.maps)
         if id(thing) not in self._means:
             color = mean_color(thing) if isinstance(thing, PbrMaps) else prototype_color(thing)
             self._means[id(thing)] = (thing, color)

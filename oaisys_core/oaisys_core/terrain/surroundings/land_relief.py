@@ -17,14 +17,14 @@ from oaisys_core.terrain.surroundings.far_ground import FarGround
 from oaisys_core.terrain.surroundings.land import ENOUGH_POINTS, endless_relief
 from oaisys_core.types import FloatArray
 
-COLUMNS = 640
+COLUMNS = 320
 """Directions in which the land's heights are sampled."""
 
 FORMS = (0.8, 3.2, 12.8)
 """Wavelengths of the forms by which ridges, hollows and slopes count, in units of the distance
 between the stage's centre and its nearest edge."""
 
-LEAST_FORM = 12.0
+LEAST_FORM = 6.0
 """Least wavelength of a form in cells. Cells grow with the distance."""
 
 LEAST_WAVE = 1 / 2
@@ -33,7 +33,7 @@ LEAST_WAVE = 1 / 2
 SLOPES = 1 / 4
 """Shortest waves by which slopes count, in units of a form's."""
 
-ROWS_ALIKE = 24
+ROWS_ALIKE = 12
 """Standard deviation, in rows, of the rings over which slopes and heights are normalised."""
 
 STRENGTH = 2.0
@@ -84,8 +84,8 @@ def land_relief(
 ) -> LandRelief:
     """Return the relief of land between two distances from a stage's centre.
 
-    Its forms have the same sizes at all distances. In the triangles of the land they grow with the
-    distance, and seen from above, patches that follow them would burst from the stage.
+    Its forms have the same sizes at all distances where cells are fine enough. Those of the land's
+    triangles grow with the distance: from above, patches that follow them burst from the stage.
     """
     angle = (np.arange(COLUMNS) + 0.5) * (2 * np.pi / COLUMNS)
     per_e_fold = COLUMNS / (2 * np.pi)
