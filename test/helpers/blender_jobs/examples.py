@@ -13,6 +13,7 @@ from oaisys_core.simulation import Simulation
 
 MOST_GRID_PX = 257
 MOST_ROCKS = 30
+MOST_VARIANTS = 3
 
 
 def rendered(paths: list[str], samples: int) -> dict[str, dict[str, Any]]:
@@ -28,6 +29,7 @@ def small(config: SimulationConfig) -> SimulationConfig:
     data["materials"]["mask"]["size_px"] = min(config.materials.mask.size_px, 256)
     for rocks in data["assets"]["rocks"]:
         rocks["count"] = [min(count, MOST_ROCKS) for count in rocks["count"]]
+        rocks["variants"] = min(rocks["variants"], MOST_VARIANTS)
     return SimulationConfig.model_validate(data)
 
 
