@@ -48,7 +48,10 @@ LOOKUPS = {PlainTiling: 1, VoronoiTiling: 2, StochasticTiling: 3}
 
 MOST_LOOKUPS = 6
 """Materials whose layers need more are blended by masks alone: each is made at every point, and
-Cycles keeps its result on a stack of 255 numbers."""
+Cycles keeps its result on a stack of 255 numbers. Where these do not suffice, all is black."""
+
+MOST_TURNED_LOOKUPS, MOST_TURNED_LAYERS = 4, 2
+"""Materials with a turned texture must not exceed both, for the same reason."""
 
 HEIGHT_BINS = 2048
 
@@ -61,8 +64,13 @@ LEAST_WEIGHT = 1e-8
 
 def follows_relief(material: TerrainMaterial) -> bool:
     """Return whether borders of a material follow the relief of its layers."""
-    lookups = sum(LOOKUPS[type(layer.tiling)] for layer in material.layers)
-    return len(material.layers) > 1 and lookups <= MOST_LOOKUPS
+    tilings = [layer.tiling for layer in material.layers]
+    lookups = sum(LOOKUPS[type(tiling)] for tiling in tilings)
+    if any(isinstance(tiling, VoronoiTiling) for tiling in tilings):
+        is_small = lookups <= MOST_TURNED_LOOKUPS or len(tilings) <= MOST_TURNED_LAYERS
+    else:
+        is_small = lookups <= MOST_LOOKUPS
+    return len(tilings) > 1 and is_small
 
 
 class Heights(NamedTuple):

@@ -13,10 +13,10 @@ from oaisys_core.backend.blender.materials.surfaces import add_gloss, diffuse
 from oaisys_core.backend.blender.materials.tiling import TextureLookup, TilingNodes
 from oaisys_core.backend.raycast.shading import mean_color
 from oaisys_core.terrain.macro_variation import LEAST, MOST, MacroVariation
-from oaisys_core.textures.borders import LOOKUPS, MOST_LOOKUPS
+from oaisys_core.textures.borders import MOST_TURNED_LAYERS
 from oaisys_core.textures.levels import level_at
 from oaisys_core.world.terrain_material import PbrMaps, TerrainLayer, TerrainMaterial, Variation
-from oaisys_core.world.tiling import PlainTiling, Tiling, VoronoiTiling, voronoi_tiling
+from oaisys_core.world.tiling import PlainTiling, Tiling, voronoi_tiling
 
 VARIATION_TILES, VARIATION_TURN_RAD = 7.3, 0.65
 """Size, in tiles of the first layer, and rotation of the pattern that varies the ground's colour,
@@ -33,7 +33,8 @@ ALONG_BEDS = (0.8, 0.6, 0.0)
 """Direction along which beds vary, in ``map``."""
 
 CLIFF_TILING = voronoi_tiling(1.0, 0.3, np.random.default_rng(0))
-"""How textures are laid onto cliffs, which show many tiles at once, if layers ask for none."""
+"""How textures are laid onto cliffs, which show many tiles at once, if layers ask for none and are
+few: see `MOST_TURNED_LAYERS`."""
 
 NUDGE_TILES = 1e-9
 """Times the number of finer levels, added to texture coordinates: far less than their rounding.
@@ -163,10 +164,9 @@ class LayerNodes:
 
     def _tiling(self, layer: TerrainLayer) -> Tiling:
         """Return how a layer's texture is laid onto this plane."""
-        layers = self._level.material.layers
-        lookups = sum(max(LOOKUPS[type(each.tiling)], LOOKUPS[VoronoiTiling]) for each in layers)
         is_free = isinstance(layer.tiling, PlainTiling) and layer.label_image is None
-        if self._plane.axes is None or not is_free or lookups > MOST_LOOKUPS:
+        is_small = len(self._level.material.layers) <= MOST_TURNED_LAYERS
+        if self._plane.axes is None or not is_free or not is_small:
             return layer.tiling
         return CLIFF_TILING
 
