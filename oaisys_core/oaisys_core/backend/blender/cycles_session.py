@@ -13,6 +13,7 @@ from collections.abc import Callable
 from ctypes import CFUNCTYPE, c_bool, c_void_p
 from functools import cache
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import bpy
@@ -51,8 +52,15 @@ _SYMBOL = np.dtype([("name", "<u4"), ("kind", "V4"), ("value", "<u8"), ("size", 
 """Structures of 64-bit ELF files; of the file's header only the beginning."""
 
 
+LOST_S = 1.0
+"""Time after which a call that has not returned is taken to be lost; it takes milliseconds."""
+
+
 def end_sampling(session: int) -> None:
-    """Make the render that runs in a session end at once; any thread may call this.
+    """Make the render that runs in a session end at once, and wait for that; on any thread.
+
+    Between two rounds of samples, Cycles forgets the call, begins the next round, of up to 30 s,
+    and lets the call wait for its end. A second call, on another thread, then ends that round.
 
     Nothing happens with a version of Blender where the way is not known. Call it only after Cycles
     has copied the scene: it cannot go on with one that was copied in part.
@@ -61,8 +69,16 @@ def end_sampling(session: int) -> None:
         session: ``session`` of a ``CyclesRender`` whose ``render`` is running.
     """
     cancel = _cancel_function()
-    if cancel is not None:
-        cancel(c_void_p.from_address(session + SESSION_OFFSET), True)
+    if cancel is None:
+        return
+    ended = (c_void_p.from_address(session + SESSION_OFFSET), True)
+    first, second = (Thread(target=cancel, args=ended, name="end_sampling") for _ in range(2))
+    first.start()
+    first.join(LOST_S)
+    if first.is_alive():
+        second.start()
+        second.join()
+    first.join()
 
 
 @cache
