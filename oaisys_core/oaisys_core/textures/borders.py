@@ -51,7 +51,7 @@ MOST_LOOKUPS = 6
 Cycles keeps its result on a stack of 255 numbers. Where these do not suffice, all is black."""
 
 MOST_TURNED_LOOKUPS, MOST_TURNED_LAYERS = 4, 2
-"""Materials with a turned texture must not exceed both, for the same reason."""
+"""Materials with a turned texture may exceed one of the two but not both, for the same reason."""
 
 HEIGHT_BINS = 2048
 

@@ -51,7 +51,6 @@ _SECTION = np.dtype(
 _SYMBOL = np.dtype([("name", "<u4"), ("kind", "V4"), ("value", "<u8"), ("size", "<u8")])
 """Structures of 64-bit ELF files; of the file's header only the beginning."""
 
-
 LOST_S = 1.0
 """Time after which a call that has not returned is taken to be lost; it takes milliseconds."""
 
@@ -71,8 +70,8 @@ def end_sampling(session: int) -> None:
     cancel = _cancel_function()
     if cancel is None:
         return
-    ended = (c_void_p.from_address(session + SESSION_OFFSET), True)
-    first, second = (Thread(target=cancel, args=ended, name="end_sampling") for _ in range(2))
+    arguments = (c_void_p.from_address(session + SESSION_OFFSET), True)
+    first, second = (Thread(target=cancel, args=arguments, name="end_sampling") for _ in range(2))
     first.start()
     first.join(LOST_S)
     if first.is_alive():

@@ -88,9 +88,7 @@ def shaded(view: View, normals: FloatArray, palette: Palette, scene: Scene) -> F
 
 
 def prototype_color(prototype: MeshPrototype) -> FloatArray:
-    """Return the (3,) mean linear colour of a prototype, wherever its colour comes from."""
-    if prototype.maps is not None:
-        return mean_color(prototype.maps)
+    """Return the (3,) mean linear colour of a prototype without a texture set."""
     if prototype.color_image_srgb is not None and prototype.uv is not None:
         return _mean_of_bytes(prototype.color_image_srgb)
     if prototype.vertex_colors_srgb is not None:

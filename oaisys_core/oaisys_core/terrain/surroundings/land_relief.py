@@ -71,7 +71,7 @@ class LandRelief:
         # Around the circle, the first column follows the last one.
         times = shape[1] // COLUMNS
         size = (shape[1] + 2 * times, shape[0])
-        wide = cv2.resize(_around_circle(total, 1), size, interpolation=cv2.INTER_LINEAR)
+        wide = cv2.resize(_around_circle(total), size, interpolation=cv2.INTER_LINEAR)
         return np.asarray(wide[:, times:-times], np.float32)
 
 
@@ -101,11 +101,9 @@ def land_relief(
         for index, form_m in enumerate(forms_m):
             raised_m[index] += octave_m * (1 - _share_above(form_m, wave_m))
             ground_m[index] += octave_m * _share_above(SLOPES * form_m, wave_m)
-    steepness = sum(_normalised(_slope(each / cell_m)) for each in ground_m)
-    prominence = sum(_normalised(each / cell_m) for each in raised_m)
-    return LandRelief(
-        _normalised(np.asarray(steepness)), _normalised(np.asarray(prominence)), preferences
-    )
+    steepness = np.sum([_normalised(_slope(each / cell_m)) for each in ground_m], axis=0)
+    prominence = np.sum([_normalised(each / cell_m) for each in raised_m], axis=0)
+    return LandRelief(_normalised(steepness), _normalised(prominence), preferences)
 
 
 def _share_above(limit_m: FloatArray, wave_m: float) -> FloatArray:
@@ -115,7 +113,7 @@ def _share_above(limit_m: FloatArray, wave_m: float) -> FloatArray:
 
 def _slope(height: FloatArray) -> FloatArray:
     """Return slopes of (R, C) heights in units of the cells of each row."""
-    along = np.gradient(_around_circle(height, 1), axis=1)[:, 1:-1]
+    along = np.gradient(_around_circle(height), axis=1)[:, 1:-1]
     return np.asarray(np.hypot(along, np.gradient(height, axis=0)))
 
 
@@ -140,10 +138,9 @@ def preferences_of(relief: Relief, masks: NDArray[np.float32]) -> FloatArray:
     return np.array(found)
 
 
-def _around_circle(values: FloatArray, columns: int) -> FloatArray:
-    """Return (R, C + 2 * columns) values that go on around the circle at both ends."""
-    wide = np.concatenate((values[:, -columns:], values, values[:, :columns]), axis=1)
-    return np.asarray(wide)
+def _around_circle(values: FloatArray) -> FloatArray:
+    """Return (R, C + 2) values that go on around the circle at both ends."""
+    return np.concatenate((values[:, -1:], values, values[:, :1]), axis=1)
 
 
 def _normalised(values: FloatArray) -> Field:
