@@ -8,13 +8,12 @@ names ``/tf`` and ``/tf_static`` are absolute: below a namespace they are remapp
 from __future__ import annotations
 
 import contextlib
-import fcntl
+import errno
 import os
 import random
 import re
-import tempfile
+import socket
 from collections.abc import Iterator
-from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 
@@ -28,6 +27,10 @@ UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 LARGEST_DOMAIN = 101
 """The ports of larger domains overlap the range from which Linux takes clients' ports."""
+
+_CLAIM = "\0oaisys-ros-domain-{}"
+"""An abstract socket's name: no file, so nothing that another user could plant; known to all users
+of the same network, as are the ports of ROS."""
 
 _NAMESPACE = re.compile(r"/?[A-Za-z][A-Za-z0-9_]*(/[A-Za-z][A-Za-z0-9_]*)*")
 
@@ -51,18 +54,19 @@ def namespace_arguments(namespace: str) -> list[str]:
 def claimed_domain() -> Iterator[int]:
     """Claim a ROS domain for as long as the block lasts, and yield its number.
 
-    The claim is a lock on a file, which the kernel releases when the process ends.
+    The claim is the name of a socket, which the kernel takes back when the process ends. Processes
+    of all users see it, so two of them never get the same domain.
 
     Raises:
         OaisysError: Other processes have claimed all of them.
     """
-    folder = Path(tempfile.gettempdir(), f"oaisys-ros-domains-{os.getuid()}")
-    folder.mkdir(exist_ok=True)
     for number in random.SystemRandom().sample(range(1, LARGEST_DOMAIN + 1), LARGEST_DOMAIN):
-        with (folder / str(number)).open("w") as claim:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as claim:
             try:
-                fcntl.flock(claim, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
+                claim.bind(_CLAIM.format(number))
+            except OSError as error:
+                if error.errno != errno.EADDRINUSE:
+                    raise OaisysError(f"no ROS domain can be claimed: {error}") from error
                 continue
             yield number
             return

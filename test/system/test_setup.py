@@ -15,7 +15,7 @@ from repository import REPOSITORY
 
 from tools.setup import checks
 from tools.setup.checks import check_compiler, check_disk
-from tools.setup.environment import Environment
+from tools.setup.environment import _SCRIPT, Environment
 from tools.setup.errors import OptionalStepError, SetupError
 from tools.setup.programs import Display, Programs
 from tools.setup.steps import SetupStep, digest, run_stages
@@ -278,3 +278,33 @@ def test_simulation_interfaces_are_the_official_ones(name: str) -> None:
     hashes = {entry["type_name"]: entry["hash_string"] for entry in definition["type_hashes"]}
     expected = f"RIHS01_{SIMULATION_INTERFACES[name]}"
     assert hashes[f"simulation_interfaces/{name}"] == expected
+
+
+@pytest.mark.parametrize("own_runtime_folder", [True, False])
+def test_the_environment_s_script_foresees_no_log_folder(
+    tmp_path: Path, own_runtime_folder: bool
+) -> None:
+    """It was the same for everybody, among the temporary files."""
+    (tmp_path / "runtime").mkdir(mode=0o700 if own_runtime_folder else 0o755)
+    (tmp_path / f"oaisys-ros-log-{os.getuid()}").symlink_to(tmp_path / "victim")
+    script = tmp_path / "script.sh"
+    script.write_text(_SCRIPT.format(exports="export VIRTUAL_ENV=/nonexistent"))
+    told = subprocess.run(
+        ["bash", "-euc", f"source {script}; echo $ROS_LOG_DIR"],
+        env={
+            "PATH": os.environ["PATH"],
+            "HOME": "/nonexistent",
+            "TMPDIR": str(tmp_path),
+            "XDG_RUNTIME_DIR": str(tmp_path / "runtime"),
+        },
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    folder = Path(told.stdout.strip())
+    if own_runtime_folder:
+        assert folder.parent == tmp_path / "runtime"
+    else:
+        assert folder.parent == tmp_path
+        assert folder.stat().st_mode & 0o777 == 0o700
+    assert folder.name != f"oaisys-ros-log-{os.getuid()}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import fcntl
+import os
 import signal
 import subprocess
 import sys
@@ -87,9 +88,16 @@ def _generate_protos(environment: Environment) -> None:
 def _alone(environment: Environment) -> Iterator[None]:
     """Hold the lock of the environment, so that two `make` runs do not install at once."""
     environment.root.parent.mkdir(parents=True, exist_ok=True)
-    with environment.root.with_name(f"{environment.root.name}.lock").open("w") as lock:
+    path = environment.root.with_name(f"{environment.root.name}.lock")
+    try:
+        lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o600)
+    except OSError as error:
+        raise SetupError(f"{path} cannot be locked: {error.strerror}") from error
+    try:
         fcntl.flock(lock, fcntl.LOCK_EX)
         yield
+    finally:
+        os.close(lock)
 
 
 def _interrupt_once(_number: int, _frame: FrameType | None) -> None:

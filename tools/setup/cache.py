@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import gzip
 import os
+import stat
 import tempfile
 import zlib
 from pathlib import Path
@@ -19,16 +20,21 @@ _SUFFIX = ".tar.gz"
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of the entries, or None if it cannot be made or the cache is disabled."""
+    """Return the folder of the entries; None if it cannot be made or the cache is disabled.
+
+    None, too, if others may write to it: what is in an entry is executed.
+    """
     if os.environ.get("OAISYS_CACHE_MB") == "0":
         return None
     base = os.environ.get("XDG_CACHE_HOME")
     try:
         folder = (Path(base) if base else Path.home() / ".cache") / "oaisys" / "interfaces"
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.stat()
     except (OSError, RuntimeError):
         return None
-    return folder
+    own = found.st_uid == os.geteuid() and not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return folder if own else None
 
 
 def read_entry(folder: Path, key: str) -> bytes | None:

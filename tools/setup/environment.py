@@ -37,9 +37,13 @@ case ":$PATH:" in
 esac
 # Discovery stays on this machine unless the caller wants otherwise.
 export ROS_AUTOMATIC_DISCOVERY_RANGE="${{ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}}"
-# rclpy fails to start where it cannot write its log.
-if [ ! -w "${{HOME:-/nonexistent}}" ]; then
-    export ROS_LOG_DIR="${{ROS_LOG_DIR:-${{TMPDIR:-/tmp}}/oaisys-ros-log-$(id -u)}}"
+# rclpy fails to start where it cannot write its log. Never under a name that others can foresee.
+if [ ! -w "${{HOME:-/nonexistent}}" ] && [ -z "${{ROS_LOG_DIR:-}}" ]; then
+    if [ "$(stat -c '%F %u %a' "${{XDG_RUNTIME_DIR:-}}" 2>&1)" = "directory $(id -u) 700" ]; then
+        export ROS_LOG_DIR="$XDG_RUNTIME_DIR/oaisys-ros-log"
+    else
+        ROS_LOG_DIR="$(mktemp -d "${{TMPDIR:-/tmp}}/oaisys-ros-log-XXXXXXXX")" && export ROS_LOG_DIR
+    fi
 fi
 """
 

@@ -6,8 +6,11 @@ import contextlib
 import logging
 import os
 import re
+from io import TextIOWrapper
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
+
+from oaisys_core.private_files import PRIVATE_FOLDER, open_private
 
 _LOG = logging.getLogger(__name__)
 _FILE_BYTES = 5_000_000
@@ -34,7 +37,7 @@ class WorkerLog:
         name = re.sub(r"[^A-Za-z0-9.]+", "-", address).strip("-")
         path = folder / f"worker-{name}.log"
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(PRIVATE_FOLDER, parents=True, exist_ok=True)
             _forget_old(folder)
             handler = _Handler(path, maxBytes=_FILE_BYTES, backupCount=_OLD_FILES)
         except OSError as error:
@@ -56,6 +59,11 @@ class WorkerLog:
 
 
 class _Handler(RotatingFileHandler):
+    def _open(self) -> TextIOWrapper:
+        """Open the file for this user alone, and no link that somebody has put in its place."""
+        descriptor = open_private(Path(self.baseFilename), os.O_WRONLY | os.O_APPEND)
+        return os.fdopen(descriptor, "a", encoding="utf-8", errors="backslashreplace")
+
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 - logging's name
         """Drop the line: a full disk must not disturb the server."""
 
