@@ -9,7 +9,8 @@ import pytest
 from repository import REPOSITORY
 
 TABLE = REPOSITORY / "docs" / "reliability.md"
-ROWS, MOST_ROWS = 25, 42
+ROWS = 42
+"""There were as many; new ones are numbered on."""
 """Rows that must be there, and those that there may be."""
 LONG_ROWS = {21, 24, 41}
 """What they promise shows over many samples or worlds only, in `make test-full`."""
@@ -28,8 +29,8 @@ def named_tests() -> dict[int, list[tuple[str, str]]]:
 
 def test_every_row_names_tests() -> None:
     rows = named_tests()
-    assert list(rows) == sorted(rows)
-    assert set(range(1, ROWS + 1)) <= set(rows) <= set(range(1, MOST_ROWS + 1))
+    assert list(rows) == list(range(1, len(rows) + 1))
+    assert len(rows) >= ROWS
     assert all(rows.values())
 
 

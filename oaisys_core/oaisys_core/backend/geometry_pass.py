@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from oaisys_core import extensions
 from oaisys_core.backend.base import FrameGroup
 from oaisys_core.backend.surface import Surface, View
-from oaisys_core.errors import ConfigError, RenderError
+from oaisys_core.errors import ConfigError, RenderError, quoted
 from oaisys_core.geometry import invert, project, transform_points
 from oaisys_core.scene import PlacedCamera, Placement, Primitive, Scene
 from oaisys_core.types import (
@@ -66,7 +66,9 @@ def compute_extension_pass(
     """
     kind = extensions.load(extensions.PASSES, modality)
     if not (isinstance(kind, type) and issubclass(kind, GeometryPass)):
-        raise ConfigError(f"{extensions.PASSES}: {modality!r} is {kind!r}, expected a GeometryPass")
+        raise ConfigError(
+            f"{extensions.PASSES}: {quoted(modality)} is {quoted(kind)}, expected a GeometryPass"
+        )
     image = kind().compute(surface, view, camera)
     shape = view.depth_m.shape + ((kind.spec.channels,) if kind.spec.channels > 1 else ())
     if image.shape != shape or image.dtype != kind.spec.dtype:

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from oaisys_core.errors import InvalidInputError, did_you_mean
+from oaisys_core.files.documents import parse_yaml, read_text
 from oaisys_core.geometry import checked_pose
 from oaisys_core.types import OWN_PARTS, ModuleMetadata, Pose
 
@@ -52,8 +51,8 @@ def load_steps(path: Path) -> Steps:
             metadata itself.
     """
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        data = parse_yaml(read_text(path))
+    except (OSError, ValueError) as error:
         raise InvalidInputError("metadata", str(path), f"a readable file ({error})") from error
     if isinstance(data, list):
         data = {"samples": data}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,6 +9,7 @@ import typer
 
 from oaisys_core.cli.standard_output import own_stdout
 from oaisys_core.errors import InvalidInputError, OaisysError
+from oaisys_core.files.documents import parse_json
 
 if TYPE_CHECKING:
     from oaisys_core.config import SimulationConfig
@@ -66,7 +66,7 @@ def repeat(
             "oaisys_bridge/configuration is recorded, too)"
         )
         raise InvalidInputError("config", None, expected)
-    chosen = load_config(config) if config else config_from_mapping(json.loads(recorded or "{}"))
+    chosen = load_config(config) if config else config_from_mapping(parse_json(recorded or "{}"))
     different = count = 0
     with own_stdout():
         simulation = Simulation(chosen)

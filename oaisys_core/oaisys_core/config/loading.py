@@ -14,7 +14,8 @@ from pydantic import ValidationError
 from oaisys_core.config.expectations import MISSING_KEY, UNKNOWN_KEY, ConfigFault, faults_of
 from oaisys_core.config.model import SimulationConfig
 from oaisys_core.config.paths import BASE
-from oaisys_core.errors import ConfigError
+from oaisys_core.errors import ConfigError, quoted
+from oaisys_core.files.documents import DocumentError, parse_yaml_with_lines, read_text
 
 
 def load_config(path: Path) -> SimulationConfig:
@@ -26,14 +27,13 @@ def load_config(path: Path) -> SimulationConfig:
         ConfigError: One line per error: file, line, path, value received, what was expected.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = read_text(path)
+    except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read: {error}") from error
     try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: is not YAML: {error}") from error
+        data, root = parse_yaml_with_lines(text)
+    except DocumentError as error:
+        raise ConfigError(f"{path}: is not YAML that can be used: {error}") from error
     if data is None:
         data = {}
     if not isinstance(data, dict):
@@ -52,7 +52,7 @@ def config_from_mapping(data: Mapping[str, Any], base: Path = Path()) -> Simulat
 
 def with_lines(path: Path, faults: Iterable[str]) -> list[str]:
     """Return errors that start with a path, with file and line in front of them."""
-    root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    _, root = parse_yaml_with_lines(read_text(path))
     lines = []
     for fault in faults:
         keys = fault.partition(":")[0].split(".")
@@ -93,17 +93,12 @@ def _line(fault: ConfigFault, source: str, root: yaml.Node | None) -> str:
         return f"{where}: {path}: unknown key, expected {fault.expected}"
     if fault.kind == MISSING_KEY:
         return f"{where}: {path}: missing, expected a value"
-    received = f"received {_short(fault.received)}"
+    received = f"received {quoted(fault.received)}"
     if fault.statement is None:
         return f"{where}: {path}: {received}, expected {fault.expected}{fault.hint}"
     # Statements about a whole section name the keys; the section itself would be too long.
     shown = "" if isinstance(fault.received, Mapping) else f"{received}: "
     return f"{where}: {path}: {shown}{fault.statement}"
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 80 else text[:77] + "..."
 
 
 def _line_of(node: yaml.Node | None, loc: Iterable[int | str]) -> int | None:

@@ -19,7 +19,7 @@ from oaisys_core.config.sections.materials import MaterialsConfig
 from oaisys_core.config.sections.render import RenderConfig
 from oaisys_core.config.sections.sensors import SensorsConfig
 from oaisys_core.config.sections.stage import StageConfig
-from oaisys_core.errors import one_of
+from oaisys_core.errors import one_of, quoted
 
 GENERATOR_VERSION = 8
 """Version of the generators of worlds, raised when the same seed draws another world; 1 had no land
@@ -92,7 +92,8 @@ class SimulationConfig(Section):
                 known = labels.setdefault(semantic_id, label)
                 if known != label:
                     raise ValueError(
-                        f"semantic_id {semantic_id} is called both {known!r} and {label!r}"
+                        f"semantic_id {semantic_id} is called both {quoted(known)}"
+                        f" and {quoted(label)}"
                     )
         return self
 
@@ -104,6 +105,6 @@ class SimulationConfig(Section):
                 if isinstance(density, LayerDensity) and density.label not in known:
                     raise ValueError(
                         f"assets.groups.{group.name}.density.{index}.label: received"
-                        f" {density.label!r}, expected {one_of(known, density.label)}"
+                        f" {quoted(density.label)}, expected {one_of(known, density.label)}"
                     )
         return self

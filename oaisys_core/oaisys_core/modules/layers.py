@@ -16,7 +16,7 @@ from oaisys_core.config.sections.materials import (
     MaterialsConfig,
     PoolConfig,
 )
-from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.errors import InvalidInputError, one_of, quoted
 from oaisys_core.textures import (
     TEXTURES,
     default_cache_dir,
@@ -143,7 +143,7 @@ def layer_faults(materials: MaterialsConfig, path: str) -> Iterator[InvalidInput
                 yield InvalidInputError(
                     f"{path}.{place}.semantic_id",
                     semantic_id,
-                    f"an id that does not have the name {known!r} already",
+                    f"an id that does not have the name {quoted(known)} already",
                 )
 
 

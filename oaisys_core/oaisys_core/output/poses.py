@@ -7,11 +7,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import read_csv
 from oaisys_core.geometry import checked_pose
 from oaisys_core.output.files import append_text, csv_text, write_text
 from oaisys_core.types import Pose
 
 POSE_COLUMNS = ("sample_id", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+
+
+MOST_POSES = 200_000
+"""Rows of a file of poses, waypoints or a trajectory."""
 
 
 def append_pose(path: Path, sample_id: int, pose: Pose) -> None:
@@ -42,9 +47,8 @@ def read_poses(path: Path, columns: Sequence[str] | None = None) -> list[Pose]:
         InvalidInputError: The file cannot be read or a row is not a pose; names line and value.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file, columns))
-    except (OSError, UnicodeDecodeError) as error:
+        rows = read_csv(path, MOST_POSES, columns)
+    except (OSError, ValueError) as error:
         raise InvalidInputError("poses", str(path), f"a readable CSV file ({error})") from error
     poses = []
     for line, row in enumerate(rows, start=2 if columns is None else 1):

@@ -10,10 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, quoted
+from oaisys_core.files.documents import parse_json, read_text
 from oaisys_core.output.files import write_text
 from oaisys_core.trajectory import RigMotion
 from oaisys_core.types import Odometry, PinholeIntrinsics, Pose, Provenance, Sample
+
+MOST_RECORD_BYTES = 64_000_000
+"""Size of a sample's or an export's record."""
 
 
 def sample_record(sample: Sample, files: Mapping[tuple[str, str], str]) -> dict[str, Any]:
@@ -92,9 +96,9 @@ def previous_rig_poses(provenance: Provenance) -> dict[str, Pose]:
     """
     text = provenance.previous_poses_json or "{}"
     try:
-        return {name: pose_from_record(pose) for name, pose in json.loads(text).items()}
+        return {name: pose_from_record(pose) for name, pose in parse_json(text).items()}
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        expected = f"the JSON of poses by the sensor's name ({error!r})"
+        expected = f"the JSON of poses by the sensor's name ({quoted(error)})"
         raise InvalidInputError("provenance.previous_poses_json", text[:80], expected) from error
 
 
@@ -119,6 +123,6 @@ def read_json(path: Path) -> Any:
         InvalidInputError: It cannot be read.
     """
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return parse_json(read_text(path, MOST_RECORD_BYTES))
     except (OSError, ValueError) as error:
         raise InvalidInputError("file", str(path), f"a readable JSON file ({error})") from error

@@ -20,7 +20,7 @@ from oaisys_core.config.sections.density import (
     SlopeDensity,
     VoronoiDensity,
 )
-from oaisys_core.errors import ConfigError
+from oaisys_core.errors import ConfigError, quoted
 from oaisys_core.scatter.placement import slope_deg
 from oaisys_core.scene import Ground
 from oaisys_core.terrain.moisture import moisture
@@ -174,6 +174,8 @@ def _image(config: ImageDensity) -> Field:
     pixels: NDArray[np.uint8 | np.uint16] | None
     pixels = cv2.imread(str(config.file), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE)
     if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
-        raise ConfigError(f"density.file: received {str(config.file)!r}, expected a grey image")
+        raise ConfigError(
+            f"density.file: received {quoted(str(config.file))}, expected a grey image"
+        )
     share = pixels[::-1].astype(np.float32) / np.float32(np.iinfo(pixels.dtype).max)
     return np.asarray(1 - share if config.invert else share)

@@ -19,7 +19,6 @@ Azimuth turns from x (ahead) to y (left), elevation upwards; both in the lidar's
 
 from __future__ import annotations
 
-import csv
 from functools import lru_cache
 from math import pi, radians
 from pathlib import Path
@@ -35,7 +34,8 @@ from oaisys_core.config.sections.lidars import (
     RosetteScanConfig,
     RotatingScanConfig,
 )
-from oaisys_core.errors import ConfigError
+from oaisys_core.errors import ConfigError, quoted
+from oaisys_core.files.documents import read_csv
 from oaisys_core.scene import ScanPattern
 from oaisys_core.types import FloatArray
 
@@ -135,13 +135,12 @@ def _from_file(path: Path) -> ScanPattern:
 
 def _read(path: Path) -> tuple[FloatArray, FloatArray, NDArray[np.uint16]]:
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
+        rows = read_csv(path, MAX_RAYS)
         values = np.array([[float(row[name]) for name in CSV_COLUMNS] for row in rows])
         rings = np.array([int(row.get("ring") or 0) for row in rows])
     except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
         expected = f"a CSV file with numbers in the columns {', '.join(CSV_COLUMNS)}"
-        raise ConfigError(f"{path}: expected {expected} ({error!r})") from error
+        raise ConfigError(f"{path}: expected {expected} ({quoted(error)})") from error
     if not 0 < len(values) <= MAX_RAYS:
         raise ConfigError(f"{path}: {len(values)} rays, expected 1 to {MAX_RAYS}")
     if not np.isfinite(values).all() or values[:, 2].min() < 0:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import MOST_ROW_BYTES, read_csv, read_text
 from oaisys_core.geometry import checked_pose
 from oaisys_core.output.files import write_text
-from oaisys_core.output.poses import POSE_COLUMNS
+from oaisys_core.output.poses import MOST_POSES, POSE_COLUMNS
 from oaisys_core.trajectory.trajectory import Trajectory
 from oaisys_core.types import FloatArray
 
@@ -30,9 +30,8 @@ def read_trajectory(path: Path) -> Trajectory:
         InvalidInputError: The file cannot be read, or a row is not a pose; names line and value.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            lines = _tum_lines(file) if path.suffix in TUM_SUFFIXES else _csv_lines(file)
-    except (OSError, UnicodeDecodeError) as error:
+        lines = _tum_lines(path) if path.suffix in TUM_SUFFIXES else _csv_lines(path)
+    except (OSError, ValueError) as error:
         raise InvalidInputError("trajectory", str(path), f"a readable file ({error})") from error
     rows = [_row(f"{path}:{number}", texts) for number, texts in lines]
     if len(rows) < 2:
@@ -61,17 +60,18 @@ def write_poses(path: Path, table: FloatArray) -> None:
     write_text(path, "\n".join([head, *rows, ""]))
 
 
-def _csv_lines(file: Iterable[str]) -> list[tuple[int, list[str | None]]]:
-    rows = list(csv.DictReader(file))
+def _csv_lines(path: Path) -> list[tuple[int, list[str | None]]]:
+    rows = read_csv(path, MOST_POSES)
     return [
         (number, [row.get(column) for column in TRAJECTORY_COLUMNS])
         for number, row in enumerate(rows, start=2)
     ]
 
 
-def _tum_lines(file: Iterable[str]) -> list[tuple[int, list[str | None]]]:
+def _tum_lines(path: Path) -> list[tuple[int, list[str | None]]]:
     lines: list[tuple[int, list[str | None]]] = []
-    for number, line in enumerate(file, start=1):
+    text = read_text(path, MOST_POSES * MOST_ROW_BYTES)
+    for number, line in enumerate(text.splitlines(), start=1):
         texts = line.partition("#")[0].replace(",", " ").split()
         if texts:
             lines.append((number, list(texts)))

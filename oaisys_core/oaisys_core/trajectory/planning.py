@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,9 @@ from oaisys_core.config.sections.drive import (
     RoverConfig,
 )
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import read_csv
 from oaisys_core.modules.clearance import HeightLookup
+from oaisys_core.output.poses import MOST_POSES
 from oaisys_core.trajectory.drone import plan_flight
 from oaisys_core.trajectory.files import read_trajectory
 from oaisys_core.trajectory.rover import Obstacle, plan_rover_drive
@@ -145,9 +146,8 @@ def read_waypoints(path: Path) -> FloatArray:
         InvalidInputError: The file cannot be read, or a row has no numbers; names line and value.
     """
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError) as error:
+        rows = read_csv(path, MOST_POSES)
+    except (OSError, ValueError) as error:
         expected = f"a readable CSV file ({error})"
         raise InvalidInputError("drive.waypoints_file", str(path), expected) from error
     points = []

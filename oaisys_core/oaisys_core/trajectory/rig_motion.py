@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import parse_json
 from oaisys_core.types import FloatArray, ShortRepr
 
 TIME_TOLERANCE_S = 1e-6
@@ -102,7 +103,7 @@ class RigMotion(ShortRepr):
         """
         expected = "the JSON of a motion: knots_s, positions, quats_xyzw, turns"
         try:
-            data = json.loads(text)
+            data = parse_json(text)
             arrays = {name: _array(data.pop(name)) for name in cls.__dataclass_fields__}
             count = len(arrays["quats_xyzw"])
             shapes = {"knots_s": (count + 1,), "quats_xyzw": (count, 4)}

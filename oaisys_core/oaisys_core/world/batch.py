@@ -12,6 +12,7 @@ import numpy as np
 from pydantic import BaseModel
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import parse_json
 from oaisys_core.module import World
 from oaisys_core.output.records import previous_rig_poses
 from oaisys_core.scene import PlacedCamera, PlacedLidar
@@ -170,7 +171,7 @@ def _pose_from_state(state: Mapping[str, Any]) -> Pose:
 
 def _mapping(field: str, text: str) -> Mapping[str, Any]:
     try:
-        found = json.loads(text)
+        found = parse_json(text)
     except ValueError as error:
         raise InvalidInputError(field, text[:80], f"JSON ({error})") from error
     if not isinstance(found, Mapping):

@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, quoted
+from oaisys_core.files.documents import parse_json
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.terrain.mesh_ground import MeshGround
 
@@ -100,7 +101,7 @@ def load_stage(path: Path, field: str = "stage.reuse.file") -> StageRecord:
     try:
         with np.load(path, allow_pickle=False) as arrays:
             found = dict(arrays)
-        data = json.loads(str(found["record"]))
+        data = parse_json(str(found["record"]))
         if data["format"] != FORMAT:
             raise InvalidInputError(field, data["format"], f"a stage of format {FORMAT}")
         record = StageRecord(
@@ -112,7 +113,7 @@ def load_stage(path: Path, field: str = "stage.reuse.file") -> StageRecord:
             asset_metadata=data["asset_metadata"],
         )
     except (OSError, KeyError, TypeError, ValueError, zipfile.BadZipFile) as error:
-        raise InvalidInputError(field, str(path), f"{expected} ({error!r})") from error
+        raise InvalidInputError(field, str(path), f"{expected} ({quoted(error)})") from error
     if content_hash(record.ground) != record.stage_hash:
         raise InvalidInputError(field, str(path), f"{expected} (its hash does not match)")
     return record

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import parse_json, read_text
 from oaisys_mapping.certificate.perturbations import PerturbationResult
 from oaisys_mapping.certificate.signature import PrivateKey, signed
 from oaisys_mapping.certificate.view_files import views_to_json
@@ -110,7 +111,7 @@ def read_certificate(path: Path) -> dict[str, Any]:
         InvalidInputError: The file cannot be read, or is not a certificate.
     """
     try:
-        certificate = json.loads(path.read_text(encoding="utf-8"))
+        certificate = parse_json(read_text(path))
     except (OSError, ValueError) as error:
         raise InvalidInputError("FILE", str(path), f"a certificate as JSON ({error})") from error
     found = certificate.get("format") if isinstance(certificate, dict) else None

@@ -10,8 +10,12 @@ from typing import Any
 import numpy as np
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import parse_json, read_text
 from oaisys_core.types import PinholeIntrinsics
 from oaisys_mapping.evaluation.visibility import PosedCamera
+
+MOST_VIEWS_BYTES = 64_000_000
+"""Size of a file of views; one of them takes half a kilobyte."""
 
 
 def write_views(path: Path, views: Sequence[PosedCamera]) -> None:
@@ -26,7 +30,7 @@ def read_views(path: Path) -> list[PosedCamera]:
         InvalidInputError: The file cannot be read, or a view is incomplete or invalid.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = parse_json(read_text(path, MOST_VIEWS_BYTES))
         views = list(data["views"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         expected = f'a JSON file {{"views": [...]}} ({error})'

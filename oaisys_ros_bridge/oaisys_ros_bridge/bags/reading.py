@@ -10,13 +10,13 @@ from itertools import chain
 from pathlib import Path
 from typing import IO, Any
 
-import yaml
 from mcap.exceptions import McapError
 from mcap.reader import McapReader, NonSeekingReader, make_reader
 from mcap.records import Channel, Message, Schema
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
+from oaisys_core.files.documents import parse_yaml, read_text
 from oaisys_ros_bridge.bags.writing import METADATA_FILE, BagWriter, RecordedTopic
 
 FINISHED = "a finished MCAP file; `oaisys bag recover` saves what one holds that was cut short"
@@ -104,10 +104,10 @@ def _files_of(path: Path) -> Sequence[Path]:
     listing = path / METADATA_FILE
     if listing.is_file():
         try:
-            metadata = yaml.safe_load(listing.read_text(encoding="utf-8"))
+            metadata = parse_yaml(read_text(listing))
             names = metadata["rosbag2_bagfile_information"]["relative_file_paths"]
             files = [path / str(name) for name in names]
-        except (yaml.YAMLError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError) as error:
             raise InvalidInputError(
                 "bag", str(listing), "rosbag2's description of a bag"
             ) from error
@@ -127,7 +127,7 @@ def _topics_of(file: Path) -> Iterator[RecordedTopic]:
 
 
 def _recorded_topic(schema: Schema, channel: Channel) -> RecordedTopic:
-    profiles = yaml.safe_load(channel.metadata.get("offered_qos_profiles", "")) or ()
+    profiles = parse_yaml(channel.metadata.get("offered_qos_profiles", "")) or ()
     return RecordedTopic(channel.topic, schema.name, tuple(profiles))
 
 

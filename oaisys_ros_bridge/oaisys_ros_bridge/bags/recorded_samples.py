@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,6 +15,7 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import parse_json
 from oaisys_core.geometry import pose_to_matrix
 from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
 from oaisys_core.types import (
@@ -175,7 +175,7 @@ def _frame(name: FrameName, data: NDArray[np.generic], sensor: SensorPose) -> Fr
 
 def _faults(text: str) -> DepthFaults:
     try:
-        values: Mapping[str, object] = json.loads(text) if text else {}
+        values: Mapping[str, object] = parse_json(text) if text else {}
         return DepthFaults(**values)  # type: ignore[arg-type] # a wrong name raises TypeError
     except (TypeError, ValueError) as error:
         expected = f"the depth faults of a bridge ({error})"

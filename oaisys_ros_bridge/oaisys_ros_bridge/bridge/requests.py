@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from oaisys_core.errors import (
     one_of,
     one_of_keys,
 )
+from oaisys_core.files.documents import parse_json
 from oaisys_core.geometry import T_LINK_OPTICAL, invert, pose_from_matrix, pose_to_matrix
 from oaisys_core.types import ModuleMetadata, Pose, SimulatorInfo, TimedPoses
 from oaisys_msgs.action import Drive
@@ -221,8 +221,8 @@ def metadata_of_modules(metadata_json: str) -> ModuleMetadata | None:
 
 def _json_object(field: str, text: str) -> dict[str, Any]:
     try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
+        value = parse_json(text)
+    except ValueError as error:
         raise InvalidInputError(field, text, f"a JSON object ({error})") from None
     if not isinstance(value, dict):
         raise InvalidInputError(field, text, "a JSON object")

@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.files.documents import parse_yaml, read_text
 
 LOG_LEVELS = ("debug", "info", "warn", "error", "fatal")
 WILDCARDS = ("**", "*")
@@ -101,8 +100,8 @@ def _named(file: Path) -> Mapping[str, Mapping[str, Any]]:
     """Return the parameters in a file, by the last part of its nodes' names."""
     expected = f"a YAML file of parameters: NODE: {{{PARAMETERS}: {{NAME: VALUE}}}}"
     try:
-        nodes = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        nodes = parse_yaml(read_text(file))
+    except (OSError, ValueError):
         raise InvalidInputError("params_file", str(file), expected) from None
     if not isinstance(nodes, dict):
         raise InvalidInputError("params_file", str(file), expected)

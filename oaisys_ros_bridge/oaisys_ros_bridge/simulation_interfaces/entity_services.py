@@ -11,7 +11,7 @@ from rclpy.node import Node
 from simulation_interfaces.msg import EntityCategory, EntityInfo, EntityState, Result
 from std_msgs.msg import Header
 
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, quoted
 from oaisys_ros_bridge.bridge.rendering import Renderer
 from oaisys_ros_bridge.bridge.requests import ViewRequest, rig_pose
 from oaisys_ros_bridge.conversions import pose_to_msg, pose_to_stamped_msg
@@ -153,7 +153,9 @@ class EntityServices:
         own = {e.name for e in self._rig_entities()}
         name = request.name
         if name and not NAME.fullmatch(name):
-            message = f"name: received {name!r}, expected a letter, then letters, digits, _ or -"
+            message = (
+                f"name: received {quoted(name)}, expected a letter, then letters, digits, _ or -"
+            )
             raise RefusedError(srv.SpawnEntity.Response.NAME_INVALID, message)
         if not name:
             return self._things.free_name(stem, own)
@@ -161,12 +163,12 @@ class EntityServices:
             return str(name)
         if request.allow_renaming:
             return self._things.free_name(name, own)
-        raise NameTakenError(f"name: received {name!r}, which something has already")
+        raise NameTakenError(f"name: received {quoted(name)}, which something has already")
 
     def _delete_entity(self, request: Any, response: Any) -> None:
         entity = self._entity(request.entity)
         if entity.thing is None:
-            message = f"entity: received {entity.name!r}, the rig and its sensors stay"
+            message = f"entity: received {quoted(entity.name)}, the rig and its sensors stay"
             raise RefusedError(Result.RESULT_OPERATION_FAILED, message)
         self._things.delete(entity.thing)
 
@@ -188,7 +190,7 @@ class EntityServices:
         entity = entities.get(name) or self._things.find(name)
         if entity is None:
             expected = f"one of {', '.join(entities)}, or something on the ground (get_entities)"
-            message = f"entity: received {name!r}, expected {expected}"
+            message = f"entity: received {quoted(name)}, expected {expected}"
             raise RefusedError(Result.RESULT_NOT_FOUND, message)
         return entity
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from simulation_interfaces.msg import Bounds, EntityFilters
 
-from oaisys_core.errors import NotFoundError
+from oaisys_core.errors import NotFoundError, quoted
 from oaisys_core.types import (
     MAX_OBJECTS,
     ModuleMetadata,
@@ -100,7 +100,7 @@ class SceneEntities:
         """
         with self._changing:
             if self.find(name) is not None:
-                raise NameTakenError(f"name: received {name!r}, which something has already")
+                raise NameTakenError(f"name: received {quoted(name)}, which something has already")
             self._change({"add": {name: {**_UNCHANGED_LOOK, **spec, **_pose_keys(pose)}}})
             entity = self.find(name)
         if entity is None or entity.thing is None:  # the spec hides it

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from pathlib import PurePosixPath
@@ -12,6 +11,7 @@ from urllib.parse import unquote, urlparse
 from simulation_interfaces.msg import Resource
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import parse_json
 
 MESH_FORMATS = ("obj", "glb", "ply", "blend")
 SPAWN_FORMATS = (*MESH_FORMATS, "json")
@@ -43,8 +43,8 @@ def spec_of(resource: Resource, labels: Mapping[int, str]) -> dict[str, Any]:
     if resource.uri:
         return _labelled(_of_uri(resource.uri), labels)
     try:
-        spec = json.loads(resource.resource_string)
-    except json.JSONDecodeError as error:
+        spec = parse_json(resource.resource_string)
+    except ValueError as error:
         expected = f"a JSON object ({error})"
         raise InvalidInputError("resource_string", resource.resource_string, expected) from None
     if not isinstance(spec, dict) or {"position_m", "quat_xyzw", "on_ground"} & spec.keys():

@@ -7,6 +7,7 @@ import re
 from dataclasses import dataclass
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import parse_json
 from oaisys_core.types import ModuleMetadata
 from oaisys_ros_bridge.bridge.requests import metadata_of_modules
 
@@ -50,8 +51,8 @@ def world_from_json(text: str) -> WorldRequest:
         InvalidInputError: Not such an object.
     """
     try:
-        value = json.loads(text)
-    except json.JSONDecodeError as error:
+        value = parse_json(text)
+    except ValueError as error:
         raise InvalidInputError("resource_string", text, f"a JSON object ({error})") from None
     if not isinstance(value, dict) or not value.keys() <= KEYS:
         expected = f"a JSON object with keys out of {', '.join(sorted(KEYS))}"

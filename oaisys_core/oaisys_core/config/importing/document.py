@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from oaisys_core.errors import ConfigError
+from oaisys_core.files.documents import parse_json, read_text
 
 Json = dict[str, Any]
 
@@ -33,7 +33,7 @@ def load_document(path: Path) -> Json:
         ConfigError: It cannot be read, or is not an original configuration.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = parse_json(read_text(path))
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: is not a readable JSON file: {error}") from error
     if not isinstance(data, dict) or not set(SECTIONS) & set(data):

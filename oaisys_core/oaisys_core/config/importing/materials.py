@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from functools import partial
@@ -12,6 +11,7 @@ from typing import Any
 from oaisys_core.config.importing.context import ImportContext
 from oaisys_core.config.importing.document import Json, entries, part, span
 from oaisys_core.config.importing.stand_ins import StandIns
+from oaisys_core.files.documents import parse_json, read_text
 
 STAND_INS = {
     "rock": "bedrock",
@@ -145,7 +145,7 @@ def _with_template(entry: Json, job: ImportContext) -> Json:
     if name is None:
         return entry
     file = job.file(str(name), "defaults and the name of its folder")
-    template = json.loads(file.read_text(encoding="utf-8")) if file is not None else {}
+    template = parse_json(read_text(file)) if file is not None else {}
     return {**template, **entry}
 
 

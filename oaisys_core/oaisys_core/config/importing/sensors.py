@@ -15,8 +15,9 @@ from oaisys_core.config.importing.frames import (
     mount,
     rig_pose,
 )
-from oaisys_core.errors import ConfigError
-from oaisys_core.output.poses import append_pose
+from oaisys_core.errors import ConfigError, quoted
+from oaisys_core.files.documents import MOST_ROW_BYTES, read_text
+from oaisys_core.output.poses import MOST_POSES, append_pose
 
 NO_PASSES: dict[str, list[int]] = {"RGBDPass": [1], "SemanticPass": [1, 1], "InstancePass": [1]}
 DOWN_YAW_DEG = -90.0
@@ -156,7 +157,7 @@ def _around(general: Json, document: Json, job: ImportContext, targets: dict[str
     name = str(general.get("targetObject", ""))
     target = targets.get(name) or next(iter(targets.values()), None)
     if target is None:
-        job.warn(f"the target object {name!r} does not exist: the rig looks at the origin")
+        job.warn(f"the target object {quoted(name)} does not exist: the rig looks at the origin")
         target = {"position_m": [0.0, 0.0, 0.0], "radius_m": 1.0}
     radius_m = target["radius_m"]
     least, most = (
@@ -196,12 +197,15 @@ def _from_file(general: Json, job: ImportContext) -> Json:
 def _turn_poses(source: Path, target: Path) -> None:
     """Convert the poses of an original file (frame, x, y, z, qw, qx, qy, qz) to our convention."""
     target.unlink(missing_ok=True)
-    with source.open(newline="", encoding="utf-8") as file:
-        for line, row in enumerate(csv.reader(file), start=1):
-            try:
-                append_pose(target, int(row[0]), rig_pose([float(value) for value in row[1:8]]))
-            except (ValueError, IndexError) as error:
-                expected = "a frame's number, x, y, z, qw, qx, qy, qz"
-                raise ConfigError(
-                    f"{source}:{line}: received {row}, expected {expected}"
-                ) from error
+    try:
+        text = read_text(source, MOST_POSES * MOST_ROW_BYTES)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{source}: cannot be read: {error}") from error
+    for line, row in enumerate(csv.reader(text.splitlines()), start=1):
+        try:
+            append_pose(target, int(row[0]), rig_pose([float(value) for value in row[1:8]]))
+        except (ValueError, IndexError) as error:
+            expected = "a frame's number, x, y, z, qw, qx, qy, qz"
+            raise ConfigError(
+                f"{source}:{line}: received {quoted(row)}, expected {expected}"
+            ) from error

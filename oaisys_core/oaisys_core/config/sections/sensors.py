@@ -13,7 +13,7 @@ from oaisys_core.config.sections.faults import FaultsConfig
 from oaisys_core.config.sections.imu import ImuConfig
 from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.motion import AnyMotion, GivenMotion
-from oaisys_core.errors import one_of
+from oaisys_core.errors import one_of, quoted
 from oaisys_core.types import (
     DISPARITY,
     EQUIDISTANT,
@@ -208,7 +208,9 @@ class CameraConfig(OpticsConfig):
             raise ValueError("modalities must differ")
         for modality in self.modality_intervals:
             if modality not in self.modalities:
-                raise ValueError(f"modality_intervals names {modality!r}, which it does not render")
+                raise ValueError(
+                    f"modality_intervals names {quoted(modality)}, which it does not render"
+                )
         return self
 
     @model_validator(mode="after")

@@ -11,7 +11,7 @@ import numpy as np
 from oaisys_core import randomness
 from oaisys_core.config.section import Labelled
 from oaisys_core.config.sections.objects import ShapedConfig
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, quoted
 from oaisys_core.interruption import stop_if_unwanted
 from oaisys_core.module import World, require
 from oaisys_core.modules.assets.drawing import AssetPlacement, DrawnAssets, fixed_pose, single
@@ -250,7 +250,7 @@ def check_labels(metadata: AssetMetadata, labels: Mapping[int, str]) -> None:
             known = names.setdefault(semantic_id, label)
             if known != label:
                 path = f"metadata.{PART}.add.{name}.label"
-                raise InvalidInputError(path, label, f"{known!r}, the name of {semantic_id}")
+                raise InvalidInputError(path, label, f"{quoted(known)}, the name of {semantic_id}")
 
 
 def _kept(old: tuple[T, ...], new: Sequence[T]) -> tuple[T, ...]:

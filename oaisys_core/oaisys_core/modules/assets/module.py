@@ -12,7 +12,7 @@ from oaisys_core.config.sections.assets import AssetsConfig
 from oaisys_core.config.sections.density import LayerDensity
 from oaisys_core.config.sections.groups import MOST_INSTANCES
 from oaisys_core.config.sections.objects import ShapedConfig
-from oaisys_core.errors import ConfigError, InvalidInputError, one_of
+from oaisys_core.errors import ConfigError, InvalidInputError, one_of, quoted
 from oaisys_core.module import Metadata, Module, World, require
 from oaisys_core.modules.assets.drawing import AssetGenerator, DrawnAssets
 from oaisys_core.modules.assets.edits import EditedAssets, check_labels
@@ -212,7 +212,7 @@ class AssetsModule(Module):
             other = ids.setdefault(added_id(name), name)
             if other != name:
                 raise InvalidInputError(
-                    path, name, f"a name whose instance id differs from that of {other!r}"
+                    path, name, f"a name whose instance id differs from that of {quoted(other)}"
                 )
 
 

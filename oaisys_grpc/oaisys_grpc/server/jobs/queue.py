@@ -20,6 +20,7 @@ from oaisys_core.errors import (
     NotFoundError,
     OaisysError,
     QueueFullError,
+    quoted,
 )
 from oaisys_core.types import Progress
 from oaisys_grpc.contract.faults import OvertakenError, ServerUnavailableError
@@ -144,7 +145,9 @@ class OperationQueue:
         with self._lock:
             operation = self._known.get(name)
         if operation is None:
-            raise NotFoundError(f"there is no operation {name!r}; ended ones are forgotten in time")
+            raise NotFoundError(
+                f"there is no operation {quoted(name)}; ended ones are forgotten in time"
+            )
         return operation
 
     def cancel(self, name: str) -> Operation:

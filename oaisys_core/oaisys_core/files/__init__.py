@@ -1,0 +1,1 @@
+"""Files from outside, opened within bounds: their sizes are known before they are decoded."""

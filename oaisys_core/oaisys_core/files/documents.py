@@ -1,0 +1,217 @@
+"""YAML, JSON, CSV and plain text from outside, within bounds of size, nesting and repetition."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import stat
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import yaml
+
+MOST_TEXT_BYTES = 4_000_000
+"""Size of a YAML or JSON file that a person may have written."""
+
+MOST_VALUES = 500_000
+"""Values in a YAML document after each alias is replaced by what it stands for."""
+
+MOST_DEPTH = 64
+"""Lists and mappings inside of each other, aliases followed."""
+
+LONGEST_NUMBER = 400
+"""Characters of a number or a date in YAML; reading longer ones takes time with their square."""
+
+MOST_ROW_BYTES = 256
+"""Mean size of a row in a CSV file."""
+
+_NUMBERS = tuple(f"tag:yaml.org,2002:{kind}" for kind in ("int", "float", "timestamp"))
+
+
+class DocumentError(ValueError):
+    """A document cannot be read, or is larger or more nested than its bounds."""
+
+
+def read_text(path: Path, most_bytes: int = MOST_TEXT_BYTES) -> str:
+    """Return the text in a file.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is no regular file, too large, or not UTF-8.
+    """
+    return read_bytes(path, most_bytes).decode("utf-8")
+
+
+def read_bytes(path: Path, most_bytes: int) -> bytes:
+    """Return the content of a regular file of at most ``most_bytes``.
+
+    Raises:
+        OSError: It cannot be read.
+        DocumentError: It is no regular file, such as a pipe that never ends, or it is too large.
+    """
+    # Opening a pipe would wait for its writer.
+    with open(path, "rb", opener=_open_without_waiting) as file:
+        status = os.fstat(file.fileno())
+        if not stat.S_ISREG(status.st_mode):
+            raise DocumentError("it is not a regular file")
+        if status.st_size > most_bytes:
+            raise DocumentError(f"it has {status.st_size} bytes, more than {most_bytes}")
+        data = file.read(most_bytes + 1)
+    if len(data) > most_bytes:
+        raise DocumentError(f"it has more than {most_bytes} bytes")
+    return data
+
+
+def _open_without_waiting(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC)
+
+
+def parse_json(text: str | bytes) -> Any:
+    """Return the data in a JSON text.
+
+    Raises:
+        ValueError: It is not JSON, or is nested more than `MOST_DEPTH` times.
+    """
+    try:
+        data = json.loads(text)
+    except RecursionError:
+        raise DocumentError(f"it is nested more than {MOST_DEPTH} times") from None
+    # A text with fewer brackets than that cannot be nested deeper, and most have fewer.
+    raw = text if isinstance(text, bytes) else text.encode(errors="replace")
+    if raw.count(b"[") + raw.count(b"{") > MOST_DEPTH:
+        _check_depth(data)
+    return data
+
+
+def _check_depth(data: Any) -> None:
+    level, depth = [data], 0
+    while level:
+        depth += 1
+        if depth > MOST_DEPTH + 1:
+            raise DocumentError(f"it is nested more than {MOST_DEPTH} times")
+        level = [
+            each
+            for value in level
+            if isinstance(value, dict | list)
+            for each in (value.values() if isinstance(value, dict) else value)
+        ]
+
+
+def parse_yaml(text: str) -> Any:
+    """Return the data of the only document in a YAML text.
+
+    Raises:
+        DocumentError: It is not YAML, or beyond the bounds of this module.
+    """
+    return parse_yaml_with_lines(text)[0]
+
+
+def parse_yaml_with_lines(text: str) -> tuple[Any, yaml.Node | None]:
+    """Return the data of the only document in a YAML text, and its nodes, which know their lines.
+
+    Raises:
+        DocumentError: It is not YAML, or beyond the bounds of this module.
+    """
+    import yaml
+
+    if len(text) > MOST_TEXT_BYTES:
+        raise DocumentError(f"it has {len(text)} characters, more than {MOST_TEXT_BYTES}")
+    loader_class = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    try:
+        _check_nesting(yaml.parse(text, Loader=loader_class))
+        root = yaml.compose(text, Loader=loader_class)
+        if root is None:
+            return None, None
+        _check_expansion(root)
+        # Merge keys change the nodes, which the caller wants as they are in the file.
+        data = yaml.load(text, Loader=loader_class)  # noqa: S506
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
+        raise error if isinstance(error, DocumentError) else DocumentError(str(error)) from error
+    return data, root
+
+
+def _check_nesting(events: Iterator[yaml.Event]) -> None:
+    """Raise if collections are nested too deeply for the composer, which calls itself."""
+    import yaml
+
+    depth = 0
+    for event in events:
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+            if depth > MOST_DEPTH:
+                line = _line(event.start_mark)
+                raise DocumentError(f"line {line} is nested more than {MOST_DEPTH} times")
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+
+
+def _check_expansion(root: yaml.Node) -> None:
+    """Raise if a document is too large or too deep after its aliases are replaced."""
+    import yaml
+
+    sizes: dict[int, tuple[int, int] | None] = {}
+
+    def measure(node: yaml.Node) -> tuple[int, int]:
+        line = _line(node.start_mark)
+        if id(node) in sizes:
+            known = sizes[id(node)]
+            if known is None:
+                raise DocumentError(f"line {line}: an alias stands for what contains it")
+            return known
+        if isinstance(node, yaml.ScalarNode):
+            if node.tag in _NUMBERS and len(node.value) > LONGEST_NUMBER:
+                raise DocumentError(f"line {line}: a number of more than {LONGEST_NUMBER} digits")
+            return 1, 0
+        sizes[id(node)] = None
+        children = [measure(child) for child in _children(node)]
+        size, depth = 1 + sum(s for s, _ in children), 1 + max((d for _, d in children), default=0)
+        if size > MOST_VALUES:
+            expected = f"more than {MOST_VALUES} values, aliases replaced"
+            raise DocumentError(f"line {line}: {expected}")
+        if depth > MOST_DEPTH:
+            raise DocumentError(f"line {line} is nested more than {MOST_DEPTH} times")
+        sizes[id(node)] = size, depth
+        return size, depth
+
+    measure(root)
+
+
+def _line(mark: Any) -> int:
+    return int(mark.line) + 1
+
+
+def _children(node: yaml.Node) -> Iterator[yaml.Node]:
+    for value in node.value:
+        if isinstance(value, tuple):
+            yield from value
+        else:
+            yield value
+
+
+def read_csv(
+    path: Path, most_rows: int, columns: Sequence[str] | None = None
+) -> list[dict[str, str]]:
+    """Return the rows of a CSV file by the names of their columns.
+
+    Args:
+        path: The file.
+        most_rows: How many it may have.
+        columns: Names of the columns; None: the first row has them.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is no CSV file, or has more rows or bytes than it may.
+    """
+    lines = read_text(path, most_rows * MOST_ROW_BYTES).splitlines(keepends=True)
+    rows: list[dict[str, str]] = []
+    try:
+        for row in csv.DictReader(lines, columns):
+            if len(rows) == most_rows:
+                raise DocumentError(f"it has more than {most_rows} rows")
+            rows.append(row)
+    except csv.Error as error:
+        raise DocumentError(f"it is not a CSV file: {error}") from error
+    return rows

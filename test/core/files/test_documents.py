@@ -1,0 +1,143 @@
+"""Hostile YAML, JSON and CSV: refused in a moment, with one sentence."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from oaisys_core.cli.metadata_file import load_steps
+from oaisys_core.config import load_config
+from oaisys_core.errors import ConfigError, InvalidInputError, quoted
+from oaisys_core.files.documents import (
+    MOST_DEPTH,
+    MOST_TEXT_BYTES,
+    DocumentError,
+    parse_json,
+    parse_yaml,
+    read_csv,
+    read_text,
+)
+
+LAUGHS = "a0: &a0 [lol]\n" + "".join(
+    f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]\n" for n in range(1, 10)
+)
+MERGED_LAUGHS = "a0: &a0 {k: 1}\n" + "".join(
+    f"a{n}: &a{n} {{<<: [{', '.join([f'*a{n - 1}'] * 10)}]}}\n" for n in range(1, 10)
+)
+CHAIN = "a0: &a0 [1]\n" + "".join(f"a{n}: &a{n} [*a{n - 1}]\n" for n in range(1, 2000))
+HOSTILE = {
+    "aliases": LAUGHS,
+    "merge keys": MERGED_LAUGHS,
+    "a chain of aliases": CHAIN,
+    "a circle": "seed: &a [*a]\n",
+    "a circle of merges": "a: &a\n  <<: *a\n",
+    "brackets": "[" * 20_000,
+    "nested keys": "".join(f"{' ' * n}a:\n" for n in range(1000)),
+    "digits": "seed: " + "1" * 100_000,
+    "base 60": "seed: 1" + ":59" * 300_000,
+    "a date that is none": "seed: 2001-99-99",
+    "its size": "# " + "x" * MOST_TEXT_BYTES,
+}
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("what", HOSTILE)
+def test_hostile_yaml_is_refused_at_once(tmp_path: Path, what: str) -> None:
+    file = tmp_path / "world.yaml"
+    file.write_text(HOSTILE[what])
+    with pytest.raises(ConfigError) as refused:
+        load_config(file)
+    assert len(str(refused.value)) < 1000
+    with pytest.raises(InvalidInputError):
+        load_steps(file)
+
+
+def test_ordinary_aliases_and_merges_are_replaced() -> None:
+    text = "a: &a {x: 1, y: 2}\nb: {<<: *a, y: 3}\nc: [*a, *a]\n"
+    assert parse_yaml(text) == {
+        "a": {"x": 1, "y": 2},
+        "b": {"x": 1, "y": 3},
+        "c": [{"x": 1, "y": 2}] * 2,
+    }
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[" * 100_000, '{"a":' * 10_000 + "1" + "}" * 10_000, "[" * 200 + "]" * 200],
+    ids=["open", "objects", "lists"],
+)
+def test_nested_json_is_refused(text: str) -> None:
+    with pytest.raises(DocumentError, match=f"nested more than {MOST_DEPTH} times"):
+        parse_json(text)
+
+
+def test_long_numbers_in_json_are_refused() -> None:
+    with pytest.raises(ValueError, match="limit"):
+        parse_json("1" * 100_000)
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(DocumentError, match="regular file"):
+        read_text(tmp_path / "pipe.yaml")
+
+
+def test_rows_beyond_the_most_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    file = tmp_path / "poses.csv"
+    file.write_text("x_m,y_m\n" + "1,2\n" * 11)
+    assert len(read_csv(file, 11)) == 11
+    with pytest.raises(DocumentError, match="more than 10 rows"):
+        read_csv(file, 10)
+    with file.open("wb") as sparse:
+        sparse.truncate(10**11)
+    with pytest.raises(DocumentError, match="100000000000 bytes"):
+        read_csv(file, 10)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [1, "text", (1,), [1, (2, "x")], {"a": {"b": [None]}}, 1.5, b"bytes", [], (), {}, True],
+)
+def test_short_values_are_quoted_whole(value: Any) -> None:
+    assert quoted(value) == repr(value)
+
+
+def nested(depth: int) -> list[Any]:
+    value: list[Any] = []
+    for _ in range(depth):
+        value = [value]
+    return value
+
+
+def shared(levels: int) -> list[Any]:
+    value: list[Any] = ["lol"]
+    for _ in range(levels):
+        value = [value] * 10
+    return value
+
+
+LONG = {
+    "text": "x" * 10**7,
+    "a number": 10**100_000,
+    "nested lists": nested(100_000),
+    "a list repeated": shared(30),
+    "a key": {"k" * 10**6: 1},
+    "bytes": b"x" * 10**6,
+}
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("value", LONG.values(), ids=LONG)
+def test_of_long_values_errors_show_the_beginning(value: Any) -> None:
+    message = str(InvalidInputError("field", value, "another"))
+    assert len(message) < 80 + len("field: received , expected another") + 1
+
+
+def test_of_a_long_path_errors_show_the_file() -> None:
+    shown = quoted("/data/" + "folder/" * 30 + "stage.obj")
+    assert len(shown) <= 80
+    assert shown.startswith("'/data/")
+    assert shown.endswith("stage.obj'")
