@@ -17,6 +17,7 @@ from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.task import Future
+from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Bool, Header
 
 from oaisys_msgs.srv import SetPose
@@ -75,8 +76,8 @@ def main() -> int:
     """Run the planner and return its exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--timeout", type=float, default=120.0, help="seconds for each wait")
-    options, ros_arguments = parser.parse_known_args()
-    rclpy.init(args=ros_arguments)
+    options = parser.parse_args(remove_ros_args(sys.argv)[1:])
+    rclpy.init(args=sys.argv)
     node = Node("planner")
     try:
         fly(node, options.timeout)

@@ -7,6 +7,7 @@ run this; nobody needs to. Nothing is done where the generated code is up to dat
 
 from __future__ import annotations
 
+import argparse
 import hashlib
 import importlib.resources
 import importlib.util
@@ -90,4 +91,5 @@ def _rewrite_imports(protos: list[Path], output: Path) -> None:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     sys.exit(main())

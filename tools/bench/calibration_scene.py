@@ -8,6 +8,7 @@ change it either: ratios to it are compared between commits.
 
 from __future__ import annotations
 
+import argparse
 import math
 import os
 import sys
@@ -151,6 +152,7 @@ def render_s(samples: int) -> float:
 
 def main() -> None:
     """Answer each line of standard input until its end."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     answers = os.fdopen(os.dup(1), "w", encoding="ascii", buffering=1)
     os.dup2(2, 1)  # Blender prints while it renders
     build()

@@ -6,6 +6,7 @@ input and writes lines of JSON: what it does, then what it measured.
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import importlib
 import json
@@ -157,6 +158,10 @@ def _end_of(log: Path) -> str:
 
 def main() -> None:
     """Run one job and write its result to what was standard output."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("module")
+    parser.add_argument("function")
+    options = parser.parse_args()
     ours = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)  # what libraries print goes to the log
     # A shell makes processes in the background ignore SIGINT.
@@ -167,7 +172,7 @@ def main() -> None:
 
     arguments = json.load(sys.stdin)
     settings = Settings.from_dict(arguments.pop("settings"))
-    job = getattr(importlib.import_module(sys.argv[1]), sys.argv[2])
+    job = getattr(importlib.import_module(options.module), options.function)
     result = job(settings, say, **arguments)
     ours.write(json.dumps({"result": result}) + "\n")
     ours.close()

@@ -7,7 +7,7 @@ An afternoon over a ring of hills, small on purpose: 0.75 degrees to a texel.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import cv2
@@ -78,4 +78,7 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "skies")
+    parser = argparse.ArgumentParser(description=__doc__)
+    usual = Path(__file__).parent / "skies"
+    parser.add_argument("folder", nargs="?", type=Path, default=usual, help="where to write")
+    main(parser.parse_args().folder)

@@ -7,7 +7,7 @@ Small on purpose: they show how folders are named and how a label image goes wit
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import cv2
@@ -91,4 +91,7 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
+    parser = argparse.ArgumentParser(description=__doc__)
+    usual = Path(__file__).parent
+    parser.add_argument("folder", nargs="?", type=Path, default=usual, help="where to write")
+    main(parser.parse_args().folder)

@@ -6,6 +6,7 @@ process of their own.
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import json
 import sys
@@ -180,7 +181,9 @@ def _turned_deg(
 
 def main() -> None:
     """Print the figures of one file as JSON."""
-    with np.load(sys.argv[1]) as data:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file", type=Path)
+    with np.load(parser.parse_args().file) as data:
         print(json.dumps(asdict(_figures(data))))  # noqa: T201 - the parent reads it
 
 

@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from oaisys_core.errors import DeadlineExceededError
+from oaisys_ros_bridge.nodes.program_arguments import checked_ros_arguments
 from oaisys_ros_bridge.transport import prepare_transport
 
 CLOSE_TIMEOUT_S = 2.0
@@ -41,10 +42,14 @@ class BackgroundNode:
         Args:
             name: Of the node.
             arguments: ROS arguments, beginning with ``--ros-args``.
+
+        Raises:
+            InvalidInputError: ROS cannot use these arguments.
         """
         prepare_transport()
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        self.node = Node(name, cli_args=list(arguments))
+        with checked_ros_arguments(arguments):
+            self.node = Node(name, cli_args=list(arguments))
         self.changed = threading.Condition()
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)

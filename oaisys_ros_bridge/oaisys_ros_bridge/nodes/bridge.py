@@ -34,6 +34,7 @@ from oaisys_ros_bridge.nodes.managed_node import (
     ManagedNode,
 )
 from oaisys_ros_bridge.nodes.node_process import run_node
+from oaisys_ros_bridge.nodes.program_arguments import node_parser, parse_arguments
 from oaisys_ros_bridge.parameters.bridge import BRIDGE
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.parameters.table import Changeable, ParameterRow
@@ -295,6 +296,7 @@ class BridgeNode(ParameterNode, ManagedNode):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end."""
+    _, arguments = parse_arguments(node_parser("bridge"), arguments)
     keep_freed_memory()
     stop = threading.Event()
     return run_node(lambda: BridgeNode(stop), arguments, threads=THREADS, stop=stop)

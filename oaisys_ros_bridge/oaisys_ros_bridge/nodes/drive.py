@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import signal
 import sys
 import time
@@ -12,13 +11,13 @@ from typing import Any
 from action_msgs.msg import GoalStatus
 from rclpy.action import ActionClient
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Bool
 
-from oaisys_core.errors import DeadlineExceededError
+from oaisys_core.errors import DeadlineExceededError, InvalidInputError
 from oaisys_msgs.action import Drive
 from oaisys_ros_bridge.bags.recorder_client import RecorderClient
 from oaisys_ros_bridge.nodes.background_node import BackgroundNode, result_of
+from oaisys_ros_bridge.nodes.program_arguments import parse_arguments, program_parser
 from oaisys_ros_bridge.qos import LATCHED_QOS
 
 READY, ACTION = "oaisys_bridge/ready", "oaisys_bridge/drive"
@@ -111,11 +110,10 @@ def verdict(result: Drive.Result) -> int:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Drive once; return 0, or 1 if the drive failed or a measurement is missing.
 
-    ROS arguments come last.
+    It returns 2 where ROS cannot use its arguments.
     """
-    arguments = list(sys.argv if arguments is None else arguments)
-    own = remove_ros_args(arguments)[1:]
-    parser = argparse.ArgumentParser(prog="drive", description=__doc__)
+    about = "Asks the bridge for one drive, says what was measured, and ends with an exit code."
+    parser = program_parser("drive", about, "--sensors front --ros-args -r __ns:=/mars")
     parser.add_argument(
         "--drive-json", default="", help="keys of the section `drive` to replace, as a JSON object"
     )
@@ -127,19 +125,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         action="store_true",
         help="wait until this package's recorder records all that the bridge publishes",
     )
-    options = parser.parse_args(own)
+    options, arguments = parse_arguments(parser, arguments)
     goal = Drive.Goal(drive_json=options.drive_json, sensors=[s for s in options.sensors if s])
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
-    with DriveClient(
-        arguments[1 + len(own) :], wait_for_recorder=options.wait_for_recorder
-    ) as client:
-        try:
+    try:
+        with DriveClient(arguments, wait_for_recorder=options.wait_for_recorder) as client:
             return verdict(client.drive(goal))
-        except DeadlineExceededError as error:
-            sys.stderr.write(f"drive: {error}\n")
-        except KeyboardInterrupt:
-            sys.stderr.write("drive: interrupted before it began\n")
+    except (DeadlineExceededError, InvalidInputError) as error:
+        sys.stderr.write(f"drive: {error}\n")
+        return 2 if isinstance(error, InvalidInputError) else 1
+    except KeyboardInterrupt:
+        sys.stderr.write("drive: interrupted before it began\n")
         return 1
 
 

@@ -28,6 +28,7 @@ from oaisys_ros_bridge.mapper.fusion import Fusion
 from oaisys_ros_bridge.mapper.inputs import IN_MAP, SAMPLE_INFO_TOPIC, MapperInputs
 from oaisys_ros_bridge.mapper.mesh_topics import MeshTopics
 from oaisys_ros_bridge.nodes.node_process import run_node
+from oaisys_ros_bridge.nodes.program_arguments import node_parser, parse_arguments
 from oaisys_ros_bridge.parameters.mapper import MAPPER, tsdf_config
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.qos import LATCHED_QOS
@@ -248,6 +249,7 @@ class MapperNode(ParameterNode, Node):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the node until it is told to end."""
+    _, arguments = parse_arguments(node_parser("mapper"), arguments)
     keep_freed_memory()
     return run_node(MapperNode, arguments)
 

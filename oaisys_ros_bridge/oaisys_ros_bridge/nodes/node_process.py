@@ -18,6 +18,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from oaisys_core.errors import OaisysError
+from oaisys_ros_bridge.nodes.program_arguments import checked_ros_arguments
 from oaisys_ros_bridge.transport import prepare_transport
 
 CALLBACKS_END_S = 3.0
@@ -78,7 +79,7 @@ def run_node(
     """Run a node (`rclpy.node.Node` and `Closable`) until SIGINT, SIGTERM or ``stop``; return 0.
 
     Returns 1 where a callback failed (its traceback is on standard error by then), and 2, after one
-    line on standard error, where the node cannot be made of its parameters.
+    line on standard error, where the node cannot be made of its arguments.
 
     Signals only set a flag: rclpy's own handlers would take the context down while callbacks
     still publish, and a second Ctrl-C would interrupt the first one's cleaning up. SIGABRT writes
@@ -88,9 +89,11 @@ def run_node(
     stop = stop or threading.Event()
     stop_on_signals(stop)
     prepare_transport()
-    rclpy.init(args=arguments, signal_handler_options=SignalHandlerOptions.NO)
+    given = list(sys.argv if arguments is None else arguments)
     try:
-        node = make_node()
+        with checked_ros_arguments(given[1:]):
+            rclpy.init(args=given, signal_handler_options=SignalHandlerOptions.NO)
+            node = make_node()
     except (OaisysError, OSError, ParameterException) as error:
         sys.stderr.write(f"{error}\n")
         rclpy.try_shutdown()

@@ -18,6 +18,7 @@ from oaisys_ros_bridge.bags.played_topic import PlayedTopic
 from oaisys_ros_bridge.bags.reading import BagReader, RecordedMessage
 from oaisys_ros_bridge.namespaces import CLOCK
 from oaisys_ros_bridge.nodes.node_process import run_node
+from oaisys_ros_bridge.nodes.program_arguments import node_parser, parse_arguments
 from oaisys_ros_bridge.parameters.bags import PLAYER
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 
@@ -209,6 +210,7 @@ def _say(line: str) -> None:
 
 def main(arguments: Sequence[str] | None = None, **defaults: Any) -> int:
     """Play a bag to its end, or until SIGINT or SIGTERM; return 1 if it had no reader."""
+    _, arguments = parse_arguments(node_parser("player"), arguments)
     stop = threading.Event()
     made: list[PlayerNode] = []
 

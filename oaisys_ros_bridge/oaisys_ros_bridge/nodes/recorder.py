@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import shutil
 import sys
 import threading
@@ -16,7 +15,6 @@ from typing import Any
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.node import Node
 from rclpy.subscription import Subscription
-from rclpy.utilities import remove_ros_args
 from std_msgs.msg import Bool
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
@@ -34,6 +32,7 @@ from oaisys_ros_bridge.bags.writing import BagWriter
 from oaisys_ros_bridge.conversions import NS_PER_S, nanoseconds
 from oaisys_ros_bridge.namespaces import TF
 from oaisys_ros_bridge.nodes.node_process import run_node
+from oaisys_ros_bridge.nodes.program_arguments import node_parser, parse_arguments
 from oaisys_ros_bridge.parameters.bags import RECORDER
 from oaisys_ros_bridge.parameters.node_parameters import ParameterNode
 from oaisys_ros_bridge.qos import LATCHED_QOS, SMALL_MESSAGE_QOS
@@ -362,14 +361,13 @@ def require_free_space(folder: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Record until SIGINT or SIGTERM."""
-    arguments = list(sys.argv if arguments is None else arguments)
-    parser = argparse.ArgumentParser(prog="recorder", description="Record a rosbag2 MCAP bag.")
+    parser = node_parser("recorder")
     parser.add_argument("--out", default="", help="folder of the bag; new or empty")
     parser.add_argument("--topics", nargs="*", default=(), help="topics to record; default: all")
     parser.add_argument(
         "--all", action="store_true", help="record all other topics beside --topics, too"
     )
-    options = parser.parse_args(remove_ros_args(arguments)[1:])
+    options, arguments = parse_arguments(parser, arguments)
     return run_recorder(arguments, path=options.out, topics=["", *options.topics], all=options.all)
 
 

@@ -36,11 +36,13 @@ class DescribedNode:
     Attributes:
         executable: For ``ros2 run oaisys_ros_bridge``.
         about: One sentence.
+        example: Arguments of its program, which its help shows.
     """
 
     name: str
     executable: str
     about: str
+    example: str
     interfaces: Sequence[Interface]
     parameters: ParameterTable
 
@@ -51,6 +53,7 @@ NODES = (
         "bridge",
         "A managed node: pose requests in, samples out. Configured, it knows the simulator; "
         "active, it renders. It gets there by itself, and again when the simulator is back.",
+        "--ros-args -p address:=127.0.0.1:50051 -r __ns:=/mars",
         BRIDGE_INTERFACES,
         BRIDGE,
     ),
@@ -58,6 +61,7 @@ NODES = (
         "oaisys_mapper",
         "mapper",
         "Rebuilds the surface from depth, cameras and poses.",
+        "--ros-args -p voxel_size:=0.05 -r camera/depth/image_raw:=front/depth",
         MAPPER_INTERFACES,
         MAPPER,
     ),
@@ -65,6 +69,7 @@ NODES = (
         "oaisys_recorder",
         "recorder",
         "Records topics as a rosbag2 MCAP, every message written through; `oaisys record`.",
+        "--out bag --topics /camera/color/image_raw --all --ros-args -p duration_s:=60.0",
         RECORDER_INTERFACES,
         RECORDER,
     ),
@@ -73,6 +78,7 @@ NODES = (
         "player",
         "Publishes a bag again, with its qualities of service; `oaisys bag replay`. Its topics "
         "are the bag's, and `/clock` on request.",
+        "--ros-args -p path:=bag -p clock_hz:=100.0 -r camera/color/image_raw:=image",
         (),
         PLAYER,
     ),

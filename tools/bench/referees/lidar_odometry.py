@@ -6,7 +6,7 @@ scans, see `write_scans`.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -96,8 +96,11 @@ def _found(folder: Path, mode: str) -> FloatArray:
 
 def main() -> None:
     """Write the poses that one mode finds."""
-    folder, mode = Path(sys.argv[1]), sys.argv[2]
-    np.save(folder / _poses(mode), _found(folder, mode))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("mode")
+    options = parser.parse_args()
+    np.save(options.folder / _poses(options.mode), _found(options.folder, options.mode))
 
 
 if __name__ == "__main__":

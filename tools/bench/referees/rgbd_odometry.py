@@ -5,8 +5,8 @@
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -122,7 +122,9 @@ def _moved(before: Any, after: Any, camera: Any) -> tuple[bool, FloatArray]:
 
 def main() -> None:
     """Print the figures of a file as JSON."""
-    with np.load(sys.argv[1]) as data:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("file", type=Path)
+    with np.load(parser.parse_args().file) as data:
         print(json.dumps(asdict(_figures(data))))
 
 

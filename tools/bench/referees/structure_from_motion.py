@@ -6,8 +6,8 @@ The folder has ``images/`` and ``truth.json``, see `write_survey`.
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -170,8 +170,11 @@ def similarity(
 
 def main() -> None:
     """Print the figures of a folder as JSON."""
-    folder, given = Path(sys.argv[1]), sys.argv[2]
-    found = _figures(folder, None if given == "None" else float(given))
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("given", help="a number, or None")
+    options = parser.parse_args()
+    found = _figures(options.folder, None if options.given == "None" else float(options.given))
     print(json.dumps(asdict(found)))
 
 

@@ -1,0 +1,91 @@
+"""The arguments of the nodes' programs: help ends them, and so does what nobody knows."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from waiting import PATIENCE_S
+
+from oaisys_ros_bridge.nodes import bridge, drive, mapper, player, recorder
+from oaisys_ros_bridge.parameters.reference import NODES
+
+pytestmark = pytest.mark.ros
+
+PROGRAMS: dict[str, Callable[..., int]] = {
+    "bridge": bridge.main,
+    "drive": drive.main,
+    "mapper": mapper.main,
+    "player": player.main,
+    "recorder": recorder.main,
+}
+MALFORMED = (
+    ["-p", "rate"],
+    ["-p", ":=3"],
+    ["-p", "rate:=[1, word"],
+    ["-r"],
+    ["-r", "image"],
+    ["-r", "__ns:=//mars moon"],
+    ["-r", "__node:=two words"],
+    ["--params-file", "/nonexistent"],
+    ["--log-level", "loud"],
+    ["--no-such"],
+)
+
+
+def end(program: Callable[..., int], *arguments: str) -> int:
+    """Run a program that is to end at once; return its exit code."""
+    with pytest.raises(SystemExit) as ending:
+        program(["program", *arguments])
+    assert isinstance(ending.value.code, int)
+    return ending.value.code
+
+
+def test_every_program_of_a_node_is_here() -> None:
+    files = (Path(bridge.__file__).parent).glob("*.py")
+    assert {file.stem for file in files if "__main__" in file.read_text()} == PROGRAMS.keys()
+
+
+def test_help_ends_a_program_that_a_user_runs(ros_domain_id: int) -> None:
+    """It started a node, which never returned."""
+    command = [sys.executable, "-m", "oaisys_ros_bridge.nodes.bridge"]
+    told = subprocess.run(
+        [*command, "--help"], capture_output=True, text=True, timeout=PATIENCE_S, check=True
+    )
+    assert "-p address:=" in told.stdout
+    assert told.stderr == ""
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_help_lists_parameters_and_an_example(name: str, capsys: pytest.CaptureFixture) -> None:
+    assert end(PROGRAMS[name], "--help") == 0
+    text, errors = capsys.readouterr()
+    assert not errors
+    assert f"example:\n  python -m oaisys_ros_bridge.nodes.{name} " in text
+    for row in (row for node in NODES if node.executable == name for row in node.parameters):
+        assert f"  {row.name} (default " in text
+        assert row.description in text
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.parametrize("argument", ["--no-such", "stray", "--helpp"])
+def test_an_argument_that_nobody_knows_is_exit_2(
+    name: str, argument: str, capsys: pytest.CaptureFixture
+) -> None:
+    assert end(PROGRAMS[name], "--ros-args", "-r", "a:=b", "--", argument) == 2
+    assert f"unrecognized arguments: {argument}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", MALFORMED, ids=" ".join)
+def test_arguments_that_ros_cannot_use_are_exit_2(
+    arguments: list[str], capsys: pytest.CaptureFixture
+) -> None:
+    for program in PROGRAMS.values():
+        assert end(program, "--ros-args", *arguments) == 2
+        text = capsys.readouterr().err
+        assert "expected what ROS can use" in text
+        assert "Traceback" not in text
+        assert "/project/" not in text
