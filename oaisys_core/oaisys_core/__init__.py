@@ -1,5 +1,10 @@
 """The simulator's core: what a world is, how it is drawn from a seed, and how it is rendered."""
 
+import sys
+
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:  # as in `python -m oaisys_core`
+    del sys.path[0]  # the current folder, whose files nothing may import
+
 from oaisys_core.native_libraries import guard_open3d
 
 guard_open3d()

@@ -1,1 +1,6 @@
 """The simulator behind gRPC: server, worker, client and their contract."""
+
+import sys
+
+if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:  # as in `python -m oaisys_grpc`
+    del sys.path[0]  # the current folder, whose files nothing may import

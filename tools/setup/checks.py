@@ -134,7 +134,7 @@ def _first_fault(environment: Environment) -> str | None:
 def _fault(environment: Environment, module: str) -> str | None:
     """Return why a module cannot be imported, or None."""
     result = subprocess.run(
-        [environment.python, "-c", f"import {module}"],
+        [environment.python, "-P", "-c", f"import {module}"],
         env=process_environment(environment),
         capture_output=True,
         text=True,

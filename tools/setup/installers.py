@@ -213,11 +213,11 @@ class Installer:
             shutil.rmtree(temporary, ignore_errors=True)
 
     def _pip_command(self) -> list[str]:
-        return [str(self.environment.python), "-m", "pip", "install", *_PIP_OPTIONS]
+        return [str(self.environment.python), "-P", "-m", "pip", "install", *_PIP_OPTIONS]
 
     def _pip_config(self) -> str:
         return subprocess.run(
-            [self.environment.python, "-m", "pip", "config", "list"],
+            [self.environment.python, "-P", "-m", "pip", "config", "list"],
             env=process_environment(self.environment),
             capture_output=True,
             text=True,

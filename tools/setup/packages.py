@@ -139,7 +139,7 @@ def _include_folders(environment: Environment) -> tuple[Path, Path]:
         "import numpy, sysconfig; print(sysconfig.get_path('include')); print(numpy.get_include())"
     )
     result = subprocess.run(
-        [environment.python, "-c", code],
+        [environment.python, "-P", "-c", code],
         env=process_environment(environment),
         capture_output=True,
         text=True,

@@ -19,6 +19,7 @@ from typing import Any
 
 from oaisys_core.dataset import session_guard
 from oaisys_core.errors import ConfigError, InvalidInputError, OaisysError
+from oaisys_core.python_programs import python_environment
 
 ADDRESS_VARIABLE = "RAY_ADDRESS"
 """Environment variable with the address of a cluster, as Ray itself reads it."""
@@ -159,7 +160,7 @@ def _embedded(ray: Any, settings: RaySettings, address: str) -> Iterator[Path]:
     workers = embedded_workers(settings)
     # Otherwise Ray writes a token to ~/.ray, with which `ray start` then protects clusters, too.
     os.environ.setdefault("RAY_AUTH_TOKEN", secrets.token_hex(32))
-    with _guarded_folder() as folder:
+    with _python_environment(), _guarded_folder() as folder:
         _start(ray, folder, settings, address, workers)
         try:
             yield folder
@@ -179,6 +180,7 @@ def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers:
                 address=address,
                 num_cpus=workers,
                 include_dashboard=False,
+                job_config=_job_config(ray),
                 log_to_driver=False,
                 logging_level=logging.ERROR,
                 _memory=workers * settings.memory_bytes,
@@ -194,6 +196,41 @@ def _start(ray: Any, folder: Path, settings: RaySettings, address: str, workers:
             folder.mkdir(exist_ok=True)
         else:
             return
+
+
+@contextmanager
+def _python_environment() -> Iterator[None]:
+    """Give Ray's programs, which inherit the variables of this process, those for Python."""
+    before = dict(os.environ)
+    after = python_environment(before)
+    changed = {name for name, value in after.items() if before.get(name) != value}
+    os.environ.update(after)
+    try:
+        yield
+    finally:
+        for name in changed:
+            if name in before:
+                os.environ[name] = before[name]
+            else:
+                del os.environ[name]
+
+
+def _job_config(ray: Any) -> Any:
+    """Return how workers run: without this process's folder before their installed packages.
+
+    None, Ray's default, if this Ray lets nobody say so.
+    """
+    base = getattr(getattr(ray, "job_config", None), "JobConfig", None)
+    if base is None:
+        return None
+
+    class SafePathConfig(base):  # type: ignore[misc, valid-type]
+        """Keeps Ray from adding the current folder to the path of its workers."""
+
+        def _runtime_env_has_working_dir(self) -> bool:
+            return True
+
+    return SafePathConfig()
 
 
 def _kept_logs(folder: Path) -> str:
@@ -222,7 +259,12 @@ def _connected(ray: Any, settings: RaySettings, address: str) -> Iterator[None]:
     """Connect to a cluster."""
     _check_reachable(address)
     try:
-        ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+        ray.init(
+            address=address,
+            job_config=_job_config(ray),
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+        )
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise InvalidInputError("address", address, f"{CLUSTER} ({error})") from error
     try:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import BackendUnavailableError, InvalidInputError
 from oaisys_core.meshes.checks import check_mesh, check_uv
+from oaisys_core.python_programs import python_command
 from oaisys_core.types import FloatArray, ShortRepr
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".blend")
@@ -169,10 +169,15 @@ def _load_blend(path: Path, object_name: str | None, field: str) -> LoadedMesh:
     with tempfile.TemporaryDirectory(prefix="oaisys-") as folder:
         out = Path(folder, "mesh.npz")
         reader = "oaisys_core.backend.blender.objects.blend_files"
-        command = [sys.executable, "-m", reader, str(path.resolve()), str(out), object_name or ""]
+        command = python_command(reader, str(path.resolve()), str(out), object_name or "")
         try:
             ended = subprocess.run(
-                command, capture_output=True, text=True, timeout=BLEND_TIMEOUT_S, check=False
+                command,
+                env=python_environment(),
+                capture_output=True,
+                text=True,
+                timeout=BLEND_TIMEOUT_S,
+                check=False,
             )
         except subprocess.TimeoutExpired as error:
             expected = f"a .blend file that loads within {BLEND_TIMEOUT_S:g} s"

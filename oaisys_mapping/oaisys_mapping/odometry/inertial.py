@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from oaisys_core.python_programs import python_command
 from oaisys_core.types import FloatArray
 from oaisys_mapping.odometry.programs import ProgramError, run_program
 from oaisys_mapping.odometry.trajectories import TimedTransforms
@@ -82,7 +83,7 @@ def preintegrated(
             T_base_imu=np.asarray(T_base_imu),
             gravity_m_s2=gravity_m_s2,
         )
-        command = [sys.executable, "-m", __name__, str(file)]
+        command = python_command(__name__, str(file))
         return ImuFigures(**json.loads(run_program(command, Path(folder))))
 
 

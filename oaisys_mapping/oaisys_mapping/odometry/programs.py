@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 import subprocess
 import sys
@@ -10,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from oaisys_core.errors import OaisysError
+from oaisys_core.python_programs import python_environment
 
 TIMEOUT_S = 1800.0
 """For one program; KISS-ICP takes a tenth of that for 200 s of lidar."""
@@ -41,7 +41,12 @@ def run_program(
     Raises:
         ProgramError: It failed, or took longer than `TIMEOUT_S`.
     """
-    environment = {**os.environ, "HOME": str(home), "MPLBACKEND": "agg", **(variables or {})}
+    environment = {
+        **python_environment(),
+        "HOME": str(home),
+        "MPLBACKEND": "agg",
+        **(variables or {}),
+    }
     name = Path(command[0]).name
     try:
         done = subprocess.run(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -19,6 +18,7 @@ import numpy as np
 
 from oaisys_core.errors import DeadlineExceededError, OaisysError
 from oaisys_core.geometry import T_LINK_OPTICAL
+from oaisys_core.python_programs import python_command
 from oaisys_core.types import DEPTH, INSTANCE, RGB, SEMANTIC_0, SensorInfo, SimulatorInfo
 from oaisys_ros_bridge.experiments.configuration import (
     ConfiguredSensors,
@@ -213,7 +213,7 @@ class _Processes:
         return self._start(name, f"oaisys_ros_bridge.nodes.{name}", [*arguments, *ros_arguments])
 
     def _start(self, name: str, module: str, arguments: Sequence[str]) -> ManagedProcess:
-        command = [sys.executable, "-m", module, *arguments]
+        command = python_command(module, *arguments)
         log = self._options.out / "logs" / f"{name}.log"
         # A process that was started must be on the stack, or nothing would end it.
         with deferred_interruption():

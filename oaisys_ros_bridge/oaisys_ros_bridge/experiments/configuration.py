@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from oaisys_core.errors import ConfigError, OaisysError
+from oaisys_core.python_programs import python_command, python_environment
 from oaisys_ros_bridge.parameters.node_settings import NodeSettings
 
 if TYPE_CHECKING:
@@ -66,13 +66,18 @@ def write_config(options: ExperimentOptions) -> Path:
         ConfigError: The configuration cannot be used.
         OaisysError: It could not be read.
     """
-    command = [sys.executable, "-m", "oaisys_core", "config", "show"]
+    command = python_command("oaisys_core", "config", "show")
     if options.config is not None:
         command += ["--config", str(options.config)]
     for name, value in options.overrides.items():
         command += [f"--{name}", value]
     result = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=CONFIG_TIMEOUT_S
+        command,
+        env=python_environment(),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=CONFIG_TIMEOUT_S,
     )
     if result.returncode != 0:
         message = result.stderr.strip().removeprefix("oaisys: ")

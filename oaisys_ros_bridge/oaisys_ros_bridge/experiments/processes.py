@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Self
 
 from oaisys_core.errors import DeadlineExceededError, WorkerLostError
+from oaisys_core.python_programs import python_environment
 from oaisys_ros_bridge.experiments.interruption import deferred_interruption
 
 _LOG = logging.getLogger(__name__)
@@ -50,7 +51,7 @@ class ManagedProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.PIPE,
                 stderr=output,
-                env=dict(environment),
+                env=python_environment(environment),
                 start_new_session=True,
             )
 

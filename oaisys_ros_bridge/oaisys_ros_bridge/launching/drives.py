@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from launch.action import Action
 from launch.actions import ExecuteProcess
 
 from launch import LaunchContext
+from oaisys_core.python_programs import python_command
 from oaisys_ros_bridge.launching.actions import end_all, value_of
 from oaisys_ros_bridge.launching.readiness import on_ready
 from oaisys_ros_bridge.launching.simulator import start_simulator, uses_rosbag2
@@ -36,7 +36,7 @@ def start_drive(context: LaunchContext, config_folder: Path) -> list[Action]:
 
 def _drive(context: LaunchContext, namespace: str) -> ExecuteProcess:
     """Return the program that asks for the drive, with whose exit code the launch ends."""
-    command = [sys.executable, "-m", "oaisys_ros_bridge.nodes.drive"]
+    command = python_command("oaisys_ros_bridge.nodes.drive")
     if drive_json := value_of(context, "drive_json"):
         command += ["--drive-json", drive_json]
     if sensors := value_of(context, "sensors"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,6 +9,7 @@ from launch.action import Action
 from launch.actions import ExecuteProcess, OpaqueFunction
 
 from launch import LaunchContext, LaunchDescription
+from oaisys_core.python_programs import python_command
 from oaisys_ros_bridge.launching.actions import declare, end_all, rviz, value_of
 from oaisys_ros_bridge.launching.arguments import RVIZ, Argument, command_line, ros_environment
 from oaisys_ros_bridge.launching.readiness import WatchReadiness, on_ready
@@ -46,7 +46,7 @@ def _start(
         view = rviz(config_folder / "simulator.rviz", namespace)
         actions += [on_ready([view], namespace), WatchReadiness(namespace)]
     program = ExecuteProcess(
-        cmd=[sys.executable, "-m", "oaisys_core", command, *command_line(options, values)],
+        cmd=python_command("oaisys_core", command, *command_line(options, values)),
         name=command,
         output="screen",
         additional_env=ros_environment(),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from launch_ros.actions import LifecycleNode, Node
 from launch_ros.parameter_descriptions import ParameterValue
 
 from launch import LaunchContext
+from oaisys_core.python_programs import python_command
 from oaisys_ros_bridge.launching.actions import (
     end_all,
     rviz,
@@ -58,7 +58,7 @@ def start_simulator(
     namespace = value_of(context, "namespace")
     require_namespace(namespace)
     settings_of(context)  # raises for wrong input before anything is started
-    command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config"]
+    command = python_command("oaisys_grpc", "serve", "--config")
     command.append(value_of(context, "config") or str(config_folder / default_config))
     for name in ("address", "backend", "worker_python"):
         if value := value_of(context, name):

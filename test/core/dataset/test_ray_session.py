@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import signal
 import socket
@@ -77,6 +78,28 @@ def test_daemons_that_start_too_slowly_are_started_again(
     assert Path(found[1], "raylet.out").is_file()
     assert never.slow_starts == 3
     assert never.has_ended
+
+
+def test_workers_import_nothing_from_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("numpy", "random"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('planted')")
+    monkeypatch.chdir(tmp_path)
+
+    def path() -> list[str]:
+        import random
+
+        import numpy  # noqa: ICN001
+
+        return [*sys.path, str(numpy.__file__), random.__file__, os.environ["PYTHONSAFEPATH"]]
+
+    with ray_session(RaySettings(workers=1, memory_gb=0.2)) as session:
+        found = session.ray.get(session.ray.remote(path).remote())
+    assert not [each for each in found if each in ("", str(tmp_path))]
+    assert not [each for each in found if each.startswith(str(tmp_path))]
+    assert found[-1] == "1"
+    assert "PYTHONSAFEPATH" not in os.environ
 
 
 def test_the_guard_outlives_the_signals_that_end_its_driver(tmp_path: Path) -> None:

@@ -368,6 +368,20 @@ def test_the_default_root_is_the_configurations_folder(start_server: StartServer
         assert client.render_sample().rig_pose.position_m == (0, 0, 9)
 
 
+def test_a_worker_imports_nothing_from_the_current_folder(
+    start_server: StartServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trap = tmp_path / "trap"
+    trap.mkdir()
+    for name in ("numpy", "random", "scipy", "yaml", "cv2", "open3d"):
+        (trap / f"{name}.py").write_text(f"open({str(trap / 'sprung')!r}, 'w')\nraise SystemExit")
+    monkeypatch.chdir(trap)
+    with start_server(FLAT_WORLD).client() as client:
+        client.step_batch()
+        client.render_sample(NADIR, modalities=["depth"])
+    assert not (trap / "sprung").exists()
+
+
 MAKE_BLEND = """
 import sys, bpy
 bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import random
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 import psutil
 import yaml
 
+from oaisys_core.python_programs import python_command
 from oaisys_ros_bridge.experiments.processes import ManagedProcess
 from tools.bench.settings import Settings
 
@@ -67,4 +67,4 @@ def child(text: str) -> psutil.Process:
 
 def _process(settings: Settings, name: str, *arguments: str) -> ManagedProcess:
     log: Path = settings.out / "logs" / f"{name}.log"
-    return ManagedProcess(name, [sys.executable, "-m", *arguments], log, os.environ)
+    return ManagedProcess(name, python_command(*arguments), log, os.environ)

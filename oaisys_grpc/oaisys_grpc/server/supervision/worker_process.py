@@ -25,6 +25,7 @@ from oaisys_core.errors import (
     DeadlineExceededError,
     WorkerLostError,
 )
+from oaisys_core.python_programs import python_command, python_environment
 from oaisys_grpc.server.supervision.worker_folder import WorkerFolder
 from oaisys_grpc.server.supervision.worker_limits import (
     MEGABYTE,
@@ -91,8 +92,8 @@ class WorkerProcess:
         self._watchdog = Watchdog(lambda: self.kill("it hung beyond its deadline"))
 
     def _start(self, python: str, descriptor: int) -> subprocess.Popen[bytes]:
-        command = [python, "-m", "oaisys_grpc.worker"]
-        command += ["--fd", str(descriptor), "--parent", str(os.getpid())]
+        arguments = ["--fd", str(descriptor), "--parent", str(os.getpid())]
+        command = python_command("oaisys_grpc.worker", *arguments, python=python)
         try:
             return subprocess.Popen(
                 command,
@@ -264,12 +265,12 @@ def worker_environment(python: str, environment: Mapping[str, str]) -> dict[str,
     Another interpreter gets none of this one's environment, or it would load its ROS libraries and
     packages. Both find this project's packages.
     """
-    wanted = dict(environment)
+    wanted = python_environment(environment)
     folders = {str(Path(file).parents[1]) for file in (oaisys_core.__file__, oaisys_grpc.__file__)}
     # A folder with numpy belongs to one interpreter; another cannot use its compiled modules.
     paths = sorted(folder for folder in folders if not Path(folder, "numpy").exists())
     if Path(python).absolute() == Path(sys.executable).absolute():
-        paths += filter(None, [environment.get("PYTHONPATH")])
+        paths += filter(None, [wanted.get("PYTHONPATH")])
     else:
         for name in environment:
             if name in _OTHER_ENVIRONMENTS or name.startswith(("AMENT_", "_ROS_WHEELS_")):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 from oaisys_core.errors import InvalidInputError, OaisysError
 from oaisys_core.geometry import invert, pose_from_matrix
+from oaisys_core.python_programs import python_command
 from oaisys_core.types import DEPTH, SEMANTIC_0, Frame, TriangleMesh
 from oaisys_grpc.client.simulator_client import SimulatorClient
 from oaisys_mapping.certificate.verification import CheckResult, measure_again
@@ -63,7 +63,7 @@ def _render_world_again(
     """Return the map, the truth, and the hash of the configuration of a new rendering."""
     config = folder / CONFIG_FILE
     config.write_text(json.dumps(content["config"]), encoding="utf-8")
-    command = [sys.executable, "-m", "oaisys_grpc", "serve", "--config", str(config)]
+    command = python_command("oaisys_grpc", "serve", "--config", str(config))
     command += ["--address", "127.0.0.1:0"]
     if worker_python is not None:
         command += ["--worker-python", str(worker_python)]
