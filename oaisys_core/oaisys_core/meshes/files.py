@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.errors import BackendUnavailableError, InvalidInputError
 from oaisys_core.meshes.checks import check_mesh, check_uv
-from oaisys_core.python_programs import python_command
+from oaisys_core.python_programs import python_command, python_environment
 from oaisys_core.types import FloatArray, ShortRepr
 
 SUFFIXES = (".obj", ".glb", ".gltf", ".ply", ".stl", ".blend")
