@@ -202,7 +202,6 @@ class Simulation:
             self._apply(batch, metadata)
             due = self._sensors.due(batch.world, batch.last_rig_poses, modalities, sensors)
             settings = drawn(batch.world.render)
-            due = due._replace(cameras=settings.allowed(due.cameras))
             return (yield from self._sample(batch, due, settings, motion, progress, started_s))
 
     def _sample(

@@ -32,6 +32,9 @@ FLOW = "flow"
 ALBEDO = "albedo"
 DISPARITY = "disparity"
 
+COLORS = frozenset({RGB, ALBEDO})
+"""Modalities that are rendered; all others are cast, and depend neither on light nor on quality."""
+
 POINTS = "points"
 """Modality of lidars, whose data are points rather than an image."""
 
@@ -277,7 +280,7 @@ class LidarScan(ShortRepr):
 
 def early_first(frames: Iterable[Frame]) -> tuple[Frame, ...]:
     """Return frames in the order in which they are sent: depth and labels before colour."""
-    return tuple(sorted(frames, key=lambda frame: frame.modality in (RGB, ALBEDO)))
+    return tuple(sorted(frames, key=lambda frame: frame.modality in COLORS))
 
 
 @dataclass(frozen=True)

@@ -190,6 +190,33 @@ def test_faults_name_the_package_and_others_still_load(tmp_path: Path) -> None:
         assert all(part in line for part in expected), line
 
 
+PASSES = """
+import sys, yaml
+from oaisys_core.config import config_from_mapping
+from oaisys_core.simulation import Simulation
+from oaisys_core.types import merged
+
+small = yaml.safe_load(sys.argv[1])
+small["sensors"]["cameras"][0]["modalities"] = ["rgb", "slope"]
+for render in ({"quality": "geometry"}, {"passes": ["slope"]}):
+    simulation = Simulation(config_from_mapping(merged(small, {"render": render})))
+    simulation.step_batch()
+    print(*(frame.modality for frame in simulation.step_sample().frames))
+"""
+
+
+def test_a_pass_needs_no_colour(tmp_path: Path) -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", PASSES, SMALL],
+        env=installed_example("pass", tmp_path),
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    assert result.stdout.splitlines() == ["slope", "slope"]
+
+
 def test_options_of_a_module_are_checked(tmp_path: Path) -> None:
     environment = installed_example("module", tmp_path)
     texts = ["{backend: analytic, extensions: {flag: {size: 1}}}"]

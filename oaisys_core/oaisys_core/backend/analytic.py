@@ -20,7 +20,16 @@ from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene, stands_on
 from oaisys_core.sensing.effects import with_effects
 from oaisys_core.sensing.exposure import metered_ev
 from oaisys_core.sensing.faults import Shot
-from oaisys_core.types import ALBEDO, RGB, FloatArray, Frame, LidarScan, Progress, TriangleMesh
+from oaisys_core.types import (
+    ALBEDO,
+    COLORS,
+    RGB,
+    FloatArray,
+    Frame,
+    LidarScan,
+    Progress,
+    TriangleMesh,
+)
 
 
 class AnalyticBackend(Backend):
@@ -81,7 +90,7 @@ class AnalyticBackend(Backend):
             progress(Progress("rays", 0.5 * index / len(cameras)))
             view = surface.view(camera)
             geometry.extend(frames_of(surface, view, camera, self._memory).values())
-            if {RGB, ALBEDO}.intersection(camera.modalities):
+            if COLORS.intersection(camera.modalities):
                 views[camera.name] = view
         if geometry:
             yield FrameGroup.of(geometry)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -129,16 +129,9 @@ class RenderSettings:
     max_samples: int = 0
     clutter: float = 0.0
 
-    def allowed(self, cameras: Sequence[PlacedCamera]) -> tuple[PlacedCamera, ...]:
-        """Return the cameras with the modalities that may be rendered; those without any go."""
-        if self.passes is None:
-            return tuple(cameras)
-        kept = [tuple(m for m in c.modalities if m in self.passes) for c in cameras]
-        return tuple(
-            replace(c, modalities=modalities)
-            for c, modalities in zip(cameras, kept, strict=True)
-            if modalities
-        )
+    def renders(self, modality: str) -> bool:
+        """Return whether a modality of a camera may be rendered."""
+        return self.passes is None or modality in self.passes
 
 
 class Backend(ABC):

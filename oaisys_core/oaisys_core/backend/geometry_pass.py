@@ -24,14 +24,13 @@ from oaisys_core.errors import ConfigError, RenderError, quoted
 from oaisys_core.geometry import invert, project, transform_points
 from oaisys_core.scene import PlacedCamera, Placement, Primitive, Scene
 from oaisys_core.types import (
-    ALBEDO,
+    COLORS,
     DEPTH,
     DISPARITY,
     FLOW,
     INSTANCE,
     NORMAL,
     RANGE,
-    RGB,
     FloatArray,
     Frame,
     ModalitySpec,
@@ -79,7 +78,7 @@ def compute_extension_pass(
 
 def geometry_frames(surface: Surface, camera: PlacedCamera, memory: PoseMemory) -> dict[str, Frame]:
     """Cast rays and return a camera's frames except colour and albedo, by modality."""
-    if set(camera.modalities) <= {RGB, ALBEDO}:
+    if set(camera.modalities) <= COLORS:
         return {}
     return frames_of(surface, surface.view(camera), camera, memory)
 
@@ -91,7 +90,7 @@ def frames_of(
     return {
         modality: frame_of(camera, modality, _image(surface, view, camera, memory, modality))
         for modality in camera.modalities
-        if modality not in (RGB, ALBEDO)
+        if modality not in COLORS
     }
 
 

@@ -169,7 +169,7 @@ def _format_names(formats: str, config: SimulationConfig) -> list[str]:
 
     found = [format_named(name) for name in dict.fromkeys(names)]
     cameras = config.sensors.all_cameras
-    modalities = {str(modality) for camera in cameras for modality in camera.modalities}
+    modalities = set(filter(config.render.renders, config.sensors.modalities))
     for each in found:
         check_suits(each, modalities, {c.name for c in cameras if c.fisheye is not None})
     return [each.name for each in found]

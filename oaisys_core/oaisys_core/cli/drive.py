@@ -100,6 +100,9 @@ def drive(
             simulation.step_batch()
             planned = Drive(simulation, chosen)
             _say_plan(planned.plan)
+            if not planned.sample_count():
+                expected = "a drive so long that an image or a scan is due"
+                raise InvalidInputError("drive", f"{planned.duration_s:g} s", expected)
             recorded = _recorded(simulation, planned, chosen, out, open_bag, unavailable)
         finally:
             simulation.close()

@@ -15,7 +15,7 @@ from oaisys_core.cli.options import (
     SizeOption,
 )
 from oaisys_core.cli.standard_output import own_stdout
-from oaisys_core.errors import InvalidInputError
+from oaisys_core.errors import InvalidInputError, RenderError
 
 if TYPE_CHECKING:
     from oaisys_core.cli.metadata_file import SampleRequest, Steps
@@ -152,6 +152,9 @@ class _Run:
                 if batch_id >= self._batches:
                     break
                 batch_id, done = self._build(batch_id + 1, shown), 0
+        if not self._writer.has_measurements():
+            text = f"nothing was rendered: no sensor was due at any of {len(views)} views"
+            raise RenderError(f"{text}; see step_offset and step_interval of sensors")
 
     def _build(self, batch_id: int, shown: RenderProgress) -> int:
         shown.begin(f"world {batch_id}")

@@ -43,7 +43,7 @@ def _checks(config: SimulationConfig) -> Iterator[Callable[[], object]]:
     yield lambda: EnvironmentModule(config.environment).setup()
     yield lambda: _sky_images(config)
     yield lambda: SensorsModule(config.sensors)
-    yield lambda: RenderModule(config.render)
+    yield lambda: RenderModule(config.render, config.sensors.modalities)
     for name, options in sorted(config.extensions.items()):
         yield lambda name=name, options=options: make_modules({name: options})  # type: ignore[misc]
 

@@ -23,7 +23,7 @@ from oaisys_core.dataset.manifest import (
 from oaisys_core.dataset.plan import WorldTask
 from oaisys_core.dataset.scans import EncodedScan, ScanRecord, encoded_points
 from oaisys_core.dataset.shards import EncodedFrame, encoded_frame
-from oaisys_core.errors import OaisysError
+from oaisys_core.errors import OaisysError, RenderError
 from oaisys_core.output.records import intrinsics_record
 from oaisys_core.simulation import Simulation
 from oaisys_core.types import FloatArray, Frame, LidarScan, ObjectQuery, Sample
@@ -84,19 +84,23 @@ class WorldRenderer:
         try:
             with ThreadPoolExecutor(1, "encoder") as encoder:
                 encoding: Future[EncodedView] | None = None
-                begun_s = time.perf_counter()
+                begun_s, measured = time.perf_counter(), 0
                 self._begin(task)
                 for number in range(task.views):
                     doing = f"view {number}"
                     sample = self._simulation.step_sample()
                     now_s = time.perf_counter()
                     view = _View(number, sample, now_s - begun_s, self._sun_deg())
+                    measured += len(sample.frames) + len(sample.scans)
                     begun_s = now_s
                     if encoding is not None:
                         yield encoding.result()
                     encoding = encoder.submit(self._encoded, task, view)
                 if encoding is not None:
                     yield encoding.result()
+            doing = f"{task.views} views"
+            if not measured:
+                raise RenderError("no sensor was due, see step_offset and step_interval")
             yield self._legend()
         except OaisysError as error:
             yield WorldFailure(task.index, task.split, task.seed, f"{doing}: {error}")

@@ -106,12 +106,16 @@ class Drive:
         self.rates_hz = {rate.name: rate.rate_hz for rate in rates}
         self.imu_names = frozenset(self._imus).intersection(self.rates_hz)
         self._rendered = frozenset(self.rates_hz) - {*self._imus, ODOMETRY}
-        start_s, end_s = self.plan.trajectory.start_s, self.plan.end_s
-        count = (end_s - start_s) * sum(self.rates_hz.values())
+        count = self.duration_s * sum(self.rates_hz.values())
         if count > MOST_MEASUREMENTS:
             expected = f"a drive with at most {MOST_MEASUREMENTS} measurements"
-            raise InvalidInputError("drive.duration_s", end_s - start_s, expected)
-        self.schedule = SensorSchedule(rates, start_s, end_s)
+            raise InvalidInputError("drive.duration_s", self.duration_s, expected)
+        self.schedule = SensorSchedule(rates, self.plan.trajectory.start_s, self.plan.end_s)
+
+    @property
+    def duration_s(self) -> float:
+        """Simulated time from the beginning to the end."""
+        return self.plan.end_s - self.plan.trajectory.start_s
 
     def sample_count(self) -> int:
         """Return the number of times at which a camera or a lidar is due."""

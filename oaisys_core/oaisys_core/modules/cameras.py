@@ -9,6 +9,7 @@ from math import radians
 from typing import Any
 
 from oaisys_core import geometry
+from oaisys_core.backend.base import RenderSettings
 from oaisys_core.config.sections.lidars import LidarConfig
 from oaisys_core.config.sections.sensors import CameraConfig, OpticsConfig, optics_bounds_px
 from oaisys_core.errors import InvalidInputError, one_of, one_of_keys
@@ -143,17 +144,23 @@ def due_sensors(
     sample_id: int,
     modalities: Sequence[str],
     sensors: Sequence[str],
+    settings: RenderSettings,
 ) -> list[PlacedSensor]:
     """Return the sensors that render a sample, each with the modalities it renders.
 
     If sensors or modalities are named, exactly these render, whatever their intervals; otherwise
-    those that are due by their intervals, which may be none.
+    those that are due by their intervals, which may be none, without what the settings leave out.
+
+    Raises:
+        InvalidInputError: See `select`; or the settings leave out what is named.
     """
     chosen = select(placed, modalities, sensors)
     if not modalities and not sensors:
         by_name = {config.name: config for config in configs}
         chosen = tuple(_due(sensor, by_name[sensor.name], sample_id) for sensor in chosen)
-    return [sensor for sensor in chosen if sensor.modalities]
+    rendered = [_rendered(sensor, settings) for sensor in chosen]
+    _check_rendered(chosen, rendered, modalities, sensors, settings.quality)
+    return [sensor for sensor in rendered if sensor.modalities]
 
 
 def sensors_of(placed: Sequence[PlacedSensor], frames: Sequence[FrameName]) -> list[PlacedSensor]:
@@ -179,29 +186,60 @@ def select(
     """Return the named sensors with the named modalities; no names mean all.
 
     Raises:
-        InvalidInputError: There is no such sensor or modality, or the named sensors have none of
-            the named modalities.
+        InvalidInputError: There is no such sensor; none of them has a named modality; or a named
+            sensor has none of them.
     """
     names = [sensor.name for sensor in placed]
     for name in sensors:
         if name not in names:
             raise InvalidInputError("sensors", name, one_of(names, name))
     chosen = [sensor for sensor in placed if not sensors or sensor.name in sensors]
-    _check_modalities(placed, modalities)
-    if not any(set(modalities) & set(sensor.modalities) for sensor in chosen):
-        _check_modalities(chosen, modalities)
-    return tuple(
-        replace(s, modalities=tuple(m for m in s.modalities if not modalities or m in modalities))
-        for s in chosen
-    )
-
-
-def _check_modalities(placed: Sequence[PlacedSensor], modalities: Sequence[str]) -> None:
-    """Refuse a modality that none of the sensors has."""
-    offered = {modality for sensor in placed for modality in sensor.modalities}
+    offered = {modality for sensor in chosen for modality in sensor.modalities}
+    of = f", which {_listed(sensors)} can render" if sensors else ""
     for modality in modalities:
         if modality not in offered:
-            raise InvalidInputError("modalities", modality, one_of(offered, modality))
+            raise InvalidInputError("modalities", modality, one_of(offered, modality) + of)
+    if not modalities:
+        return tuple(chosen)
+    selected = tuple(
+        replace(s, modalities=tuple(m for m in s.modalities if m in modalities)) for s in chosen
+    )
+    for sensor, before in zip(selected, chosen, strict=True):
+        if sensors and not sensor.modalities:
+            expected = f"a sensor with {_listed(modalities)}; it has {_listed(before.modalities)}"
+            raise InvalidInputError("sensors", sensor.name, expected)
+    return selected
+
+
+def _rendered(sensor: PlacedSensor, settings: RenderSettings) -> PlacedSensor:
+    """Return a sensor without the images that the settings leave out."""
+    if isinstance(sensor, PlacedLidar):
+        return sensor
+    kept = tuple(filter(settings.renders, sensor.modalities))
+    return sensor if kept == sensor.modalities else replace(sensor, modalities=kept)
+
+
+def _check_rendered(
+    chosen: Sequence[PlacedSensor],
+    rendered: Sequence[PlacedSensor],
+    modalities: Sequence[str],
+    sensors: Sequence[str],
+    quality: str,
+) -> None:
+    """Refuse a named modality or sensor of which the render settings leave nothing."""
+    left = {modality for sensor in rendered for modality in sensor.modalities}
+    why = f"neither quality ({quality}) nor passes of render leave out"
+    for modality in modalities:
+        if modality not in left:
+            raise InvalidInputError("modalities", modality, f"one that {why}")
+    for sensor, before in zip(rendered, chosen, strict=True):
+        if sensors and not sensor.modalities:
+            expected = f"a sensor with images that {why}; it has {_listed(before.modalities)}"
+            raise InvalidInputError("sensors", sensor.name, expected)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names)
 
 
 def _due(sensor: PlacedSensor, config: CameraConfig | LidarConfig, sample_id: int) -> PlacedSensor:

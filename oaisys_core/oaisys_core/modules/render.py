@@ -9,20 +9,13 @@ import numpy as np
 
 from oaisys_core.backend.base import RenderSettings
 from oaisys_core.config.sections.render import EffectsConfig, RenderConfig
-from oaisys_core.module import Metadata, SectionModule, World, require
+from oaisys_core.errors import ConfigError, InvalidInputError
+from oaisys_core.module import Metadata, SectionModule, World, overridden, require
 from oaisys_core.sensing.effects import NO_EFFECTS, Bloom, Effects, SensorNoise
 from oaisys_core.sensing.exposure import AutoExposure
-from oaisys_core.types import ALBEDO, DEPTH, FLOW, INSTANCE, NORMAL, RANGE, RGB
 
 LIGHT_SEED = 0
 """Seed of the sampling pattern, the same for all views: a pose rendered again looks the same."""
-
-GEOMETRY = frozenset(
-    {DEPTH, RANGE, INSTANCE, NORMAL, FLOW} | {f"semantic_{level}" for level in range(10)}
-)
-"""Modalities that do not depend on light."""
-
-ALL_PASSES = GEOMETRY | {RGB, ALBEDO}
 
 
 class QualityPreset(NamedTuple):
@@ -30,12 +23,11 @@ class QualityPreset(NamedTuple):
 
     samples: int
     max_bounces: int
-    passes: frozenset[str] = ALL_PASSES
     max_samples: int = 1
 
 
 PRESETS = {
-    "geometry": QualityPreset(samples=1, max_bounces=0, passes=GEOMETRY),
+    "geometry": QualityPreset(samples=1, max_bounces=0),
     "preview": QualityPreset(samples=1, max_bounces=2),
     "standard": QualityPreset(samples=3, max_bounces=2, max_samples=6),
     "high": QualityPreset(samples=8, max_bounces=3),
@@ -61,9 +53,35 @@ class RenderModule(SectionModule[RenderConfig]):
     name = "render"
     metadata_part = "render"
 
+    def __init__(self, config: RenderConfig, offered: frozenset[str]) -> None:
+        """Take the section and the modalities of all sensors of the rig.
+
+        Raises:
+            ConfigError: An image that the section asks for would not be rendered.
+        """
+        super().__init__(config)
+        self._offered = offered
+        try:
+            config.check_passes(offered, self.name)
+        except InvalidInputError as error:
+            raise ConfigError(str(error)) from error
+
+    def check(self, metadata: Metadata) -> None:
+        """Raise on unknown keys, invalid values, and images that would not be rendered."""
+        self._checked(self._config, metadata)
+
+    def check_sample(self, metadata: Metadata) -> None:
+        """Raise as `check` does; the section may have been changed since the batch began."""
+        self._checked(self._now, metadata)
+
+    def _checked(self, before: RenderConfig, metadata: Metadata) -> None:
+        changed = overridden(before, metadata, self.metadata_part)
+        if changed is not before:
+            changed.check_passes(self._offered, f"metadata.{self.metadata_part}")
+
     def apply(self, world: World, section: RenderConfig) -> None:
         """Set the render settings, except for the seed of the sensor noise."""
-        world.render = _settings(section)
+        world.render = _settings(section, self._offered)
         self.changes_by_itself = world.render.effects.noise is not None
 
     def step_sample(self, world: World, metadata: Metadata, rng: np.random.Generator) -> None:
@@ -72,9 +90,9 @@ class RenderModule(SectionModule[RenderConfig]):
         world.render = replace(require(world.render), noise_seed=int(rng.integers(2**63)))
 
 
-def _settings(config: RenderConfig) -> RenderSettings:
+def _settings(config: RenderConfig, offered: frozenset[str]) -> RenderSettings:
     preset = PRESETS[config.quality]
-    passes = preset.passes if config.passes is None else preset.passes & set(config.passes)
+    passes = frozenset(filter(config.renders, offered))
     most = config.max_samples or (preset.max_samples if config.samples is None else 1)
     samples = config.samples or min(preset.samples, config.max_samples or preset.samples)
     return RenderSettings(
@@ -88,7 +106,7 @@ def _settings(config: RenderConfig) -> RenderSettings:
         seed=LIGHT_SEED,
         view_transform=config.view_transform,
         time_budget_s=config.time_budget_s,
-        passes=None if passes == ALL_PASSES else passes,
+        passes=None if passes == offered else passes,
         effects=_effects(config.effects, LOOKS[config.camera_look]),
         device=config.device,
         white_balance=config.white_balance,

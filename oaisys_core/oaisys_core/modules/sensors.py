@@ -196,8 +196,8 @@ class SensorsModule(Module):
     ) -> DueSensors:
         """Return the sensors that render the world's sample; see `due_sensors`."""
         configs: list[CameraConfig | LidarConfig] = [*self._cameras, *self._config.lidars]
-        sample_id = world.sample_id
-        due = due_sensors(self._placed(world), configs, sample_id, modalities, sensors)
+        placed, settings = self._placed(world), require(world.render)
+        due = due_sensors(placed, configs, world.sample_id, modalities, sensors, settings)
         return self._with_past(due, last_rig_poses)
 
     def following(self, due: DueSensors, T_map_base: PoseAtTime) -> DueSensors:

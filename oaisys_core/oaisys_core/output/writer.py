@@ -40,6 +40,7 @@ CONFIG, STATE = "config.yaml", "state.json"
 POSES, LABELS, INTRINSICS = "poses.csv", "labels.json", "intrinsics.json"
 COUNTS = "counts.json"
 ODOMETRY = "odometry.csv"
+BLENDER_FILES = "blender_file"
 SENSOR_DATA, SAMPLE_DATA = Path("meta_data/sensor_data"), Path("meta_data/sample_data")
 
 
@@ -125,6 +126,11 @@ class SampleWriter:
         """Write the state of the simulation, after everything else."""
         write_json(self._out / STATE, state)
 
+    def has_measurements(self) -> bool:
+        """Return whether an image or a scan of any sensor was written, by this run or before."""
+        folders = (each for each in self._out.glob("batch_*/*") if each.name != BLENDER_FILES)
+        return any(path.is_file() for folder in folders for path in folder.glob("*"))
+
     def batch_folder(self, batch_id: int) -> Path:
         """Return the folder of a batch."""
         return self._out / f"batch_{batch_id + self._batch_offset:04d}"
@@ -132,7 +138,7 @@ class SampleWriter:
     def blend_file(self, batch_id: int) -> Path:
         """Return the file to which the world of a batch is saved."""
         number = f"{batch_id + self._batch_offset:04d}"
-        return self.batch_folder(batch_id) / "blender_file" / f"TSS_batch_{number}.blend"
+        return self.batch_folder(batch_id) / BLENDER_FILES / f"TSS_batch_{number}.blend"
 
     def _drop_rows_after(self, state: Mapping[str, Any] | None) -> None:
         last = "" if state is None else self.batch_folder(state["last_batch_id"]).name

@@ -16,7 +16,7 @@ import numpy as np
 
 from oaisys_core.backend.base import RenderSettings
 from oaisys_core.scene import PlacedCamera, Scene
-from oaisys_core.types import ALBEDO, FLOW, RGB, Frame, Provenance
+from oaisys_core.types import COLORS, FLOW, RGB, Frame, Provenance
 
 _LOG = logging.getLogger(__name__)
 
@@ -121,7 +121,7 @@ def _is_repeatable(cameras: Sequence[PlacedCamera], settings: RenderSettings) ->
     if FLOW in modalities:
         return False
     noisy = RGB in modalities and settings.effects.noise is not None
-    hurried = settings.time_budget_s is not None and not modalities.isdisjoint({RGB, ALBEDO})
+    hurried = settings.time_budget_s is not None and not modalities.isdisjoint(COLORS)
     return not noisy and not hurried
 
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 
 from oaisys_core.backend.base import Backend, FrameGroup, ProgressCallback, RenderSettings
+from oaisys_core.errors import RenderError
 from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.faults import DepthFaults, Shot, measured_frame
 from oaisys_core.sensing.view_cache import RenderedView, ViewCache
@@ -130,7 +131,11 @@ class ViewRenderer:
     ) -> RenderedView:
         """Wait for all groups and return their frames in the outline's order."""
         by_name = {FrameName(f.sensor, f.modality): f for g in groups for f in g.result()}
-        frames = tuple(by_name[name] for name in outline.frames if name.modality != POINTS)
+        wanted = [name for name in outline.frames if name.modality != POINTS]
+        for name in wanted:
+            if name not in by_name:
+                raise RenderError(f"{name.sensor}: its {name.modality} was not rendered")
+        frames = tuple(by_name[name] for name in wanted)
         samples = self._backend.samples_per_pixel or settings.samples
         has_color = any(name.modality == RGB for name in outline.frames)
         exposures_ev = dict(self._backend.exposures_ev)

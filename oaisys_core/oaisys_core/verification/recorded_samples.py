@@ -15,10 +15,9 @@ from oaisys_core.output.reader import read_sample
 from oaisys_core.output.records import read_json
 from oaisys_core.output.writer import CONFIG, SAMPLE_DATA
 from oaisys_core.types import (
-    ALBEDO,
+    COLORS,
     FLOW,
     POINTS,
-    RGB,
     Frame,
     FrameName,
     LidarScan,
@@ -28,9 +27,6 @@ from oaisys_core.types import (
 
 RECORDS = "oaisys.records"
 """Entry point group of functions ``(Path) -> RecordSource | None``; None for other files."""
-
-COLORS = frozenset({RGB, ALBEDO})
-"""Modalities that are only equal within a tolerance, because of the denoiser."""
 
 SampleId = tuple[int, int]
 """Batch and sample."""
@@ -190,7 +186,7 @@ def _compared(old: Frame, new: Frame, least_psnr_db: float) -> Comparison:
         return Comparison(name, pixels, pixels, None, False)
     a, b = (np.ascontiguousarray(f.data).view(np.uint8).reshape(pixels, -1) for f in (old, new))
     different_px = int((a != b).any(axis=1).sum())
-    if old.modality in COLORS:
+    if old.modality in COLORS:  # equal within a tolerance, because of the denoiser
         error = np.mean((a.astype(np.float64) - b) ** 2)
         psnr_db = float("inf") if error == 0 else float(10 * np.log10(255**2 / error))
         return Comparison(name, pixels, different_px, psnr_db, psnr_db >= least_psnr_db)

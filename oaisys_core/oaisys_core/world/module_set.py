@@ -57,7 +57,7 @@ class ModuleSet:
             assets,
             EnvironmentModule(config.environment),
             sensors,
-            RenderModule(config.render),
+            RenderModule(config.render, config.sensors.modalities),
             *make_modules(config.extensions),
         )
         return cls(stage, assets, sensors, modules)

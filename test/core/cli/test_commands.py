@@ -120,6 +120,16 @@ def test_metadata_of_each_sample_comes_from_a_file(small: Path, tmp_path: Path) 
     assert "metadata.samples.0.sensor.pose" in result.stderr
 
 
+def test_a_run_that_renders_nothing_fails(tmp_path: Path) -> None:
+    never = SMALL.replace("width_px", "step_offset: 9, width_px")
+    path = tmp_path / "never.yaml"
+    path.write_text(never, encoding="utf-8")
+    for more in ((), ("--resume",)):
+        result = oaisys("render", "--config", path, "--out", tmp_path / "out", *more)
+        assert result.returncode == 1, result.stdout
+        assert "nothing was rendered" in result.stderr
+
+
 def test_saved_worlds_need_blender(small: Path, tmp_path: Path) -> None:
     result = oaisys("render", "--config", small, "--out", tmp_path / "out", "--save-blend")
     assert result.returncode == 2

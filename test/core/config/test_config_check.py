@@ -40,6 +40,8 @@ WRONG = [
     ),
     ("sensors: {cameras: [{modalities: [dept]}]}", "sensors.cameras.0.modalities.0", "depth"),
     ("render: {passes: [semantc_1]}", "render.passes.0", "semantic_1"),
+    ("render: {passes: [disparity]}", "render.passes.0: received 'disparity'", None),
+    ("render: {quality: geometry, passes: [rgb]}", "render.passes.0: received 'rgb'", None),
     ("render: {quality: standrd}", "render.quality", "standard"),
     ("environment: {effects: [{effect: rain}]}", "environment.effects.0.effect", None),
     ("extensions: {wind: {}}", "oaisys.modules", None),

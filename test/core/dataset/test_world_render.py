@@ -61,6 +61,16 @@ def test_a_world_is_the_same_whatever_was_rendered_before_it(config):
     assert rendered(config, TASKS[1:2]).items() <= in_order.items()
 
 
+def test_a_world_without_any_image_fails():
+    data = yaml.safe_load(CONFIG)
+    data["sensors"]["cameras"][0]["step_offset"] = 9
+    renderer = WorldRenderer(config_from_mapping(data), "test")
+    *_, failure = renderer.render(TASKS[0])
+    renderer.close()
+    assert isinstance(failure, WorldFailure)
+    assert "no sensor was due" in failure.reason
+
+
 def test_a_world_of_a_data_set_is_a_batch_of_the_simulation(config, tmp_path: Path):
     place = open_place(tmp_path)
     place.write(HEAD, dataset_info(config, 3, 2, {"all": 1.0}).to_json().encode())

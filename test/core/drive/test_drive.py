@@ -216,6 +216,18 @@ def test_a_way_that_cannot_be_driven_is_refused_before_anything_is_written(tmp_p
     assert not (tmp_path / "out").exists()
 
 
+def test_a_drive_without_an_image_or_a_scan_is_refused(tmp_path: Path) -> None:
+    config = config_file(tmp_path, duration_s=0.05)
+    slow = yaml.safe_load(config.read_text())
+    for camera in slow["sensors"]["cameras"]:
+        camera["readout_s"] = 0.1
+    config.write_text(yaml.safe_dump(slow))
+    result = oaisys("drive", "--config", config, "--out", tmp_path / "out")
+    assert result.returncode == 2
+    assert "expected a drive so long that an image or a scan is due" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_configuration_without_a_drive_is_refused(tmp_path: Path) -> None:
     result = oaisys("drive", "--out", tmp_path / "out", "--backend", "analytic")
     assert result.returncode == 2

@@ -91,7 +91,7 @@ def test_quality_geometry_renders_no_colour() -> None:
 
 
 def test_passes_hold_until_they_are_changed() -> None:
-    sim, _ = simulation(passes=["depth", "flow"])
+    sim, _ = simulation(passes=["depth"])
     assert of_sample(sim) == {"depth"}
     assert of_sample(sim, passes=["rgb", "normal"]) == {"rgb", "normal"}
     assert of_sample(sim) == {"rgb", "normal"}
@@ -104,6 +104,10 @@ def test_passes_hold_until_they_are_changed() -> None:
         ({"samples": 0}, "metadata.render.samples"),
         ({"samples": 4, "max_samples": 3}, "metadata.render.*max_samples: received 3, expected 4"),
         ({"passes": ["colour"]}, "metadata.render.passes"),
+        ({"passes": ["depth", "flow"]}, "metadata.render.passes.1.*'flow', expected one of depth,"),
+        ({"passes": ["disparity"]}, "metadata.render.passes.0: received 'disparity'"),
+        ({"passes": []}, "metadata.render.passes"),
+        ({"quality": "geometry", "passes": ["depth", "rgb"]}, "render.passes.1.*no colour"),
         ({"effects": {"bloom": {"radius_px": -1}}}, "metadata.render.effects.bloom.radius_px"),
         ({"view_transform": "film"}, "metadata.render.view_transform"),
         ({"time_budget_s": 0}, "metadata.render.time_budget_s"),

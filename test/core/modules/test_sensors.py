@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -144,6 +145,49 @@ def test_what_is_asked_for_by_name_renders_out_of_turn() -> None:
     assert rendered(made.step_sample()) == []
     assert rendered(made.step_sample(sensors=["b"])) == [("b", "depth"), ("b", "instance")]
     assert rendered(made.step_sample(modalities=["depth"])) == [("a", "depth"), ("b", "depth")]
+
+
+PAIR = {**SMALL, "name": "eyes", "modalities": ["rgb", "disparity"]}
+
+
+@pytest.mark.parametrize("render", [{"quality": "geometry"}, {"passes": ["disparity"]}])
+def test_disparity_needs_no_colour(render: dict[str, Any]) -> None:
+    made = simulation(stereo=[PAIR])
+    disparity = [("eyes_left", "disparity"), ("eyes_right", "disparity")]
+    assert rendered(made.step_sample(ModuleMetadata(render=render))) == disparity
+    assert rendered(made.step_sample(modalities=["disparity"])) == disparity
+
+
+@pytest.mark.parametrize(
+    ("asked", "told"),
+    [
+        ({"modalities": ["rgb", "depth"]}, "'rgb', expected one that neither quality"),
+        ({"modalities": ["rgb"], "sensors": ["colour"]}, "modalities: received 'rgb'"),
+        ({"sensors": ["mono", "colour"]}, "sensors: received 'colour', .* it has rgb"),
+        ({"sensors": ["mono"], "modalities": ["depth", "disparity"]}, "'disparity', .* mono can"),
+        ({"sensors": ["mono", "eyes_left"], "modalities": ["depth"]}, "'eyes_left'.* depth; it h"),
+    ],
+)
+def test_an_image_that_would_be_left_out_is_refused(asked: dict[str, Any], told: str) -> None:
+    mono = {**SMALL, "name": "mono", "modalities": ["rgb", "depth"]}
+    colour = {**SMALL, "name": "colour", "modalities": ["rgb"]}
+    made = simulation(cameras=[mono, colour], stereo=[PAIR])
+    metadata = replace(at(3), render={"quality": "geometry"})
+    before = made.state()
+    with pytest.raises(InvalidInputError, match=told):
+        made.step_sample(metadata, **asked)
+    assert made.state() == before
+    assert len(rendered(made.step_sample(metadata))) == 3
+
+
+def test_a_rig_that_would_render_nothing_is_refused() -> None:
+    cameras = [{**SMALL, "name": "colour", "modalities": ["rgb"]}]
+    made = simulation(cameras=cameras)
+    with pytest.raises(InvalidInputError, match=r"metadata.render.quality: received 'geometry'"):
+        made.step_sample(ModuleMetadata(render={"quality": "geometry"}))
+    config = {**WORLD, "sensors": {"cameras": cameras}, "render": {"quality": "geometry"}}
+    with pytest.raises(ConfigError, match=r"render.quality: received 'geometry', .* of rgb"):
+        Simulation(config_from_mapping(config))
 
 
 def test_a_sample_at_which_nobody_renders_still_counts() -> None:

@@ -192,6 +192,10 @@ def test_other_refusals_name_their_field(flat_client: SimulatorClient) -> None:
     with pytest.raises(InvalidInputError) as refused:
         flat_client.render_sample(modalities=["smell"])
     assert (refused.value.field, refused.value.received) == ("modalities", "smell")
+    no_colour = ModuleMetadata(render={"quality": "geometry"})
+    with pytest.raises(InvalidInputError) as refused:
+        flat_client.render_sample(metadata=no_colour, modalities=["rgb"])
+    assert (refused.value.field, refused.value.received) == ("modalities", "rgb")
     with pytest.raises(InvalidInputError) as refused:
         flat_client.step_batch(seed=-1)
     assert (refused.value.field, refused.value.received) == ("seed", -1)

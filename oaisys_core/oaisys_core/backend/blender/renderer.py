@@ -32,6 +32,7 @@ from oaisys_core.scene import PlacedCamera, PlacedLidar, Scene
 from oaisys_core.sensing.faults import Shot
 from oaisys_core.types import (
     ALBEDO,
+    COLORS,
     RGB,
     FloatArray,
     Frame,
@@ -126,7 +127,7 @@ class BlenderBackend(Backend):
         surface = self._built()
         self.samples_per_pixel = None
         self.exposures_ev = {}
-        if any(m in camera.modalities for camera in cameras for m in (RGB, ALBEDO)):
+        if any(COLORS.intersection(camera.modalities) for camera in cameras):
             yield from self._with_colors(cameras, settings, progress)
         elif frames := self._geometry(cameras, progress):
             yield FrameGroup.of(frames)
@@ -181,7 +182,7 @@ class BlenderBackend(Backend):
                 for camera, modalities, chosen in colors
                 if RGB in modalities and self._has_use_of_albedo(camera, chosen)
             }
-            if any(set(camera.modalities) - {RGB, ALBEDO} for camera in cameras):
+            if any(set(camera.modalities) - COLORS for camera in cameras):
                 yield geometry.group
             for index, (camera, modalities, chosen) in enumerate(colors):
                 progress(Progress("color", index / len(colors)))
@@ -237,7 +238,7 @@ class BlenderBackend(Backend):
         frames: list[Frame] = []
         for index, camera in enumerate(cameras):
             progress(Progress("geometry", index / len(cameras)))
-            if set(camera.modalities) <= {RGB, ALBEDO}:
+            if set(camera.modalities) <= COLORS:
                 continue
             view = surface.view(camera)
             frames.extend(frames_of(surface, view, camera, self._memory).values())

@@ -5,12 +5,14 @@ Lengths are in metres, angles in degrees.
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
 from oaisys_core.config.section import Positive, Section
-from oaisys_core.types import expected_modality, modality_spec
+from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.types import COLORS, expected_modality, modality_spec
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -132,7 +134,8 @@ class RenderConfig(Section):
             ``standard`` clips radiance at white and encodes it as sRGB, so
             that linear values are proportional to light; ``raw`` is the same without the encoding.
             The analytic backend always uses ``standard``.
-        passes: Modalities to render, out of those of the sensors; None for all.
+        passes: Modalities to render, out of those of the sensors; None for all. Each must be one of
+            some camera, and no colour with the quality ``geometry``.
         camera_look: Preset of ``effects``, each of which replaces that of the preset.
             ``clean`` has none. ``machine_vision`` is an industrial camera with a small lens:
             vignetting 0.6, chromatic aberration 0.0004, and the noise of a sensor with a full well
@@ -163,3 +166,31 @@ class RenderConfig(Section):
             received = f"max_samples: received {self.max_samples}"
             raise ValueError(f"{received}, expected {self.samples} or more, as samples says")
         return self
+
+    def renders(self, modality: str) -> bool:
+        """Return whether samples have the images that a camera has of a modality."""
+        is_left_out = self.quality == "geometry" and modality in COLORS
+        return not is_left_out and (self.passes is None or modality in self.passes)
+
+    def check_passes(self, offered: Collection[str], path: str) -> None:
+        """Raise if an image that is asked for would not be rendered, or no image at all.
+
+        Args:
+            offered: Modalities of all sensors of the rig.
+            path: Path of this section.
+
+        Raises:
+            InvalidInputError: Names the pass, or the quality.
+        """
+        for index, name in enumerate(self.passes or ()):
+            if name not in offered:
+                expected = f"{one_of(offered, name)}: the modalities of the sensors"
+                raise InvalidInputError(f"{path}.passes.{index}", name, expected)
+            if not self.renders(name):
+                expected = f"no colour, because render.quality is {self.quality}"
+                raise InvalidInputError(f"{path}.passes.{index}", name, expected)
+        if not any(self.renders(name) for name in offered):
+            field = "quality" if self.passes is None else "passes"
+            received = self.model_dump(mode="json")[field]
+            expected = f"one that renders something of {', '.join(sorted(offered))}"
+            raise InvalidInputError(f"{path}.{field}", received, expected)

@@ -20,6 +20,7 @@ from oaisys_core.types import (
     FLOW,
     MAX_IMAGE_PX,
     PLUMB_BOB,
+    POINTS,
     PinholeIntrinsics,
     expected_modality,
     modality_spec,
@@ -312,6 +313,12 @@ class SensorsConfig(Section):
     def all_cameras(self) -> tuple[CameraConfig, ...]:
         """The cameras, then the left and right ones of each pair."""
         return (*self.cameras, *(camera for pair in self.stereo for camera in pair.cameras()))
+
+    @property
+    def modalities(self) -> frozenset[str]:
+        """The modalities of all cameras, and that of lidars if there are any."""
+        of_cameras = {modality for camera in self.all_cameras for modality in camera.modalities}
+        return frozenset(of_cameras | ({POINTS} if self.lidars else set()))
 
     @model_validator(mode="before")
     @classmethod

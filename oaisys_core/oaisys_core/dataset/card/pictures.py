@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.types import ALBEDO, DEPTH, INSTANCE, NORMAL, RGB, SEMANTIC_0
+from oaisys_core.types import ALBEDO, COLORS, DEPTH, INSTANCE, NORMAL, RGB, SEMANTIC_0
 
 if TYPE_CHECKING:
     from oaisys_core.dataset.reader import DatasetSample
@@ -61,7 +61,7 @@ def _tile(sample: DatasetSample) -> NDArray[np.uint8]:
     for name in shown:
         picture = _picture(name, sample.arrays[name])
         height = max(1, round(TILE_PX * picture.shape[0] / picture.shape[1]))
-        how = cv2.INTER_AREA if name in (RGB, ALBEDO) else cv2.INTER_NEAREST
+        how = cv2.INTER_AREA if name in COLORS else cv2.INTER_NEAREST
         pictures.append(cv2.resize(picture, (TILE_PX, height), interpolation=how))
     if not pictures:
         return np.full((TILE_PX, TILE_PX, 3), 255, np.uint8)
@@ -70,7 +70,7 @@ def _tile(sample: DatasetSample) -> NDArray[np.uint8]:
 
 def _picture(modality: str, image: NDArray[Any]) -> NDArray[np.uint8]:
     """Return an image as (H, W, 3) colours."""
-    if modality in (RGB, ALBEDO):
+    if modality in COLORS:
         return np.asarray(image, np.uint8)
     if modality == DEPTH:
         return _depth_picture(image)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -38,18 +38,23 @@ def due_views(info: DatasetInfo) -> DueViews:
     Raises:
         ConfigError: The configuration of the data set cannot be used here.
     """
-    sensors = config_from_mapping(info.config).sensors
+    config = config_from_mapping(info.config)
+    sensors, renders = config.sensors, config.render.renders
     return DueViews(
-        {camera.name: _views_of(camera, info.views) for camera in sensors.all_cameras},
-        {lidar.name: _views_of(lidar, info.views) for lidar in sensors.lidars},
+        {
+            camera.name: _views_of(camera, filter(renders, camera.modalities), info.views)
+            for camera in sensors.all_cameras
+        },
+        {lidar.name: _views_of(lidar, (POINTS,), info.views) for lidar in sensors.lidars},
     )
 
 
-def _views_of(sensor: CameraConfig | LidarConfig, views: int) -> list[int]:
+def _views_of(
+    sensor: CameraConfig | LidarConfig, modalities: Iterable[str], views: int
+) -> list[int]:
     due = range(sensor.step_offset, views, sensor.step_interval)
-    if isinstance(sensor, LidarConfig):
-        return list(due)
-    every = [sensor.modality_intervals.get(modality, 1) for modality in sensor.modalities]
+    intervals = sensor.modality_intervals if isinstance(sensor, CameraConfig) else {}
+    every = [intervals.get(modality, 1) for modality in modalities]
     return [view for turn, view in enumerate(due) if any(turn % each == 0 for each in every)]
 
 

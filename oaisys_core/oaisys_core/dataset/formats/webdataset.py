@@ -22,7 +22,7 @@ from oaisys_core.dataset.formats.base import (
 )
 from oaisys_core.dataset.formats.tar_files import LEAST_BYTES, ParquetRows, TarFiles
 from oaisys_core.output.images import encode_image
-from oaisys_core.types import ALBEDO, RGB, LidarScan
+from oaisys_core.types import COLORS, LidarScan
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -208,7 +208,7 @@ def _scans_schema() -> pa.Schema:
 
 def ending_of(modality: str) -> str:
     """Return the ending of a modality's file, which decoders know it by."""
-    return f"{modality}.png" if modality in (RGB, ALBEDO) else f"{modality}.npz"
+    return f"{modality}.png" if modality in COLORS else f"{modality}.npz"
 
 
 def _files(sample: DatasetSample) -> dict[str, bytes]:
