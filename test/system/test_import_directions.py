@@ -67,6 +67,7 @@ GRPC_LIBRARIES = {
 }
 MAPPING_LIBRARIES = {"numpy", "open3d", "scipy"}
 PRESENTATION = {
+    "oaisys_mapping.report.page_guard",
     "oaisys_mapping.report.web_viewer",
     "oaisys_mapping.report.mesh_viewer",
     "oaisys_mapping.report.pictures",
@@ -74,7 +75,7 @@ PRESENTATION = {
     "oaisys_mapping.report.drive_report",
     "oaisys_mapping.report.drive_pictures",
 }
-PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib", "trimesh", "viser"}
+PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib", "trimesh", "viser", "websockets"}
 """What draws reports and pages may draw; the algorithms may not."""
 ODOMETRY_PROGRAMS = {"oaisys_mapping.odometry.inertial"}
 """What runs in a process of its own."""

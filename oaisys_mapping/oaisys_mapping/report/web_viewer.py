@@ -23,6 +23,7 @@ from oaisys_mapping.evaluation.visibility import PosedCamera
 from oaisys_mapping.mesh import ColoredMesh
 from oaisys_mapping.report import pictures
 from oaisys_mapping.report.mesh_viewer import decimated
+from oaisys_mapping.report.page_guard import PageGuard
 
 MAX_CAMERAS = 200
 """Cameras that are shown; the oldest ones are removed."""
@@ -75,7 +76,8 @@ class WebViewer:
             port: Port; 0 or a used one: the next free one.
             max_range_m: Depth beyond which points are left out of clouds.
         """
-        with redirect_stdout(StringIO()):
+        self._guard = PageGuard(host)
+        with redirect_stdout(StringIO()), self._guard.installed():
             self._server = viser.ViserServer(host=host, port=port, label="OAISYS", verbose=False)
         self._max_range_m = max_range_m
         self.labels: Mapping[int, str] = {}
@@ -109,15 +111,17 @@ class WebViewer:
         traceback: TracebackType | None,
     ) -> None:
         """Stop serving."""
+        self._guard.tell(at_once=True)
         with redirect_stdout(StringIO()):
             self._server.stop()
 
     @property
     def url(self) -> str:
-        """Address of the page."""
+        """Address of the page, with the token without which all requests are refused."""
         host = self._server.get_host()
         shown = "localhost" if host in ("0.0.0.0", "::") else host  # noqa: S104
-        return f"http://{shown}:{self._server.get_port()}"
+        bracketed = f"[{shown}]" if ":" in shown else shown
+        return f"http://{bracketed}:{self._server.get_port()}/{self._guard.token}/"
 
     def add(self, view: PosedImages) -> None:
         """Show a view: camera and point cloud in the scene, images in the side panel."""

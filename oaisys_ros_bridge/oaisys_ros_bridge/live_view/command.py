@@ -27,7 +27,10 @@ def view(
     ] = None,
     map_frame: Annotated[str, typer.Option(help="Frame in which everything is shown.")] = "map",
     host: Annotated[
-        str, typer.Option(help="Address of the page; 0.0.0.0: reachable from the network.")
+        str,
+        typer.Option(
+            help="Address of the page; 0.0.0.0: reachable from the network, without encryption."
+        ),
     ] = "127.0.0.1",
     port: Annotated[int, typer.Option(help="Port of the page; 0: a free one.", min=0)] = 8080,
     voxel_size: Annotated[
@@ -48,7 +51,8 @@ def view(
     """Show a running simulator in a browser: cameras, images, point cloud and mesh.
 
     The data come from the server at --address over gRPC, or with --ros from topics. The mesh is
-    the mapper's if it publishes one; otherwise it is made here.
+    the mapper's if it publishes one; otherwise it is made here. Open the page at the address that
+    is printed: it answers only requests with the random token in it.
     """
     from oaisys_grpc.client.simulator_client import client_tls
     from oaisys_ros_bridge.experiments.interruption import interrupt_on_signals

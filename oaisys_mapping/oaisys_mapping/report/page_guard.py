@@ -1,0 +1,137 @@
+"""Lets only those to a live page who know its address, and whose browser is on that page itself.
+
+A page of somebody else can open WebSockets to this machine, and a name that its owner points to
+127.0.0.1 makes the browser take both for one site. So each request must have a random token in its
+path, a Host that is no foreign name, and, from a page, the Origin of this one.
+"""
+
+from __future__ import annotations
+
+import hmac
+import http
+import inspect
+import ipaddress
+import logging
+import secrets
+import socket
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+from urllib.parse import urlsplit
+
+from websockets.asyncio import server
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+_LOG = logging.getLogger(__name__)
+
+TOLD_PERIOD_S = 60.0
+"""At most one line about refused requests in so many seconds."""
+
+Answer = Response | None
+Process = Callable[[Any, Request], Answer | Awaitable[Answer]]
+"""What `websockets` asks about each request: a response, or None for a WebSocket."""
+
+
+class PageGuard:
+    """Checks each request to a page.
+
+    Args:
+        host: The address on which the page listens; requests may name it.
+        now_s: A clock.
+
+    Attributes:
+        token: The first part of the paths of all requests.
+        refused: How many requests were refused.
+    """
+
+    def __init__(self, host: str, now_s: Callable[[], float] = time.monotonic) -> None:
+        self.token = secrets.token_urlsafe(24)
+        self.refused = 0
+        self._names = {"localhost", host.lower(), socket.gethostname().lower()}
+        self._now_s = now_s
+        self._untold = 0
+        self._told_s = -TOLD_PERIOD_S
+
+    @contextmanager
+    def installed(self) -> Iterator[None]:
+        """Have the server that is started in the block ask this guard about every request.
+
+        Raises:
+            RuntimeError: No server was started: the page would be without a guard.
+        """
+        plain, guarded = server.serve, []
+
+        def serve(*arguments: Any, process_request: Process, **options: Any) -> server.serve:
+            guarded.append(True)
+            return plain(*arguments, process_request=self._wrapped(process_request), **options)
+
+        server.serve = serve  # type: ignore[assignment,misc]
+        try:
+            yield
+        finally:
+            server.serve = plain  # type: ignore[misc]
+        if not guarded:
+            raise RuntimeError("viser has started its server in another way: it has no guard")
+
+    def fault(self, request: Request) -> str:
+        """Return what is wrong with a request; nothing: it may be answered."""
+        hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+        if len(hosts) != 1 or not self._is_own(_name_of(f"//{hosts[0]}")):
+            return f"Host is {', '.join(hosts)[:80]!r}, which is not this page's"
+        own = {f"{scheme}://{hosts[0].lower()}" for scheme in ("http", "https")}
+        if not own.issuperset(origin.lower() for origin in origins):
+            return f"Origin is {', '.join(origins)[:80]!r}, which is not this page"
+        given = request.path.split("?")[0].split("/")[1:2]
+        if not hmac.compare_digest("".join(given).encode(), self.token.encode()):
+            return "the token in the address is missing or wrong"
+        return ""
+
+    def tell(self, *, at_once: bool = False, reason: str = "") -> None:
+        """Write how many requests were refused since the last line, if that is due."""
+        if self._untold and (at_once or self._now_s() >= self._told_s + TOLD_PERIOD_S):
+            last = f", the last because {reason}" if reason else ""
+            _LOG.warning("requests to the page refused: %d%s", self._untold, last)
+            self._untold, self._told_s = 0, self._now_s()
+
+    def _is_own(self, name: str | None) -> bool:
+        """Return whether a host is an address or a name of this machine; no other name is."""
+        try:
+            return bool(ipaddress.ip_address(name or ""))
+        except ValueError:
+            return name in self._names
+
+    def _wrapped(self, process: Process) -> Process:
+        async def guarded(connection: Any, request: Request) -> Answer:
+            if reason := self.fault(request):
+                self.refused += 1
+                self._untold += 1
+                self.tell(reason=reason)
+                return _response(http.HTTPStatus.FORBIDDEN, f"refused: {reason}\n")
+            path = request.path.removeprefix(f"/{self.token}")
+            if not path.startswith("/") and "Upgrade" not in request.headers:
+                return _response(http.HTTPStatus.FOUND, "", Location=f"/{self.token}/{path}")
+            answer = process(connection, replace(request, path=path))
+            answer = await answer if inspect.isawaitable(answer) else answer
+            if answer is not None:
+                answer.headers["Referrer-Policy"] = "no-referrer"  # the token stays here
+            return answer
+
+        return guarded
+
+
+def _name_of(address: str) -> str | None:
+    """Return the host of an address in lower case, without its port; None: it has none."""
+    try:
+        return urlsplit(address).hostname
+    except ValueError:
+        return None
+
+
+def _response(status: http.HTTPStatus, text: str, **headers: str) -> Response:
+    body = text.encode()
+    kept = Headers({"Content-Type": "text/plain; charset=utf-8", **headers})
+    kept["Content-Length"] = str(len(body))
+    return Response(status, status.phrase, kept, body)
