@@ -6,7 +6,7 @@ import logging
 import signal
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from typing import Any
 
 import grpc
@@ -24,6 +24,8 @@ from oaisys_grpc.pb.legacy import oaisys_pb2_grpc
 from oaisys_grpc.pb.oaisys.v1 import simulator_pb2, simulator_pb2_grpc
 from oaisys_grpc.server.end_request import EndRequest, exit_at_last
 from oaisys_grpc.server.jobs.queue import OperationQueue
+from oaisys_grpc.server.limits.call_threads import CROWD, CallThreads
+from oaisys_grpc.server.limits.connections import connection_options
 from oaisys_grpc.server.limits.guarded_calls import GuardedCalls
 from oaisys_grpc.server.limits.open_calls import OpenCalls
 from oaisys_grpc.server.limits.slots import THREADS
@@ -42,18 +44,6 @@ _STOP_S = 1.0
 _WORKER_END_S = 0.8
 _CALLS_END_S = 0.5
 """For calls to notice that they were cancelled."""
-
-_CONNECTION_OPTIONS = (
-    # A client that has stopped, or whose machine is gone, is noticed within 40 s.
-    ("grpc.keepalive_time_ms", 10_000),
-    ("grpc.keepalive_timeout_ms", 10_000),
-    # Unset, gRPC waits for the answer to a ping for a minute, whatever the line above says.
-    ("grpc.http2.ping_timeout_ms", 10_000),
-    ("grpc.keepalive_permit_without_calls", 1),
-    # Clients may send keepalive pings as often.
-    ("grpc.http2.min_ping_interval_without_data_ms", 5_000),
-    ("grpc.server_handshake_timeout_ms", 10_000),
-)
 
 
 class HealthWithReason(health.HealthServicer):
@@ -121,11 +111,12 @@ class SimulatorServer:
             ("grpc.http2.write_buffer_size", 16 << 20),
             ("grpc.http2.bdp_probe", 0),
             ("grpc.max_receive_message_length", MAX_REQUEST_BYTES),
-            *_CONNECTION_OPTIONS,
+            *connection_options(),
         ]
-        self._calls = OpenCalls()
+        self._threads = CallThreads(THREADS, self._note_crowd)
+        self._calls = OpenCalls(on_request=self._threads.request_came)
         self._server = grpc.server(
-            ThreadPoolExecutor(THREADS, "rpc"),
+            self._threads,  # type: ignore[arg-type] # any executor will do
             interceptors=[GuardedCalls(self._calls)],
             options=channel_options,
         )
@@ -158,6 +149,7 @@ class SimulatorServer:
         if not stopped.wait(_STOP_S + _CALLS_END_S):
             _LOG.warning("calls of clients did not end; they are left")
         self._calls.close()
+        self._threads.shutdown()
         remove_socket(self.address)
 
     def _add_services(self) -> None:
@@ -198,6 +190,9 @@ class SimulatorServer:
         except RuntimeError as error:
             raise OaisysError(f"cannot listen on {address}: {error}") from error
         return address if address.startswith(UNIX) else f"{host_and_port(address)[0]}:{port}"
+
+    def _note_crowd(self, peer: str) -> None:
+        self._calls.ended.add(f"a call of {peer}", CROWD)
 
     def _set_ready(self, ready: bool) -> None:
         answer = health_pb2.HealthCheckResponse

@@ -60,7 +60,6 @@ class GuardedCalls(grpc.ServerInterceptor):
         handler = continuation(handler_call_details)
         if handler is None:
             return handler
-        self._calls.make_room()
         name = handler_call_details.method.rpartition("/")[2]
         behavior = handler.unary_unary or handler.unary_stream
         behavior = behavior or handler.stream_unary or handler.stream_stream

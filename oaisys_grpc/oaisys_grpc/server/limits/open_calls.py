@@ -6,18 +6,15 @@ hold it for ever.
 
 from __future__ import annotations
 
-import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
 from enum import Enum
 from typing import Any
 
-import grpc
-
 from oaisys_grpc.memory import IdleMemory
-
-_LOG = logging.getLogger(__name__)
+from oaisys_grpc.server.limits.ended_calls import EndedCalls
+from oaisys_grpc.server.limits.grpc_calls import cancel, event_of_context
 
 REQUEST_PATIENCE_S = 10.0
 """For a request to arrive whole."""
@@ -51,8 +48,9 @@ class Phase(Enum):
 class OpenCall:
     """One call; only its own thread calls `enter`."""
 
-    def __init__(self, context: Any, name: str) -> None:
+    def __init__(self, context: Any, name: str, calls: OpenCalls) -> None:
         self.peer: str = context.peer()
+        self._calls = calls
         self.name = name
         self.phase = Phase.REQUEST
         self.begun_s = self.since_s = time.monotonic()
@@ -62,6 +60,8 @@ class OpenCall:
 
     def enter(self, phase: Phase) -> None:
         """Enter another phase, or the same one again."""
+        if phase is Phase.WORK and self.phase is Phase.REQUEST:
+            self._calls.on_request()
         self.phase, self.since_s = phase, time.monotonic()
 
     def look(self) -> None:
@@ -79,37 +79,40 @@ class OpenCall:
         return time.monotonic() - self.since_s
 
     def end(self, details: str) -> None:
-        """End the call with RESOURCE_EXHAUSTED; any thread may call this.
-
-        No status can follow a message that is stuck, so the call is cancelled in gRPC's core, with
-        a status, which gRPC's Python server does not offer to applications.
-        """
+        """End the call with RESOURCE_EXHAUSTED; any thread may call this."""
         if self.ended:
             return
         self.ended = True
-        _LOG.warning("%s of %s: %s", self.name, self.peer, details)
-        event = getattr(self._context, "_rpc_event", None)
-        if event is None:
+        self._calls.ended.add(f"{self.name} of {self.peer}", details)
+        if not cancel(event_of_context(self._context), details):
             self._context.cancel()
-        else:
-            code, _ = grpc.StatusCode.RESOURCE_EXHAUSTED.value
-            event.call.cancel(code, details.encode())
 
 
 class OpenCalls:
-    """All open calls, and the thread that ends stuck ones; safe for any thread."""
+    """All open calls, and the thread that ends stuck ones; safe for any thread.
 
-    def __init__(self) -> None:
+    Attributes:
+        ended: Counts the calls that were ended.
+    """
+
+    def __init__(self, on_request: Callable[[], None] = lambda: None) -> None:
+        """Start without calls.
+
+        Args:
+            on_request: Called on a call's thread when its request has come.
+        """
+        self.on_request = on_request
         self._calls: set[OpenCall] = set()
         self._lock = threading.Lock()
         self._closed = threading.Event()
         self._memory = IdleMemory()
+        self.ended = EndedCalls()
         self._last_s = time.monotonic()
         threading.Thread(target=self._watch, name="open-calls", daemon=True).start()
 
     def add(self, context: Any, name: str) -> OpenCall:
         """Add a call whose request is still to be read, and return it."""
-        call = OpenCall(context, name)
+        call = OpenCall(context, name, self)
         with self._lock:
             self._calls.add(call)
             self._last_s = time.monotonic()
@@ -122,10 +125,11 @@ class OpenCalls:
             self._last_s = time.monotonic()
 
     def close(self) -> None:
-        """Let the thread end."""
+        """Let the thread end, and tell what is not told yet."""
         self._closed.set()
+        self.ended.tell(at_once=True)
 
-    def make_room(self) -> None:
+    def _make_room(self) -> None:
         """End calls that wait for their requests, if there are many."""
         waiting = [call for call in self._all() if call.phase is Phase.REQUEST and not call.ended]
         if len(waiting) >= CROWDED_REQUESTS:
@@ -141,7 +145,8 @@ class OpenCalls:
         while not self._closed.wait(_LOOK_S):
             for call in self._all():
                 call.look()
-            self.make_room()
+            self._make_room()
+            self.ended.tell()
             if time.monotonic() > self._last_s + _IDLE_S:
                 self._memory.give_back()
             for call in self._all():

@@ -10,8 +10,10 @@ from waiting import wait_until
 
 from oaisys_core.errors import QueueFullError
 from oaisys_grpc.server.limits import slots as slots_module
-from oaisys_grpc.server.limits.open_calls import CROWDED_PATIENCE_S, OpenCall, Phase
+from oaisys_grpc.server.limits.open_calls import CROWDED_PATIENCE_S, OpenCall, OpenCalls, Phase
 from oaisys_grpc.server.limits.slots import Slots
+
+CALLS = OpenCalls()
 
 
 class Context:
@@ -26,7 +28,7 @@ class Context:
 
 
 def call_of(peer: str) -> OpenCall:
-    call = OpenCall(Context(peer), "GetSample")
+    call = OpenCall(Context(peer), "GetSample", CALLS)
     call.enter(Phase.WORK)
     return call
 
