@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from oaisys_core.config.sections.environment import HdriConfig, HdriImageConfig, SkyLabelsConfig
 from oaisys_core.errors import InvalidInputError, one_of
+from oaisys_core.files.images import SKY, SKY_LABELS, read_pixels, read_radiance_file
 from oaisys_core.output.exr import read_channels
 from oaisys_core.scene import id_of_level
 from oaisys_core.sky import SkyImage
@@ -82,16 +83,11 @@ def read_radiance(file: Path) -> NDArray[np.float32]:
 
 
 def _read_hdr(file: Path) -> NDArray[Any]:
-    import cv2
-
-    image = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-    if image is None or image.ndim != 3:
-        raise InvalidInputError("environment.hdri", str(file), "a readable Radiance image")
-    return np.asarray(image[..., ::-1])
+    return np.asarray(read_radiance_file(file, SKY)[..., ::-1])
 
 
 def _read_exr(file: Path) -> NDArray[Any]:
-    channels = read_channels(file)
+    channels = read_channels(file, SKY)
     names = ("R", "G", "B") if "R" in channels else ("Y", "Y", "Y")
     if not set(names) <= set(channels):
         expected = f"channels R, G and B, or Y, not {', '.join(sorted(channels))}"
@@ -131,11 +127,7 @@ def _labelled(
 
 def _values(file: Path) -> NDArray[np.int64]:
     """Return (H, W) pixel values as numbers: grey values, or -1 - 0xrrggbb for colours."""
-    import cv2
-
-    image: Any = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InvalidInputError("environment.hdri.labels_from", str(file), "a readable image")
+    image = read_pixels(file, SKY_LABELS)
     _check_layout(file, image)
     pixels = image.astype(np.int64)
     if pixels.ndim == 2:

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.errors import RenderError
+from oaisys_core.files.images import FRAME, ImageUse, check_exr, read_file
 from oaisys_core.output.files import write_bytes
 
 GREY = "Y"
@@ -54,30 +55,28 @@ def encode_channels(channels: Mapping[str, NDArray[Any]]) -> bytes:
     return stream.getvalue()
 
 
-def read_channels(path: Path) -> dict[str, NDArray[Any]]:
+def read_channels(path: Path, use: ImageUse = FRAME) -> dict[str, NDArray[Any]]:
     """Return the (H, W) channels of all parts of an image, by name.
 
     Raises:
-        InvalidInputError: It cannot be read.
+        InvalidInputError: It cannot be read, or is larger than ``use`` allows.
     """
-    return _channels(str(path), str(path))
+    return decode_channels(read_file(path, use), str(path), use)
 
 
-def decode_channels(data: bytes, name: str) -> dict[str, NDArray[Any]]:
+def decode_channels(data: bytes, name: str, use: ImageUse = FRAME) -> dict[str, NDArray[Any]]:
     """Return the (H, W) channels of an EXR file's bytes, by name; errors call it ``name``.
 
     Raises:
-        InvalidInputError: They are no EXR image.
+        InvalidInputError: They are no EXR image, or one larger than ``use`` allows.
     """
-    return _channels(io.BytesIO(data), name)
-
-
-def _channels(source: str | io.BytesIO, name: str) -> dict[str, NDArray[Any]]:
     import OpenEXR
 
     try:
-        with OpenEXR.File(source, separate_channels=True) as file:
+        with OpenEXR.File(io.BytesIO(data), header_only=True) as file:
+            check_exr(file, use, name)
+        with OpenEXR.File(io.BytesIO(data), separate_channels=True) as file:
             channels = {name: c for part in file.parts for name, c in part.channels.items()}
             return {name: np.asarray(channel.pixels) for name, channel in channels.items()}
-    except (OSError, RuntimeError, ValueError, TypeError) as error:
-        raise InvalidInputError("image", name, f"a readable EXR image ({error})") from error
+    except (OSError, RuntimeError, ValueError, TypeError, KeyError) as error:
+        raise use.refusal(name, error) from error

@@ -7,18 +7,22 @@ import warnings
 from pathlib import Path
 
 import numpy as np
-import rasterio
 from rasterio import Affine
 from rasterio.errors import NotGeoreferencedWarning
 from rasterio.io import MemoryFile
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.arrays import load_arrays
+from oaisys_core.files.images import ELEVATION, open_geotiff
 from oaisys_core.output.files import write_bytes
 from oaisys_core.types import HeightGrid
 
 SUFFIXES = (".tif", ".tiff", ".npz")
 BANDS = ("ground", "surface")
 FRAME = "map"
+
+MOST_GRID_BYTES = 2_000_000_000
+"""Size of the arrays in a file."""
 
 
 def write_heights(path: Path, grid: HeightGrid) -> None:
@@ -46,13 +50,13 @@ def write_heights(path: Path, grid: HeightGrid) -> None:
 def read_heights(path: Path) -> HeightGrid:
     """Return the grid in a file that `write_heights` wrote."""
     if path.suffix == ".npz":
-        with np.load(path, allow_pickle=False) as found:
-            x, y = (float(value) for value in found["origin_xy_m"])
-            spacing_m = float(found["spacing_m"])
-            return HeightGrid(found["ground_m"], found["surface_m"], (x, y), spacing_m)
+        found = load_arrays(path, MOST_GRID_BYTES)
+        x, y = (float(value) for value in found["origin_xy_m"])
+        spacing_m = float(found["spacing_m"])
+        return HeightGrid(found["ground_m"], found["surface_m"], (x, y), spacing_m)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", NotGeoreferencedWarning)
-        with rasterio.open(path) as file:
+        with open_geotiff(path, ELEVATION) as file:
             ground_m, surface_m = file.read()[:, ::-1]
             to_map = file.transform
             x, y = to_map.c + to_map.a / 2, to_map.f + to_map.e * (file.height - 0.5)

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.files.images import FRAME, decode_pixels, read_file
 from oaisys_core.output.exr import GREY, decode_channels, encode_channels
 from oaisys_core.output.files import write_bytes
 from oaisys_core.types import (
@@ -101,11 +102,7 @@ def read_image(path: Path, modality: str) -> NDArray[Any]:
     Raises:
         InvalidInputError: It cannot be read, or is not an image of that modality.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InvalidInputError("image", str(path), f"a readable image ({error})") from error
-    return decode_image(data, modality, str(path))
+    return decode_image(read_file(path, FRAME), modality, str(path))
 
 
 def decode_image(file: bytes, modality: str, name: str) -> NDArray[Any]:
@@ -141,8 +138,5 @@ def decode_image(file: bytes, modality: str, name: str) -> NDArray[Any]:
 
 
 def _decoded_png(file: bytes, name: str) -> NDArray[Any]:
-    buffer = np.frombuffer(file, np.uint8)
-    found = cv2.imdecode(buffer, cv2.IMREAD_UNCHANGED) if len(buffer) else None
-    if found is None:
-        raise InvalidInputError("image", name, "a readable image")
+    found = decode_pixels(file, FRAME, name)
     return np.asarray(found[..., ::-1] if found.ndim == 3 else found)

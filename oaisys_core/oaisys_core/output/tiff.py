@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from rasterio.errors import NotGeoreferencedWarning, RasterioError
 from rasterio.io import MemoryFile
 
-from oaisys_core.errors import InvalidInputError, RenderError
+from oaisys_core.errors import RenderError
+from oaisys_core.files.images import FRAME, open_geotiff
 
 NO_PREDICTOR, FLOATING_POINT = 1, 3
 """Numbers of predictors in TIFF files."""
@@ -67,14 +68,8 @@ def decode(file: bytes, name: str) -> NDArray[Any]:
     Raises:
         InvalidInputError: It cannot be read.
     """
-    try:
-        with MemoryFile(file) as memory:
-            with _ungeoreferenced():
-                image = memory.open()
-            with image:
-                planes: NDArray[Any] = image.read()
-    except RasterioError as error:
-        raise InvalidInputError("image", name, f"a readable image ({error})") from error
+    with _ungeoreferenced(), open_geotiff(file, FRAME, name) as image:
+        planes: NDArray[Any] = image.read()
     return planes[0] if len(planes) == 1 else np.moveaxis(planes, 0, -1)
 
 

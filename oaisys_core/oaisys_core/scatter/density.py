@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
 from oaisys_core import randomness
 from oaisys_core.config.sections.density import (
@@ -21,6 +20,7 @@ from oaisys_core.config.sections.density import (
     VoronoiDensity,
 )
 from oaisys_core.errors import ConfigError, quoted
+from oaisys_core.files.images import DENSITY, read_pixels
 from oaisys_core.scatter.placement import slope_deg
 from oaisys_core.scene import Ground
 from oaisys_core.terrain.moisture import moisture
@@ -171,9 +171,9 @@ def _height_range_m(config: HeightDensity, ground: Ground) -> tuple[float, float
 def _image(config: ImageDensity) -> Field:
     import cv2
 
-    pixels: NDArray[np.uint8 | np.uint16] | None
-    pixels = cv2.imread(str(config.file), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE)
-    if pixels is None or pixels.dtype not in (np.uint8, np.uint16):
+    grey = cv2.IMREAD_ANYDEPTH | cv2.IMREAD_GRAYSCALE
+    pixels = read_pixels(config.file, DENSITY, grey)
+    if pixels.dtype not in (np.uint8, np.uint16):
         raise ConfigError(
             f"density.file: received {quoted(str(config.file))}, expected a grey image"
         )

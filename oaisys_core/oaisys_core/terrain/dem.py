@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, cos, pi, radians, sin, sqrt
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import numpy as np
 import scipy
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.images import ELEVATION, ImageUse, open_geotiff, read_pixels
 from oaisys_core.output import exr
 from oaisys_core.scene import HeightField
 from oaisys_core.terrain.holes import filled, number_of_holes
@@ -175,18 +176,21 @@ def write_dem(path: Path, ground: HeightField) -> None:
         raise InvalidInputError("path", str(path), f"a place to write to ({error})") from error
 
 
-def _read_png(path: Path, field: str) -> FloatArray:
-    import cv2
+def use_of(field: str) -> ImageUse:
+    """Return the bounds of a model whose configuration has this name."""
+    return replace(ELEVATION, field=f"{field}.file")
 
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None or image.ndim != 2 or image.dtype != np.uint16:
-        found = "nothing" if image is None else f"{image.shape} {image.dtype}"
+
+def _read_png(path: Path, field: str) -> FloatArray:
+    image = read_pixels(path, use_of(field))
+    if image.ndim != 2 or image.dtype != np.uint16:
+        found = f"{image.shape} {image.dtype}"
         raise InvalidInputError(f"{field}.file", found, f"a grey 16-bit PNG image ({path.name})")
     return np.asarray(image, np.float64)
 
 
 def _read_exr(path: Path, field: str) -> FloatArray:
-    channels = exr.read_channels(path)
+    channels = exr.read_channels(path, use_of(field))
     for name in (exr.GREY, "Z", "R", "RGB.R"):
         if name in channels:
             return np.asarray(channels[name], np.float64)
@@ -196,18 +200,12 @@ def _read_exr(path: Path, field: str) -> FloatArray:
 
 
 def _read_tiff(path: Path, band: int, field: str) -> Dem:
-    import rasterio
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+    from rasterio.errors import NotGeoreferencedWarning
 
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            with rasterio.open(path) as file:
-                return _from_dataset(file, band, field)
-    except (RasterioError, OSError) as error:
-        raise InvalidInputError(
-            f"{field}.file", str(path), f"a readable GeoTIFF ({error})"
-        ) from error
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", NotGeoreferencedWarning)
+        with open_geotiff(path, use_of(field)) as file:
+            return _from_dataset(file, band, field)
 
 
 def _from_dataset(file: Any, band: int, field: str) -> Dem:

@@ -12,9 +12,11 @@ import time
 import zipfile
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from oaisys_core.files.arrays import load_arrays
 from oaisys_core.scene import PbrMaps
 
 LOG = logging.getLogger(__name__)
@@ -83,12 +85,16 @@ def default_cache_dir() -> Path | None:
     return folder if os.access(folder, os.W_OK) else None
 
 
+MOST_SET_BYTES = 2_000_000_000
+"""Size of the arrays in a file; a set of 8192 pixels takes 0.9 GB."""
+
+
 def read(path: Path, name: str, size_px: int) -> PbrMaps | None:
     """Return the texture set in a file, or None if there is no valid one."""
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            maps = {kind: archive[kind] for kind in KINDS}
-            tile_m = float(archive["tile_m"])
+        archive = load_arrays(path, MOST_SET_BYTES)
+        maps: dict[str, Any] = {kind: archive[kind] for kind in KINDS}
+        tile_m = float(archive["tile_m"])
         for kind, (dtype, channels) in KINDS.items():
             if maps[kind].dtype != dtype or maps[kind].shape != (size_px, size_px, *channels):
                 raise ValueError(f"{kind} is {maps[kind].dtype} of {maps[kind].shape}")

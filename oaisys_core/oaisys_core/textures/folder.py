@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.color import srgb
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.images import TEXTURE, read_pixels
 from oaisys_core.output.exr import read_channels
 from oaisys_core.scene import PbrMaps
 from oaisys_core.textures.fields import normals_from_height
@@ -169,17 +169,13 @@ def _image(path: Path) -> Image:
 
 
 def _exr_image(path: Path) -> NDArray[np.float32]:
-    channels = read_channels(path)
+    channels = read_channels(path, TEXTURE)
     grey = next(iter(channels.values()))
     return np.stack([channels.get(name, grey) for name in "RGB"], axis=-1)
 
 
 def _integer_image(path: Path) -> NDArray[np.float32]:
-    import cv2
-
-    image: Any = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InvalidInputError("folder", str(path), "a readable image")
+    image = read_pixels(path, TEXTURE)
     if image.ndim == 2:
         image = np.repeat(image[..., None], 3, axis=2)
     scale = np.iinfo(image.dtype).max if image.dtype.kind == "u" else 1.0

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.images import LABEL_IMAGE, read_pixels
 from oaisys_core.world.terrain_material import LabelImage
 
 
@@ -47,10 +47,8 @@ def load_label_image(
 
 def _values(path: Path) -> tuple[NDArray[np.int64], bool]:
     """Return (rows, columns) pixel values, and whether they are colours (0xrrggbb)."""
-    import cv2
-
-    image: Any = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None or image.dtype.kind != "u":
+    image = read_pixels(path, LABEL_IMAGE)
+    if image.dtype.kind != "u":
         raise InvalidInputError("labels_from", str(path), "a readable image of 8 or 16 bits")
     if image.ndim == 2:
         return np.asarray(image, np.int64), False

@@ -19,11 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError, quoted
+from oaisys_core.files.arrays import load_arrays
 from oaisys_core.files.documents import parse_json
 from oaisys_core.scene import Ground, HeightField
 from oaisys_core.terrain.mesh_ground import MeshGround
 
 FORMAT = 1
+
+MOST_STAGE_BYTES = 4_000_000_000
+"""Size of the arrays in a file."""
 SUFFIX = ".npz"
 
 
@@ -99,8 +103,7 @@ def load_stage(path: Path, field: str = "stage.reuse.file") -> StageRecord:
     """
     expected = "a stage that stage.store wrote"
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            found = dict(arrays)
+        found = load_arrays(path, MOST_STAGE_BYTES)
         data = parse_json(str(found["record"]))
         if data["format"] != FORMAT:
             raise InvalidInputError(field, data["format"], f"a stage of format {FORMAT}")

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.arrays import load_arrays
 from oaisys_mapping.voxels.block_cache import BlockCache
 from oaisys_mapping.voxels.block_layout import BLOCK_VOXELS, VOXELS, BlockCoordinates, VoxelField
 from oaisys_mapping.voxels.config import TsdfConfig
@@ -84,6 +85,10 @@ def write_volume(path: Path, header: VolumeHeader, grids: Mapping[str, BlockCach
         partial.unlink(missing_ok=True)
 
 
+MOST_VOLUME_BYTES = 16_000_000_000
+"""Size of the arrays in a file."""
+
+
 def read_volume(
     path: Path, fields: Mapping[str, tuple[VoxelField, ...]]
 ) -> tuple[VolumeHeader, dict[str, tuple[BlockCoordinates, dict[str, NDArray[Any]]]]]:
@@ -97,20 +102,20 @@ def read_volume(
         InvalidInputError: The file is not a volume, or lacks these fields.
     """
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            if str(arrays["format"]) != FORMAT:
-                raise ValueError(f"its format is {arrays['format']}")
-            header = VolumeHeader(
-                float(arrays["voxel_size_m"]),
-                float(arrays["truncation_m"]),
-                int(arrays["frames"]),
-                arrays["free"],
-            )
-            grids = {
-                name: _read_grid(arrays, name, each)
-                for name, each in fields.items()
-                if name == VOXEL_BLOCKS or name in arrays
-            }
+        arrays = load_arrays(path, MOST_VOLUME_BYTES)
+        if str(arrays["format"]) != FORMAT:
+            raise ValueError(f"its format is {arrays['format']}")
+        header = VolumeHeader(
+            float(arrays["voxel_size_m"]),
+            float(arrays["truncation_m"]),
+            int(arrays["frames"]),
+            arrays["free"],
+        )
+        grids = {
+            name: _read_grid(arrays, name, each)
+            for name, each in fields.items()
+            if name == VOXEL_BLOCKS or name in arrays
+        }
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
         raise InvalidInputError("path", str(path), f"a saved volume ({error})") from error
     return header, grids

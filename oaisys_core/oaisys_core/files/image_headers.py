@@ -1,0 +1,159 @@
+"""Sizes of images as their files' headers say, found without decoding anything.
+
+Only formats with a row here are decoded, because a decoder recognizes others by itself.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from collections.abc import Callable
+from math import ceil
+
+FORMATS = "PNG, JPEG, TIFF, BMP, WebP or PNM"
+
+_SIZE_TAGS = {256: "width", 257: "height", 277: "samples", 322: "tile_width", 323: "tile_height"}
+_TIFF_VALUES = {3: "H", 4: "I", 16: "Q"}
+_MOST_TAGS = 4096
+_NO_FRAME = (0xC4, 0xC8, 0xCC)
+"""Markers among those of a JPEG's frames that are none: tables and extensions."""
+_LONGEST_TEXT_HEADER = 65_536
+
+
+def image_size(data: bytes) -> tuple[int, int]:
+    """Return width and height of the pixels that decoding a file would fill.
+
+    Raises:
+        ValueError: It is none of `FORMATS`, or its header is damaged.
+    """
+    for start, size in _KINDS.items():
+        if data.startswith(start):
+            try:
+                width, height = size(data)
+            except (struct.error, KeyError, IndexError) as error:
+                raise ValueError("its header is damaged") from error
+            if width < 1 or height < 1:
+                raise ValueError(f"its header says {width} x {height} pixels")
+            return width, height
+    raise ValueError(f"it is not a {FORMATS} file")
+
+
+def radiance_pixels(data: bytes) -> tuple[int, int, int]:
+    """Return width, height and the place of the pixels in a Radiance (``.hdr``) file.
+
+    Raises:
+        ValueError: It is no such file, or its rows do not go from the top to the bottom.
+    """
+    head = data[:_LONGEST_TEXT_HEADER]
+    found = re.match(rb"#\?[^\n]*\n(?:[^\n]+\n)*\n-Y (\d{1,9}) \+X (\d{1,9})\n", head)
+    if found is None or b"\nFORMAT=32-bit_rle_rgbe\n" not in found[0]:
+        raise ValueError("it is not a Radiance file with rows from the top to the bottom")
+    return int(found[2]), int(found[1]), found.end()
+
+
+def _png(data: bytes) -> tuple[int, int]:
+    if data[12:16] != b"IHDR":
+        raise ValueError("its header is damaged")
+    return struct.unpack(">II", data[16:24])
+
+
+def _jpeg(data: bytes) -> tuple[int, int]:
+    """Return the size in the one frame of a JPEG file; its segments before the pixels are read."""
+    place, sizes = 2, []
+    while True:
+        place = data.index(b"\xff", place) if b"\xff" in data[place:] else len(data)
+        while data[place] == 0xFF:
+            place += 1
+        marker = data[place]
+        place += 1
+        if marker == 0xDA:  # the pixels
+            break
+        if marker in (0x00, 0x01) or 0xD0 <= marker <= 0xD8:
+            continue
+        (length,) = struct.unpack(">H", data[place : place + 2])
+        if 0xC0 <= marker <= 0xCF and marker not in _NO_FRAME:
+            height, width = struct.unpack(">HH", data[place + 3 : place + 7])
+            sizes.append((width, height))
+        place += length
+    if len(sizes) != 1:
+        raise ValueError(f"it has {len(sizes)} frames, not one")
+    return sizes[0]
+
+
+def _tiff(data: bytes) -> tuple[int, int]:
+    """Return the size of a TIFF file's first image, rounded up to whole tiles."""
+    order = "<" if data[:2] == b"II" else ">"
+    is_big = struct.unpack(order + "H", data[2:4])[0] == 43
+    word, entry_bytes = ("Q", 20) if is_big else ("I", 12)
+    start = 8 if is_big else 4
+    (place,) = struct.unpack_from(order + word, data, start)
+    (count,) = struct.unpack_from(order + ("Q" if is_big else "H"), data, place)
+    place += 8 if is_big else 2
+    if count > _MOST_TAGS:
+        raise ValueError(f"it has {count} tags, more than {_MOST_TAGS}")
+    found: dict[str, int] = {}
+    for number in range(count):
+        at = place + number * entry_bytes
+        tag, kind = struct.unpack_from(order + "HH", data, at)
+        if tag in _SIZE_TAGS:
+            if _SIZE_TAGS[tag] in found:
+                raise ValueError(f"it has tag {tag} twice")
+            value_at = at + entry_bytes - struct.calcsize(word)
+            (found[_SIZE_TAGS[tag]],) = struct.unpack_from(
+                order + _TIFF_VALUES[kind], data, value_at
+            )
+    if found.get("samples", 1) > 4:
+        raise ValueError(f"it has {found['samples']} channels, more than 4")
+    width, height = found["width"], found["height"]
+    tile_width, tile_height = found.get("tile_width", 1), found.get("tile_height", 1)
+    return _whole(width, tile_width), _whole(height, tile_height)
+
+
+def _whole(size: int, part: int) -> int:
+    return ceil(size / part) * part if part else 0
+
+
+def _bmp(data: bytes) -> tuple[int, int]:
+    (header_bytes,) = struct.unpack("<I", data[14:18])
+    if header_bytes == 12:
+        return struct.unpack("<HH", data[18:22])
+    width, height = struct.unpack("<ii", data[18:26])
+    return width, abs(height)
+
+
+def _webp(data: bytes) -> tuple[int, int]:
+    kind = data[12:16]
+    if data[8:12] != b"WEBP":
+        raise ValueError(f"it is not a {FORMATS} file")
+    if kind == b"VP8X":
+        return (
+            1 + int.from_bytes(data[24:27], "little"),
+            1 + int.from_bytes(data[27:30], "little"),
+        )
+    if kind == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
+    width, height = struct.unpack("<HH", data[26:30])
+    return width & 0x3FFF, height & 0x3FFF
+
+
+def _pnm(data: bytes) -> tuple[int, int]:
+    gap = rb"(?:\s|#[^\n]*\n)+"
+    found = re.match(rb"P[1-6]" + gap + rb"(\d{1,9})" + gap + rb"(\d{1,9})\s", data[:4096])
+    if found is None:
+        raise ValueError("its header is damaged")
+    return int(found[1]), int(found[2])
+
+
+_KINDS: dict[bytes, Callable[[bytes], tuple[int, int]]] = {
+    b"\x89PNG\r\n\x1a\n": _png,
+    b"\xff\xd8\xff": _jpeg,
+    b"II*\0": _tiff,
+    b"MM\0*": _tiff,
+    b"II+\0": _tiff,
+    b"MM\0+": _tiff,
+    b"BM": _bmp,
+    b"RIFF": _webp,
+    **{b"P%d" % kind: _pnm for kind in range(1, 7)},
+}
+"""Functions that find the size, by the first bytes of a format."""

@@ -1,0 +1,227 @@
+"""Opens images from outside: their sizes are read from headers and bounded before decoding."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.documents import read_bytes
+from oaisys_core.files.image_headers import image_size, radiance_pixels
+from oaisys_core.types import MAX_IMAGE_PX
+
+_BYTES_PER_PIXEL = 16
+"""Of a file: four channels of 32 bits, uncompressed."""
+
+_HEADER_BYTES = 1_000_000
+"""What a file may have besides pixels."""
+
+_EXR_CHANNELS = 8
+"""Channels of an EXR file with as many pixels as it may have."""
+
+MOST_BANDS = 64
+"""Bands of a GeoTIFF."""
+
+
+@dataclass(frozen=True)
+class ImageUse:
+    """What an image is used for, and how large it may be.
+
+    Attributes:
+        name: Of the use, in errors.
+        most_px: Pixels that it may have.
+        field: Name of the configuration field in errors.
+    """
+
+    name: str
+    most_px: int
+    field: str
+
+    @property
+    def most_bytes(self) -> int:
+        """Size of a file."""
+        return self.most_px * _BYTES_PER_PIXEL + _HEADER_BYTES
+
+    def check(self, width: int, height: int, file: str) -> None:
+        """Raise `InvalidInputError` if an image of this size must not be decoded."""
+        if width * height > self.most_px:
+            expected = (
+                f"{self.name} of at most {self.most_px} pixels, not {width} x {height}"
+                f" ({width * height})"
+            )
+            raise InvalidInputError(self.field, file, expected)
+
+    def refusal(self, file: str, reason: object) -> InvalidInputError:
+        """Return the error about a file that cannot be read."""
+        return InvalidInputError(self.field, file, f"{self.name} that can be read ({reason})")
+
+
+TEXTURE = ImageUse("a texture", 8192 * 8192, "folder")
+MESH_TEXTURE = ImageUse("a mesh's texture", 8192 * 8192, "file")
+LABEL_IMAGE = ImageUse("a label image", 8192 * 8192, "labels_from")
+DENSITY = ImageUse("a density image", 8192 * 8192, "density.file")
+SKY = ImageUse("a sky image", 16384 * 8192, "environment.hdri")
+SKY_LABELS = ImageUse("a sky's label image", 16384 * 8192, "environment.hdri.labels_from")
+ELEVATION = ImageUse("an elevation model", 100_000_000, "stage.dem.file")
+FRAME = ImageUse("a camera's image", MAX_IMAGE_PX, "image")
+USES = (TEXTURE, MESH_TEXTURE, LABEL_IMAGE, DENSITY, SKY, SKY_LABELS, ELEVATION, FRAME)
+
+
+def read_file(path: Path, use: ImageUse) -> bytes:
+    """Return the bytes of an image's file.
+
+    Raises:
+        InvalidInputError: It cannot be read, or is too large.
+    """
+    try:
+        return read_bytes(path, use.most_bytes)
+    except (OSError, ValueError) as error:
+        raise use.refusal(str(path), error) from error
+
+
+def read_pixels(path: Path, use: ImageUse, flags: int | None = None) -> NDArray[Any]:
+    """Return the (H, W) or (H, W, channels) pixels of a file in OpenCV's order, blue first.
+
+    Args:
+        path: The file.
+        use: Bounds its size.
+        flags: Of ``cv2.imdecode``; None: as the file is.
+
+    Raises:
+        InvalidInputError: It is too large, or cannot be read.
+    """
+    return decode_pixels(read_file(path, use), use, str(path), flags)
+
+
+def decode_pixels(data: bytes, use: ImageUse, name: str, flags: int | None = None) -> NDArray[Any]:
+    """Return the pixels of a file's bytes, see `read_pixels`; errors call it ``name``.
+
+    Raises:
+        InvalidInputError: It is too large, or cannot be read.
+    """
+    import cv2
+
+    try:
+        use.check(*image_size(data), name)
+    except ValueError as error:
+        raise use.refusal(name, error) from error
+    return _decoded(data, use, name, cv2.IMREAD_UNCHANGED if flags is None else flags)
+
+
+def read_radiance_file(path: Path, use: ImageUse) -> NDArray[np.float32]:
+    """Return the (H, W, 3) pixels of a Radiance file in OpenCV's order, blue first.
+
+    Raises:
+        InvalidInputError: It is too large, or cannot be read.
+    """
+    import cv2
+
+    data = read_file(path, use)
+    try:
+        width, height, start = radiance_pixels(data)
+    except ValueError as error:
+        raise use.refusal(str(path), error) from error
+    use.check(width, height, str(path))
+    # A header of our own, because another reader may find another size in that of the file.
+    head = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y %d +X %d\n" % (height, width)
+    return _decoded(head + data[start:], use, str(path), cv2.IMREAD_UNCHANGED)
+
+
+def _decoded(data: bytes, use: ImageUse, name: str, flags: int) -> NDArray[Any]:
+    import cv2
+
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error as error:
+        raise use.refusal(name, error.err) from error
+    if image is None:
+        raise use.refusal(name, "its pixels are damaged")
+    return np.asarray(image)
+
+
+@contextmanager
+def open_geotiff(source: Path | bytes, use: ImageUse, name: str | None = None) -> Iterator[Any]:
+    """Open a GeoTIFF by itself: no other format, no files beside it, no network.
+
+    Args:
+        source: The file, or its bytes.
+        use: Bounds its size.
+        name: Of the file in errors; None: its path.
+
+    Yields:
+        The dataset of rasterio.
+
+    Raises:
+        InvalidInputError: It is too large, or no GeoTIFF that can be read.
+    """
+    from rasterio import Env
+    from rasterio.errors import RasterioError
+    from rasterio.io import MemoryFile
+
+    data = read_file(source, use) if isinstance(source, Path) else source
+    shown = name or str(source)
+    # In memory GDAL finds no neighbours, and the file's name, such as GTIFF_DIR:…, means nothing.
+    alone = {
+        "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",
+        "GDAL_PAM_ENABLED": "NO",
+        "GDAL_GEOREF_SOURCES": "INTERNAL",
+        "CPL_VSIL_CURL_ALLOWED_EXTENSIONS": ".none",
+        "PROJ_NETWORK": "OFF",
+    }
+    try:
+        with Env(**alone), MemoryFile(data) as memory, memory.open(driver="GTiff") as file:
+            _check_geotiff(file, use, shown)
+            yield file
+    except (RasterioError, OSError) as error:
+        raise use.refusal(shown, error) from error
+
+
+def _check_geotiff(file: Any, use: ImageUse, name: str) -> None:
+    use.check(file.width, file.height, name)
+    if file.count > MOST_BANDS:
+        expected = f"{use.name} of at most {MOST_BANDS} bands, not {file.count}"
+        raise InvalidInputError(use.field, name, expected)
+    is_mixed = file.interleaving is not None and file.interleaving.value == "PIXEL"
+    together = file.count if is_mixed else 1
+    for rows, columns in file.block_shapes:
+        # A block is decoded as a whole, however small the image is.
+        use.check(columns, rows * together, name)
+    if any("complex" in dtype for dtype in file.dtypes):
+        raise InvalidInputError(use.field, name, f"{use.name} of real numbers")
+
+
+def check_exr(file: Any, use: ImageUse, name: str) -> None:
+    """Raise unless an EXR file, of which only the headers were read, may be decoded.
+
+    Args:
+        file: ``OpenEXR.File`` with headers.
+        use: Bounds its size.
+        name: Of the file in errors.
+
+    Raises:
+        InvalidInputError: It is too large or has deep pixels.
+    """
+    import OpenEXR
+
+    plain = (OpenEXR.scanlineimage, OpenEXR.tiledimage)
+    values = 0
+    for part in file.parts:
+        header = part.header
+        if header.get("type", OpenEXR.scanlineimage) not in plain:
+            raise InvalidInputError(use.field, name, f"{use.name} without deep pixels")
+        low, high = (np.asarray(corner, np.int64) for corner in header["dataWindow"])
+        width, height = (int(each) for each in high - low + 1)
+        use.check(max(width, 0), max(height, 0), name)
+        values += width * height * len(header["channels"])
+        if "tiles" in header:
+            tile = header["tiles"]
+            use.check(int(tile.xSize), int(tile.ySize), name)
+    if values > use.most_px * _EXR_CHANNELS:
+        expected = f"{use.name} of at most {use.most_px * _EXR_CHANNELS} values, not {values}"
+        raise InvalidInputError(use.field, name, expected)

@@ -1,0 +1,336 @@
+"""Images that are small as files and huge in memory, and files that point elsewhere."""
+
+from __future__ import annotations
+
+import io
+import struct
+import zipfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import OpenEXR
+import psutil
+import pytest
+import rasterio
+from PIL import Image
+from rasterio.io import MemoryFile
+
+from oaisys_core.config.sections.density import ImageDensity
+from oaisys_core.config.sections.environment import HdriImageConfig, SkyLabelsConfig
+from oaisys_core.environment.hdri import SkyImages, read_radiance
+from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.arrays import load_arrays
+from oaisys_core.files.documents import DocumentError
+from oaisys_core.files.image_headers import image_size, radiance_pixels
+from oaisys_core.files.images import (
+    ELEVATION,
+    FRAME,
+    TEXTURE,
+    USES,
+    decode_pixels,
+    open_geotiff,
+    read_pixels,
+)
+from oaisys_core.output import exr
+from oaisys_core.output.images import decode_image
+from oaisys_core.scatter.density import _image as density_image
+from oaisys_core.terrain.dem import import_dem
+from oaisys_core.textures.folder import load_texture_folder
+from oaisys_core.textures.label_image import load_label_image
+from oaisys_core.world.stage_store import load_stage
+
+SIDE = 60_000
+MUCH_BYTES = 300_000_000
+
+
+def png(width: int = SIDE, height: int = SIDE, depth: int = 16) -> bytes:
+    def chunk(kind: bytes, data: bytes) -> bytes:
+        sum_ = struct.pack(">I", zlib.crc32(kind + data))
+        return struct.pack(">I", len(data)) + kind + data + sum_
+
+    head = struct.pack(">IIBBBBB", width, height, depth, 0, 0, 0, 0)
+    rows = chunk(b"IDAT", zlib.compress(bytes(100_000)))
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + rows + chunk(b"IEND", b"")
+
+
+def tiff(**options: Any) -> bytes:
+    size = {"width": SIDE, "height": SIDE, "count": 1, "dtype": "float32", **options}
+    with MemoryFile() as memory:
+        memory.open(driver="GTiff", sparse_ok=True, compress="deflate", **size).close()
+        return bytes(memory.getbuffer())
+
+
+def hdr() -> bytes:
+    return b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 30000 +X 60000\n" + bytes(1000)
+
+
+def exr_file() -> bytes:
+    """An EXR image whose data window is 60000 x 30000 only in its header."""
+    stream = io.BytesIO()
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, {"Y": np.zeros((2, 3), np.float32)}) as file:
+        file.write(stream)
+    small, large = struct.pack("<4i", 0, 0, 2, 1), struct.pack("<4i", 0, 0, 59_999, 29_999)
+    return stream.getvalue().replace(small, large)
+
+
+def jpeg() -> bytes:
+    data = bytearray(cv2.imencode(".jpg", np.zeros((8, 8), np.uint8))[1].tobytes())
+    place = data.index(b"\xff\xc0")
+    data[place + 5 : place + 9] = struct.pack(">HH", SIDE, SIDE)
+    return bytes(data)
+
+
+def webp() -> bytes:
+    data = bytearray(cv2.imencode(".webp", np.zeros((8, 8, 3), np.uint8))[1].tobytes())
+    assert data[12:16] in (b"VP8 ", b"VP8L")
+    extended = b"VP8X" + struct.pack("<I", 10) + bytes(4) + b"\xff\xff\x3f" * 2
+    return bytes(data[:12]) + extended + bytes(data[12:])
+
+
+def bmp() -> bytes:
+    data = bytearray(cv2.imencode(".bmp", np.zeros((8, 8, 3), np.uint8))[1].tobytes())
+    data[18:26] = struct.pack("<ii", SIDE, -SIDE)
+    return bytes(data)
+
+
+def npz(**headers: str) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, header in headers.items():
+            text = header.encode().ljust(117) + b"\n"
+            magic = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(text))
+            archive.writestr(f"{name}.npy", magic + text + bytes(10_000_000))
+    return stream.getvalue()
+
+
+def sky_labels(file: Path) -> None:
+    mapping = {"1": {"label": "sky", "semantic_id": 1}}
+    labels = SkyLabelsConfig.model_construct(image=file, mapping=mapping, level=0)
+    config = HdriImageConfig.model_construct(file=file, labels_from=(labels,))
+    SkyImages().load(config, (0,))
+
+
+def texture(file: Path) -> None:
+    load_texture_folder(file.parent, 1.0)
+
+
+def label(file: Path) -> None:
+    load_label_image(file, {"1": [1]}, [0])
+
+
+def density(file: Path) -> None:
+    density_image(ImageDensity.model_construct(file=file, invert=False))
+
+
+def frame(file: Path) -> None:
+    decode_image(file.read_bytes(), "depth", file.name)
+
+
+BOMBS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], Any]]] = {
+    "dem.tif": ("dem.tif", tiff, import_dem),
+    "dem.png": ("dem.png", png, import_dem),
+    "dem.exr": ("dem.exr", exr_file, import_dem),
+    "sky.hdr": ("sky.hdr", hdr, read_radiance),
+    "sky.exr": ("sky.exr", exr_file, read_radiance),
+    "sky labels": ("labels.png", png, sky_labels),
+    "label image": ("labels.png", png, label),
+    "label image, tiff": ("labels.tif", tiff, label),
+    "density": ("density.png", png, density),
+    "texture.png": ("a_color.png", png, texture),
+    "texture.jpg": ("a_color.jpg", jpeg, texture),
+    "texture.tif": ("a_color.tif", tiff, texture),
+    "texture.exr": ("a_color.exr", exr_file, texture),
+    "webp named png": ("a_color.png", webp, texture),
+    "bmp named png": ("a_color.png", bmp, texture),
+    "a data set's tiff": ("depth_00.tif", tiff, frame),
+    "a data set's png": ("depth_00.png", png, frame),
+    "a data set's exr": ("depth_00.exr", exr_file, frame),
+}
+
+
+@pytest.mark.parametrize("what", BOMBS)
+def test_bombs_are_refused_by_their_header(tmp_path: Path, what: str) -> None:
+    name, make, read = BOMBS[what]
+    file = tmp_path / name
+    file.write_bytes(make())
+    assert file.stat().st_size < 10**6
+    before = psutil.Process().memory_info().rss
+    with pytest.raises(InvalidInputError, match=r"at most \d+ pixels, not 6?\d+ x \d+") as refused:
+        read(file)
+    assert name in str(refused.value)
+    assert psutil.Process().memory_info().rss - before < MUCH_BYTES
+
+
+@pytest.mark.parametrize("shape", ["(100000, 100000)", "(-1, 7)"])
+def test_arrays_are_refused_by_their_header(tmp_path: Path, shape: str) -> None:
+    file = tmp_path / "stage.npz"
+    header = f"{{'descr': '<f4', 'fortran_order': False, 'shape': {shape}}}"
+    file.write_bytes(npz(elevation_m=header))
+    with pytest.raises(DocumentError, match=r"40000000000 bytes|has the shape"):
+        load_arrays(file, 10**9)
+    with pytest.raises(InvalidInputError, match=r"stage\.npz"):
+        load_stage(file)
+
+
+def test_many_small_arrays_are_counted_together(tmp_path: Path) -> None:
+    file = tmp_path / "many.npz"
+    header = "{'descr': '<f4', 'fortran_order': False, 'shape': (1000000,)}"
+    file.write_bytes(npz(**{f"a{number}": header for number in range(5)}))
+    assert len(load_arrays(file, 20_000_000)) == 5
+    with pytest.raises(DocumentError, match="20000000 bytes, more than 19999999"):
+        load_arrays(file, 19_999_999)
+
+
+def test_pickles_in_arrays_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "objects.npz", a=np.array([{}], object))
+    with pytest.raises(ValueError, match="objects"):
+        load_arrays(tmp_path / "objects.npz", 10**9)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".bmp", ".webp", ".pgm", ".ppm"])
+@pytest.mark.parametrize("channels", [1, 3])
+def test_headers_say_what_is_decoded(suffix: str, channels: int) -> None:
+    shape = (37, 53) if channels == 1 else (37, 53, channels)
+    if (suffix, channels) in ((".pgm", 3), (".ppm", 1)):
+        pytest.skip("there is none")
+    data = cv2.imencode(suffix, np.zeros(shape, np.uint8))[1].tobytes()
+    assert image_size(data) == (53, 37)
+    assert decode_pixels(data, TEXTURE, "image").shape[:2] == (37, 53)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"progressive": True}, {"exif": b"Exif\0\0" + b"\xff" * 90}]
+)
+def test_sizes_of_jpegs_of_others(options: dict[str, Any]) -> None:
+    stream = io.BytesIO()
+    Image.new("RGB", (53, 37)).save(stream, "JPEG", **options)
+    assert image_size(stream.getvalue()) == (53, 37)
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_sizes_of_tiled_and_big_tiffs(big: bool) -> None:
+    tiled = {"tiled": True, "blockxsize": 64, "blockysize": 32, "bigtiff": "YES" if big else "NO"}
+    assert image_size(tiff(width=53, height=37, **tiled)) == (64, 64)
+
+
+def test_a_jpeg_with_two_frames_is_refused() -> None:
+    data = cv2.imencode(".jpg", np.zeros((8, 8), np.uint8))[1].tobytes()
+    place = data.index(b"\xff\xc0")
+    length = struct.unpack(">H", data[place + 2 : place + 4])[0] + 2
+    twice = data[:place] + data[place : place + length] * 2 + data[place + length :]
+    with pytest.raises(ValueError, match="2 frames"):
+        image_size(twice)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"GIF89a" + bytes(100),
+        b"\x89PNG\r\n\x1a\n",
+        b"\xff\xd8\xff",
+        b"II*\0",
+        b"P5\n",
+        b"BM",
+        b"RIFF" + bytes(20),
+        b"<VRTDataset/>",
+    ],
+)
+def test_other_formats_and_torn_headers_are_refused(tmp_path: Path, data: bytes) -> None:
+    file = tmp_path / "a_color.png"
+    file.write_bytes(data)
+    with pytest.raises(InvalidInputError, match=r"a_color.png.*a texture that can be read"):
+        read_pixels(file, TEXTURE)
+
+
+def test_radiance_files_of_others_are_read_as_before(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(3).uniform(0, 9, (8, 16, 3)).astype(np.float32)
+    cv2.imwrite(str(tmp_path / "sky.hdr"), pixels)
+    data = (tmp_path / "sky.hdr").read_bytes()
+    _, _, start = radiance_pixels(data)
+    head = b"#?RGBE\n# by somebody\nEXPOSURE=2\nFORMAT=32-bit_rle_rgbe\n\n-Y 8 +X 16\n"
+    (tmp_path / "other.hdr").write_bytes(head + data[start:])
+    expected = cv2.imread(str(tmp_path / "sky.hdr"), cv2.IMREAD_UNCHANGED)[..., ::-1]
+    for name in ("sky.hdr", "other.hdr"):
+        assert (read_radiance(tmp_path / name) == expected).all()
+
+
+# GeoTIFFs ---------------------------------------------------------------------------------------
+
+VRT = """<VRTDataset rasterXSize="4" rasterYSize="4"><VRTRasterBand dataType="UInt16" band="1">
+<SimpleSource><SourceFilename relativeToVRT="0">{source}</SourceFilename></SimpleSource>
+</VRTRasterBand></VRTDataset>"""
+
+
+def heights(path: Path, value: int = 7) -> Path:
+    size = {"width": 4, "height": 4, "count": 1, "dtype": "uint16"}
+    with rasterio.open(path, "w", driver="GTiff", **size) as file:
+        file.write(np.full((4, 4), value, np.uint16), 1)
+    return path
+
+
+@pytest.mark.parametrize("source", ["secret.tif", "/vsicurl/http://127.0.0.1:9/x.tif"])
+def test_a_vrt_named_tif_is_refused(tmp_path: Path, source: str) -> None:
+    heights(tmp_path / "secret.tif")
+    file = tmp_path / "dem.tif"
+    file.write_text(VRT.format(source=tmp_path / source if source == "secret.tif" else source))
+    for read in (import_dem, lambda path: decode_image(path.read_bytes(), "depth", path.name)):
+        with pytest.raises(InvalidInputError, match="that can be read"):
+            read(file)
+
+
+def test_files_beside_a_geotiff_are_not_read(tmp_path: Path) -> None:
+    file = heights(tmp_path / "dem.tif")
+    (tmp_path / "dem.tfw").write_text("5\n0\n0\n-5\n0\n0\n")
+    (tmp_path / "dem.tif.aux.xml").write_text(
+        "<PAMDataset><PAMRasterBand band='1'><Scale>100</Scale></PAMRasterBand></PAMDataset>"
+    )
+    heights(tmp_path / "dem.tif.msk", 0)
+    heights(tmp_path / "dem.tif.ovr", 1)
+    with open_geotiff(file, ELEVATION) as found:
+        assert found.transform.is_identity
+        assert found.scales == (1.0,)
+        assert (found.read(1, masked=True) == 7).all()
+        assert not found.overviews(1)
+
+
+def test_names_that_mean_something_to_gdal_are_names_of_files(tmp_path: Path) -> None:
+    file = heights(tmp_path / "GTIFF_DIR:1:other.tif")
+    with open_geotiff(file, ELEVATION) as found:
+        assert found.read(1).max() == 7
+    with pytest.raises(InvalidInputError, match="No such file"):
+        import_dem(Path("/vsicurl/http://127.0.0.1:9/dem.tif"), spacing_m=1.0)
+
+
+def test_huge_blocks_and_many_bands_of_a_small_geotiff_are_refused() -> None:
+    block = {"tiled": True, "blockxsize": 16384, "blockysize": 16384}
+    with (
+        pytest.raises(InvalidInputError, match="16384 x 16384"),
+        open_geotiff(tiff(width=16, height=16, **block), ELEVATION, "dem.tif"),
+    ):
+        pass
+    with (
+        pytest.raises(InvalidInputError, match="64 bands, not 5000"),
+        open_geotiff(tiff(width=16, height=16, count=5000), ELEVATION, "dem.tif"),
+    ):
+        pass
+
+
+def test_deep_and_many_channelled_exr_images_are_refused() -> None:
+    stream = io.BytesIO()
+    planes = {f"c{number}": np.zeros((4, 4), np.float32) for number in range(9)}
+    with OpenEXR.File({"type": OpenEXR.scanlineimage}, planes) as file:
+        file.write(stream)
+    small = type(FRAME)("a test", 17, "image")
+    with pytest.raises(InvalidInputError, match="136 values, not 144"):
+        exr.decode_channels(stream.getvalue(), "a.exr", small)
+
+
+def test_the_bounds_are_documented() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "files.md").read_text(encoding="utf-8")
+    for use in USES:
+        assert f"{use.most_px:,}" in text, use.name
