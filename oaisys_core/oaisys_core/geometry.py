@@ -20,6 +20,7 @@ QUATERNION_TOLERANCE = 1e-3
 """Quaternions whose norm differs from 1 by at most this are normalised, others are refused."""
 
 INVERSE_TOLERANCE = 1e-12
+ROTATION_TOLERANCE = 1e-6
 """Largest error, at z = 1, of the inverse of the distortion."""
 
 INVERSE_STEPS = 8
@@ -124,6 +125,15 @@ def checked_pose(position_m: ArrayLike, quat_xyzw: ArrayLike, field: str = "pose
     x, y, z, w = (float(v) for v in quat / norm)
     px, py, pz = (float(v) for v in position)
     return Pose((px, py, pz), (x, y, z, w))
+
+
+def is_rigid(T: FloatArray) -> bool:
+    """Return whether a (4, 4) matrix is a rotation, within `ROTATION_TOLERANCE`, and a shift."""
+    if T.shape != (4, 4) or not np.isfinite(T).all() or not np.allclose(T[3], (0, 0, 0, 1)):
+        return False
+    R = T[:3, :3]
+    is_orthonormal = np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE)
+    return bool(is_orthonormal and np.linalg.det(R) > 0)
 
 
 def pose_looking_at(eye_m: ArrayLike, target_m: ArrayLike, up: ArrayLike = (0.0, 0.0, 1.0)) -> Pose:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -90,8 +91,15 @@ def export(
 
 
 def export_place(place: str, name: str) -> str:
-    """Return where a data set has its export in a format by default."""
-    return f"{place.rstrip('/')}/{EXPORTS}/{name}"
+    """Return where a data set has its export in a format by default.
+
+    Raises:
+        InvalidInputError: A link in the data set, which somebody else may have made, leads away.
+    """
+    exports = f"{place.rstrip('/')}/{EXPORTS}"
+    if "://" not in place and Path(exports).is_symlink():
+        raise InvalidInputError("out", exports, "a folder; it is a link (--out FOLDER)")
+    return f"{exports}/{name}"
 
 
 def write_export(dataset: Dataset, name: str, target: str, options: ExportOptions) -> None:
@@ -100,7 +108,7 @@ def write_export(dataset: Dataset, name: str, target: str, options: ExportOption
 
     with _progress(name, len(dataset)) as shown:
         counts = export_dataset(dataset, name, target, replace(options, progress=shown))
-    told = ", ".join(f"{count} {what}" for what, count in counts.items())
+    told = "; ".join(f"{count} {what}" for what, count in counts.items() if count)
     typer.echo(f"{target}: {name}: {told}")
 
 

@@ -12,7 +12,7 @@ from oaisys_core.cli.dataset_export import PlaceArgument, export_place, write_ex
 from oaisys_core.cli.options import BackendOption, QualityOption, SeedOption, SizeOption
 from oaisys_core.cli.repeat import LEAST_PSNR_DB, DifferentSampleError, described
 from oaisys_core.cli.standard_output import own_stdout
-from oaisys_core.dataset.plan import SPLITS, parsed_splits
+from oaisys_core.dataset.plan import MOST_WORLDS, SPLITS, parsed_splits
 from oaisys_core.dataset.ray_session import MEMORY_PER_WORKER_GB, RaySettings
 from oaisys_core.errors import OaisysError
 
@@ -34,8 +34,10 @@ def render(
         Path, typer.Argument(help="YAML file: what worlds and views are drawn from.")
     ],
     out: Annotated[str, typer.Option(help="Folder or URL of the data set.")] = OUT,
-    worlds: Annotated[int, typer.Option(help="Number of worlds.", min=1)] = 10,
-    views: Annotated[int, typer.Option(help="Number of views of each world.", min=1)] = 30,
+    worlds: Annotated[int, typer.Option(help="Number of worlds.", min=1, max=MOST_WORLDS)] = 10,
+    views: Annotated[
+        int, typer.Option(help="Number of views of each world.", min=1, max=MOST_WORLDS)
+    ] = 30,
     splits: Annotated[
         str, typer.Option(help="Share of the worlds in each split; a world is in one of them.")
     ] = SPLITS,

@@ -7,13 +7,40 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import Field
 
+from oaisys_core.dataset.parsing import parsed_json, shortened
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.geometry import is_rigid
+from oaisys_core.output.record_types import (
+    Bytes,
+    CameraFields,
+    Count,
+    Degrees,
+    InstanceId,
+    Label,
+    LabelId,
+    Matrix,
+    Name,
+    Number,
+    Place,
+    PoseFields,
+    ProvenanceFields,
+    Seconds,
+    Seed,
+    Sha256,
+    Shape,
+    Share,
+    SplitName,
+    Text,
+    checked_as,
+    fields_of,
+)
 from oaisys_core.output.records import (
     intrinsics_from_record,
     pose_from_record,
@@ -43,13 +70,13 @@ class ImageRecord:
         dtype, shape: Of the array, such as ``uint8`` and (480, 640, 3).
     """
 
-    file: str
-    offset: int
-    size: int
-    sha256: str
-    pixels_sha256: str
-    dtype: str
-    shape: tuple[int, ...]
+    file: Name
+    offset: Bytes
+    size: Bytes
+    sha256: Sha256
+    pixels_sha256: Sha256
+    dtype: Text
+    shape: Shape
 
 
 @dataclass(frozen=True)
@@ -79,26 +106,26 @@ class FrameRecord:
             x towards y. None if it is not known.
     """
 
-    frame_id: str
-    world: int
-    view: int
-    sensor: str
-    split: str
-    world_seed: int
-    config_sha256: str
+    frame_id: Name
+    world: Place
+    view: Place
+    sensor: Name
+    split: SplitName
+    world_seed: Seed
+    config_sha256: Text
     metadata: Mapping[str, Any]
-    T_map_camera: tuple[tuple[float, ...], ...]
-    intrinsics: Mapping[str, Any]
-    stamp_s: float
-    images: Mapping[str, ImageRecord]
-    provenance: Mapping[str, Any]
-    rig_pose: Mapping[str, Any]
-    worker: str
-    seconds: float
-    software: Mapping[str, str]
-    label_pixels: Mapping[int, int] = field(default_factory=dict)
-    sun_elevation_deg: float | None = None
-    sun_azimuth_deg: float | None = None
+    T_map_camera: Matrix
+    intrinsics: CameraFields
+    stamp_s: Seconds
+    images: Annotated[Mapping[Name, ImageRecord], Field(min_length=1)]
+    provenance: ProvenanceFields
+    rig_pose: PoseFields
+    worker: Label
+    seconds: Seconds
+    software: Mapping[Label, Label]
+    label_pixels: Mapping[LabelId, Number] = field(default_factory=dict)
+    sun_elevation_deg: Degrees | None = None
+    sun_azimuth_deg: Degrees | None = None
 
     @property
     def camera(self) -> PinholeIntrinsics:
@@ -109,6 +136,15 @@ class FrameRecord:
     def pose(self) -> FloatArray:
         """``T_map_camera`` as a (4, 4) array."""
         return np.array(self.T_map_camera, np.float64)
+
+    def contradictions(self) -> Iterator[tuple[str, object, str]]:
+        """Yield each field that contradicts others: its name, its value, what was expected."""
+        yield from contradictions(self, self.frame_id, "frame_id", "T_map_camera")
+        camera = self.camera
+        size = (camera.height_px, camera.width_px)
+        for modality, image in self.images.items():
+            if image.shape[:2] != size:
+                yield f"images.{modality}.shape", image.shape, f"{size}, the size of its camera"
 
     def outline(self) -> SampleOutline:
         """Return the outline from which `Simulation.repeat` renders this sensor's images again."""
@@ -125,17 +161,18 @@ class FrameRecord:
         Raises:
             InvalidInputError: It is not the record of a frame.
         """
-        data = record_fields(cls, line, name)
-        try:
-            images = {m: _image_record(image) for m, image in data["images"].items()}
-            rows = tuple(tuple(float(value) for value in row) for row in data["T_map_camera"])
-            pixels = {int(i): count for i, count in data["label_pixels"].items()}
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise InvalidInputError(
-                name, shortened(line), f"a frame's record ({error!r})"
-            ) from error
-        parsed = {"images": images, "T_map_camera": rows, "label_pixels": pixels}
-        return cls(**{**data, **parsed})
+        return checked_as(cls, record_fields(cls, line, name), name)
+
+
+def contradictions(
+    record: FrameRecord | ScanRecord, name: str, name_field: str, pose_field: str
+) -> Iterator[tuple[str, object, str]]:
+    """Yield what contradicts itself in a record of any sensor, see `FrameRecord.contradictions`."""
+    expected = frame_id(record.world, record.view, record.sensor)
+    if name != expected:
+        yield name_field, name, f"{expected}, after its world, view and sensor"
+    if not is_rigid(record.pose):
+        yield pose_field, record.pose.tolist(), "a rotation and a translation"
 
 
 def recorded_outline(record: FrameRecord | ScanRecord, modalities: Iterable[str]) -> SampleOutline:
@@ -169,11 +206,11 @@ class LegendInstance:
         kind, group: See `oaisys_core.types.SceneObject`.
     """
 
-    name: str
-    label: str
-    semantic_id: int
-    kind: str = ""
-    group: str = ""
+    name: Label
+    label: Label
+    semantic_id: LabelId
+    kind: Label = ""
+    group: Label = ""
 
 
 @dataclass(frozen=True)
@@ -185,8 +222,8 @@ class WorldLegend:
         instances: Objects by instance id.
     """
 
-    labels: Mapping[int, str]
-    instances: Mapping[int, LegendInstance]
+    labels: Mapping[LabelId, Label]
+    instances: Mapping[InstanceId, LegendInstance]
 
     def to_json(self) -> str:
         """Return the legend as JSON; inverse: `from_json`."""
@@ -202,13 +239,7 @@ class WorldLegend:
         Raises:
             InvalidInputError: It is no legend.
         """
-        data = record_fields(cls, text, name)
-        try:
-            labels = {int(i): str(label) for i, label in data["labels"].items()}
-            instances = {int(i): LegendInstance(**thing) for i, thing in data["instances"].items()}
-        except (AttributeError, TypeError, ValueError) as error:
-            raise InvalidInputError(name, shortened(text), f"a legend ({error!r})") from error
-        return cls(labels, instances)
+        return checked_as(cls, record_fields(cls, text, name), name)
 
 
 @dataclass(frozen=True)
@@ -223,11 +254,11 @@ class WorldFailure:
         attempts: How often it was tried.
     """
 
-    world: int
-    split: str
-    world_seed: int
-    reason: str
-    attempts: int = 1
+    world: Place
+    split: SplitName
+    world_seed: Seed
+    reason: Text
+    attempts: Number = 1
 
     def to_json(self) -> str:
         """Return the failure as JSON; inverse: `from_json`."""
@@ -240,7 +271,14 @@ class WorldFailure:
         Raises:
             InvalidInputError: It is none.
         """
-        return cls(**record_fields(cls, text, name))
+        return checked_as(cls, record_fields(cls, text, name), name)
+
+
+@dataclass(frozen=True)
+class _ConfigFields:
+    """What readers use of a configuration, which may be that of another version."""
+
+    sensors: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -258,15 +296,15 @@ class DatasetInfo:
         version: Version of the files.
     """
 
-    config: Mapping[str, Any]
-    config_sha256: str
-    seed: int
-    worlds: int
-    views: int
-    splits: Mapping[str, float]
-    software: Mapping[str, str] = field(default_factory=dict)
+    config: Annotated[Mapping[str, Any], fields_of(_ConfigFields)]
+    config_sha256: Text
+    seed: Seed
+    worlds: Count
+    views: Count
+    splits: Annotated[Mapping[SplitName, Share], Field(min_length=1)]
+    software: Mapping[Text, Text] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
-    version: int = FORMAT_VERSION
+    version: Number = FORMAT_VERSION
 
     def to_json(self) -> str:
         """Return the head of the data set as JSON; inverse: `from_json`."""
@@ -279,7 +317,7 @@ class DatasetInfo:
         Raises:
             InvalidInputError: It is none, or of a later version.
         """
-        info = cls(**record_fields(cls, text, name))
+        info = checked_as(cls, record_fields(cls, text, name), name)
         if info.version != FORMAT_VERSION:
             expected = f"version {FORMAT_VERSION}, which this program reads"
             raise InvalidInputError(f"{name}: version", info.version, expected)
@@ -293,9 +331,9 @@ SHA256 = "sha256"
 def is_intact(text: str | bytes) -> bool:
     """Return whether a line of the manifest or a legend has the hash of its content."""
     try:
-        data = json.loads(text)
+        data = parsed_json(text, SHA256)
         found = data.pop(SHA256)
-    except (ValueError, KeyError, AttributeError, TypeError):
+    except (InvalidInputError, KeyError, AttributeError, TypeError):
         return False
     return bool(found == _sha256(data, VARYING_FIELDS))
 
@@ -316,10 +354,7 @@ def record_fields(kind: type, text: str | bytes, name: str) -> dict[str, Any]:
     Raises:
         InvalidInputError: They are not those of a dataclass; the error calls the text ``name``.
     """
-    try:
-        data = json.loads(text)
-    except ValueError as error:
-        raise InvalidInputError(name, shortened(text), f"JSON ({error})") from error
+    data = parsed_json(text, name)
     known = {each.name for each in fields(kind)}
     if isinstance(data, dict):
         data.pop(SHA256, None)
@@ -327,13 +362,3 @@ def record_fields(kind: type, text: str | bytes, name: str) -> dict[str, Any]:
         received = sorted(data) if isinstance(data, dict) else shortened(text)
         raise InvalidInputError(name, received, f"the keys {', '.join(sorted(known))}")
     return data
-
-
-def _image_record(data: Mapping[str, Any]) -> ImageRecord:
-    return ImageRecord(**{**data, "shape": tuple(data["shape"])})
-
-
-def shortened(text: str | bytes) -> str:
-    """Return the beginning of a text, for errors."""
-    shown = text[:80]
-    return shown if isinstance(shown, str) else shown.decode("utf-8", "replace")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from abc import abstractmethod
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -40,7 +39,10 @@ class WorldManifest(NamedTuple):
 
 
 def indexed_manifests(
-    place: StoragePlace, worlds: Iterable[int], name_of: Callable[[int], str]
+    place: StoragePlace,
+    worlds: Iterable[int],
+    name_of: Callable[[int], str],
+    parse: Callable[[bytes, str], RecordT],
 ) -> list[WorldManifest]:
     """Return where the lines of some worlds' manifests are.
 
@@ -48,12 +50,13 @@ def indexed_manifests(
         place: The data set.
         worlds: The worlds, in order.
         name_of: Returns the name of a world's manifest.
+        parse: Returns the record of a line, whose name it is given, too.
 
     Raises:
         InvalidInputError: A manifest cannot be read.
     """
     with ThreadPoolExecutor(READERS) as threads:
-        return list(threads.map(partial(_indexed, place, name_of), worlds))
+        return list(threads.map(partial(_indexed, place, name_of, parse), worlds))
 
 
 class ManifestLines(Sequence[RecordT]):
@@ -126,7 +129,11 @@ class ManifestLines(Sequence[RecordT]):
             held = self._held = (manifest.world, self._place.read(name))
         begin = int(manifest.ends[line - 1]) if line else 0
         text = held[1][begin : int(manifest.ends[line])]
-        return self._parsed(text, f"{name}:{line + 1}")
+        where = f"{name}:{line + 1}"
+        record = self._parsed(text, where)
+        for field, received, expected in _contradictions(record, manifest):
+            raise InvalidInputError(f"{where}: {field}", received, expected)
+        return record
 
     def _manifest(self, world: int) -> WorldManifest:
         number = self._number(world)
@@ -159,15 +166,27 @@ class ScanRecords(ManifestLines[ScanRecord]):
         return ScanRecord.from_json(line, name)
 
 
-def _indexed(place: StoragePlace, name_of: Callable[[int], str], world: int) -> WorldManifest:
+def _contradictions(
+    record: FrameRecord | ScanRecord, manifest: WorldManifest
+) -> Iterator[tuple[str, object, str]]:
+    """Yield each field that contradicts others, or its manifest."""
+    for field, expected in (("world", manifest.world), ("split", manifest.split)):
+        received = getattr(record, field)
+        if received != expected:
+            yield field, received, f"{expected}, as this file and its first line say"
+    yield from record.contradictions()
+
+
+def _indexed(
+    place: StoragePlace,
+    name_of: Callable[[int], str],
+    parse: Callable[[bytes, str], RecordT],
+    world: int,
+) -> WorldManifest:
     """Return where the lines of a manifest are."""
     name = name_of(world)
     text = place.read(name)
     ends = np.flatnonzero(np.frombuffer(text, np.uint8) == ord("\n")) + 1
     if not len(ends) or ends[-1] != len(text):
         raise InvalidInputError("file", name, "lines, each with its end")
-    try:
-        split = json.loads(text[: ends[0]])["split"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise InvalidInputError(f"{name}:1", text[:80], f"a record ({error!r})") from error
-    return WorldManifest(world, str(split), ends)
+    return WorldManifest(world, parse(text[: ends[0]], f"{name}:1").split, ends)

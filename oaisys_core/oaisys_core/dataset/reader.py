@@ -53,7 +53,8 @@ def open_dataset(place: str | Path) -> Dataset:
     """
     opened = open_place(place)
     info = read_head(opened)
-    manifests = indexed_manifests(opened, finished_worlds(opened), manifest_name)
+    worlds = finished_worlds(opened)
+    manifests = indexed_manifests(opened, worlds, manifest_name, FrameRecord.from_json)
     return Dataset(opened, info, manifests)
 
 
@@ -116,7 +117,8 @@ class Dataset(Sequence[DatasetSample]):
         if self.info.config.get("sensors", {}).get("lidars"):
             names = set(self.place.names(SHARDS))
             worlds = (world for world in self.worlds if scans_name(world) in names)
-        return ScanRecords(self.place, indexed_manifests(self.place, worlds, scans_name))
+        found = indexed_manifests(self.place, worlds, scans_name, ScanRecord.from_json)
+        return ScanRecords(self.place, found)
 
     @cached_property
     def failures(self) -> tuple[WorldFailure, ...]:
@@ -184,7 +186,12 @@ class Dataset(Sequence[DatasetSample]):
         """
         points = record.points
         file = self.place.read(tar_name(record.world), points.offset, points.size)
-        return read_scan(record, file)
+        scan = read_scan(record, file)
+        found = (len(scan.data), scan.data.dtype.names)
+        if found != (points.count, points.fields):
+            expected = f"{points.count} with {', '.join(points.fields)}, as recorded"
+            raise InvalidInputError(f"{points.file}: points", found, expected)
+        return scan
 
     def scans_beside(self, record: FrameRecord) -> dict[str, LidarScan]:
         """Return the lidar scans of a frame's view by the lidar's name."""
@@ -206,7 +213,11 @@ class Dataset(Sequence[DatasetSample]):
         images = record.images
         begin = min(image.offset for image in images.values())
         end = max(image.offset + image.size for image in images.values())
-        data = memoryview(self.place.read(tar_name(record.world), begin, end - begin))
+        tar = tar_name(record.world)
+        data = memoryview(self.place.read(tar, begin, end - begin))
+        if len(data) < end - begin:
+            expected = f"files within {tar}, which ends at {begin + len(data)}"
+            raise InvalidInputError(f"{record.frame_id}: images", f"an end at {end}", expected)
         return {modality: _cut(data, image, begin) for modality, image in images.items()}
 
     def sample(self, record: FrameRecord, modalities: Sequence[str] = ()) -> DatasetSample:
@@ -217,7 +228,7 @@ class Dataset(Sequence[DatasetSample]):
         """
         names = list(modalities or record.images)
         arrays = {
-            modality: read_pixels(file, modality, record.images[modality].file)
+            modality: _pixels(file, modality, record.images[modality])
             for modality, file in self.files(record).items()
             if modality in names
         }
@@ -251,6 +262,14 @@ class Dataset(Sequence[DatasetSample]):
         if isinstance(index, slice):
             return [self.sample(record) for record in self.records[index]]
         return self.sample(self.records[index])
+
+
+def _pixels(file: bytes, modality: str, image: ImageRecord) -> NDArray[Any]:
+    pixels = read_pixels(file, modality, image.file)
+    if (pixels.dtype.name, pixels.shape) != (image.dtype, image.shape):
+        expected = f"{image.dtype} {image.shape}, as recorded"
+        raise InvalidInputError(image.file, f"{pixels.dtype.name} {pixels.shape}", expected)
+    return pixels
 
 
 def _cut(data: memoryview, image: ImageRecord, begin: int) -> bytes:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import logging
+import os
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -227,7 +228,9 @@ def _locked(place: StoragePlace) -> Iterator[None]:
         yield
         return
     place.folder.mkdir(parents=True, exist_ok=True)
-    with (place.folder / LOCK).open("w") as file:
+    # A link that somebody else has put there is not followed.
+    lock = os.open(place.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+    with os.fdopen(lock, "w") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -7,22 +7,38 @@ a line of ``shards/world_000012.scans.jsonl``, which only worlds with lidars hav
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from oaisys_core.dataset.manifest import (
     VARYING_FIELDS,
+    contradictions,
     record_fields,
     recorded_outline,
-    shortened,
     signed,
 )
-from oaisys_core.errors import InvalidInputError
 from oaisys_core.output.points import decode_points, encode_points
+from oaisys_core.output.record_types import (
+    Bytes,
+    Label,
+    Matrix,
+    Name,
+    Number,
+    Place,
+    PoseFields,
+    ProvenanceFields,
+    Seconds,
+    Seed,
+    Sha256,
+    SplitName,
+    Text,
+    checked_as,
+)
 from oaisys_core.types import POINTS, FloatArray, LidarScan, SampleOutline
 
 
@@ -38,12 +54,12 @@ class PointsRecord:
         fields: Names of their fields, see `oaisys_core.types.point_dtype`.
     """
 
-    file: str
-    offset: int
-    size: int
-    sha256: str
-    count: int
-    fields: tuple[str, ...]
+    file: Name
+    offset: Bytes
+    size: Bytes
+    sha256: Sha256
+    count: Number
+    fields: Annotated[tuple[Name, ...], Field(min_length=3, max_length=100)]
 
 
 @dataclass(frozen=True)
@@ -60,26 +76,30 @@ class ScanRecord:
         provenance, rig_pose, worker, seconds, software: See `FrameRecord`.
     """
 
-    scan_id: str
-    world: int
-    view: int
-    sensor: str
-    split: str
-    world_seed: int
-    config_sha256: str
-    T_map_lidar: tuple[tuple[float, ...], ...]
-    stamp_s: float
+    scan_id: Name
+    world: Place
+    view: Place
+    sensor: Name
+    split: SplitName
+    world_seed: Seed
+    config_sha256: Text
+    T_map_lidar: Matrix
+    stamp_s: Seconds
     points: PointsRecord
-    provenance: Mapping[str, Any]
-    rig_pose: Mapping[str, Any]
-    worker: str
-    seconds: float
-    software: Mapping[str, str]
+    provenance: ProvenanceFields
+    rig_pose: PoseFields
+    worker: Label
+    seconds: Seconds
+    software: Mapping[Label, Label]
 
     @property
     def pose(self) -> FloatArray:
         """``T_map_lidar`` as a (4, 4) array."""
         return np.array(self.T_map_lidar, np.float64)
+
+    def contradictions(self) -> Iterator[tuple[str, object, str]]:
+        """Yield each field that contradicts others: its name, its value, what was expected."""
+        yield from contradictions(self, self.scan_id, "scan_id", "T_map_lidar")
 
     def outline(self) -> SampleOutline:
         """Return the outline from which `Simulation.repeat` makes this scan again."""
@@ -96,16 +116,7 @@ class ScanRecord:
         Raises:
             InvalidInputError: It is not the record of a scan.
         """
-        data = record_fields(cls, line, name)
-        try:
-            rows = tuple(tuple(float(value) for value in row) for row in data["T_map_lidar"])
-            points = data["points"]
-            points = PointsRecord(**{**points, "fields": tuple(points["fields"])})
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise InvalidInputError(
-                name, shortened(line), f"a scan's record ({error!r})"
-            ) from error
-        return cls(**{**data, "T_map_lidar": rows, "points": points})
+        return checked_as(cls, record_fields(cls, line, name), name)
 
 
 class EncodedScan(NamedTuple):

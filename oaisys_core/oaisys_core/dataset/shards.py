@@ -32,7 +32,13 @@ from oaisys_core.dataset.scans import EncodedScan, ScanRecord
 from oaisys_core.errors import InvalidInputError, NotFoundError, RenderError
 from oaisys_core.output import tiff
 from oaisys_core.output.images import decode_image, encode_image, file_kind
-from oaisys_core.types import INSTANCE, SEMANTIC_0, modality_spec
+from oaisys_core.types import (
+    INSTANCE,
+    SEMANTIC_0,
+    ModalitySpec,
+    expected_modality,
+    modality_spec,
+)
 
 SHARDS, FAILED = "shards", "failed"
 HEAD = "dataset.json"
@@ -240,7 +246,7 @@ def stored_pixels(modality: str, data: NDArray[Any]) -> NDArray[Any]:
     Raises:
         InvalidInputError: They are not pixels of this modality.
     """
-    spec = modality_spec(modality)
+    spec = _spec(modality)
     shape = () if spec.channels == 1 else (spec.channels,)
     if data.ndim < 2 or data.shape[2:] != shape:
         expected = f"(H, W{', 3' if shape else ''}), {spec.channels} channels"
@@ -258,7 +264,16 @@ def read_pixels(file: bytes, modality: str, name: str) -> NDArray[Any]:
     Raises:
         InvalidInputError: It cannot be decoded.
     """
+    _spec(modality)
     return stored_pixels(modality, decode_image(file, modality, name))
+
+
+def _spec(modality: str) -> ModalitySpec:
+    try:
+        return modality_spec(modality)
+    except KeyError:
+        expected = expected_modality(modality)
+        raise InvalidInputError("modality", modality, expected) from None
 
 
 def pixels_sha256(pixels: NDArray[Any]) -> str:

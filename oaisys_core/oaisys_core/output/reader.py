@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from oaisys_core.files.names import path_inside
 from oaisys_core.output.images import read_image
 from oaisys_core.output.points import read_points
+from oaisys_core.output.record_types import Label, LabelId, SampleFile, checked_as, checked_camera
 from oaisys_core.output.records import (
     intrinsics_from_record,
     odometry_from_record,
@@ -18,6 +21,11 @@ from oaisys_core.output.records import (
 )
 from oaisys_core.output.writer import INTRINSICS, LABELS, SAMPLE_DATA
 from oaisys_core.types import Frame, LidarScan, PinholeIntrinsics, Sample
+
+
+@dataclass(frozen=True)
+class _Labels:
+    labels: dict[LabelId, Label]
 
 
 def read_samples(batch: Path) -> Iterator[Sample]:
@@ -36,12 +44,14 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
     Raises:
         InvalidInputError: It does not exist, or a file cannot be read.
     """
-    record = read_json(batch / SAMPLE_DATA / f"{sample_id:04d}.json")
+    path = batch / SAMPLE_DATA / f"{sample_id:04d}.json"
+    record = read_json(path)
+    checked_as(SampleFile, record, str(path))
     frames = tuple(
         Frame(
             sensor,
             modality,
-            read_image(batch / file, modality),
+            read_image(path_inside(batch, file), modality),
             intrinsics_from_record(entry["intrinsics"]),
             np.array(entry["T_map_camera"]),
         )
@@ -49,7 +59,9 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
         for modality, file in entry["images"].items()
     )
     scans = tuple(
-        LidarScan(sensor, read_points(batch / entry["points"]), np.array(entry["T_map_lidar"]))
+        LidarScan(
+            sensor, read_points(path_inside(batch, entry["points"])), np.array(entry["T_map_lidar"])
+        )
         for sensor, entry in record.get("lidars", {}).items()
     )
     return Sample(
@@ -66,9 +78,11 @@ def read_sample(batch: Path, sample_id: int) -> Sample:
 
 def read_intrinsics(batch: Path, sensor: str) -> PinholeIntrinsics:
     """Return the intrinsics of a sensor at its first sample of the batch."""
-    return intrinsics_from_record(read_json(batch / sensor / INTRINSICS))
+    path = path_inside(batch, sensor, INTRINSICS)
+    return intrinsics_from_record(checked_camera(read_json(path), str(path)))
 
 
 def read_labels(batch: Path) -> dict[int, str]:
     """Return the label names of a batch by semantic id."""
-    return {int(semantic_id): label for semantic_id, label in read_json(batch / LABELS).items()}
+    path = batch / LABELS
+    return checked_as(_Labels, {"labels": read_json(path)}, str(path)).labels

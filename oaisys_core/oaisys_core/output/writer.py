@@ -28,6 +28,7 @@ import yaml
 
 from oaisys_core.config import SimulationConfig, config_sha256
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.names import path_inside
 from oaisys_core.geometry import pose_from_matrix
 from oaisys_core.output.files import write_text
 from oaisys_core.output.images import file_suffix, write_image
@@ -82,7 +83,7 @@ class SampleWriter:
             raise InvalidInputError("out", str(self._out), expected)
         state: dict[str, Any] | None = None
         if (self._out / STATE).is_file():
-            state = read_json(self._out / STATE)
+            state = _checked_state(read_json(self._out / STATE), self._out / STATE)
         self._drop_rows_after(state)
         return state
 
@@ -97,12 +98,13 @@ class SampleWriter:
         paths, files = [], {}
         for frame in sample.frames:
             name = f"{sample.sample_id:04d}{frame.sensor}_{file_suffix(frame)}"
-            path = batch / frame.sensor / name
+            path = path_inside(batch, frame.sensor, name)
             write_image(path, frame)
             paths.append(path)
             files[frame.sensor, frame.modality] = str(path.relative_to(batch))
         for scan in sample.scans:
-            path = batch / scan.sensor / f"{sample.sample_id:04d}{scan.sensor}_{POINTS_SUFFIX}"
+            name = f"{sample.sample_id:04d}{scan.sensor}_{POINTS_SUFFIX}"
+            path = path_inside(batch, scan.sensor, name)
             write_points(path, scan)
             paths.append(path)
             files[scan.sensor, scan.modality] = str(path.relative_to(batch))
@@ -163,6 +165,16 @@ class SampleWriter:
         for scan in sample.scans:
             table = batch / SENSOR_DATA / f"{scan.sensor}.csv"
             append_pose(table, sample.sample_id, pose_from_matrix(scan.T_map_lidar))
+
+
+def _checked_state(state: Any, path: Path) -> dict[str, Any]:
+    """Return the state of a run; what is in it beyond the ids is the simulation's to check."""
+    ids = (state, "last_batch_id"), (state and state.get("batch"), "sample_id")
+    for record, key in ids if isinstance(state, dict) else [(None, "")]:
+        found = record.get(key) if isinstance(record, dict) else None
+        if not isinstance(found, int) or found < 0:
+            raise InvalidInputError(f"{path}: {key}", found, "the state of a run, with its ids")
+    return dict(state)
 
 
 def config_text(config: SimulationConfig) -> str:

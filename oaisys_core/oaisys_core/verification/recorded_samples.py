@@ -78,8 +78,9 @@ class FolderRecords:
         self._files: dict[SampleId, Path] = {}
         for path, record in records.items():
             try:
+                int(path.stem), path.parents[len(SAMPLE_DATA.parts)]
                 self._files[int(record["batch_id"]), int(record["sample_id"])] = path
-            except (KeyError, TypeError, ValueError) as error:
+            except (KeyError, IndexError, TypeError, ValueError) as error:
                 expected = "a sample's JSON file as `oaisys render` writes it"
                 raise InvalidInputError("record", str(path), expected) from error
 

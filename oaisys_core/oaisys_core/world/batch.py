@@ -71,7 +71,18 @@ class Batch:
 
     @classmethod
     def from_state(cls, state: Mapping[str, Any]) -> Batch:
-        """Return the batch of a state, with an empty world; inverse: `to_state`."""
+        """Return the batch of a state, with an empty world; inverse: `to_state`.
+
+        Raises:
+            InvalidInputError: The state is damaged.
+        """
+        try:
+            return cls._from_state(state)
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
+            raise InvalidInputError("state", state, f"the state of a world ({error!r})") from error
+
+    @classmethod
+    def _from_state(cls, state: Mapping[str, Any]) -> Batch:
         parts = {name: state[name] for name in PARTS}
         parts["sensor"] = {**state["sensor"], "pose": _pose_from_state(state["pose"])}
         return cls(

@@ -30,7 +30,7 @@ class ImuConfig(Section):
         seed: Seed of the noise, used together with that of the world and the sensor's name.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")] = "imu"
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)] = "imu"
     rate_hz: float = Field(default=200.0, gt=0, le=100_000)
     mount_position_m: Position = (0.0, 0.0, 0.0)
     mount_quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)

@@ -198,7 +198,7 @@ class LidarConfig(Section):
         faults: Errors of the measurements.
     """
 
-    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")] = "lidar"
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)] = "lidar"
     mount_position_m: Position = (0.0, 0.0, 0.0)
     mount_quat_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     scan: AnyScan = RotatingScanConfig()

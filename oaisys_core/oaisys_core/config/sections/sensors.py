@@ -34,7 +34,7 @@ LEAST_FOCAL, MOST_FOCAL, MOST_CENTRE = 0.01, 1000.0, 100.0
 Coefficient = Annotated[float, Field(ge=-1000, le=1000)]
 """A distortion coefficient."""
 
-FrameName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+FrameName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$", max_length=64)]
 
 
 def _known(modality: str) -> str:

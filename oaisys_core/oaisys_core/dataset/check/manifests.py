@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from oaisys_core.config import config_from_mapping
 from oaisys_core.config.sections.lidars import LidarConfig
@@ -19,10 +18,9 @@ from oaisys_core.dataset.places import StoragePlace
 from oaisys_core.dataset.scans import ScanRecord
 from oaisys_core.dataset.shards import manifest_name, scans_name
 from oaisys_core.errors import OaisysError
+from oaisys_core.geometry import is_rigid
 from oaisys_core.output.records import pose_from_record, provenance_from_record
 from oaisys_core.types import POINTS
-
-ROTATION_TOLERANCE = 1e-6
 
 
 class DueViews(NamedTuple):
@@ -115,7 +113,7 @@ def _check_frame(record: FrameRecord, info: DatasetInfo, result: ShardResult) ->
     camera, T = record.camera, record.pose
     if not np.array_equal(camera.K, record.intrinsics["K"]):
         result.found("camera", name, "K differs from its focal lengths and principal point")
-    if not _is_rigid(T):
+    if not is_rigid(T):
         result.found("camera", name, "T_map_camera is no rigid transform")
     size = (camera.height_px, camera.width_px)
     for modality, image in record.images.items():
@@ -128,7 +126,7 @@ def _check_frame(record: FrameRecord, info: DatasetInfo, result: ShardResult) ->
 def _check_scan(record: ScanRecord, info: DatasetInfo, result: ShardResult) -> None:
     """Compare a record with itself, with its world and with the head of the data set."""
     _check_origin(record, info, result)
-    if not _is_rigid(record.pose):
+    if not is_rigid(record.pose):
         result.found("camera", record.scan_id, "T_map_lidar is no rigid transform")
     _check_file(record.points.file, record.scan_id, POINTS, result)
 
@@ -155,14 +153,6 @@ def _check_file(file: str, name: str, modality: str, result: ShardResult) -> Non
     if not file.startswith(f"{name}.{modality}."):
         text = f"its file is {file}, expected one of this sensor and modality"
         result.found("manifest", f"{name}/{modality}", text)
-
-
-def _is_rigid(T: NDArray[np.float64]) -> bool:
-    if T.shape != (4, 4) or not np.isfinite(T).all() or not np.allclose(T[3], (0, 0, 0, 1)):
-        return False
-    R = T[:3, :3]
-    is_orthonormal = np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE)
-    return bool(is_orthonormal and np.linalg.det(R) > 0)
 
 
 def _check_world(records: Sequence[FrameRecord | ScanRecord], result: ShardResult) -> None:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 from oaisys_core import extensions
 from oaisys_core.errors import ConfigError, InvalidInputError, one_of
+from oaisys_core.files.names import path_inside
 
 if TYPE_CHECKING:
     from oaisys_core.dataset.reader import Dataset, DatasetSample
@@ -130,6 +131,27 @@ class DatasetFormat(ABC):
         Raises:
             InvalidInputError: The data set or a setting does not suit this format.
         """
+
+
+def write_file(folder: Path, name: str, data: bytes) -> None:
+    """Write a new file of an export; its folders are made.
+
+    Args:
+        folder: Of the export, or in it.
+        name: Of the file in it, see `path_inside`.
+        data: Its content.
+
+    Raises:
+        InvalidInputError: It is no name of a file, or the export has such a file already.
+    """
+    path = path_inside(folder, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with path.open("xb") as file:
+            file.write(data)
+    except FileExistsError as error:
+        expected = "a name, or a time in it, that no other frame has"
+        raise InvalidInputError("name of a file", name, expected) from error
 
 
 def format_names() -> list[str]:

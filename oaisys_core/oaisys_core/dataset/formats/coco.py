@@ -19,8 +19,10 @@ from oaisys_core.dataset.formats.base import (
     FormatConventions,
     complete_samples,
     label_names,
+    write_file,
 )
 from oaisys_core.dataset.formats.segments import PixelSegment, numbered_segments, segments_of
+from oaisys_core.files.names import path_inside
 from oaisys_core.output.images import encode_image
 from oaisys_core.types import INSTANCE, RGB, SEMANTIC_0
 
@@ -114,10 +116,11 @@ class _SplitWriter:
         license_name: str,
         counts: Counter[str],
     ) -> None:
-        self._images = target / split
-        self._panoptic = target / ANNOTATIONS / f"panoptic_{split}"
-        self._images.mkdir(parents=True)
-        self._panoptic.mkdir(parents=True)
+        self._images = path_inside(target, split)
+        folder = target / ANNOTATIONS
+        self._panoptic = path_inside(folder, f"panoptic_{split}")
+        for each in (self._images, self._panoptic):
+            each.mkdir(parents=True, exist_ok=True)
         self._is_thing = {each["id"]: bool(each["isthing"]) for each in categories}
         self._counts = counts
         self._image_id = 0
@@ -127,12 +130,11 @@ class _SplitWriter:
             "licenses": [{"id": 1, "name": license_name, "url": ""}] if license_name else [],
         }
         things = [each for each in categories if each["isthing"]]
-        folder = target / ANNOTATIONS
         self._instances_json = _JsonLists(
-            folder / f"instances_{split}.json", {**head, "categories": things}
+            path_inside(folder, f"instances_{split}.json"), {**head, "categories": things}
         )
         self._panoptic_json = _JsonLists(
-            folder / f"panoptic_{split}.json", {**head, "categories": categories}
+            path_inside(folder, f"panoptic_{split}.json"), {**head, "categories": categories}
         )
         self._files = ExitStack()
 
@@ -165,7 +167,7 @@ class _SplitWriter:
             "K": sample.K.tolist(),
             "T_map_camera": sample.T_map_camera.tolist(),
         }
-        (self._images / image["file_name"]).write_bytes(encode_image(sample.arrays[RGB]))
+        write_file(self._images, image["file_name"], encode_image(sample.arrays[RGB]))
         self._instances_json.append("images", image)
         self._panoptic_json.append("images", image)
         self._add_segments(sample, image["file_name"])
@@ -186,7 +188,7 @@ class _SplitWriter:
             infos.append(_segment_info(segment, is_crowd))
             if is_thing:
                 self._append_instance(segment, is_crowd, numbers.shape)
-        (self._panoptic / file_name).write_bytes(encode_image(panoptic_colors(numbers)))
+        write_file(self._panoptic, file_name, encode_image(panoptic_colors(numbers)))
         annotation = {"image_id": self._image_id, "file_name": file_name, "segments_info": infos}
         self._panoptic_json.append("annotations", annotation)
         self._counts["panoptic segments"] += len(infos)

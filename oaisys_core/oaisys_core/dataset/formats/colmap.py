@@ -8,12 +8,16 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
+from oaisys_core.dataset.formats.base import (
+    DatasetFormat,
+    ExportOptions,
+    FormatConventions,
+    write_file,
+)
 from oaisys_core.dataset.formats.colmap_model import ColmapImage, ColmapModel, write_model
 from oaisys_core.dataset.formats.depth_points import POINTS_PER_VIEW, world_points
 from oaisys_core.dataset.formats.sequences import (
     colored_worlds,
-    write_file,
 )
 from oaisys_core.dataset.manifest import world_name
 from oaisys_core.errors import InvalidInputError
@@ -77,7 +81,7 @@ class ColmapFormat(DatasetFormat):
         for world, frames in colored_worlds(dataset.records):
             folder = target / world_name(world)
             for record in frames:
-                write_file(folder / "images" / _image_name(record), dataset.files(record)[RGB])
+                write_file(folder / "images", _image_name(record), dataset.files(record)[RGB])
                 counts["frames"] += 1
                 options.progress(counts["frames"])
             model = _model(dataset, frames, points_per_view)

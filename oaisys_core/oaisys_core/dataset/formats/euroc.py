@@ -10,13 +10,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
+from oaisys_core.dataset.formats.base import (
+    DatasetFormat,
+    ExportOptions,
+    FormatConventions,
+    write_file,
+)
 from oaisys_core.dataset.formats.sequences import (
     CameraSequence,
     camera_sequences,
     numbers,
     rate_hz,
-    write_file,
     write_lines,
 )
 from oaisys_core.dataset.manifest import world_name
@@ -85,7 +89,7 @@ class EurocFormat(DatasetFormat):
                         depth_m = read_pixels(files[DEPTH], DEPTH, record.images[DEPTH].file)
                         files[DEPTH] = encode_image(depth_m)
                     for modality in FOLDERS.keys() & files.keys():
-                        write_file(folder / _file(modality, number, record), files[modality])
+                        write_file(folder, _file(modality, number, record), files[modality])
                     counts["frames"] += 1
                     options.progress(counts["frames"])
             counts["worlds"] += 1
@@ -120,9 +124,9 @@ def _write_truth(
             rows.setdefault(_stamp_ns(record), row)
     head = "#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], "
     lines = [f"{stamp_ns},{rows[stamp_ns]}" for stamp_ns in sorted(rows)]
-    write_lines(folder / "data.csv", f"{head}q_RS_y [], q_RS_z []", lines)
+    write_lines(folder, "data.csv", f"{head}q_RS_y [], q_RS_z []", lines)
     sensor = {"sensor_type": "pose", "comment": "simulated truth", "T_BS": _matrix(np.eye(4))}
-    _write_yaml(folder / "sensor.yaml", sensor)
+    _write_yaml(folder, sensor)
 
 
 def _write_sensors(
@@ -135,10 +139,10 @@ def _write_sensors(
             continue
         sensor = folder / f"{name}{number}"
         lines = [f"{_stamp_ns(r)},{Path(_file(modality, number, r)).name}" for r in records]
-        write_lines(sensor / "data.csv", "#timestamp [ns],filename", lines)
+        write_lines(sensor, "data.csv", "#timestamp [ns],filename", lines)
         calibration = _calibration(camera, [record.stamp_s for record in records], T_body_camera)
         kind = {"sensor_type": "camera" if modality == RGB else "depth"}
-        _write_yaml(sensor / "sensor.yaml", kind | calibration)
+        _write_yaml(sensor, kind | calibration)
 
 
 def _calibration(
@@ -168,8 +172,9 @@ def _matrix(T: FloatArray) -> dict[str, Any]:
     return {"cols": 4, "rows": 4, "data": T.ravel().tolist()}
 
 
-def _write_yaml(path: Path, content: Mapping[str, Any]) -> None:
-    path.write_text(yaml.safe_dump(dict(content), sort_keys=False), encoding="utf-8")
+def _write_yaml(folder: Path, content: Mapping[str, Any]) -> None:
+    text = yaml.safe_dump(dict(content), sort_keys=False)
+    write_file(folder, "sensor.yaml", text.encode())
 
 
 def _stamp_ns(record: FrameRecord) -> int:

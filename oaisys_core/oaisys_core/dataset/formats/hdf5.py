@@ -16,6 +16,7 @@ import numpy as np
 from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
 from oaisys_core.dataset.manifest import world_name
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.names import path_inside
 from oaisys_core.types import (
     ALBEDO,
     DEPTH,
@@ -170,7 +171,7 @@ class _WorldFile:
         row, sensor = self._next[record.sensor], record.sensor
         self._next[sensor] += 1
         if not row:
-            self._add_sensor(file.create_group(sensor), sample)
+            self._add_sensor(_group(file, sensor), sample)
         for name, value in {**sample.arrays, **_camera_values(sample)}.items():
             place = file[sensor].get(name)
             if place is None or place.shape[1:] != np.shape(value):
@@ -187,7 +188,7 @@ class _WorldFile:
         for record in dataset.scans.of_world(world):
             by_lidar.setdefault(record.sensor, []).append(record)
         for lidar, records in by_lidar.items():
-            self._add_lidar(self._file.create_group(lidar), dataset, records)
+            self._add_lidar(_group(self._file, lidar), dataset, records)
         return sum(map(len, by_lidar.values()))
 
     def _add_lidar(
@@ -225,7 +226,7 @@ class _WorldFile:
     def _begin(self, record: FrameRecord) -> h5py.File:
         import h5py
 
-        path = self._target / record.split / f"{world_name(record.world)}.h5"
+        path = path_inside(self._target, record.split, f"{world_name(record.world)}.h5")
         path.parent.mkdir(exist_ok=True)
         file = h5py.File(path, "w")
         file.attrs["world"], file.attrs["split"] = record.world, record.split
@@ -253,6 +254,10 @@ class _WorldFile:
     def _add_sensor(self, group: h5py.Group, sample: DatasetSample) -> None:
         import h5py
 
+        taken = CAMERA.keys() & sample.arrays.keys()
+        if taken:
+            expected = "another name than those of the values beside the images"
+            raise InvalidInputError("modality", ", ".join(sorted(taken)), expected)
         views = self._sizes[sample.record.sensor]
         for modality, image in sample.arrays.items():
             data = group.create_dataset(
@@ -272,6 +277,13 @@ class _WorldFile:
             dtype = h5py.string_dtype() if isinstance(value, str) else np.asarray(value).dtype
             data = group.create_dataset(name, (views, *np.shape(value)), dtype)
             data.attrs["unit"], data.attrs["meaning"] = CAMERA[name]
+
+
+def _group(file: h5py.File, sensor: str) -> h5py.Group:
+    """Return a new group for a sensor."""
+    if sensor in file:
+        raise InvalidInputError("sensor", sensor, f"a name other than {', '.join(file)}")
+    return file.create_group(sensor)
 
 
 def _camera_values(sample: DatasetSample) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from oaisys_core.dataset.formats.base import (
     DatasetFormat,
     ExportOptions,
     FormatConventions,
+    write_file,
 )
 from oaisys_core.dataset.formats.sequences import (
     LOST_DEPTH,
@@ -24,7 +25,6 @@ from oaisys_core.dataset.formats.sequences import (
     camera_sequences,
     numbers,
     write_depth_png,
-    write_file,
     write_lines,
 )
 from oaisys_core.errors import InvalidInputError
@@ -111,17 +111,19 @@ class KittiFormat(DatasetFormat):
                 for number, camera in ((LEFT, left), (RIGHT, right)):
                     for place, record in enumerate(camera.records if camera else ()):
                         files = dataset.files(record)
-                        write_file(folder / _file("image", number, place), files[RGB])
+                        write_file(folder, _file("image", number, place), files[RGB])
                         if DEPTH in files:
-                            path = folder / _file("depth", number, place)
-                            lost = write_depth_png(path, record, files[DEPTH], units_per_m)
+                            name = _file("depth", number, place)
+                            lost = write_depth_png(folder, name, record, files[DEPTH], units_per_m)
                             counts[LOST_DEPTH] += lost
                         counts["frames"] += 1
                         options.progress(counts["frames"])
         write_json(target / "sequences.json", described)
         if len(dataset.scans):
             counts["lidar scans"] = len(written)
-            counts[LEFT_OUT_SCANS] = len(dataset.scans) - len(written)
+            left_out = len(dataset.scans) - len(written)
+            if left_out:
+                counts[LEFT_OUT_SCANS] = left_out
         return {"sequences": len(described), **counts}
 
 
@@ -144,7 +146,7 @@ def _write_scans(
             points = dataset.scan(scan).data
             columns = [*(points[axis] for axis in "xyz"), points["intensity"] / MOST_INTENSITY]
             data = np.column_stack(columns).astype("<f4").tobytes()
-            write_file(folder / "velodyne" / f"{place:06d}.bin", data)
+            write_file(folder, f"velodyne/{place:06d}.bin", data)
             written.add(scan.scan_id)
     return written
 
@@ -211,11 +213,11 @@ def _write_texts(
     baseline_m = 0.0 if right is None else _baseline_m(left, right)
     T_left_lidar = _lidar_mount(left, scans)
     lines = _calibration(left.intrinsics(), baseline_m, T_left_lidar)
-    write_lines(folder / "calib.txt", "", lines)
-    write_lines(folder / "times.txt", "", [f"{stamp_s:.9e}" for stamp_s in left.stamps_s])
+    write_lines(folder, "calib.txt", "", lines)
+    write_lines(folder, "times.txt", "", [f"{stamp_s:.9e}" for stamp_s in left.stamps_s])
     T_first_camera = invert(left.poses[0]) @ left.poses
     lines = [numbers(T[:3].ravel()) for T in T_first_camera]
-    write_lines(target / "poses" / f"{name}.txt", "", lines)
+    write_lines(target, f"poses/{name}.txt", "", lines)
 
 
 def _lidar_mount(left: CameraSequence, scans: Mapping[int, ScanRecord]) -> FloatArray:

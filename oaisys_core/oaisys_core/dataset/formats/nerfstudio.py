@@ -10,14 +10,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
+from oaisys_core.dataset.formats.base import (
+    DatasetFormat,
+    ExportOptions,
+    FormatConventions,
+    write_file,
+)
 from oaisys_core.dataset.formats.colmap_model import PIXEL_CENTRE_PX
 from oaisys_core.dataset.formats.depth_points import POINTS_PER_VIEW, DepthPoints, world_points
 from oaisys_core.dataset.formats.sequences import (
     LOST_DEPTH,
     colored_worlds,
     write_depth_png,
-    write_file,
 )
 from oaisys_core.dataset.manifest import world_name
 from oaisys_core.geometry import T_OPTICAL_BLENDER
@@ -73,15 +77,15 @@ class NerfstudioFormat(DatasetFormat):
             folder = target / world_name(world)
             for record in frames:
                 files = dataset.files(record)
-                write_file(folder / _file("images", record), files[RGB])
+                write_file(folder, _file("images", record), files[RGB])
                 if DEPTH in files:
-                    path = folder / _file("depth", record)
-                    lost = write_depth_png(path, record, files[DEPTH], UNITS_PER_M)
+                    name = _file("depth", record)
+                    lost = write_depth_png(folder, name, record, files[DEPTH], UNITS_PER_M)
                     counts[LOST_DEPTH] += lost
                 counts["frames"] += 1
                 options.progress(counts["frames"])
             points = world_points(dataset, frames, points_per_view)
-            write_file(folder / "points3D.ply", _ply(points))
+            write_file(folder, "points3D.ply", _ply(points))
             write_json(folder / "transforms.json", _transforms(frames))
             counts["points"] += len(points.points_m)
             counts["worlds"] += 1

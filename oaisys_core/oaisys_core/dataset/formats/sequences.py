@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from oaisys_core.dataset.formats.base import write_file
 from oaisys_core.dataset.manifest import world_name
 from oaisys_core.dataset.shards import read_pixels
 from oaisys_core.errors import InvalidInputError
@@ -110,18 +111,21 @@ def colored_worlds(records: Iterable[FrameRecord]) -> Iterator[tuple[int, list[F
             yield world, colored
 
 
-def write_depth_png(path: Path, record: FrameRecord, file: bytes, units_per_m: float) -> int:
+def write_depth_png(
+    folder: Path, name: str, record: FrameRecord, file: bytes, units_per_m: float
+) -> int:
     """Write a frame's depth as a 16-bit PNG; return the number of pixels that do not fit into it.
 
     Args:
-        path: The PNG file.
+        folder: Of the export.
+        name: Of the PNG file in it.
         record: Of the frame.
         file: The frame's file of depth in its shard.
         units_per_m: Units of the PNG file in a metre.
     """
     depth_m = read_pixels(file, DEPTH, record.images[DEPTH].file)
     png, lost = _depth_png(depth_m, units_per_m)
-    write_file(path, png)
+    write_file(folder, name, png)
     return lost
 
 
@@ -141,17 +145,10 @@ def numbers(values: Iterable[float], separator: str = " ") -> str:
     return separator.join(repr(float(value)) for value in values)
 
 
-def write_file(path: Path, data: bytes) -> None:
-    """Write a file, and its folder if there is none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_bytes(data)
-
-
-def write_lines(path: Path, head: str, lines: Iterable[str]) -> None:
+def write_lines(folder: Path, name: str, head: str, lines: Iterable[str]) -> None:
     """Write a text file; ``head`` is its first line, a comment, or empty for none."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     text = [head] if head else []
-    path.write_text("".join(f"{line}\n" for line in (*text, *lines)), encoding="utf-8")
+    write_file(folder, name, "".join(f"{line}\n" for line in (*text, *lines)).encode())
 
 
 def rate_hz(stamps_s: Sequence[float]) -> float:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from oaisys_core.dataset.shards import appended, padded
 from oaisys_core.errors import InvalidInputError
+from oaisys_core.files.names import path_inside
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -57,7 +58,7 @@ class TarFiles:
         if tar is None or tar.offset + size + END_BYTES > self._most_bytes:
             tar = self._begin()
         places = {
-            ending: (appended(tar, f"{key}.{ending}", data), len(data))
+            ending: (appended(tar, path_inside(Path(), f"{key}.{ending}").name, data), len(data))
             for ending, data in files.items()
         }
         return self._name, places
@@ -66,7 +67,8 @@ class TarFiles:
         self._close()
         self._name = f"{self._stem}-{self.count:06d}.tar"
         self.count += 1
-        tar = tarfile.TarFile(self._target / self._name, "w", format=tarfile.USTAR_FORMAT)
+        path = path_inside(self._target, self._name)
+        tar = tarfile.TarFile(path, "x", format=tarfile.USTAR_FORMAT)
         self._tar = self._open.enter_context(tar)
         return self._tar
 

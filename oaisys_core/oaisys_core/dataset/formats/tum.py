@@ -8,16 +8,21 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from oaisys_core.dataset.formats.base import DatasetFormat, ExportOptions, FormatConventions
+from oaisys_core.dataset.formats.base import (
+    DatasetFormat,
+    ExportOptions,
+    FormatConventions,
+    write_file,
+)
 from oaisys_core.dataset.formats.sequences import (
     LOST_DEPTH,
     CameraSequence,
     camera_sequences,
     numbers,
     write_depth_png,
-    write_file,
     write_lines,
 )
+from oaisys_core.files.names import path_inside
 from oaisys_core.geometry import pose_from_matrix
 from oaisys_core.types import DEPTH, RGB
 
@@ -72,15 +77,15 @@ class TumFormat(DatasetFormat):
         counts: Counter[str] = Counter()
         for _, cameras in camera_sequences(dataset.records):
             for sequence in cameras:
-                folder = target / sequence.name
+                folder = path_inside(target, sequence.name)
                 _write_texts(folder, sequence)
                 for record in sequence.records:
                     files = dataset.files(record)
                     if RGB in files:
-                        write_file(folder / _file(RGB, record), files[RGB])
+                        write_file(folder, _file(RGB, record), files[RGB])
                     if DEPTH in files:
-                        path = folder / _file(DEPTH, record)
-                        lost = write_depth_png(path, record, files[DEPTH], units_per_m)
+                        name = _file(DEPTH, record)
+                        lost = write_depth_png(folder, name, record, files[DEPTH], units_per_m)
                         counts[LOST_DEPTH] += lost
                     counts["frames"] += 1
                     options.progress(counts["frames"])
@@ -95,19 +100,19 @@ def _write_texts(folder: Path, sequence: CameraSequence) -> None:
     }
     for modality, records in with_image.items():
         lines = [f"{_stamp(record)} {_file(modality, record)}" for record in records]
-        write_lines(folder / f"{modality}.txt", "# timestamp filename", lines)
+        write_lines(folder, f"{modality}.txt", "# timestamp filename", lines)
     both = [record for record in with_image[RGB] if DEPTH in record.images]
     pairs = [" ".join(f"{_stamp(r)} {_file(m, r)}" for m in (RGB, DEPTH)) for r in both]
-    write_lines(folder / "associated.txt", "# timestamp rgb timestamp depth", pairs)
+    write_lines(folder, "associated.txt", "# timestamp rgb timestamp depth", pairs)
     poses = [
         f"{_stamp(record)} {numbers(pose.position_m)} {numbers(pose.quat_xyzw)}"
         for record in sequence.records
         for pose in [pose_from_matrix(record.pose)]
     ]
-    write_lines(folder / "groundtruth.txt", "# timestamp tx ty tz qx qy qz qw", poses)
+    write_lines(folder, "groundtruth.txt", "# timestamp tx ty tz qx qy qz qw", poses)
     camera = sequence.intrinsics()
     line = numbers((camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion))
-    write_lines(folder / "calibration.txt", "# fx fy cx cy [k1 k2 p1 p2 k3]", [line])
+    write_lines(folder, "calibration.txt", "# fx fy cx cy [k1 k2 p1 p2 k3]", [line])
 
 
 def _stamp(record: FrameRecord) -> str:

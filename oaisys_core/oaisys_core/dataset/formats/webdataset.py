@@ -19,6 +19,7 @@ from oaisys_core.dataset.formats.base import (
     ExportOptions,
     FormatConventions,
     modality_names,
+    write_file,
 )
 from oaisys_core.dataset.formats.tar_files import LEAST_BYTES, ParquetRows, TarFiles
 from oaisys_core.output.images import encode_image
@@ -105,7 +106,7 @@ class WebDatasetFormat(DatasetFormat):
                         options.progress(counts["frames"])
                     counts["tar files"] += tars.count
                 text = json.dumps(_legends(part), indent=1)
-                (target / f"legend_{split}.json").write_text(text, encoding="utf-8")
+                write_file(target, f"legend_{split}.json", text.encode())
         if len(dataset.scans):
             _write_scans(dataset, target, most, counts)
         return counts

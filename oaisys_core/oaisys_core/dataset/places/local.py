@@ -46,8 +46,10 @@ class LocalPlace:
     def read(self, name: str, offset: int = 0, size: int | None = None) -> bytes:
         """See `StoragePlace.read`."""
         with found(self.url, name), (self._root / name).open("rb") as file:
+            # A size from a manifest may be anything; `read` would take memory for all of it.
+            left = max(0, os.fstat(file.fileno()).st_size - offset)
             file.seek(offset)
-            return file.read(-1 if size is None else size)
+            return file.read(left if size is None else min(size, left))
 
     def write(self, name: str, data: bytes) -> None:
         """See `StoragePlace.write`."""

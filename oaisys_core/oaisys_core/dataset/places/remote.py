@@ -62,6 +62,9 @@ class RemotePlace:
         with found(self.url, name), self._files.open(self._path(name), "rb") as file:
             if offset:
                 file.seek(offset)
+            if size is not None and size > PIECE_BYTES:
+                # A size from a manifest may be anything; `read` would take memory for all of it.
+                size = min(size, max(0, self.size(name) - offset))
             return bytes(file.read() if size is None else file.read(size))
 
     def write(self, name: str, data: bytes) -> None:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import webdataset
-from small_datasets import SCANNED, render_dataset
+from small_datasets import LIDARS, SCANNED, render_dataset
 
+from oaisys_core.cli.dataset_export import write_export
 from oaisys_core.dataset import Dataset, open_dataset
-from oaisys_core.dataset.formats.base import LEFT_OUT_SCANS
+from oaisys_core.dataset.formats.base import LEFT_OUT_SCANS, ExportOptions
 from oaisys_core.dataset.formats.export import export_dataset
 from oaisys_core.geometry import transform_points
 from oaisys_core.output.reader import read_samples
@@ -118,6 +120,21 @@ def test_webdataset_reads_all_scans(scanned: Dataset, tmp_path: Path) -> None:
         file.seek(row["offset_points"])
         points = np.load(io.BytesIO(file.read(row["size_points"])))["points_m"]
     assert len(points) == row["count"] > 0
+
+
+def test_what_is_told_of_an_export_separates_what_was_left_out(
+    scanned: Dataset, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_export(scanned, "kitti", str(tmp_path / "some"), ExportOptions())
+    assert "; 6 frames; 6 lidar scans; 10 lidar scans, left out" in capsys.readouterr().out
+    render_dataset(tmp_path / "one", {0: "train"}, 1, {**SCANNED, **_with_lidars(LIDARS[:1])})
+    one = open_dataset(tmp_path / "one")
+    write_export(one, "kitti", str(tmp_path / "all"), ExportOptions())
+    assert "left out" not in capsys.readouterr().out
+
+
+def _with_lidars(lidars: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"sensors": {**SCANNED["sensors"], "lidars": lidars}}
 
 
 @pytest.mark.parametrize("name", ["coco", "tum", "euroc", "colmap", "nerfstudio"])
