@@ -99,12 +99,14 @@ class SimulationConfig(Section):
 
     @model_validator(mode="after")
     def _layers_of_densities(self) -> SimulationConfig:
-        known = {label for each in self.materials.labelled for label in each.labels.values()}
+        known = self.materials.layer_labels
         for group in self.assets.groups:
             for index, density in enumerate(group.density):
-                if isinstance(density, LayerDensity) and density.label not in known:
-                    raise ValueError(
-                        f"assets.groups.{group.name}.density.{index}.label: received"
-                        f" {quoted(density.label)}, expected {one_of(known, density.label)}"
-                    )
+                labels = density.labels if isinstance(density, LayerDensity) else ()
+                for label in labels:
+                    if label not in known:
+                        raise ValueError(
+                            f"assets.groups.{group.name}.density.{index}.label: received"
+                            f" {quoted(label)}, expected {one_of(known, label)}"
+                        )
         return self

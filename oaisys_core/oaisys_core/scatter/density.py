@@ -92,7 +92,7 @@ def _density(
         low, high = (low if low > 0 else -np.inf), (high if high < 1 else np.inf)
         return lambda xy: band(bilinear(wet, ground, xy), low, high, config.fade_share)
     if isinstance(config, LayerDensity):
-        return _layer(config.label, material)
+        return _layer(config.labels, material)
     return partial(bilinear, _image(config), ground)
 
 
@@ -151,10 +151,10 @@ def _cells(config: VoronoiDensity, ground: Ground, rng: np.random.Generator) -> 
     return density
 
 
-def _layer(label: str, material: TerrainMaterial | None) -> Density:
+def _layer(labels: tuple[str, ...], material: TerrainMaterial | None) -> Density:
     if material is None:
         raise ValueError("a density of a layer needs a material")
-    chosen = [layer.label == label for layer in material.layers]
+    chosen = [layer.label in labels for layer in material.layers]
     return lambda xy: np.minimum(material.weights_at(xy)[:, chosen].sum(axis=1), 1.0)
 
 

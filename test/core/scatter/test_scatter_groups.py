@@ -150,12 +150,38 @@ def test_objects_stand_where_the_layer_lies_and_as_densely_as_its_weight() -> No
     )
 
 
-def test_a_density_of_a_layer_that_no_layer_is_called_is_refused() -> None:
-    stones = group(density=[{"kind": "layer", "label": "grave"}]).model_dump(mode="json")
+def test_a_density_may_name_several_layers() -> None:
+    ground, material = inclined(0.0), flat_world().material
+    names = [layer.label for layer in material.layers[:2]]
+    maps = group(density=[{"kind": "layer", "label": names}]).density
+    density = make_density(maps, ground, np.random.default_rng(0), material)
+    xy = random_places()
+    expected = material.weights_at(xy)[:, :2].sum(axis=1)
+    assert density(xy) == pytest.approx(np.minimum(expected, 1))
+
+
+@pytest.mark.parametrize("label", ["grave", ["sand", "grave"]])
+def test_a_density_of_a_layer_that_no_layer_is_called_is_refused(label: str | list[str]) -> None:
+    stones = group(density=[{"kind": "layer", "label": label}]).model_dump(mode="json")
     with pytest.raises(
         ConfigError, match=r"assets.groups.g.density.0.label: .*did you mean gravel"
     ):
         config_from_mapping({"assets": {"groups": [stones]}})
+
+
+def test_a_density_of_a_layer_names_its_label_on_level_0_or_its_folder(tmp_path: Path) -> None:
+    """A name of another level was accepted and nothing stood anywhere; one of a folder refused."""
+    (tmp_path / "trail").mkdir()
+    layer = {"label": "gravel", "semantic_id": 1, "levels": [{"label": "loose", "semantic_id": 9}]}
+    materials = {"layers": [layer], "pools": [{"folder": str(tmp_path)}]}
+
+    def named(label: str) -> None:
+        stones = group(density=[{"kind": "layer", "label": label}]).model_dump(mode="json")
+        config_from_mapping({"materials": materials, "assets": {"groups": [stones]}})
+
+    named("trail")
+    with pytest.raises(ConfigError, match=r"received 'loose', expected .*gravel"):
+        named("loose")
 
 
 @pytest.mark.parametrize("kind", ["noise", "voronoi"])

@@ -103,14 +103,19 @@ class LayerDensity(Section):
     """Where a layer of the ground lies, as dense as its weight there.
 
     Attributes:
-        label: Label of the layer, or of several; where `materials.pools` have drawn none of them,
-            it is 0 everywhere.
+        label: Label of the layer on level 0, or a list of several; where `materials.pools` have
+            drawn none of them, it is 0 everywhere.
         least: Density elsewhere.
     """
 
     kind: Literal["layer"]
-    label: str
+    label: str | Annotated[tuple[str, ...], Field(min_length=1)]
     least: Share = 0.0
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The labels, of which a single one may be given without a list."""
+        return (self.label,) if isinstance(self.label, str) else self.label
 
 
 class ImageDensity(Section):

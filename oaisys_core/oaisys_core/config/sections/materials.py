@@ -297,9 +297,23 @@ class MaterialsConfig(Section):
         return self
 
     @property
+    def layer_labels(self) -> set[str]:
+        """The names on level 0 of all layers that a batch may have."""
+        names = {layer.label for layer in self._all_layers}
+        for pool in self.pools:
+            folders = pool.folder.iterdir() if pool.folder and pool.folder.is_dir() else ()
+            names |= {folder.name for folder in folders} - pool.labels.keys()
+            names |= {entry.label for entry in pool.labels.values()}
+        return names
+
+    @property
+    def _all_layers(self) -> list[LayerConfig]:
+        return [*self.layers, *(layer for pool in self.pools for layer in pool.layers)]
+
+    @property
     def labelled(self) -> list[Labelled]:
         """Everything in the section that has labels."""
-        layers = [*self.layers, *(layer for pool in self.pools for layer in pool.layers)]
+        layers = self._all_layers
         images = [layer.labels_from for layer in layers if layer.labels_from is not None]
         return [
             *layers,
