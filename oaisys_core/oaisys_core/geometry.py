@@ -39,6 +39,15 @@ The same holds for the slope of a fisheye's radius over the angle.
 FISHEYE_ANGLES = 4097
 """Angles up to 180 degrees at which a fisheye's radius is tabulated, for its inverse."""
 
+LENS_REACH = 2.0
+"""A lens's polynomial holds up to so many times the distance from the axis of the image's corners.
+
+Of a pinhole with distortion it is the distance at z = 1, of a fisheye the angle.
+"""
+
+REACH_AZIMUTHS, REACH_RADII = 361, 513
+"""Places at which a distortion is searched for folds."""
+
 IDENTITY_QUAT_XYZW = (0.0, 0.0, 0.0, 1.0)
 
 R_LINK_OPTICAL: FloatArray = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -269,9 +278,7 @@ def fisheye_angle_rad(radius: ArrayLike, distortion: tuple[float, ...]) -> Float
     A lens sees up to 180 degrees, or up to where its radius stops growing with the angle.
     """
     radius = np.asarray(radius, dtype=np.float64)
-    angles = np.linspace(0.0, np.pi, FISHEYE_ANGLES)
-    folds = np.flatnonzero(_fisheye_slope(angles, distortion) < LEAST_MAGNIFICATION)
-    angles = angles[: folds[0]] if len(folds) else angles
+    angles = _fisheye_angles(distortion)
     radii = fisheye_radius(angles, distortion)
     angle = np.interp(radius, radii, angles, right=np.nan)
     # The table's error squares with each of Newton's steps.
@@ -279,6 +286,13 @@ def fisheye_angle_rad(radius: ArrayLike, distortion: tuple[float, ...]) -> Float
         error = fisheye_radius(angle, distortion) - radius
         angle = angle - error / _fisheye_slope(angle, distortion)
     return np.asarray(angle)
+
+
+def _fisheye_angles(distortion: tuple[float, ...]) -> FloatArray:
+    """Return the angles of the table, up to where a lens's radius stops growing."""
+    angles = np.linspace(0.0, np.pi, FISHEYE_ANGLES)
+    folds = np.flatnonzero(_fisheye_slope(angles, distortion) < LEAST_MAGNIFICATION)
+    return angles[: folds[0]] if len(folds) else angles
 
 
 def _fisheye_directions(xy: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
@@ -340,26 +354,66 @@ def _lens_rays(intrinsics: PinholeIntrinsics) -> FloatArray:
 def project(points_camera_m: ArrayLike, intrinsics: PinholeIntrinsics) -> FloatArray:
     """Return (N, 2) pixels of (N, 3) points in the optical frame; inverse: `unproject`.
 
-    The distortion polynomial is also applied far outside the image, where it has no meaning.
+    They are NaN where a lens's polynomial does not hold: behind a lens that is no fisheye, where
+    it folds the image over, and beyond `LENS_REACH`.
     """
     points = np.asarray(points_camera_m, dtype=np.float64)
     if intrinsics.is_rectilinear:
         homogeneous = points @ intrinsics.K.T
         return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
-    if intrinsics.is_fisheye:
-        image_xy = _fisheye_image(points, intrinsics.distortion)
-    else:
-        image_xy = distorted(points[:, :2] / points[:, 2:], intrinsics.distortion)
+    image_xy = (_fisheye_image if intrinsics.is_fisheye else _lens_image)(points, intrinsics)
     focal_px = (intrinsics.fx_px, intrinsics.fy_px)
     return np.asarray(image_xy * focal_px + (intrinsics.cx_px, intrinsics.cy_px))
 
 
-def _fisheye_image(points_m: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
-    """Return (N, 2) points of the image, in focal lengths, of (N, 3) points."""
+def _lens_image(points_m: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:
+    """Return (N, 2) points of the image at z = 1 of (N, 3) points; NaN if there are none."""
+    azimuths, reaches = _lens_reach(intrinsics)
+    x, y, z = points_m.T
+    azimuth = np.arctan2(y, x)
+    holds = np.hypot(x, y) <= z * np.interp(azimuth, azimuths, reaches)
+    xy = np.full((len(points_m), 2), np.nan)
+    np.divide(points_m[:, :2], z[:, None], out=xy, where=(holds & (z > 0))[:, None])
+    return distorted(xy, intrinsics.distortion)
+
+
+@lru_cache(maxsize=16)
+def _lens_reach(intrinsics: PinholeIntrinsics) -> tuple[FloatArray, FloatArray]:
+    """Return azimuths around the axis, and how far from it the distortion holds there, at z = 1."""
+    corners = _image_corners(intrinsics)
+    straight = undistorted(corners, intrinsics.distortion)
+    farthest = np.linalg.norm(np.where(np.isfinite(straight), straight, corners), axis=1).max()
+    azimuths = np.linspace(-np.pi, np.pi, REACH_AZIMUTHS)
+    radii = np.linspace(0.0, LENS_REACH * farthest, REACH_RADII)
+    xy = np.stack((np.cos(azimuths), np.sin(azimuths)), axis=-1)[:, None] * radii[:, None]
+    a, b, d = _magnification(xy.reshape(-1, 2), intrinsics.distortion)
+    surplus = (a * d - b * b).reshape(xy.shape[:2]) - LEAST_MAGNIFICATION
+    reaches = np.full(len(azimuths), radii[-1])
+    folds = np.flatnonzero((surplus <= 0).any(axis=1))
+    after = np.maximum((surplus[folds] <= 0).argmax(axis=1), 1)
+    high, low = surplus[folds, after - 1], surplus[folds, after]
+    reaches[folds] = radii[after - 1] + radii[1] * high / (high - low)
+    return azimuths, reaches
+
+
+def _image_corners(intrinsics: PinholeIntrinsics) -> FloatArray:
+    """Return the (4, 2) outer corners of the image, in focal lengths."""
+    right, bottom = intrinsics.width_px - 0.5, intrinsics.height_px - 0.5
+    pixels = np.array([(-0.5, -0.5), (right, -0.5), (right, bottom), (-0.5, bottom)])
+    return _normalised(pixels, intrinsics)
+
+
+def _fisheye_image(points_m: FloatArray, intrinsics: PinholeIntrinsics) -> FloatArray:
+    """Return (N, 2) points of the image, in focal lengths, of (N, 3) points; NaN if none."""
+    distortion = intrinsics.distortion
     across_m = np.linalg.norm(points_m[:, :2], axis=1)
-    radius = fisheye_radius(np.arctan2(across_m, points_m[:, 2]), distortion)
+    angle = np.arctan2(across_m, points_m[:, 2])
+    corners = np.linalg.norm(_image_corners(intrinsics), axis=1)
+    farthest = LENS_REACH * fisheye_angle_rad(corners, distortion).max()  # NaN beyond all angles
+    angle[(angle > _fisheye_angles(distortion)[-1]) | (angle > farthest)] = np.nan
+    radius = fisheye_radius(angle, distortion)
     with np.errstate(invalid="ignore"):
-        scale = np.where(across_m > 0, radius / across_m, 1.0)
+        scale = np.where(across_m > 0, radius / across_m, np.where(angle == 0, 1.0, np.nan))
     return np.asarray(points_m[:, :2] * scale[:, None])
 
 

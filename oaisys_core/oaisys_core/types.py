@@ -68,7 +68,8 @@ def modality_spec(modality: str) -> ModalitySpec:
     * ``semantic_0`` to ``semantic_9``: label ids by level. ``instance``: object ids, 0 for none.
     * ``normal``: unit normals in the optical frame, towards the camera; 0 where nothing is hit.
     * ``flow``: motion (du, dv) in pixels since the sensor's previous sample of the surface that a
-      pixel shows; NaN where it was not in front of the camera, or without a previous sample.
+      pixel shows; NaN where it was not in front of the camera or where a lens's distortion does
+      not hold (twice as far from the axis as the corners, or folded), or without a previous sample.
     * ``disparity``: distance in pixels between the images of a stereo pair; 0 where nothing is hit.
 
     Raises:

@@ -186,6 +186,38 @@ def test_a_lens_whose_image_folds_is_known() -> None:
     assert not geometry.is_invertible(outside)
 
 
+COEFFICIENT = st.floats(-0.4, 0.4)
+DIRECTIONS = Rotation.random(4000, random_state=3).apply((0.0, 0.0, 1.0))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    lens=st.one_of(
+        st.tuples(*[COEFFICIENT] * 2, *[st.floats(-0.02, 0.02)] * 2, COEFFICIENT),
+        st.tuples(*[st.floats(-0.1, 0.1)] * 4),
+    ),
+    focal_px=st.floats(30, 120),
+)
+def test_where_a_lens_is_not_known_nothing_is_projected(
+    lens: tuple[float, ...], focal_px: float
+) -> None:
+    """Polynomials were applied everywhere: values up to 1e38, and folded ones inside the image."""
+    model = "equidistant" if len(lens) == 4 else "plumb_bob"
+    camera = PinholeIntrinsics(64, 48, focal_px, focal_px, 31.5, 23.5, lens, model)
+    if camera.is_rectilinear or not geometry.is_invertible(camera):
+        return
+    v, u = np.mgrid[:48, :64]
+    seen = geometry.project(geometry.pixel_rays(camera).reshape(-1, 3), camera)
+    assert np.abs(seen - np.stack((u, v), axis=-1).reshape(-1, 2)).max() < 1e-8 * focal_px
+    pixels = geometry.project(DIRECTIONS, camera)
+    known = np.isfinite(pixels).all(axis=1)
+    assert (known == ~np.isnan(pixels).any(axis=1)).all(), "NaN, never inf"
+    back = geometry.unproject(pixels[known], np.ones(known.sum()), camera)
+    back /= np.linalg.norm(back, axis=1)[:, None]
+    assert np.abs(back - DIRECTIONS[known]).max(initial=0) < 1e-6
+    assert np.isnan(geometry.project(np.array([(0.0, 0.0, -1.0)]), camera)).all()
+
+
 def test_distances_along_a_line_add_up() -> None:
     line_m = [[0, 0, 0], [3, 4, 0], [3, 4, 12], [3, 4, 12]]
     assert geometry.distances_along_m(line_m).tolist() == [0, 5, 17, 17]

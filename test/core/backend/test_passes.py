@@ -24,7 +24,13 @@ from synthetic_worlds import (
 
 from oaisys_core.backend.analytic import AnalyticBackend
 from oaisys_core.color import linear
-from oaisys_core.geometry import pose_looking_at, pose_looking_down, transform
+from oaisys_core.geometry import (
+    pixel_rays,
+    pose_looking_at,
+    pose_looking_down,
+    transform,
+    unproject,
+)
 from oaisys_core.scene import PlacedCamera, Scene
 from oaisys_core.types import Frame, PinholeIntrinsics, modality_spec
 
@@ -188,6 +194,32 @@ def test_what_was_behind_the_camera_has_no_flow() -> None:
     behind = replace(down, T_map_previous=down.T_map_camera @ np.diag((1.0, -1.0, -1.0, 1.0)))
     ((frame,),) = samples("analytic", [flat_world()], [behind])
     assert np.isnan(frame.data).all()
+
+
+@pytest.mark.parametrize("k3", [0.3, -0.02], ids=["grows", "folds"])
+def test_where_a_lens_was_not_known_there_is_no_flow(k3: float) -> None:
+    """Its polynomial had values up to 1e38 beyond the image, or led back into it."""
+    lens = replace(CENTRED, distortion=(0.05, 0.02, 0.001, 0.001, k3))
+    before = camera(pose_looking_at((0, 0, 9), (9, 0, 2)), lens, ("flow",))
+    for degrees in (5, 40, 70, 95):
+        along = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+        now = camera(pose_looking_at((0, 0, 9), (9 * along[0], 9 * along[1], 2)), lens, ("flow",))
+        now = replace(now, T_map_previous=before.T_map_camera)
+        ((frame,),) = samples("analytic", [flat_world()], [now])
+        flow = frame.data.astype(float)
+        assert not np.isinf(flow).any()
+        assert np.nanmax(np.abs(flow), initial=0) < 1e4
+        # The camera only turns: where a flow is known, it leads back to the pixel's direction.
+        known = np.isfinite(flow).all(axis=-1)
+        assert known.any() or degrees > 40
+        assert not known.all() or degrees < 70
+        v, u = np.mgrid[:48, :64]
+        then = np.stack((u, v), axis=-1) - flow
+        rays = unproject(then[known], np.ones(known.sum()), lens)
+        expected = (pixel_rays(lens) @ now.T_map_camera[:3, :3].T)[known]
+        found = rays @ before.T_map_camera[:3, :3].T
+        cosine = (found * expected).sum(-1) / np.linalg.norm(found, axis=-1)
+        assert (cosine / np.linalg.norm(expected, axis=-1) > 1 - 1e-6).all()
 
 
 def test_a_new_object_has_no_flow_and_others_keep_theirs() -> None:
