@@ -67,13 +67,17 @@ def bag_recover(
         Path | None, typer.Option(help="Folder of the new bag; otherwise beside the old one.")
     ] = None,
 ) -> None:
-    """Copy the messages of a bag that was cut short to a new, complete bag."""
+    """Copy the messages of a bag that was cut short or is damaged to a new, complete bag.
+
+    What cannot be read is skipped, and told on standard error.
+    """
     from oaisys_ros_bridge.bags.reading import mcap_file, recover
 
     file = mcap_file(bag)
     folder = bag if bag.is_dir() else bag.with_suffix("")
     target = out or folder.with_name(f"{folder.name}_recovered")
-    typer.echo(f"{target}: {recover(file, target)} messages")
+    copied = recover(file, target, lambda loss: typer.echo(f"lost: {loss}", err=True))
+    typer.echo(f"{target}: {copied} messages")
 
 
 @bag_app.command("replay")

@@ -15,7 +15,6 @@ from typing import Any, Self
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
-from mcap.reader import make_reader
 from rcl_interfaces.srv import ListParameters
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
@@ -29,6 +28,7 @@ from waiting import PATIENCE_S, START_PATIENCE_S, wait_until
 
 from oaisys_core.types import Pose
 from oaisys_msgs.srv import SetPose
+from oaisys_ros_bridge.bags.finished_bag import finished_file
 from oaisys_ros_bridge.bags.info import repeats_of
 from oaisys_ros_bridge.bridge.status import SUBSCRIBERS
 from oaisys_ros_bridge.conversions import pose_to_stamped_msg
@@ -205,10 +205,7 @@ def nanoseconds(stamp: Any) -> int:
 
 def messages_of_samples(bag: Path) -> dict[str, int]:
     """Return how many messages of each topic a bag holds, without transforms that are repeated."""
-    with next(bag.glob("*.mcap")).open("rb") as stream:
-        reader = make_reader(stream)
-        summary = reader.get_summary()
-        assert summary is not None
+    with finished_file(next(bag.glob("*.mcap"))) as (reader, summary):
         assert summary.statistics is not None
         repeats = repeats_of(reader, summary)
     counts = summary.statistics.channel_message_counts

@@ -82,7 +82,17 @@ PRESENTATION_LIBRARIES = {"cv2", "jinja2", "matplotlib", "trimesh", "viser", "we
 ODOMETRY_PROGRAMS = {"oaisys_mapping.odometry.inertial"}
 """What runs in a process of its own."""
 SIGNING = {"oaisys_mapping.certificate.signature"}
-BRIDGE_LIBRARIES = {"cv2", "matplotlib", "mcap", "numpy", "psutil", "scipy", "yaml", "zstandard"}
+BRIDGE_LIBRARIES = {
+    "cv2",
+    "lz4",
+    "matplotlib",
+    "mcap",
+    "numpy",
+    "psutil",
+    "scipy",
+    "yaml",
+    "zstandard",
+}
 ROS = {
     "action_msgs", "ament_index_python", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",
     "launch", "launch_ros", "lifecycle_msgs", "nav_msgs", "oaisys_msgs", "rcl_interfaces", "rclpy",

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
-from rclpy.serialization import deserialize_message
 
 from oaisys_msgs.msg import SampleInfo
 from oaisys_ros_bridge.bags.info import losses_of
@@ -130,5 +129,5 @@ def stamps_of(bag: Path) -> tuple[dict[str, set[int]], dict[int, SampleInfo]]:
         stamp_ns = stamp_readers[message.topic](message.data)
         stamps.setdefault(message.topic, set()).add(stamp_ns)
         if message.topic.endswith(SAMPLE_INFO):
-            announced[stamp_ns] = deserialize_message(message.data, SampleInfo)
+            announced[stamp_ns] = message.deserialized(SampleInfo)
     return stamps, announced

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from mcap.reader import McapReader
 from mcap.summary import Summary
 
 from oaisys_core.errors import InvalidInputError
+from oaisys_ros_bridge.bags.finished_bag import FINISHED, FinishedBag, finished_file
 from oaisys_ros_bridge.bags.losses import METADATA_NAME, BagLosses
-from oaisys_ros_bridge.bags.reading import FINISHED, finished_file, mcap_file
+from oaisys_ros_bridge.bags.mcap_records import printable
+from oaisys_ros_bridge.bags.reading import mcap_file
 from oaisys_ros_bridge.namespaces import TF
 
 SAMPLE_INFO_TYPE = "oaisys_msgs/msg/SampleInfo"
@@ -50,7 +51,11 @@ def _topic_lines(
     summary: Summary, counts: Mapping[int, int], repeats: Mapping[str, int]
 ) -> list[str]:
     rows = sorted(
-        (channel.topic, summary.schemas[channel.schema_id].name, counts.get(channel.id, 0))
+        (
+            printable(channel.topic),
+            printable(summary.schemas[channel.schema_id].name),
+            counts.get(channel.id, 0),
+        )
         for channel in summary.channels.values()
     )
     width = max((len(topic) for topic, _, _ in rows), default=0)
@@ -72,12 +77,12 @@ def losses_of(path: Path) -> BagLosses | None:
         return _losses(reader)
 
 
-def _losses(reader: McapReader) -> BagLosses | None:
-    entries = [r.metadata for r in reader.iter_metadata() if r.name == METADATA_NAME]
-    return BagLosses.read(entries[0]) if entries else None
+def _losses(reader: FinishedBag) -> BagLosses | None:
+    entries = reader.metadata(METADATA_NAME)
+    return None if entries is None else BagLosses.read(entries)
 
 
-def repeats_of(reader: McapReader, summary: Summary) -> Mapping[str, int]:
+def repeats_of(reader: FinishedBag, summary: Summary) -> Mapping[str, int]:
     """Return how many messages of each ``/tf`` only repeat the transforms of the last sample.
 
     A message is a repeat if no ``~/sample_info``, odometry or IMU has its stamp. The result is

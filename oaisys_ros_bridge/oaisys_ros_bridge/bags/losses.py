@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Self
 
+from oaisys_core.errors import InvalidInputError
 from oaisys_ros_bridge.subscribing.sample_ledger import (
     LedgerState,
     listed,
@@ -20,6 +22,7 @@ METADATA_NAME = "oaisys_samples"
 _ANNOUNCED, _INCOMPLETE = "oaisys.samples", "oaisys.samples_incomplete"
 _LOST, _LOST_BY_MIDDLEWARE = "oaisys.lost ", "oaisys.lost_by_middleware "
 _UNWRITTEN = "oaisys.unwritten "
+_COUNT = re.compile(r"[0-9]{1,20}")
 
 
 @dataclass(frozen=True)
@@ -62,14 +65,24 @@ class BagLosses:
 
     @classmethod
     def read(cls, entries: Mapping[str, str]) -> Self:
-        """Return the losses from their `entries` in a bag."""
+        """Return the losses from their `entries` in a bag.
+
+        Raises:
+            InvalidInputError: One of the counts is none.
+        """
 
         def counts(prefix: str) -> dict[str, int]:
-            return {k.removeprefix(prefix): int(v) for k, v in entries.items() if prefix in k}
+            return {k.removeprefix(prefix): number(k) for k in entries if prefix in k}
+
+        def number(name: str) -> int:
+            text = entries.get(name, "0")
+            if not _COUNT.fullmatch(text):
+                raise InvalidInputError(name, text, "a count")
+            return int(text)
 
         return cls(
-            int(entries.get(_ANNOUNCED, 0)),
-            int(entries.get(_INCOMPLETE, 0)),
+            number(_ANNOUNCED),
+            number(_INCOMPLETE),
             counts(_LOST),
             counts(_LOST_BY_MIDDLEWARE),
             counts(_UNWRITTEN),

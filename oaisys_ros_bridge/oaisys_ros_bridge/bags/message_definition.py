@@ -11,12 +11,14 @@ from typing import Any
 
 from ament_index_python.packages import PackageNotFoundError, get_package_share_directory
 
-from oaisys_core.errors import NotFoundError
+from oaisys_core.errors import NotFoundError, quoted
 
 SEPARATOR = "=" * 80
 BUILT_IN = re.compile(r"bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64)")
 FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?(?:\[[^\]]*\])?\s+[a-z]\w*")
 """Matches the type of a field, and of a constant, which is always of a built-in type."""
+
+TYPE_NAME = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*")
 
 
 @cache
@@ -74,8 +76,16 @@ def type_hash(type_name: str) -> str:
     raise NotFoundError(f"the description of {type_name} has no hash of it")
 
 
-def _share_file(type_name: str, suffix: str) -> Path:
+def _package_and_name(type_name: str) -> tuple[str, str]:
+    """Return the parts of ``package/msg/Type``; bags may name anything as a type."""
+    if not TYPE_NAME.fullmatch(type_name):
+        raise NotFoundError(f"{quoted(type_name)} is no name of a message type")
     package, _, name = type_name.partition("/msg/")
+    return package, name
+
+
+def _share_file(type_name: str, suffix: str) -> Path:
+    package, name = _package_and_name(type_name)
     try:
         share = Path(get_package_share_directory(package))
     except (PackageNotFoundError, ValueError):
@@ -92,7 +102,7 @@ def message_class(type_name: str) -> type[Any]:
     Raises:
         NotFoundError: It is not installed.
     """
-    package, _, name = type_name.partition("/msg/")
+    package, name = _package_and_name(type_name)
     try:
         return vars(importlib.import_module(f"{package}.msg"))[name]  # type: ignore[no-any-return]
     except (ImportError, KeyError):

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
-from typing import IO, Any
-
-from mcap.exceptions import McapError
-from mcap.reader import McapReader, NonSeekingReader, make_reader
-from mcap.records import Channel, Message, Schema
-from mcap.summary import Summary
+from typing import Any
 
 from oaisys_core.errors import InvalidInputError, NotFoundError
 from oaisys_core.files.documents import parse_yaml, read_text
-from oaisys_ros_bridge.bags.writing import METADATA_FILE, BagWriter, RecordedTopic
-
-FINISHED = "a finished MCAP file; `oaisys bag recover` saves what one holds that was cut short"
+from oaisys_ros_bridge.bags.finished_bag import finished_file, recorded_topic
+from oaisys_ros_bridge.bags.mcap_records import RecordFile
+from oaisys_ros_bridge.bags.salvage import salvage
+from oaisys_ros_bridge.bags.writing import METADATA_FILE, RecordedTopic
 
 RELIABLE = ("reliable", 1)
 TRANSIENT_LOCAL = ("transient_local", 1)
@@ -40,6 +33,20 @@ class RecordedMessage:
     data: bytes
     received_ns: int
 
+    def deserialized(self, kind: type[Any]) -> Any:
+        """Return the message, whose type is ``kind``.
+
+        Raises:
+            InvalidInputError: Its bytes are not such a message.
+        """
+        from rclpy.serialization import deserialize_message  # not all readers need ROS
+
+        try:
+            return deserialize_message(self.data, kind)
+        except (RuntimeError, ValueError, MemoryError) as error:
+            expected = f"a message of the type {kind.__name__}"
+            raise InvalidInputError(self.topic, self.data[:40], expected) from error
+
 
 class BagReader:
     """A finished bag of one file or several.
@@ -58,10 +65,14 @@ class BagReader:
         }
 
     def messages(self, topics: Collection[str]) -> Iterator[RecordedMessage]:
-        """Yield the messages of some topics in the order in which they were received."""
+        """Yield the messages of some topics in the order in which they were received.
+
+        Raises:
+            InvalidInputError: The bag is damaged where they are.
+        """
         for file in self._files:
-            with file.open("rb") as stream:
-                for _, channel, message in make_reader(stream).iter_messages(topics=list(topics)):
+            with finished_file(file) as (reader, _):
+                for _, channel, message in reader.iter_messages(topics):
                     yield RecordedMessage(channel.topic, message.data, message.log_time)
 
     def require(self, topics: Collection[str]) -> None:
@@ -71,24 +82,6 @@ class BagReader:
             raise NotFoundError(
                 f"the bag has no topic {missing[0]}, but {', '.join(sorted(self.topics))}"
             )
-
-
-@contextmanager
-def finished_file(file: Path) -> Iterator[tuple[McapReader, Summary]]:
-    """Open an MCAP file; yield a reader and the file's summary.
-
-    Raises:
-        InvalidInputError: It is not a finished MCAP file.
-    """
-    try:
-        with file.open("rb") as stream:
-            reader = make_reader(stream)
-            summary = reader.get_summary()
-            if summary is None:
-                raise InvalidInputError("bag", str(file), FINISHED)
-            yield reader, summary
-    except (McapError, struct.error) as error:  # without a footer `mcap` unpacks other bytes
-        raise InvalidInputError("bag", str(file), FINISHED) from error
 
 
 def mcap_file(path: Path) -> Path:
@@ -106,7 +99,9 @@ def _files_of(path: Path) -> Sequence[Path]:
         try:
             metadata = parse_yaml(read_text(listing))
             names = metadata["rosbag2_bagfile_information"]["relative_file_paths"]
-            files = [path / str(name) for name in names]
+            if any(Path(str(name)).name != name for name in names):
+                raise ValueError("names of files beside it are expected")
+            files = [path / name for name in names]
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise InvalidInputError(
                 "bag", str(listing), "rosbag2's description of a bag"
@@ -123,12 +118,7 @@ def _topics_of(file: Path) -> Iterator[RecordedTopic]:
         for channel in summary.channels.values():
             if channel.message_encoding != "cdr":
                 raise InvalidInputError("bag", str(file), "messages in CDR, as ROS 2 has them")
-            yield _recorded_topic(summary.schemas[channel.schema_id], channel)
-
-
-def _recorded_topic(schema: Schema, channel: Channel) -> RecordedTopic:
-    profiles = parse_yaml(channel.metadata.get("offered_qos_profiles", "")) or ()
-    return RecordedTopic(channel.topic, schema.name, tuple(profiles))
+            yield recorded_topic(summary.schemas[channel.schema_id], channel)
 
 
 @dataclass(frozen=True)
@@ -156,36 +146,25 @@ def offered_qos(profiles: Sequence[Mapping[str, Any]]) -> OfferedQos:
     )
 
 
-def recover(file: Path, out: Path) -> int:
-    """Copy all complete messages of a bag's file to a new bag and return their number.
+def recover(file: Path, out: Path, say: Callable[[str], None] = lambda _: None) -> int:
+    """Copy all messages that can be read of a bag's file to a new bag; return their number.
+
+    Damaged parts are skipped; a chunk whose checksum is wrong is such a part.
 
     Args:
-        file: An ``.mcap`` file that may end anywhere.
+        file: An ``.mcap`` file that may end anywhere, and be damaged anywhere.
         out: Folder of the new bag.
+        say: Told what was lost, a sentence at a time.
 
     Raises:
-        InvalidInputError: ``file`` holds no complete message, or ``out`` is not empty.
-        NotFoundError: The type of a topic is not installed here.
+        InvalidInputError: No message can be read, or ``out`` is not empty.
     """
+    told: list[str] = []
     with file.open("rb") as stream:
-        messages = _complete_messages(stream)
-        first = next(messages, None)
-        if first is None:
-            raise InvalidInputError("bag", str(file), "an MCAP file with at least one message")
-        with BagWriter(out) as bag:
-            for schema, channel, message in chain([first], messages):
-                bag.add_topic(_recorded_topic(schema, channel))
-                bag.write(channel.topic, message.data, message.log_time, message.publish_time)
-            return bag.message_count
-
-
-def _complete_messages(stream: IO[bytes]) -> Iterator[tuple[Schema, Channel, Message]]:
-    """Yield messages in the file's order, up to its end or to where it cannot be read."""
-    try:
-        for schema, channel, message in NonSeekingReader(stream).iter_messages(
-            log_time_order=False
-        ):
-            if schema is not None:
-                yield schema, channel, message
-    except (McapError, struct.error):  # the latter from a record that was cut
-        return
+        copied = salvage(RecordFile(stream), out, told.append)
+    if not copied:
+        why = f" ({'; '.join(told)})" if told else ""
+        raise InvalidInputError("bag", str(file), f"an MCAP file with at least one message{why}")
+    for sentence in told:
+        say(sentence)
+    return copied

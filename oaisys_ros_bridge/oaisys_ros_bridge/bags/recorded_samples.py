@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
@@ -82,7 +81,7 @@ class BagSamples:
         self._prefix = self._node.rpartition("/")[0]
         self._infos: dict[SampleId, SampleInfo] = {}
         for message in reader.messages([topic]):
-            info = deserialize_message(message.data, SampleInfo)
+            info = message.deserialized(SampleInfo)
             number = (info.batch_id, info.sample_id)
             self._infos.pop(number, None)  # of an earlier run: the newest counts
             self._infos[number] = info
@@ -94,7 +93,7 @@ class BagSamples:
             return None
         wanted = list(self._infos.values())[-1].config_sha256
         for message in self._reader.messages([topic]):
-            text: str = deserialize_message(message.data, String).data
+            text: str = message.deserialized(String).data
             if hashlib.sha256(text.encode()).hexdigest() == wanted:
                 return text
         return None
@@ -119,7 +118,7 @@ class BagSamples:
             sample = pending.get(struct.unpack_from("<iI", message.data, 4))
             if sample is None:
                 continue
-            image = deserialize_message(message.data, Image)
+            image = message.deserialized(Image)
             sample.images[names[message.topic]] = image_from_msg(image)
             if sample.is_complete:
                 yield pending.pop(_stamp(sample.info)).record()

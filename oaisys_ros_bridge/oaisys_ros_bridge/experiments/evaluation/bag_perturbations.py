@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
 
@@ -73,7 +72,7 @@ def frames_of_bag(bag: Path) -> Iterator[PosedDepth]:
     handlers = _handlers(assembler, depth, reader.topics)
     for message in reader.messages(handlers.keys()):
         message_type, handle = handlers[message.topic]
-        handle(deserialize_message(message.data, message_type))
+        handle(message.deserialized(message_type))
         while (frame := assembler.pop()) is not None:
             yield PosedDepth(frame.depth_m, frame.intrinsics, frame.T_map_camera)
 
